@@ -1,10 +1,11 @@
 """Random coupled loops, each described twice: for gainroom, and for the independent roots of independent/machine.py."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 import gainroom as gr
+from gainroom.robot.tasks import TaskPPI
 from gainroom.system.plant import Compliance
 from independent.machine import Machine
 
@@ -153,3 +154,53 @@ def chain(seed: int, number: int) -> Pair:
         step,
     )  # fmt: skip
     return paired(machine, controller, " ".join(words))
+
+
+def holding(seed: int, number: int) -> Pair:
+    """`limbs` with an integral, and every other time gravity, which topples some of them; or, every fourth, PD with gravity."""
+    rng, pair = np.random.default_rng([seed, 3, number]), limbs(seed, number)
+    machine, size = pair.machine, pair.machine.size
+    kp, kd = (np.diagonal(machine.gains[powers]) for powers in ((0, 0), (1, 0)))
+    slow = between(rng, 0.02, 0.3) * float(np.median(kp / kd))
+    kind = ("pid", "pd", "ppi", "pid")[number // 2 % 4]
+    gravity = None
+    if number % 2 or kind == "pd":
+        slope = rng.normal(size=(size, size)) / np.sqrt(size)
+        gravity = between(rng, 1e-2, 1.0) * (slope + slope.T) * float(kp.min())
+    if kind == "pd":
+        controller, gains = gr.PD(kp, kd), machine.gains
+    elif kind == "pid":
+        controller, gains = gr.PID(kp, slow * kp, kd), machine.gains | {(0, 1): np.diag(slow * kp)}
+    else:
+        controller = gr.PPI(kp / kd, kd, slow * kd)
+        gains = {(0, 0): np.diag(kp), (1, 0): np.diag(kd), (0, 1): np.diag(slow * kp), (1, 1): np.diag(slow * kd)}
+    return paired(replace(machine, gains=gains, gravity=gravity), controller, f"{kind}{' gravity' * (gravity is not None)}, {pair.kind}")
+
+
+def directed(seed: int, number: int) -> Pair:
+    """`limbs` under tasks whose gains differ from direction to direction, Γ = J̄ Λ diag(k) J: gain matrices that are not symmetric."""
+    rng, pair = np.random.default_rng([seed, 4, number]), limbs(seed, number)
+    machine, size = pair.machine, pair.machine.size
+    rank = int(rng.integers(2, size + 1))
+    jacobian = rng.normal(size=(rank, size)) if number % 3 else np.eye(size)[:rank] + 0.3 * rng.normal(size=(rank, size))
+    inner = np.linalg.inv(machine.inverse_inertia + np.diag(1 / machine.motor_inertia))
+    torque = jacobian.T @ np.linalg.inv(jacobian @ np.linalg.solve(inner + np.diag(machine.motor_inertia), jacobian.T))
+    rate = rng.uniform(0.05, 0.3) / (float(machine.delay.max()) + 1.5 * (machine.sample_time or 0.0))
+    kd = rate * between(rng, 0.5, 1.5, rank)
+    kp = kd * rate * between(rng, 0.02, 0.5, rank)
+    slow = between(rng, 0.02, 0.2) * float(np.median(kp / kd))
+    kind = ("pd", "pid", "ppi", "pd")[number // 2 % 4]
+
+    def gain(of):
+        return torque @ (np.broadcast_to(of, (rank,))[:, None] * jacobian)
+
+    gains = {(0, 0): gain(kp), (1, 0): gain(kd)}
+    if kind == "pd":
+        controller = gr.PD(gains[0, 0], gains[1, 0])
+    elif kind == "pid":
+        gains[0, 1] = gain(slow * kp)
+        controller = gr.PID(gains[0, 0], gains[0, 1], gains[1, 0])
+    else:
+        gains |= {(0, 1): gain(slow * kp), (1, 1): gain(slow * kd)}
+        controller = TaskPPI(kp=kp / kd, kv=kd, ki=slow * kd, torque=torque, jacobian=jacobian)
+    return paired(replace(machine, gains=gains), controller, f"{kind} of {rank} directions, {pair.kind}")

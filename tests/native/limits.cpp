@@ -41,7 +41,24 @@ static int proved(const gainroom::ModalLoop& loop) {
     const double last = loop.step > 0 ? gainroom::kPi / loop.step : 3e4;
     for (int k = 0; k <= 20; k++) grid.push_back(0.05 * std::pow(last / 0.05, k / 20.0));
     gainroom::CoupledLimit limit(loop);
-    return limit.search(grid.data(), grid.size(), 100.0, 1e-6, 1e-4, loop.step == 0) ? 1 : 0;
+    const bool found = limit.search(grid.data(), grid.size(), {0.0, 100.0}, 1e-6, 1e-4, loop.step == 0);
+    for (const double stop : {100.0, 1e-3}) {  // on from the gains themselves, with the turns of det F
+        gainroom::CoupledLimit on(loop);
+        on.search(grid.data(), grid.size(), {1.0, stop}, 1e-6, 1e-4, loop.step == 0, true);
+    }
+    return found ? 1 : 0;
+}
+
+// Pairs of channels that are taken for a loop that is not symmetric, in coordinates that are anything.
+static void twofold(gainroom::ModalLoop loop, std::mt19937& engine) {
+    std::uniform_real_distribution<double> uniform(0.0, 1.0);
+    loop.twofold = true;
+    loop.skew.assign(loop.size * loop.size, 0.0);
+    loop.prepare();
+    const std::vector<double> grid = {0.1, 1.0, 30.0, 500.0, 3000.0};
+    std::vector<Complex> bases;
+    for (std::size_t k = 0; k < (grid.size() - 1) * loop.size * loop.size; k++) bases.push_back({uniform(engine) - 0.5, uniform(engine)});
+    gainroom::CoupledLimit(loop).search(grid.data(), grid.size(), {1.0, 10.0}, 1e-6, 1e-4, false, true, bases.data());
 }
 
 int main() {
@@ -62,6 +79,10 @@ int main() {
             if (place == 5) loop.laws[2].zeros[0] = value;
             loop.prepare();
             hostile += proved(loop);
+            gainroom::ModalLoop even = draw(engine, 4, 2, place % 2 == 0, place < 3 ? 0.0 : 1e-3);
+            if (place == 3) even.laws[0].gain = value;
+            if (place == 1) even.shapes[1] = value;
+            twofold(even, engine);
         }
     }
     hostile += proved(draw(engine, 0, 0, true, 0.0));

@@ -1,7 +1,7 @@
 """Gain matrices that couple joints, as gains of directions: G_t = X diag(g_t) Y, of all terms of a controller with one X and one Y.
 
-Then det(I + P c(s) Σ h_t G_t) = det(I + Y P X diag(c_i)), c_i = c Σ h_t g_t,i: r loops as those of joints, behind Y P X. Symmetric gains have
-X = Yᵀ, and Y P Yᵀ is symmetric as P is. Tasks have Y = Eᵀ and X = E Λ.
+Then det(I + P c(s) Σ h_t G_t) = det(I + Y P X diag(c_i)), c_i = c Σ h_t g_t,i: r loops as those of joints, behind Y P X. Symmetric gains
+have X = Yᵀ, and Y P Yᵀ is symmetric as P is. Tasks have Y = Eᵀ and X = E Λ.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,8 @@ def gain_directions(terms: Mapping[tuple[int, int], Floats]) -> Directions | Non
         return None
     inner = outer if symmetric else inner
     inside = [outer.T @ unit @ inner for unit in units]
-    whole, other = sum(inside), sum(weight * one for weight, one in zip(np.sqrt([2.0, 3.0, 5.0, 7.0]), inside, strict=False))
+    whole = np.sum(inside, axis=0)
+    other = np.einsum("t,tij->ij", np.sqrt([2.0, 3.0, 5.0, 7.0])[: len(inside)], inside)
     try:
         torque, measured = _symmetric(whole, other) if symmetric else _any(whole, other)
     except np.linalg.LinAlgError:
@@ -70,7 +71,7 @@ def _symmetric(whole: Floats, other: Floats) -> tuple[Floats, Floats]:
 
 
 def _any(whole: Floats, other: Floats) -> tuple[Floats, Floats]:
-    """X and Y of two matrices (r, r), where one is X diag Y with distinct or equal real ratios to the other; raises LinAlgError elsewhere."""
+    """X and Y of two matrices (r, r) with real ratios in some directions; raises LinAlgError where the first is singular."""
     ratios = np.linalg.solve(whole, other)
     values = np.sort(np.linalg.eigvals(ratios).real)
     size, axes, start = np.abs(values).max(), [], 0

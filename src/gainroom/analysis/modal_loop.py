@@ -23,7 +23,9 @@ from .gain_directions import gain_directions
 
 NARROWEST = 1e-4  # relative width of an interval that is not halved further
 NUDGE = 1e-6  # relative: how far below a crossing the proof goes
-FINEST, MOST, HALVINGS = 1e-9, 200, 12  # where eigenvectors have to be looked at: relative width, samples, halvings
+FINEST, MOST, LOOKS = 1e-9, 200, 60  # where eigenvectors have to be looked at: relative width, samples, intervals
+MOST_TWOFOLD = 8  # channels whose gains are not symmetric: the loci of more are quicker than their proof
+COUPLED = 1e-9  # vᵀ v' of eigenvectors: less is round-off
 FACTOR = 3.0  # from end to end of the intervals that are begun with, at most: units are chosen in the middle of each
 
 
@@ -41,7 +43,7 @@ class ModalLoop:
     passive   the motors give out no energy at any frequency, Re(jω P) >= 0: without a hold between. Gravity takes and gives none either
     torque    X (n, r) where gains couple joints: the channels are directions then (gain_directions.py); None: they are the joints
     folds     2 where every channel is there twice, as F is not symmetric (exclusion.hpp): then det F is squared; else 1
-    laws      what d comes from; late (n,) [s]: by how much later it acts; lag [s]: what is before P, hold, current loop and a part of a tick
+    laws      what d comes from; late (n,) [s]: by how much later it acts; lag [s] of hold, current loop and a part of a tick, where sampled
     """
 
     core: "_core.ModalLoop"
@@ -63,22 +65,25 @@ class ModalLoop:
     def of(cls, loop: Loop) -> "ModalLoop | None":
         """None where no proof is known.
 
-        With link-side feedback, friction to ground, compliant contacts, gains that have no directions (gain_directions.py), joints without gain,
-        different drives of a sampled loop or with coupled gains, and controllers that are not stable by themselves but for integrators.
+        With link-side feedback, friction to ground, gains without directions (gain_directions.py), joints without gain, different drives of
+        a sampled loop or with coupled gains, and controllers that are not stable by themselves but for integrators.
         """
         parts, step = loop.parts, loop.sample_time
         if parts is None or loop.size == 1 or parts.feedback != "motor" or loop.gain <= 0:
             return None
-        modes, drives, directions, twofold = parts.plant.modes, parts.drives, None, False
+        plant, drives, directions, twofold = parts.plant.modes, parts.drives, None, False
         terms = {powers: gain_matrix("gain", gain, loop.size) for powers, gain in parts.controller.terms().items()}
-        if modes is None:
+        if plant is None:
             return None
+        modes = plant
         gains = {powers: np.diagonal(gain) for powers, gain in terms.items()}
         if any(np.count_nonzero(terms[powers]) != np.count_nonzero(own) for powers, own in gains.items()):
             directions = gain_directions(terms)
             if directions is None or any(drive != drives[0] for drive in drives):
                 return None
             gains, twofold = directions.gains, not directions.symmetric
+            if twofold and directions.torque.shape[1] > MOST_TWOFOLD:
+                return None
             modes = modes.twofold(directions.measured, directions.torque) if twofold else modes.along(directions.measured)
         drives = (drives[0],) * len(modes.rigid) if directions else drives
         channels = [law.reduced for law in parts.controller.apart(gains, step)]
@@ -101,7 +106,7 @@ class ModalLoop:
         leads, turns = laws.turns()
         return cls(
             core,
-            parts.plant.modes,
+            plant,
             modes,
             laws,
             np.asarray(late),
@@ -117,20 +122,19 @@ class ModalLoop:
         )
 
     def crossings(self, start: float, stop: float, low: float, high: float, counting: bool = False) -> "Found | None":
-        """Where factors from `start`, 0: from rest, to `stop` put a root at jω, low <= ω <= `high`; the first is the nearest, which is proved.
+        """Where factors from `start`, 0: from rest, to `stop` put a root at jω, low <= ω <= `high`; the first is the nearest: proved.
 
         None where that could not be proved; no crossings where there are none, which is proved then.
         """
         grid = self._grid(low, high)
-        proved, places, vectors, undecided, turns = self.core.limit(grid, start, stop, NUDGE, NARROWEST, self.passive, counting)
+        bases = self._rigid_bases(np.sqrt(grid[1:] * grid[:-1]) if self.folds > 1 else grid[:0])
+        proved, places, vectors, undecided, turns = self.core.limit(grid, start, stop, NUDGE, NARROWEST, self.passive, counting, bases)
         way = math.copysign(1.0, stop - start)
         before = float(places[0, 1]) * (1 - NUDGE) ** way if len(places) else stop
-        turned = turns[0]
-        for one in [] if proved else undecided.tolist():
-            more = self._excluded(*one, start, before, counting, HALVINGS)
-            if more is None:
-                return None
-            turned += more
+        more = 0.0 if proved else self._excluded(undecided, start, before, counting)
+        if more is None:
+            return None
+        turned = turns[0] + more
         found = [Crossing(omega, gain, growth, vector) for (omega, gain, growth), vector in zip(places.tolist(), vectors, strict=True)]
         return Found(found, turned / self.folds, turns[1] / self.folds, turns[2])
 
@@ -151,48 +155,58 @@ class ModalLoop:
         shapes = self.modes.shapes
         return functions[:, :1, None] * self.modes.rigid + (shapes.T * functions[:, None, 1:]) @ shapes, laws
 
-    def _excluded(self, low: float, high: float, start: float, stop: float, counting: bool, halvings: int) -> float | None:
-        """How far arg det F turns where factors on the way put no root at jω in [low, high], seen in the eigenvectors of L in the middle.
+    def _excluded(self, undecided: Floats, start: float, stop: float, counting: bool) -> float | None:
+        """How far arg det F turns where factors on the way put no root at jω in the intervals (k, 2); None: not decided.
 
-        Else of both halves; None: not decided.
+        Seen in the eigenvectors of L in the middle of each, else of its halves.
         """
-        middle = float(np.sqrt(low * high))
-        basis = self._basis(middle, start, stop)
-        if not np.all(np.isfinite(basis)):
-            return None
-        excluded, turned = self.core.excluded(low, high, min(start, stop), max(start, stop), basis, FINEST, MOST, counting)
-        if excluded or halvings == 0:
-            return turned if excluded else None
-        turned = 0.0
-        for ends in ((low, middle), (middle, high)):
-            if (half := self._excluded(*ends, start, stop, counting, halvings - 1)) is None:
-                return None
-            turned += half
-        return turned
-
-    def _basis(self, omega: float, start: float, stop: float) -> Complexes:
-        """(n, n) vectors in rows that make x P and diag(d) diagonal, each turned so that x P + d/g lies about the real axis for both ends g."""
-        mobility, laws = (one[0] for one in self.response(np.array([omega])))
-        size = len(laws) // self.folds
-        laws = laws[:size]
-        mobility = mobility if self.folds == 1 else mobility[:size, :size] - 1j * mobility[:size, size:]
-        root = 1 / np.sqrt(laws)
-        values, vectors = np.linalg.eig(-root[:, None] * mobility * root)
-        with np.errstate(all="ignore"):
-            if self.folds == 1:
-                own = np.einsum("ik,ik->k", vectors, vectors)
-                left = right = vectors
+        turned, open_ones = 0.0, [(low, high) for low, high in undecided.tolist()]
+        for _ in range(LOOKS):
+            if not open_ones:
+                return turned
+            low, high = open_ones.pop()
+            middle = math.sqrt(low * high)
+            basis = self._bases(np.array([middle]), start, stop)[0]
+            excluded, more = (False, 0.0)
+            if np.all(np.isfinite(basis)):
+                excluded, more = self.core.excluded(low, high, min(start, stop), max(start, stop), basis, FINEST, MOST, counting)
+            if excluded:
+                turned += more
+            elif high - low > FINEST * high:
+                open_ones += [(low, middle), (middle, high)]
             else:
-                own, left, right = np.ones(size), np.linalg.inv(vectors).T, vectors
+                return None
+        return None
+
+    def _bases(self, omega: Floats, start: float, stop: float) -> Complexes:
+        """(k, n, n) vectors in rows that make x P and diag(d) diagonal at omega (k,).
+
+        They are turned so that x P + diag(d)/g lies about the real axis for both ends g.
+        """
+        mobility, laws = self.response(omega)
+        size = laws.shape[1] // self.folds
+        laws = laws[:, :size]
+        mobility = mobility if self.folds == 1 else mobility[:, :size, :size] - 1j * mobility[:, :size, size:]
+        root = 1 / np.sqrt(laws)
+        values, right = np.linalg.eig(-root[:, :, None] * mobility * root[:, None])
+        right = _apart(right) if self.folds == 1 else right
+        with np.errstate(all="ignore"):
+            left = right if self.folds == 1 else np.linalg.inv(right).swapaxes(1, 2)
+            own = np.sum(left * right, axis=1)
             ends = [own if gain == 0 else own * (1 / gain - values) for gain in (start, stop)]
             sides = ends[0] / np.abs(ends[0]) + ends[1] / np.abs(ends[1])
             turn = np.sqrt(sides.conj() / np.abs(sides))
-            left, right = ((root[:, None] * one * turn).T for one in (left, right))
-            if self.folds == 1:
-                return np.ascontiguousarray(right)
-            balance = np.sqrt(np.linalg.norm(right, axis=1) / np.linalg.norm(left, axis=1))[:, None]
-            even, odd = left * balance + right / balance, 1j * (left * balance - right / balance)
-            return np.vstack([np.hstack([even, odd]), np.hstack([odd, -even])]) / 2
+            left, right = ((root[:, :, None] * one * turn[:, None]).swapaxes(1, 2) for one in (left, right))
+        return np.ascontiguousarray(right) if self.folds == 1 else _in_pairs(left, right)
+
+    def _rigid_bases(self, omega: Floats) -> Complexes:
+        """(k, n, n) likewise of Y M₀ X and diag(|d|): mostly real, and what L is as long as nothing resonates."""
+        size = len(self.modes.rigid) // self.folds
+        rigid = self.modes.rigid[:size, :size] - 1j * self.modes.rigid[:size, size:] if self.folds > 1 else self.modes.rigid
+        root = 1 / np.sqrt(np.abs(self.core.responses(omega)[1][:, :size]))
+        right = np.linalg.eig(root[:, :, None] * np.real(rigid) * root[:, None])[1]
+        left, right = ((root[:, :, None] * one).swapaxes(1, 2) for one in (np.linalg.inv(right).swapaxes(1, 2), right))
+        return _in_pairs(left, right)
 
     def _grid(self, low: float, high: float) -> Floats:
         """From `low` to `high` in steps no longer than FACTOR, with every corner."""
@@ -222,6 +236,25 @@ class Found(NamedTuple):
     turned: float
     tail: float
     end: float
+
+
+def _apart(vectors: Complexes) -> Complexes:
+    """Eigenvectors (k, n, n) of symmetric matrices, in columns: those of equal eigenvalues, of equal limbs, made orthogonal, vᵀ v' = 0."""
+    with np.errstate(all="ignore"):
+        for one in range(1, vectors.shape[2]):
+            before = vectors[:, :, :one]
+            own = np.sum(before**2, axis=1)
+            shares = np.einsum("kij,ki->kj", before, vectors[:, :, one]) / own
+            shares[np.abs(shares) < COUPLED] = 0.0
+            vectors[:, :, one] -= np.einsum("kij,kj->ki", before, shares)
+    return vectors
+
+
+def _in_pairs(left: Complexes, right: Complexes) -> Complexes:
+    """(k, 2r, 2r) the z of exclusion.hpp from the rows y of `left` and x of `right` (k, r, r), made of like size."""
+    balance = np.sqrt(np.linalg.norm(right, axis=2) / np.linalg.norm(left, axis=2))[:, :, None]
+    even, odd = left * balance + right / balance, 1j * (left * balance - right / balance)
+    return np.concatenate([np.concatenate([even, odd], axis=2), np.concatenate([odd, -even], axis=2)], axis=1) / 2
 
 
 @dataclass(frozen=True)
@@ -265,24 +298,24 @@ class Laws:
 
     def at_rest(self) -> tuple[Complexes, Integers]:
         """(n,) c vᵏ at v = 0, and k: c is 0 there where k < 0, and has integrators where k > 0."""
-        sizes = [np.log(np.where(roots == 0, 1, -roots)) for roots in (self.zeros, self.poles)]
-        return self.gains * np.exp(self._sum(*sizes, -1)), -self._sum(1.0 * (self.zeros == 0), 1.0 * (self.poles == 0), -1).astype(int)
+        zeros, poles = (np.log(np.where(roots == 0, 1, -roots)) for roots in (self.zeros, self.poles))
+        return self.gains * np.exp(self._sum(zeros, poles, -1)), -self._sum(1.0 * (self.zeros == 0), 1.0 * (self.poles == 0), -1).astype(
+            int
+        )
 
     def turned(self, omega: float, step: float | None) -> Floats:
         """(n,) by what arg c turns from ω = 0+ to ω [rad/s]."""
-        if step is None:
-            turns = [
-                np.sign(-roots.real) * np.subtract(*(np.arctan2(at - roots.imag, np.abs(roots.real)) for at in (omega, 0.0)))
-                for roots in (self.zeros, self.poles)
-            ]
-        else:
-            turns = []
-            for roots in (self.zeros, self.poles):
-                z, turn = 1 + step * roots, np.exp(1j * omega * step)
-                inside = np.abs(z) <= 1
-                ahead = [np.angle(np.where(inside, 1 - z / one, 1 - one / np.where(z == 0, 1, z))) for one in (turn, 1.0)]
-                turns.append(np.where(roots == 0, omega * step / 2, np.where(inside, omega * step, 0.0) + ahead[0] - ahead[1]))
-        return self._sum(*turns, -1)
+
+        def turns(roots: Complexes) -> Floats:
+            if step is None:
+                ends = (np.arctan2(at - roots.imag, np.abs(roots.real)) for at in (omega, 0.0))
+                return np.sign(-roots.real) * np.subtract(*ends)
+            z, turn = 1 + step * roots, np.exp(1j * omega * step)
+            inside = np.abs(z) <= 1
+            ends = [np.angle(np.where(inside, 1 - z / one, 1 - one / np.where(z == 0, 1, z))) for one in (turn, 1.0)]
+            return np.where(roots == 0, omega * step / 2, np.where(inside, omega * step, 0.0) + ends[0] - ends[1])
+
+        return self._sum(turns(self.zeros), turns(self.poles), -1)
 
     def _sum(self, zeros: Floats, poles: Floats, sign: int) -> Floats:
         """(n,) Σ over each law's zeros + `sign` Σ over its poles."""

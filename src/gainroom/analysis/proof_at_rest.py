@@ -1,14 +1,14 @@
 """What coupled loops do as ω → 0, for factors on all gains between two bounds: which roots pass 0, that no other is near, how det F turns.
 
-With e_i = 1/c_i a root at jω makes F/x = P + u diag(e_i) singular, u the inverse of the factor. Free motions have P = −M₀/ω² + P₀ + …. With
-M₀ N = 0 and Rᵀ M₀ R = 1 the coordinates T = [N, √x R] take F/x to
+With e_i = 1/c_i a root at jω makes F/x = P + u diag(e_i) singular, u the inverse of the factor. Free motions have P = −M₀/ω² + P₀ + ….
+With M₀ N = 0 and Rᵀ M₀ R = 1 the coordinates T = [N, √x R] take F/x to
 
     diag(Nᵀ (P₀ + u D₀) N, −1)    as ω → 0,    D₀ = diag(e_i(0)), 0 where there is an integrator,
 
-which is real and symmetric. Where it keeps its signs S for all u between, the real part of S Tᵀ F T/x stays positive for a while. All terms are
-analytic within R, the lowest corner frequency, and have MOST times their size at most within R/2: what is left of one after its power ωᵐ⁻¹ is no more
-than MOST (2ε)ᵐ/(1 − 2ε) of it at ω = εR. Even powers are real, and lie between what they are at 0 and at εR; odd ones are imaginary, and count
-where signs differ. Roots pass 0 itself where a sign changes.
+which is real and symmetric. Where it keeps its signs S for all u between, the real part of S Tᵀ F T/x stays positive for a while. All terms
+are analytic within R, the lowest corner frequency, and have MOST times their size at most within R/2: what is left of one after its power
+ωᵐ⁻¹ is no more than MOST (2ε)ᵐ/(1 − 2ε) of it at ω = εR. Even powers are real, and lie between what they are at 0 and at εR; odd ones are
+imaginary, and count where signs differ. Roots pass 0 itself where a sign changes.
 """
 
 import math
@@ -35,8 +35,9 @@ class Static(NamedTuple):
 
 @dataclass(frozen=True)
 class AtRest:
-    """low: [rad/s] up to where nothing crosses, 0 apart; turned: by what arg det F turns up to there, at the factor 1; poles: of det(I + L) at 0.
+    """low: [rad/s] up to where nothing crosses, 0 apart; turned: by what arg det F turns up to there, at the factor 1.
 
+    poles: how many det(I + L) has at 0
     static: where on the way a root first passes 0; what lies beyond is not looked at. None: nowhere
     """
 
@@ -77,7 +78,10 @@ def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
         torques = axes[:, k] * units
         mode = torques * sizes * resting if modal.torque is None else modal.plant.compliance @ (modal.torque @ torques)
         static_mode = Static(gain, mode / mode[np.argmax(np.abs(mode))])
-    signs, at_zero = np.append(np.sign(give + spring), -np.ones(moving.shape[1])), np.diag(np.append(np.zeros(count), -np.ones(moving.shape[1])))
+    signs, at_zero = (
+        np.append(np.sign(give + spring), -np.ones(moving.shape[1])),
+        np.diag(np.append(np.zeros(count), -np.ones(moving.shape[1]))),
+    )
     along = np.abs(shapes @ axes)
     size, law_size = (along.T * np.abs(still)) @ along, np.abs(axes).T @ np.abs(axes)
     like = signs[:count, None] == signs[:count]

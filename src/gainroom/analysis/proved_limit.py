@@ -1,15 +1,15 @@
 """The interval of a common factor on all gains of coupled loops, proved from ω = 0 to infinity without following loci (modal_loop.py).
 
-From rest: at factors near 0 the roots are those of plant and controller. Resonances decay, the controller's own poles too, and a free motion,
-s² = −γ μ (kp + …), where every joint's lead outweighs all lag as ω → 0. From there no root can cross below the lowest crossing, to NUDGE of
-it; and the one that crosses there goes the wrong way.
+From rest: at factors near 0 the roots are those of plant and controller. Resonances decay, the controller's own poles too, and a free
+motion, s² = −γ μ (kp + …), where every joint's lead outweighs all lag as ω → 0. From there no root can cross below the lowest crossing, to
+NUDGE of it; and the one that crosses there goes the wrong way.
 
     ω below `low`    x P → −M₀ (1 − jω T'), d_i → (x/kp_i) (1 − jω τ_i): with τ_i > T' for all i the angle θ = 90° + ω (T' + ε) serves
     ω above `high`   |L| only falls, and is small
 
-Counted: else, as with integrators and gravity, the proof begins at the factor 1. What excludes crossings from there on also tells by what det F
-turns at the factor 1 from one frequency to the next, and with that how many roots are unstable (Nyquist); none is to be. The limits are the
-first crossings on both ways from 1.
+Counted: else, as with integrators, gravity and gains that are not symmetric, the proof begins at the factor 1. What excludes crossings from
+there on also tells by what det F turns at the factor 1 from one frequency to the next, and with that how many roots are unstable (Nyquist);
+none is to be. The limits are the first crossings on both ways from 1.
 """
 
 import math
@@ -38,15 +38,18 @@ def proved_limit(loop: Loop) -> GainLimit | None:
     modal = ModalLoop.of(loop)
     if modal is None:
         return None
-    poles = np.concatenate([modal.modes.poles, modal.modes.partners])
-    if np.any(np.abs(poles.real) <= UNDAMPED * np.abs(poles)):
+    poles = np.concatenate([modal.plant.poles, modal.plant.partners])
+    if np.any(np.abs(np.real(poles)) <= UNDAMPED * np.abs(poles)) or np.count_nonzero(np.real(poles) > 0) != loop.unstable_poles:
         return None
     low = _leads_from(modal) if modal.folds == 1 and loop.parts is not None and loop.parts.plant.gravity_stiffness is None else None
-    return _from_rest(modal, loop, low) if low is not None else _counted(modal, loop)
+    try:
+        return _from_rest(modal, loop, low) if low is not None else _counted(modal, loop)
+    except np.linalg.LinAlgError:  # channels, or eigenvectors, that are as good as dependent
+        return None
 
 
 def posture_limits(modal: ModalLoop) -> "_core.PostureLimits | None":
-    """The proof from rest for the laws of `modal` behind other modes, one posture after the other; None where lead does not outweigh lag."""
+    """The proof from rest for the laws of `modal` behind other modes, posture by posture; None where lead does not outweigh lag."""
     corners, most = modal.bends[modal.bends > 0], float(modal.turns.max())
     if modal.torque is not None or not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
         return None
@@ -68,7 +71,8 @@ def _from_rest(modal: ModalLoop, loop: Loop, low: float) -> GainLimit | None:
 
 def _counted(modal: ModalLoop, loop: Loop) -> GainLimit | None:
     upper = _first_end(modal, loop, UPWARDS, True)
-    lower = None if upper is None else _first_end(modal, loop, DOWNWARDS, False)
+    downwards = DOWNWARDS if np.any(modal.laws.at_rest()[1]) else DOWNWARDS[-1:]  # without integrators there is mostly none
+    lower = None if upper is None else _first_end(modal, loop, downwards, False)
     return None if upper is None or lower is None else _limit(loop, *upper, *lower)
 
 
@@ -95,9 +99,11 @@ def _first_end(modal: ModalLoop, loop: Loop, stops: tuple[float, ...], counting:
 
 
 def _unstable_roots(modal: ModalLoop, found: Found, rest: AtRest, unstable_poles: int) -> int | None:
-    """Of the closed loop at the factor 1, from arg det(I + L) = arg det F + Σ arg c_i along the boundary; None where that is no whole number."""
+    """Of the closed loop at the factor 1, from arg det(I + L) = arg det F + Σ arg c_i along the boundary; None: no whole number."""
     step = None if modal.last is None else math.pi / modal.last
-    turned = rest.turned + found.turned - found.tail + float((modal.laws.turned(found.end, step) - found.end * modal.late).sum()) / modal.folds
+    turned = (
+        rest.turned + found.turned - found.tail + float((modal.laws.turned(found.end, step) - found.end * modal.late).sum()) / modal.folds
+    )
     count = unstable_poles + rest.poles / 2 - turned / math.pi
     return round(count) if abs(count - round(count)) < WHOLE else None
 

@@ -49,11 +49,12 @@ def assigned(cost: Floats) -> Integers:
     """(n,) the column of each row at the least total of `cost` (n, n); ValueError where that is not finite."""
 
 class ModalLoop:
-    """As in modal_loop.hpp; rigid (n, n), shapes (m, n), poles (m,), partners (m,) or (0,)."""
+    """As in modal_loop.hpp; rigid (n, n), real unless `twofold`; shapes (m, n), poles (m,), partners (m,) or (0,)."""
 
     def __init__(
         self,
-        rigid: Floats,
+        rigid: Complexes,
+        twofold: bool,
         shapes: Complexes,
         poles: Complexes,
         partners: Complexes,
@@ -75,14 +76,32 @@ class ModalLoop:
     def bends(self, omega: Floats) -> tuple[Floats, Floats]:
         """What interpolation from each ω to the next may miss at most of `responses`: (k − 1, 1 + m), (k − 1, n)."""
 
-    def limit(self, grid: Floats, highest: float, nudge: float, floor: float, passive: bool) -> tuple[bool, Floats, Complexes, Floats]:
-        """As in coupled_limit.hpp: whether it is proved; (k, 3) ω, gain and growth of crossings; their vectors (k, n); (k, 2) undecided."""
+    def limit(
+        self,
+        grid: Floats,
+        start: float,
+        stop: float,
+        nudge: float,
+        floor: float,
+        passive: bool,
+        counting: bool,
+        bases: Complexes,
+    ) -> tuple[bool, Floats, Complexes, Floats, tuple[float, float, float]]:
+        """As in coupled_limit.hpp, for factors from `start` to `stop`; bases (k − 1, n, n) or (0, n, n).
 
-    def searched(self, low: float, high: float, gain: float, passive: bool) -> tuple[float, float]:
-        """The part of [low, high] rad/s in which factors up to `gain` may put a root on the boundary."""
+        Whether it is proved; (k, 3) ω, gain and growth of crossings; their vectors (k, n); (k, 2) undecided; turned, tail and end.
+        """
 
-    def excluded(self, low: float, high: float, gain: float, basis: Complexes, floor: float, most: int) -> bool:
-        """Whether no gain up to `gain` puts a root in [low, high], in coordinates of `basis` (n, n), vectors in rows."""
+    def searched(self, low: float, high: float, gain: float, passive: bool) -> Floats:
+        """(k, 2) the part of [low, high] rad/s in which factors up to `gain` may put a root on the boundary."""
+
+    def excluded(
+        self, low: float, high: float, start: float, gain: float, basis: Complexes, floor: float, most: int, counting: bool
+    ) -> tuple[bool, float]:
+        """Whether no factor from `start` to `gain` puts a root in [low, high], in coordinates of `basis` (n, n), vectors in rows.
+
+        And by what arg det F turns there.
+        """
 
 class PostureLimits:
     """As in posture_limits.hpp: a loop's laws behind other modes, one posture after the other."""

@@ -33,5 +33,13 @@ def mode_functions(parts: Parts, seen: Modes | None = None, twofold: bool = Fals
                 return None
     seen = seen or modes
     return _core.ModalLoop(
-        seen.rigid.astype(complex), twofold, seen.shapes, seen.poles, seen.partners, *current, fraction, step or 0.0, INEXACT * modes.inexact
+        seen.rigid.astype(complex),
+        twofold,
+        seen.shapes,
+        seen.poles,
+        seen.partners,
+        *current,
+        fraction,
+        step or 0.0,
+        INEXACT * modes.inexact,
     )

@@ -25,7 +25,7 @@ APART = 1e-3  # of a pole, likewise: distance of the two of a mode
 class Modes:
     """M₀ (n, n), φ (m, n), λ (m,) and μ (m,), or none: then every pole stands alone, and φ is complex. `inexact`: relative."""
 
-    rigid: Floats
+    rigid: Floats | Complexes
     shapes: Complexes
     poles: Complexes
     partners: Complexes

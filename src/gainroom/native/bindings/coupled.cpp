@@ -95,15 +95,18 @@ static nb::tuple bends(const gainroom::ModalLoop& loop, Vector omega) {
 }
 
 // On the way of factors from `start`, 0: from rest, to `stop`: whether it is proved; (k, 3) ω, gain and growth of the crossings found, the
-// nearest first; their vectors (k, n); undecided (k, 2); and how far arg det F turns on what was decided, arg det(I + L) at the end, the end.
+// nearest first; their vectors (k, n); undecided (k, 2). `bases` (k - 1, n, n) or (0, n, n): see CoupledLimit::search. And how far arg det F turns on what was decided, arg det(I + L) at the end, the end.
 static nb::tuple limit(const gainroom::ModalLoop& loop, Vector grid, double start, double stop, double nudge, double floor, bool passive,
-                       bool counting) {
+                       bool counting, Array<const Complex, 3> bases) {
     if (loop.laws.size() != loop.size || loop.size == 0) throw nb::value_error("the laws of all joints are needed");
+    const bool based = bases.shape(0) > 0;
+    if (based && (bases.shape(0) + 1 != grid.size() || bases.shape(1) != loop.size || bases.shape(2) != loop.size))
+        throw nb::value_error("bases (k - 1, n, n) and a grid (k,) do not fit");
     gainroom::CoupledLimit found(loop);
     bool proved = false;
     {
         nb::gil_scoped_release release;
-        proved = found.search(grid.data(), grid.size(), {start, stop}, nudge, floor, passive, counting);
+        proved = found.search(grid.data(), grid.size(), {start, stop}, nudge, floor, passive, counting, based ? bases.data() : nullptr);
     }
     std::vector<double> places;
     std::vector<Complex> vectors;
@@ -178,7 +181,7 @@ void bind_coupled(nb::module_& m) {
         .def("mobility", &mobility, nb::arg("s"))
         .def("bends", &bends, nb::arg("omega"))
         .def("limit", &limit, nb::arg("grid"), nb::arg("start"), nb::arg("stop"), nb::arg("nudge"), nb::arg("floor"), nb::arg("passive"),
-             nb::arg("counting"))
+             nb::arg("counting"), nb::arg("bases"))
         .def("searched", &searched, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("passive"))
         .def("excluded", &excluded, nb::arg("low"), nb::arg("high"), nb::arg("start"), nb::arg("gain"), nb::arg("basis"), nb::arg("floor"),
              nb::arg("most"), nb::arg("counting"));

@@ -22,10 +22,7 @@
 // root, of yᵀ F = 0 and F x = 0, are z = ½(y + x, j(y − x)) and the same with y → jy, x → −jx.
 #pragma once
 
-#include <cstdint>
-
-#include "mixing.hpp"
-#include "mode_sum.hpp"
+#include "sampled_form.hpp"
 
 namespace gainroom {
 
@@ -33,7 +30,7 @@ struct Interval {
     double low, high;
 };
 
-class Exclusion {
+class Exclusion : private SampledForm {
    public:
     double turned = 0.0;  // arg det F over what was excluded, at the factor 1, which has to be between; only where `counting`
 
@@ -41,23 +38,14 @@ class Exclusion {
     // `crossing`: X (count, n).
     Exclusion(const ModalLoop& loop, double from, double gain, double alignment, bool counting = false, const Complex* crossing = nullptr,
               std::size_t crossing_count = 0)
-        : loop_(loop),
-          sum_(loop),
-          crossing_(crossing, crossing + crossing_count * loop.size),
-          v_(1 / gain),
+        : SampledForm(loop, 1 / gain, alignment, crossing, crossing_count),
           more_(from > 0 ? 1 / from - 1 / gain : -1.0),
           counting_(counting),
-          alignment_(alignment),
-          n_(loop.size),
-          stride_(sum_.stride) {
-        scale_.resize(n_);
-        law_bends_.resize(n_);
-        missed_.resize(n_ * stride_);
-        trial_.resize(n_ * stride_);
-        vector_.resize(n_);
-        if (mixed()) law_missed_.resize(n_ * stride_);
-        if (counting) pivots_.resize(n_ * n_);
-    }
+          law_bends_(n_),
+          missed_(n_ * stride_),
+          law_missed_(mixed() ? n_ * stride_ : 0),
+          trial_(n_ * stride_),
+          vector_(n_) {}
 
     // Appends the parts of `open` that are left undecided at a relative width of `floor`; units, samples and angles are carried from one
     // interval to the next. Once `most` samples have been taken nothing more is decided.
@@ -124,26 +112,6 @@ class Exclusion {
     static constexpr double kSpan = 3.0;  // from end to end of what shares units, at most, but for wider intervals
     static constexpr double kStride = 1.3, kLeast = 1.01, kSafe = 1e-9;
 
-    struct Node {
-        double omega = 0.0;
-        std::vector<double> real, imaginary;  // upper triangle of Q + v D, aligned and scaled
-        std::vector<Complex> law;             // d_i, likewise
-        std::vector<double> size;             // |1/c_i|
-        std::vector<double> round_off;        // of Q, as a diagonal matrix
-        std::vector<double> law_real, law_imaginary;  // upper triangle of Tᵀ D T, where unknowns are mixed
-        std::vector<Complex> pivots;  // of F at the factor 1; empty until asked for
-        void resize(std::size_t n, std::size_t stride, bool mixed) {
-            real.resize(n * stride);
-            imaginary.resize(n * stride);
-            law.resize(n);
-            size.resize(n);
-            round_off.resize(n);
-            law_real.resize(mixed ? n * stride : 0);
-            law_imaginary.resize(mixed ? n * stride : 0);
-            pivots.clear();
-        }
-    };
-
     // A matrix that has to be positive, less what may be missed: of Re(e^{jθ} (real + j imaginary)) and, `more` times, of Re(e^{jθ} D).
     struct Test {
         const double *real, *imaginary, *missed;
@@ -151,24 +119,15 @@ class Exclusion {
         double more = 0.0;
     };
 
-    const ModalLoop& loop_;
-    ModeSum sum_;
-    std::vector<Complex> crossing_, mixing_;  // X (count, n), T (n, n)
-    std::vector<double> law_missed_;          // as `missed_`, of Tᵀ D T
-    double mixing_size_ = 1.0;                // bound of |T|²
-    double v_, more_;  // w - v; < 0: w = ∞
-    bool counting_;
-    double alignment_;
-    std::size_t n_, stride_;
-    std::vector<Complex> pivots_;
+    const double more_;  // w - v; < 0: w = ∞
+    const bool counting_;
     Node nodes_[kDepth + 2];
-    int left_ = 0;  // the node where the next interval begins
-    std::int64_t samples_ = 0;
+    int left_ = 0;           // the node where the next interval begins
     std::size_t alone_ = 0;  // the joint whose d_i has failed; n: the whole matrix
     Test test_{};
     double angle_ = 0.5 * kPi;
-    std::vector<Complex> scale_;
-    std::vector<double> law_bends_, missed_, trial_, vector_;
+    std::vector<double> law_bends_, missed_, law_missed_;  // `law_missed_`: as `missed_`, of Tᵀ D T
+    std::vector<double> trial_, vector_;
 
     // From where the last interval has ended to `high`.
     void run(double high, double floor, std::int64_t most, std::vector<Interval>& undecided) {
@@ -184,7 +143,7 @@ class Exclusion {
             if (!decided && b - a > floor * b && spare > 0 && samples_ < most) {
                 const int middle = free[--spare];
                 sample(nodes_[middle], b > 1.5 * a ? std::sqrt(a * b) : 0.5 * (a + b));
-                if (mixed() || b - a > kCoarse * b || excluded(nodes_[middle], nodes_[middle])) {
+                if ((mixed() && !whole()) || b - a > kCoarse * b || excluded(nodes_[middle], nodes_[middle])) {
                     stack[++depth] = middle;
                     continue;
                 }
@@ -222,46 +181,6 @@ class Exclusion {
         return argument(nodes_[1], 0.5 * kPi) - argument(nodes_[0], 0.5 * kPi);
     }
 
-    // Σ arg(e^{jθ} p_i)
-    double argument(Node& node, double angle) {
-        double sum = 0.0;
-        const Complex turn = std::polar(1.0, angle);
-        for (const Complex pivot : pivots(node)) sum += std::arg(times(turn, pivot));
-        return sum;
-    }
-
-    // arg det(I + L) where that is near I: the pivots of D⁻¹F are p_i/d_i.
-    double argument_of_loop(Node& node) {
-        double sum = 0.0;
-        for (std::size_t i = 0; i < n_; i++) sum += std::arg(over(pivots(node)[i], node.law[i]));
-        return sum;
-    }
-
-    // Of Q + D, by Gauss without exchanges.
-    const std::vector<Complex>& pivots(Node& node) {
-        if (!node.pivots.empty()) return node.pivots;
-        pivots_.resize(n_ * n_);
-        for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = i; j < n_; j++) {
-                const std::size_t at = i * stride_ + j;
-                Complex law = 0.0;
-                if (mixed())
-                    law = {node.law_real[at], node.law_imaginary[at]};
-                else if (i == j)
-                    law = node.law[i];
-                pivots_[i * n_ + j] = Complex(node.real[at], node.imaginary[at]) + (1 - v_) * law;
-            }
-        for (std::size_t k = 0; k < n_; k++) {
-            node.pivots.push_back(pivots_[k * n_ + k]);
-            for (std::size_t i = k + 1; i < n_; i++) {
-                const Complex factor = over(pivots_[k * n_ + i], pivots_[k * n_ + k]);
-                if (factor == 0.0) continue;
-                for (std::size_t j = i; j < n_; j++) pivots_[i * n_ + j] -= times(factor, pivots_[k * n_ + j]);
-            }
-        }
-        return node.pivots;
-    }
-
     bool too_small(const Node& left, const Node& right) {
         const Cell cell(left.omega, right.omega, loop_.step, loop_.inexact);
         sum_.missed_rows(cell, vector_.data());
@@ -279,103 +198,6 @@ class Exclusion {
         const std::size_t at = std::min(i, j) * stride_ + std::max(i, j);
         const Complex value(node.real[at], node.imaginary[at]);
         return size_of(i == j ? value - v_ * node.law[i] : value);
-    }
-
-    // Units in which every d_i has size 1 in the middle, and as much of a common phase as is asked for: a congruence.
-    void align(double low, double high) {
-        const double middle = std::sqrt(low * high);
-        Complex mean = 0.0;
-        loop_.inverse_laws(middle, scale_.data());
-        for (std::size_t i = 0; i < n_; i++) mean += scale_[i] / std::abs(scale_[i]);
-        for (std::size_t i = 0; i < n_; i++) {
-            const double turn = alignment_ == 0 ? 0.0 : 0.5 * alignment_ * turn_between(scale_[i], mean);
-            scale_[i] = std::polar(1 / std::sqrt(std::abs(scale_[i])), turn);
-        }
-        if (alignment_ == 0 && !mixed()) {
-            std::vector<double> units(n_);
-            for (std::size_t i = 0; i < n_; i++) units[i] = scale_[i].real();
-            sum_.set_units(units);
-            return;
-        }
-        std::vector<Complex> rigid(n_ * n_), shapes(loop_.modes * n_);
-        for (std::size_t k = 0; k < loop_.modes; k++)
-            for (std::size_t i = 0; i < n_; i++) shapes[k * n_ + i] = times(scale_[i], loop_.shapes[k * n_ + i]);
-        for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = 0; j < n_; j++) rigid[i * n_ + j] = times(times(scale_[i], scale_[j]), loop_.rigid_at(i * n_ + j));
-        std::vector<double> rigid_made_of(n_), made_of(loop_.modes * n_);
-        if (mixed()) {
-            mix(rigid, shapes, rigid_made_of, made_of);
-        } else {
-            for (std::size_t k = 0; k < made_of.size(); k++) made_of[k] = size_of(shapes[k]);
-            for (std::size_t k = 0; k < rigid.size(); k++) rigid_made_of[k / n_] += size_of(rigid[k]);
-        }
-        sum_.set_coordinates(rigid, shapes, rigid_made_of, made_of);
-    }
-
-    bool mixed() const { return !crossing_.empty(); }
-
-    // T, and what it makes of M₀ and of the modes; with the sizes of what is summed up.
-    void mix(std::vector<Complex>& rigid, std::vector<Complex>& shapes, std::vector<double>& rigid_made_of, std::vector<double>& made_of) {
-        mixing_ = mixing_of(crossing_, scale_, mixing_size_);
-        std::vector<double> sizes(n_ * n_), rows(n_, 0.0), across(n_, 0.0);
-        for (std::size_t k = 0; k < n_ * n_; k++) sizes[k] = size_of(mixing_[k]);
-        for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = 0; j < n_; j++) rows[i] += sizes[i * n_ + j];
-        for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = 0; j < n_; j++) across[i] += size_of(rigid[i * n_ + j]) * rows[j];
-        for (std::size_t j = 0; j < n_; j++)
-            for (std::size_t i = 0; i < n_; i++) {
-                rigid_made_of[j] += sizes[i * n_ + j] * across[i];
-                for (std::size_t k = 0; k < loop_.modes; k++) made_of[k * n_ + j] += size_of(shapes[k * n_ + i]) * sizes[i * n_ + j];
-            }
-        std::vector<Complex> row(n_), half(n_ * n_);
-        for (std::size_t k = 0; k < loop_.modes; k++) {
-            for (std::size_t j = 0; j < n_; j++) row[j] = mixed_row(&shapes[k * n_], j);
-            std::copy(row.begin(), row.end(), &shapes[k * n_]);
-        }
-        for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = 0; j < n_; j++) half[j * n_ + i] = mixed_row(&rigid[i * n_], j);  // (M T)ᵀ
-        for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = 0; j < n_; j++) rigid[j * n_ + i] = mixed_row(&half[i * n_], j);
-    }
-
-    // Σ_i row_i T_ij
-    Complex mixed_row(const Complex* row, std::size_t j) const {
-        Complex value = 0.0;
-        for (std::size_t i = 0; i < n_; i++)
-            if (row[i] != 0.0) value += times(row[i], mixing_[i * n_ + j]);
-        return value;
-    }
-
-    void sample(Node& node, double omega) {
-        samples_++;
-        node.resize(n_, stride_, mixed());
-        node.omega = omega;
-        sum_.respond(omega, node.real.data(), node.imaginary.data(), node.round_off.data());
-        loop_.inverse_laws(omega, node.law.data());
-        for (std::size_t i = 0; i < n_; i++) {
-            node.size[i] = ModalLoop::inverse_law_size(node.law[i], omega, loop_.step);
-            node.law[i] = times(node.law[i], times(scale_[i], scale_[i]));
-            if (!mixed()) {
-                node.real[i * stride_ + i] += v_ * node.law[i].real();
-                node.imaginary[i * stride_ + i] += v_ * node.law[i].imag();
-            }
-        }
-        if (!mixed()) return;
-        std::fill(node.law_real.begin(), node.law_real.end(), 0.0);
-        std::fill(node.law_imaginary.begin(), node.law_imaginary.end(), 0.0);
-        for (std::size_t k = 0; k < n_; k++)
-            for (std::size_t i = 0; i < n_; i++) {
-                const Complex left = times(node.law[k], mixing_[k * n_ + i]);
-                if (left == 0.0) continue;
-                for (std::size_t j = i; j < n_; j++) {
-                    const Complex value = times(left, mixing_[k * n_ + j]);
-                    node.law_real[i * stride_ + j] += value.real();
-                    node.law_imaginary[i * stride_ + j] += value.imag();
-                }
-            }
-        add(v_, node.law_real.data(), node.real.data(), 0, n_ * stride_);
-        add(v_, node.law_imaginary.data(), node.imaginary.data(), 0, n_ * stride_);
     }
 
     // What interpolation between two nodes may miss: `missed_` of Q (upper triangle), `law_bends_` of d; of one node only round-off.
@@ -491,15 +313,10 @@ class Exclusion {
             const double inverse = 1 / std::sqrt(row[k]);
             for (std::size_t j = k + 1; j < n_; j++) row[j] *= inverse;
             for (std::size_t i = k + 1; i < n_; i++)
-                if (row[i] != 0) add(-row[i], row, &trial_[i * stride_], i, n_);
+                if (row[i] != 0) add_scaled(-row[i], row, &trial_[i * stride_], i, n_);
             row[k] = inverse;  // of the pivot
         }
         return true;
-    }
-
-    // to_j += factor from_j for first <= j < end.
-    static void add(double factor, const double* __restrict from, double* __restrict to, std::size_t first, std::size_t end) {
-        for (std::size_t j = first; j < end; j++) to[j] += factor * from[j];
     }
 
     // Leaves the angles at which what has failed may hold; false where there is none.

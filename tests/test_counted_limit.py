@@ -1,0 +1,213 @@
+"""Limits that are proved on from the gains themselves: integrators, gravity, gain matrices. Parts and answers against other truths."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.analysis.gain_directions import gain_directions
+from gainroom.analysis.gain_limit import coupled_limit
+from gainroom.analysis.loci import Sweep
+from gainroom.analysis.modal_loop import ModalLoop
+from gainroom.analysis.proof_at_rest import at_rest
+from gainroom.analysis.proved_limit import _quiet, _unstable_roots, proved_limit
+from independent.machine import unstable
+from machines import Pair, chain, directed, holding
+from test_coupled_population import Found, look_at_limit
+
+POPULATION, SHARE, SEED = 1000, 6, 515
+DRAWS = (holding, directed, chain)
+Draw = Callable[[int, int], Pair]
+
+
+def judged(pair: Pair, wrong: list[str]) -> bool | None:
+    """Roots counted on both sides of both ends; whether a limit was proved, None of loops that are not stable, or no proof is known for.
+
+    Limbs that hang, held by nothing but what their gearboxes damp, count as undamped below a damping ratio of 1e-8.
+    """
+    found, limit = Found(), proved_limit(pair.loop)
+    if limit is None:
+        modal = ModalLoop.of(pair.loop)
+        undamped = modal is not None and np.any(np.abs(modal.modes.poles.real) < 1e-8 * np.abs(modal.modes.poles))
+        return None if modal is None or undamped or unstable(pair.machine) else False
+    if not limit.stable or unstable(pair.machine):
+        wrong.append(f"{pair.kind}: not stable")
+    look_at_limit(pair, limit, found)
+    wrong += [f"{pair.kind}: {text}" for text in found.wrong]
+    return True
+
+
+@pytest.mark.parametrize("number", range(SHARE))
+@pytest.mark.parametrize("draw", DRAWS)
+def test_limits(draw: Draw, number: int):
+    wrong: list[str] = []
+    judged(draw(SEED, number), wrong)
+    assert not wrong
+
+
+@pytest.mark.population
+@pytest.mark.parametrize("draw", DRAWS)
+def test_limits_of_the_population(draw: Draw):
+    """None is wrong, and at least 9 of 10 are proved; loci decide the others."""
+    wrong: list[str] = []
+    known = [judged(draw(SEED, number), wrong) for number in range(POPULATION)]
+    proved = [one for one in known if one is not None]
+    print(f"\n{draw.__name__}: {sum(proved)} of {len(proved)} proved, {len(wrong)} wrong")
+    assert not wrong, "\n".join(wrong)
+    assert np.mean(proved) > 0.9
+
+
+@pytest.mark.parametrize("draw", DRAWS)
+def test_they_are_the_limits_from_loci(draw: Draw):
+    """To 1e-7, as in test_proved_limit.py, where loci have not taken the next crossing, which may be as far as roots are counted: 1e-6.
+
+    Limits at rest to 1e-6, too: loci read them off at a low frequency.
+    """
+    compared = 0
+    for number in range(16):
+        loop = draw(SEED + 1, number).loop
+        found = proved_limit(loop)
+        if found is None:
+            continue
+        compared += 1
+        limit = coupled_limit(Sweep(loop, 1e3, for_limit=True))
+        assert found.stable
+        assert limit.stable
+        assert found.gain == limit.gain or -1e-6 < found.gain / limit.gain - 1 < 1e-7
+        assert (
+            found.lower_gain == limit.lower_gain
+            or -(1e-6 if found.lower_frequency == 0 else 1e-7) < found.lower_gain / limit.lower_gain - 1 < 1e-6
+        )
+    assert compared > 2
+
+
+@pytest.mark.parametrize("draw", DRAWS)
+def test_modes_are_eigenvectors(draw: Draw):
+    """L m = −m/g at the limit, of all n joints, also where channels are directions: to 1e-8 of m."""
+    seen = 0
+    for number in range(16):
+        loop = draw(SEED + 2, number).loop
+        found = proved_limit(loop)
+        if found is not None and math.isfinite(found.gain) and found.frequency > 0:
+            seen += 1
+            response = loop.scaled(found.gain).response(np.array([found.frequency]))[0]
+            assert np.linalg.norm(response @ found.mode + found.mode) < 1e-8 * np.linalg.norm(found.mode)
+    assert seen > 2
+
+
+@pytest.mark.parametrize("draw", DRAWS)
+def test_the_turns_of_the_determinant_count_the_unstable_roots(draw: Draw):
+    """Also of loops that have some: from gains that are up to 10 times too high or too low."""
+    counts = []
+    for number in range(60):
+        pair = draw(SEED + 3, number).scaled(float(np.exp(np.random.default_rng(number).uniform(-2.3, 2.3))))
+        modal = ModalLoop.of(pair.loop)
+        rest = None if modal is None else at_rest(modal, 1.001)
+        if modal is None or rest is None or rest.static is not None:
+            continue
+        high = _quiet(modal, 1.001)
+        found = None if high is None else modal.crossings(1.0, 1.001, rest.low, high, counting=True)
+        if found is not None:
+            counts.append(_unstable_roots(modal, found, rest, pair.loop.unstable_poles))
+            assert counts[-1] == unstable(pair.machine)
+    assert len(counts) > 15
+    assert len(set(counts)) > 2
+
+
+@pytest.mark.parametrize("draw", DRAWS)
+def test_at_rest(draw: Draw):
+    """Below `low` no factor on the way puts a root at jω, and det F turns as is said, up to 2 % for what lies below the first sample."""
+    seen = 0
+    for number in range(24):
+        modal = ModalLoop.of(draw(SEED + 4, number).loop)
+        for stop in (10.0, 0.1):
+            rest = None if modal is None else at_rest(modal, stop)
+            if modal is None or rest is None:
+                continue
+            seen += 1
+            stop = stop if rest.static is None else rest.static.gain
+            omega = rest.low * np.geomspace(1e-3, 1.0, 200)
+            mobility, laws = modal.response(omega)
+            factors = 1 / np.geomspace(1.0, stop * (1 - 1e-3 if stop > 1 else 1 + 1e-3), 40)
+            scale = 1 / np.sqrt(np.abs(laws[:, :, None] * laws[:, None]))
+            forms = scale * mobility
+            # a root on the boundary is an eigenvalue −1/u of D^½ Q D^½, real and between
+            values = np.linalg.eigvals(forms * (scale * np.sqrt(laws[:, :, None] * laws[:, None])).conj())
+            near = np.abs(values[:, :, None] + factors)
+            assert np.all(near.min(axis=2) > 1e-9 * np.abs(values))
+            signs = np.linalg.slogdet(forms + np.einsum("ki,ij->kij", laws * np.diagonal(scale, axis1=1, axis2=2), np.eye(laws.shape[1])))[
+                0
+            ]
+            turned = np.angle(signs[1:] * signs[:-1].conj()).sum() / modal.folds
+            if np.linalg.cond(modal.modes.rigid) < 1e6:  # else what springs hold is drowned in round-off there
+                assert turned == pytest.approx(rest.turned, rel=0.03, abs=1e-5)
+    assert seen > 10
+
+
+def test_laws_turn_as_their_arguments_do():
+    """Σ of terms against unwrapped samples of c: zeros and poles on either side, integrators, delays are not in it."""
+    for number in range(12):
+        modal = ModalLoop.of(holding(SEED + 5, number).loop)
+        if modal is None:
+            continue
+        omega = np.geomspace(1e-3, modal.last or 1e4, 4000)
+        weight = omega**2 if modal.last is None else (2 * modal.last / np.pi * np.sin(0.5 * np.pi * omega / modal.last)) ** 2
+        laws = weight[:, None] / modal.core.responses(omega)[1] * np.exp(1j * omega[:, None] * modal.late)
+        step = None if modal.last is None else np.pi / modal.last
+        turned = np.unwrap(np.angle(laws), axis=0)
+        assert np.allclose(turned[-1] - turned[0], modal.laws.turned(omega[-1], step) - modal.laws.turned(omega[0], step), atol=1e-9)
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_gain_matrices_have_directions(symmetric: bool):
+    """Random X and Y of all ranks, some gains in equal ratios: the product is the matrix again, and D for D the roots are the same."""
+    for seed in range(40):
+        rng = np.random.default_rng([SEED, seed])
+        size = int(rng.integers(2, 9))
+        rank = int(rng.integers(1, size + 1))
+        torque = rng.normal(size=(size, rank))
+        measured = torque.T if symmetric else rng.normal(size=(rank, size))
+        terms = {}
+        for powers in ((0, 0), (1, 0), (0, 1))[: 2 + seed % 2]:
+            gains = rng.uniform(0.5, 2.0, rank)
+            gains[: rank // 2] = gains[0]
+            terms[powers] = torque @ (gains[:, None] * measured)
+        found = gain_directions(terms)
+        assert found is not None
+        assert found.symmetric == (symmetric or size == 1)
+        assert found.torque.shape == (size, rank)
+        for powers, gain in terms.items():
+            assert np.allclose(found.torque @ (found.gains[powers][:, None] * found.measured), gain, atol=1e-10 * np.abs(gain).max())
+
+
+def test_gain_matrices_without_common_directions_have_none():
+    rng = np.random.default_rng(SEED)
+    one, two, three = (root @ root.T for root in rng.normal(size=(3, 4, 4)))
+    assert gain_directions({(0, 0): one, (1, 0): two}) is not None
+    assert gain_directions({(0, 0): one, (1, 0): two, (0, 1): three}) is None
+    turning = np.array([[1.0, -1.0], [1.0, 1.0]])
+    assert gain_directions({(0, 0): turning, (1, 0): np.eye(2)}) is None
+
+
+def test_a_pendulum_that_topples():
+    """Two joints upright, of gravity stiffness −g each, held by kp through a rigid gearbox: below γ kp = g both fall, exactly there."""
+    plant = gr.Plant(np.diag([1.0, 0.5]), np.array([0.3, 0.2]), np.inf, gravity_stiffness=np.diag([-40.0, -30.0]))
+    loop = gr.build_loop(plant, gr.Drive(4000.0, 0.9, 1e-3), gr.PD(np.array([100.0, 90.0]), np.array([10.0, 8.0])))
+    found = proved_limit(loop)
+    assert found is not None
+    assert found.lower_gain == pytest.approx(0.4, rel=1e-12)
+    assert found.lower_frequency == 0
+    assert np.abs(found.mode[0]) <= 1
+    assert found.certified
+
+
+def test_an_integral_needs_gains():
+    """A rigid inertia J under PID, little delay: J s³ + γ (kd s² + kp s + ki) is stable above γ = J ki/(kd kp) (Routh)."""
+    inertia, kp, ki, kd = np.array([2.0, 3.0]), 200.0, 400.0, 20.0
+    plant = gr.Plant(np.diag(1 / (inertia - 0.5)), np.full(2, 0.5))
+    found = proved_limit(gr.build_loop(plant, gr.Drive(delay=1e-9), gr.PID(kp, ki, kd)))
+    assert found is not None
+    assert found.lower_gain == pytest.approx(3.0 * ki / (kd * kp), rel=1e-6)  # what 1e-9 s change at 4 rad/s
+    assert found.lower_frequency == pytest.approx(math.sqrt(ki / kd), rel=1e-6)
