@@ -7,7 +7,7 @@ import numpy as np
 import gainroom as gr
 from gainroom.robot.tasks import TaskPPI
 from gainroom.system.plant import Compliance
-from independent.machine import Machine
+from independent.machine import Machine, unstable
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def directed(seed: int, number: int) -> Pair:
     """`limbs` under tasks whose gains differ from direction to direction, Γ = J̄ Λ diag(k) J: gain matrices that are not symmetric."""
     rng, pair = np.random.default_rng([seed, 4, number]), limbs(seed, number)
     machine, size = pair.machine, pair.machine.size
-    rank = int(rng.integers(2, size + 1))
+    rank = int(rng.integers(2, 4))  # of more no proof is tried (analysis/modal_loop.py)
     jacobian = rng.normal(size=(rank, size)) if number % 3 else np.eye(size)[:rank] + 0.3 * rng.normal(size=(rank, size))
     inner = np.linalg.inv(machine.inverse_inertia + np.diag(1 / machine.motor_inertia))
     torque = jacobian.T @ np.linalg.inv(jacobian @ np.linalg.solve(inner + np.diag(machine.motor_inertia), jacobian.T))
@@ -204,3 +204,27 @@ def directed(seed: int, number: int) -> Pair:
         gains |= {(0, 1): gain(slow * kp), (1, 1): gain(slow * kd)}
         controller = TaskPPI(kp=kp / kd, kv=kd, ki=slow * kd, torque=torque, jacobian=jacobian)
     return paired(replace(machine, gains=gains), controller, f"{kind} of {rank} directions, {pair.kind}")
+
+
+def hard(seed: int, number: int) -> Pair:
+    """`holding` and `directed` with gearboxes that hardly damp, up to five times the delay, and slow current loops that ring.
+
+    Their gains are lowered until the loop is stable, where that helps.
+    """
+    rng, pair = np.random.default_rng([seed, 5, number]), (holding, directed)[number % 2](seed, number)
+    machine, longer = pair.machine, between(rng, 1.0, 5.0)
+    delay = (
+        machine.delay * longer
+        if machine.sample_time is None
+        else np.round(machine.delay * longer / machine.sample_time) * machine.sample_time
+    )
+    machine = replace(
+        machine,
+        damping=machine.damping * between(rng, 0.02, 1.0),
+        delay=delay,
+        bandwidth=np.full(machine.size, between(rng, 300, 5000)),
+        damping_ratio=np.full(machine.size, rng.uniform(0.2, 1.0)),
+    )
+    assert pair.loop.parts is not None
+    found = paired(machine, pair.loop.parts.controller, f"hard: {pair.kind}")
+    return next((one for one in (found.scaled(0.4**k) for k in range(8)) if unstable(one.machine) == 0), found)

@@ -11,30 +11,32 @@ from gainroom.analysis.gain_directions import gain_directions
 from gainroom.analysis.gain_limit import coupled_limit
 from gainroom.analysis.loci import Sweep
 from gainroom.analysis.modal_loop import ModalLoop
-from gainroom.analysis.proof_at_rest import at_rest
+from gainroom.analysis.proof_at_rest import MOST, _lowest_corner, at_rest
 from gainroom.analysis.proved_limit import _quiet, _unstable_roots, proved_limit
 from independent.machine import unstable
-from machines import Pair, chain, directed, holding
+from machines import Pair, chain, directed, hard, holding
 from test_coupled_population import Found, look_at_limit
 
 POPULATION, SHARE, SEED = 1000, 6, 515
-DRAWS = (holding, directed, chain)
+DRAWS = (holding, directed, hard, chain)
 Draw = Callable[[int, int], Pair]
 
 
 def judged(pair: Pair, wrong: list[str]) -> bool | None:
     """Roots counted on both sides of both ends; whether a limit was proved, None of loops that are not stable, or no proof is known for.
 
-    Limbs that hang, held by nothing but what their gearboxes damp, count as undamped below a damping ratio of 1e-8.
+    Limbs that hang, damped by nothing but gearboxes that hardly turn, to a ratio below 1e-6, are mostly left to loci.
     """
     found, limit = Found(), proved_limit(pair.loop)
     if limit is None:
         modal = ModalLoop.of(pair.loop)
-        undamped = modal is not None and np.any(np.abs(modal.modes.poles.real) < 1e-8 * np.abs(modal.modes.poles))
+        undamped = modal is not None and np.any(np.abs(modal.modes.poles.real) < 1e-6 * np.abs(modal.modes.poles))
         return None if modal is None or undamped or unstable(pair.machine) else False
     if not limit.stable or unstable(pair.machine):
         wrong.append(f"{pair.kind}: not stable")
     look_at_limit(pair, limit, found)
+    if limit.gain == math.inf and any(unstable(pair.machine.scaled(factor)) for factor in (3.0, 30.0, 900.0)):
+        found.wrong.append("no upper limit: there is one")
     wrong += [f"{pair.kind}: {text}" for text in found.wrong]
     return True
 
@@ -50,13 +52,13 @@ def test_limits(draw: Draw, number: int):
 @pytest.mark.population
 @pytest.mark.parametrize("draw", DRAWS)
 def test_limits_of_the_population(draw: Draw):
-    """None is wrong, and at least 9 of 10 are proved; loci decide the others."""
+    """None is wrong, and 9 of 10 are proved, 7 of 10 where gearboxes hardly damp; loci decide the others."""
     wrong: list[str] = []
     known = [judged(draw(SEED, number), wrong) for number in range(POPULATION)]
     proved = [one for one in known if one is not None]
     print(f"\n{draw.__name__}: {sum(proved)} of {len(proved)} proved, {len(wrong)} wrong")
     assert not wrong, "\n".join(wrong)
-    assert np.mean(proved) > 0.9
+    assert np.mean(proved) > (0.7 if draw is hard else 0.9)
 
 
 @pytest.mark.parametrize("draw", DRAWS)
@@ -137,13 +139,56 @@ def test_at_rest(draw: Draw):
             values = np.linalg.eigvals(forms * (scale * np.sqrt(laws[:, :, None] * laws[:, None])).conj())
             near = np.abs(values[:, :, None] + factors)
             assert np.all(near.min(axis=2) > 1e-9 * np.abs(values))
-            signs = np.linalg.slogdet(forms + np.einsum("ki,ij->kij", laws * np.diagonal(scale, axis1=1, axis2=2), np.eye(laws.shape[1])))[
-                0
-            ]
+            own = laws * np.diagonal(scale, axis1=1, axis2=2)
+            signs = np.linalg.slogdet(forms + np.einsum("ki,ij->kij", own, np.eye(laws.shape[1])))[0]
             turned = np.angle(signs[1:] * signs[:-1].conj()).sum() / modal.folds
             if np.linalg.cond(modal.modes.rigid) < 1e6:  # else what springs hold is drowned in round-off there
                 assert turned == pytest.approx(rest.turned, rel=0.03, abs=1e-5)
     assert seen > 10
+
+
+def held(numerator: float, poles: list[complex], late: float, step: float, z: np.ndarray) -> np.ndarray:
+    """numerator/Π (s − p), torque held and `late`, by less than a tick, at z: its sampled step response (Åström and Wittenmark 2.3)."""
+    total = np.zeros_like(z)
+    for k, pole in enumerate([0.0, *poles]):
+        weight = numerator / np.prod([pole - other for m, other in enumerate([0.0, *poles]) if m != k])
+        total += weight * np.exp(pole * (step - late)) / (z - np.exp(pole * step))
+    return (1 - 1 / z) * total
+
+
+@pytest.mark.parametrize("draw", [holding, directed, hard])
+def test_nothing_grows_about_rest_by_more_than_is_said(draw: Draw):
+    """On the circle |s| = R/2, where analytic functions are largest: every mode's response and every 1/c, against MOST of those at 0."""
+    grown = []
+    for number in range(24):
+        loop = draw(SEED + 6, number).loop
+        modal = ModalLoop.of(loop)
+        if modal is None or np.any(modal.laws.at_rest()[1] > 1):
+            continue
+        corner, drive, step = _lowest_corner(modal), loop.parts.drives[0], loop.sample_time
+        s = 0.5 * corner * np.exp(2j * np.pi * np.arange(64) / 64)
+        v = s if step is None else np.expm1(s * step) / step
+        partners = modal.modes.partners if len(modal.modes.partners) else [None] * len(modal.modes.poles)
+        still = modal.modes.at_rest
+        for pole, partner, at_0 in zip(modal.modes.poles, partners, still, strict=True):
+            poles = [pole] if partner is None else [pole, partner]
+            if step is None:
+                values = 1 / np.prod([s - one for one in poles], axis=0)
+            else:
+                wide, ratio = drive.bandwidth, drive.damping_ratio
+                fast = [] if math.isinf(wide) else [wide * (-ratio + way * np.emath.sqrt(ratio**2 - 1)) for way in (1, -1)]
+                values = held(wide**2 if fast else 1.0, poles + fast, math.fmod(drive.delay, step), step, 1 + v * step)
+            grown.append(float(np.abs(values / at_0).max()))
+        at, orders = modal.laws.at_rest()
+        ends = np.cumsum(modal.laws.counts, axis=0)
+        for i, (gain, counts) in enumerate(zip(modal.laws.gains, modal.laws.counts, strict=True)):
+            zeros, poles = (
+                all_[end - count : end] for all_, end, count in zip((modal.laws.zeros, modal.laws.poles), ends[i], counts, strict=True)
+            )
+            law = gain * np.prod(v[:, None] - zeros, axis=1) / np.prod(v[:, None] - poles, axis=1) * np.exp(-s * modal.late[i])
+            grown.append(float(np.abs(at[i] / law).max()) / (corner if orders[i] else 1.0))
+    assert len(grown) > 100
+    assert 1 < max(grown) < MOST
 
 
 def test_laws_turn_as_their_arguments_do():

@@ -1,6 +1,6 @@
 """A coupled loop in the core, by its modes: which common factor on all gains, on from one, first puts a root on the boundary, proved.
 
-Known for gains on the diagonal, with encoders on the motors' side (native/include/gainroom/exclusion.hpp, coupled_limit.hpp).
+Known for gains of joints or of directions, with encoders on the motors' side (native/include/gainroom/exclusion.hpp, coupled_limit.hpp).
 """
 
 import math
@@ -24,7 +24,7 @@ from .gain_directions import gain_directions
 NARROWEST = 1e-4  # relative width of an interval that is not halved further
 NUDGE = 1e-6  # relative: how far below a crossing the proof goes
 FINEST, MOST, LOOKS = 1e-9, 200, 60  # where eigenvectors have to be looked at: relative width, samples, intervals
-MOST_TWOFOLD = 8  # channels whose gains are not symmetric: the loci of more are quicker than their proof
+MOST_TWOFOLD = 3  # channels whose gains are not symmetric: the loci of more are quicker than their proof
 COUPLED = 1e-9  # vᵀ v' of eigenvectors: less is round-off
 FACTOR = 3.0  # from end to end of the intervals that are begun with, at most: units are chosen in the middle of each
 
@@ -43,7 +43,8 @@ class ModalLoop:
     passive   the motors give out no energy at any frequency, Re(jω P) >= 0: without a hold between. Gravity takes and gives none either
     torque    X (n, r) where gains couple joints: the channels are directions then (gain_directions.py); None: they are the joints
     folds     2 where every channel is there twice, as F is not symmetric (exclusion.hpp): then det F is squared; else 1
-    laws      what d comes from; late (n,) [s]: by how much later it acts; lag [s] of hold, current loop and a part of a tick, where sampled
+    laws      what d comes from; late (n,) [s]: by how much later it acts
+    turning   [s] the same as `turns` of hold, current loop and a part of a tick alone, where sampled
     """
 
     core: "_core.ModalLoop"
@@ -51,7 +52,7 @@ class ModalLoop:
     modes: Modes
     laws: "Laws"
     late: Floats
-    lag: float
+    turning: float
     corners: Floats
     bends: Floats
     leads: Floats
@@ -86,7 +87,7 @@ class ModalLoop:
                 return None
             modes = modes.twofold(directions.measured, directions.torque) if twofold else modes.along(directions.measured)
         drives = (drives[0],) * len(modes.rigid) if directions else drives
-        channels = [law.reduced for law in parts.controller.apart(gains, step)]
+        channels = [law.reduced if np.any(law.poles == 0) else law for law in parts.controller.apart(gains, step)]
         laws = Laws.of(channels * (2 if twofold else 1), loop.gain)
         if np.any(laws.gains <= 0) or np.any((growth(laws.poles, step) >= 0) & (laws.poles != 0)):
             return None
@@ -97,11 +98,12 @@ class ModalLoop:
         if step is None:
             currents = {drive: current_loop(drive) for drive in set(drives)}
             laws = laws.times([currents[drive] for drive in drives])
-            late, lag = delays, 0.0
+            late, lag, turning = delays, 0.0, 0.0
         else:
             whole, part = split_delay(delays, step)
             late, corners = whole * step, np.append(corners, 0.5 * np.pi / step)
-            lag = (0.5 + float(part[0])) * step + (0.0 if first.is_ideal else 2 * first.damping_ratio / first.bandwidth)
+            hold = (0.5 + float(part[0])) * step
+            lag, turning = (hold, hold) if first.is_ideal else (hold + 2 * ratio / first.bandwidth for ratio in (first.damping_ratio, 1.0))
         core.set_laws(laws.zeros, laws.poles, laws.counts, laws.gains, late)
         leads, turns = laws.turns()
         return cls(
@@ -110,11 +112,11 @@ class ModalLoop:
             modes,
             laws,
             np.asarray(late),
-            lag,
+            turning,
             distinct(corners),
             distinct(np.abs(np.concatenate([laws.zeros, laws.poles]))),
             leads - late - lag,
-            turns + late + lag,
+            turns + late + turning,
             None if step is None else np.pi / step,
             step is None and not twofold,
             None if directions is None else directions.torque,
@@ -127,7 +129,7 @@ class ModalLoop:
         None where that could not be proved; no crossings where there are none, which is proved then.
         """
         grid = self._grid(low, high)
-        bases = self._rigid_bases(np.sqrt(grid[1:] * grid[:-1]) if self.folds > 1 else grid[:0])
+        bases = self._rigid_bases(np.sqrt(grid[1:] * grid[:-1]))
         proved, places, vectors, undecided, turns = self.core.limit(grid, start, stop, NUDGE, NARROWEST, self.passive, counting, bases)
         way = math.copysign(1.0, stop - start)
         before = float(places[0, 1]) * (1 - NUDGE) ** way if len(places) else stop
@@ -200,9 +202,11 @@ class ModalLoop:
         return np.ascontiguousarray(right) if self.folds == 1 else _in_pairs(left, right)
 
     def _rigid_bases(self, omega: Floats) -> Complexes:
-        """(k, n, n) likewise of Y M₀ X and diag(|d|): mostly real, and what L is as long as nothing resonates."""
+        """(k, n, n) likewise of Y M₀ X and diag(|d|), where F is not symmetric: mostly real, and what L is as long as nothing resonates."""
         size = len(self.modes.rigid) // self.folds
-        rigid = self.modes.rigid[:size, :size] - 1j * self.modes.rigid[:size, size:] if self.folds > 1 else self.modes.rigid
+        if self.folds == 1:
+            return np.empty((0, size, size), dtype=complex)
+        rigid = self.modes.rigid[:size, :size] - 1j * self.modes.rigid[:size, size:]
         root = 1 / np.sqrt(np.abs(self.core.responses(omega)[1][:, :size]))
         right = np.linalg.eig(root[:, :, None] * np.real(rigid) * root[:, None])[1]
         left, right = ((root[:, :, None] * one).swapaxes(1, 2) for one in (np.linalg.inv(right).swapaxes(1, 2), right))
@@ -299,9 +303,8 @@ class Laws:
     def at_rest(self) -> tuple[Complexes, Integers]:
         """(n,) c vᵏ at v = 0, and k: c is 0 there where k < 0, and has integrators where k > 0."""
         zeros, poles = (np.log(np.where(roots == 0, 1, -roots)) for roots in (self.zeros, self.poles))
-        return self.gains * np.exp(self._sum(zeros, poles, -1)), -self._sum(1.0 * (self.zeros == 0), 1.0 * (self.poles == 0), -1).astype(
-            int
-        )
+        orders = -self._sum(1.0 * (self.zeros == 0), 1.0 * (self.poles == 0), -1)
+        return self.gains * np.exp(self._sum(zeros, poles, -1)), orders.astype(int)
 
     def turned(self, omega: float, step: float | None) -> Floats:
         """(n,) by what arg c turns from ω = 0+ to ω [rad/s]."""

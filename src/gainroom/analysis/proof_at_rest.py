@@ -7,8 +7,9 @@ With M₀ N = 0 and Rᵀ M₀ R = 1 the coordinates T = [N, √x R] take F/x to
 
 which is real and symmetric. Where it keeps its signs S for all u between, the real part of S Tᵀ F T/x stays positive for a while. All terms
 are analytic within R, the lowest corner frequency, and have MOST times their size at most within R/2: what is left of one after its power
-ωᵐ⁻¹ is no more than MOST (2ε)ᵐ/(1 − 2ε) of it at ω = εR. Even powers are real, and lie between what they are at 0 and at εR; odd ones are
-imaginary, and count where signs differ. Roots pass 0 itself where a sign changes.
+ωᵐ⁻¹ is no more than MOST (2ε)ᵐ/(1 − 2ε) of it at ω = εR (Cauchy). Even powers are real, odd ones imaginary; two leading ones, which grow
+with ω, are below √2 times the size of their sum, known at εR up to such a rest. Where signs are alike the real part counts, which lies
+between what it is at 0 and at εR; where they differ the imaginary one does. Roots pass 0 itself where a sign changes.
 """
 
 import math
@@ -20,7 +21,8 @@ import numpy as np
 from ..system.linear.arrays import Complexes, Floats, Integers
 from .modal_loop import NUDGE, ModalLoop
 
-MOST = 20.0  # a mode by itself: 4; a law by itself: e; hold, current loop and delay turn and grow less within R/2
+MOST = 20.0  # a mode by itself: 4; a law by itself: e; hold, current loop and delay turn and grow less within R/2. None is seen beyond 2
+TWICE = 1 + math.sqrt(2)  # rests: of what is known at εR, in √2 times that, and of what lies before it
 TRIES = np.geomspace(0.1, 1e-8, 15)  # ε
 HELD, FREE = 1e-11, 1e-8  # of the largest rigid mobility: up to so much is none, from so much on it is one; between them nothing is known
 SPARE = 0.1  # of what has to be positive, at least
@@ -78,16 +80,14 @@ def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
         torques = axes[:, k] * units
         mode = torques * sizes * resting if modal.torque is None else modal.plant.compliance @ (modal.torque @ torques)
         static_mode = Static(gain, mode / mode[np.argmax(np.abs(mode))])
-    signs, at_zero = (
-        np.append(np.sign(give + spring), -np.ones(moving.shape[1])),
-        np.diag(np.append(np.zeros(count), -np.ones(moving.shape[1]))),
-    )
+    signs = np.append(np.sign(give + spring), -np.ones(moving.shape[1]))
+    at_zero = np.diag(np.append(np.zeros(count), -np.ones(moving.shape[1])))
     along = np.abs(shapes @ axes)
     size, law_size = (along.T * np.abs(still)) @ along, np.abs(axes).T @ np.abs(axes)
     like = signs[:count, None] == signs[:count]
     for share in TRIES:
         low = corner * share
-        misses = MOST * (2 * share) ** np.arange(2, 5) / (1 - 2 * share)  # of parts up to that power of ω
+        misses = TWICE * MOST * (2 * share) ** np.arange(2, 5) / (1 - 2 * share)  # of parts up to that power of ω
         mobility, laws, scale = _parts(modal, low, axes * units[:, None], count)
         weights = misses[0] * scale[:, None] * scale
         weights[:count, :count] = np.where(like, misses[2], misses[1])
@@ -136,7 +136,7 @@ def _lowest_corner(modal: ModalLoop) -> float:
     if modal.last is not None:
         step = np.pi / modal.last
         away = np.append(np.minimum(away, np.abs(np.expm1(poles * step)) / step), 1 / step)
-    return float(1 / max(1 / away.min(initial=np.inf), float((modal.laws.finite_turns()[1] + modal.late + modal.lag).max())))
+    return float(1 / max(1 / away.min(initial=np.inf), float((modal.laws.finite_turns()[1] + modal.late + modal.turning).max())))
 
 
 def _diagonal(give: Floats, spring: Floats) -> tuple[Floats, Floats, Floats] | None:

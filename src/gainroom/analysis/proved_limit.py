@@ -31,6 +31,7 @@ SMALL = 0.1  # of what puts a root on the boundary
 DOUBLINGS = 40  # of a frequency until that is so
 WHOLE = 1e-3  # how near to a whole number a count of roots has to be
 UNDAMPED = 1e-9  # damping ratio of a pole that may as well lie on the boundary
+BESIDE = 1e-6  # likewise, of one that is mostly in vain searched beside: where the motors may give out energy, or an integrator lags
 
 
 def proved_limit(loop: Loop) -> GainLimit | None:
@@ -39,7 +40,8 @@ def proved_limit(loop: Loop) -> GainLimit | None:
     if modal is None:
         return None
     poles = np.concatenate([modal.plant.poles, modal.plant.partners])
-    if np.any(np.abs(np.real(poles)) <= UNDAMPED * np.abs(poles)) or np.count_nonzero(np.real(poles) > 0) != loop.unstable_poles:
+    undamped = UNDAMPED if modal.passive and not np.any(modal.laws.poles == 0) else BESIDE
+    if np.any(np.abs(np.real(poles)) <= undamped * np.abs(poles)) or np.count_nonzero(np.real(poles) > 0) != loop.unstable_poles:
         return None
     low = _leads_from(modal) if modal.folds == 1 and loop.parts is not None and loop.parts.plant.gravity_stiffness is None else None
     try:
@@ -71,7 +73,7 @@ def _from_rest(modal: ModalLoop, loop: Loop, low: float) -> GainLimit | None:
 
 def _counted(modal: ModalLoop, loop: Loop) -> GainLimit | None:
     upper = _first_end(modal, loop, UPWARDS, True)
-    downwards = DOWNWARDS if np.any(modal.laws.at_rest()[1]) else DOWNWARDS[-1:]  # without integrators there is mostly none
+    downwards = DOWNWARDS if np.any(modal.laws.poles == 0) else DOWNWARDS[-1:]  # without integrators there is mostly none
     lower = None if upper is None else _first_end(modal, loop, downwards, False)
     return None if upper is None or lower is None else _limit(loop, *upper, *lower)
 

@@ -95,7 +95,8 @@ static nb::tuple bends(const gainroom::ModalLoop& loop, Vector omega) {
 }
 
 // On the way of factors from `start`, 0: from rest, to `stop`: whether it is proved; (k, 3) ω, gain and growth of the crossings found, the
-// nearest first; their vectors (k, n); undecided (k, 2). `bases` (k - 1, n, n) or (0, n, n): see CoupledLimit::search. And how far arg det F turns on what was decided, arg det(I + L) at the end, the end.
+// nearest first; their vectors (k, n); undecided (k, 2). `bases` (k - 1, n, n) or (0, n, n): see CoupledLimit::search. And how far
+// arg det F turns on what was decided, arg det(I + L) at the end, the end.
 static nb::tuple limit(const gainroom::ModalLoop& loop, Vector grid, double start, double stop, double nudge, double floor, bool passive,
                        bool counting, Array<const Complex, 3> bases) {
     if (loop.laws.size() != loop.size || loop.size == 0) throw nb::value_error("the laws of all joints are needed");

@@ -255,7 +255,6 @@ class CoupledLimit : public CrossingNewton {
                 found.insert(found.end(), one.vector.begin(), one.vector.end());
         return found;
     }
-
 };
 
 }  // namespace gainroom
