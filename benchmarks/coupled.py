@@ -1,4 +1,4 @@
-"""The gain limit of coupled joints from a cold start: gainroom's certified one, and bisection on a state space with Padé delays."""
+"""The gain limit of coupled joints from a cold start: gainroom's proved one, its loci, and bisection on a state space with Padé delays."""
 
 from dataclasses import replace
 from importlib.util import find_spec
@@ -6,9 +6,11 @@ from importlib.util import find_spec
 import numpy as np
 
 import gainroom as gr
+from gainroom.analysis.gain_limit import limit_from_loci
+from gainroom.system.controller import Controller
 
 from .disk import PADE_ORDER, coupled_joints
-from .measure import once, spread
+from .measure import in_turns, once, spread
 from .startup import g1_robot
 from .table import Table
 
@@ -30,6 +32,8 @@ def run(seed: int) -> Table:
                 found = _bisected(loop)
                 taken = once(lambda loop=loop: _bisected(loop))
                 table.rows.append(_row(name, f"bisection, Padé {PADE_ORDER}", taken.cells(), taken.median / ours, found, gain, ""))
+        if size == 12:
+            _proof_beside_loci(table, loop, seed)
     if find_spec("pinocchio"):
         _ours(table, f"G1 in flight, {_rate(SAMPLE_TIME)}", _g1_in_flight(), SAMPLE_TIME, G1_LIMIT)
     table.notes = [
@@ -57,6 +61,47 @@ def _ours(table: Table, name: str, loop: gr.Loop, sample_time: float | None, lim
         ratio = taken[new].median / taken[False].median
         table.rows.append(_row(name, tool, taken[new].cells(limit=None if new else limit), ratio, found.gain, found.gain, certified))
     return taken[False].median, found.gain
+
+
+def _proof_beside_loci(table: Table, loop: gr.Loop, seed: int) -> None:
+    """Two rows per controller, in turns: integrators, gravity and gain matrices, whose proof begins at the gains themselves."""
+    parts = loop.parts
+    assert parts is not None
+    for name, (plant, controller) in _harder(parts.plant, parts.controller, seed).items():
+        for sample_time in (None,) if name == "gravity" else (None, SAMPLE_TIME):  # sampled, it hardly damps what swings: left to loci
+
+            def build(plant=plant, controller=controller, sample_time=sample_time) -> gr.Loop:
+                return gr.build_loop(replace(plant), parts.drives, controller, sample_time=sample_time)
+
+            works = {
+                "gainroom, new plant": lambda build=build: gr.gain_limit(build()),
+                "loci": lambda build=build: limit_from_loci(build()),
+            }
+            taken = in_turns(works, 2.0)
+            found = {tool: work() for tool, work in works.items()}
+            ours = found["gainroom, new plant"]
+            for tool, one in found.items():
+                certified = "both sides" if one.certified else "NO"
+                ratio = taken[tool].median / taken["gainroom, new plant"].median
+                what = f"{loop.size} joints, {name}, {_rate(sample_time)}"
+                table.rows.append(_row(what, tool, taken[tool].cells(), ratio, one.gain, ours.gain, certified))
+
+
+def _harder(plant: gr.Plant, controller: gr.PD, seed: int) -> dict[str, tuple[gr.Plant, Controller]]:
+    """Plants and controllers by name; gains of the matrices and of the task are such that the loop is stable."""
+    rng, size = np.random.default_rng([seed, 1]), plant.size
+    kp, kd = (np.asarray(gain) for gain in (controller.kp, controller.kd))
+    slope, jacobian = rng.normal(size=(size, size)) / np.sqrt(size), rng.normal(size=(3, size))
+    inner = np.linalg.inv(np.linalg.inv(plant.link_inverse_inertia) + np.diag(plant.motor_inertia))
+    torque, rates = jacobian.T @ np.linalg.inv(jacobian @ inner @ jacobian.T), np.array([0.6, 1.0, 1.4])
+    shared = jacobian.T @ jacobian / size
+    return {
+        "PID": (plant, gr.PID(kp, 2 * kp, kd)),
+        "P/PI": (plant, gr.PPI(kp / kd, kd, 2 * kd)),
+        "gravity": (replace(plant, gravity_stiffness=0.05 * float(kp.min()) * (slope + slope.T)), controller),
+        "gain matrices": (plant, gr.PD(1e3 * (np.eye(size) + 0.3 * shared), 70.0 * (np.eye(size) + 0.3 * shared))),
+        "task of 3 directions": (plant, gr.PD(torque @ np.diag(300 * rates) @ jacobian, torque @ np.diag(15 * np.sqrt(rates)) @ jacobian)),
+    }
 
 
 def _rate(sample_time: float | None) -> str:

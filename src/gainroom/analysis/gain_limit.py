@@ -32,8 +32,11 @@ def gain_limit(loop: Loop) -> GainLimit:
     if loop.size == 1:
         return _scalar_limit(loop)
     proved = proved_limit(loop)
-    if proved is not None:
-        return proved
+    return limit_from_loci(loop) if proved is None else proved
+
+
+def limit_from_loci(loop: Loop) -> GainLimit:
+    """gain_limit of several joints that nothing is proved for."""
     limit = coupled_limit(Sweep(loop, NEAREST_FACTORS, for_limit=True))
     return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, LOCI.highest, for_limit=True))
 
