@@ -49,7 +49,7 @@ public:
     double passive_frequency() const { return tracker().passive_frequency(); }
     double alias_left(const Matrix& w, double omega) const {
         require(has_shape(w, joints_.size(), joints_.size()), "w has the shape (n, n)");
-        return tracker().laws().alias_left(w.data(), omega);
+        return robot_.laws().alias_left(w.data(), omega);
     }
     double counted_gain(std::size_t contact) const {
         require(contact < tracker().contacts(), "contact is from 0 to contacts − 1");

@@ -1,4 +1,4 @@
-// What the tracker knows in one contact state: the crossings at some W, how far the last count of unstable roots reaches, and the count
+// What the tracker knows in one contact state: the crossings at some posture, how far the last count of unstable roots reaches, and the count
 // that is under way.
 #pragma once
 
@@ -7,41 +7,36 @@
 #include <cstddef>
 #include <vector>
 
-#include "mode_basis.hpp"
 #include "phase_sweep.hpp"
-#include "tracked_crossing.hpp"
 
 namespace gainroom {
 
 struct ContactState {
-    static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each joint
+    static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each channel
     static constexpr double kFarthest = 0.2, kNear = 0.15, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
     static constexpr double kOften = 3.0;  // counts in the time in which one becomes too old
 
-    explicit ContactState(const JointLaws& laws)
-        : w(laws.size() * laws.size()), sweep(laws), basis(laws), loci(laws.size()), loci_before(laws.size()) {
-        const std::size_t size = laws.size(), most = size + kSpare;
+    ContactState(const TrackedLoop& loop, std::size_t index) : number(index), posture(loop.posture_size()) {
+        const std::size_t most = loop.channels() + kSpare;
         pool.reserve(most);
-        for (std::size_t k = 0; k < most; k++) pool.emplace_back(size);
+        for (std::size_t k = 0; k < most; k++) pool.emplace_back(loop.mode_size());
         for (auto& one : pool) order.push_back(&one);
     }
     ContactState(ContactState&&) = default;
 
-    std::vector<double> w;  // at which the crossings are
+    std::size_t number;
+    std::vector<double> posture;  // at which the crossings are
     std::vector<TrackedCrossing> pool;
     std::vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
-    std::size_t count = 0, tries = 0;
+    std::size_t count = 0;
     PhaseSweep sweep;  // the count under way, where `sweeping`
-    ModeBasis basis;
-    std::vector<Complex> loci, loci_before;
-    double looked_at = 0.0;                    // the frequency of `loci`
     bool sweeping = false;
     double sweep_from = 0.0, owed = 0.0;       // the path at its first slice; slices that ticks have left over
     double rate = 0.0, length = 40.0;          // of the path, per tick; slices of the last count
     int missed = 0, agreed = 0;  // counts in a row that did not agree, that did
     unsigned vain = 0;           // counts in all that told nothing: the next ones are elsewhere, also where nothing moves
     bool begun = false, searching = false;
-    double path = 0.0, based_at = -1e300;      // how far W has moved in all; where the modes of the search were begun for this state
+    double path = 0.0;                         // how far the robot has moved in all
     double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
     double reach = kFarthest;                     // how far above the lowest crossing the next count may be
     double empty_below = 0.0, seek = 0.5;      // factors without unstable roots, and the next one to look at while none is known

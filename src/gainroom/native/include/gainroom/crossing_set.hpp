@@ -1,6 +1,6 @@
-// The known crossings of a contact state as W changes: by rising gain, each of them once, none far above the lowest.
+// The known crossings of a contact state as the posture changes: by rising gain, each of them once, none far above the lowest.
 //
-// At a tick the lowest is followed, every other one that might have come below it, and those that W has left behind the most.
+// At a tick the lowest is followed, every other one that might have come below it, and those that have been left behind the most.
 #pragma once
 
 #include <algorithm>
@@ -9,28 +9,28 @@
 #include <vector>
 
 #include "contact_state.hpp"
-#include "posture_change.hpp"
 
 namespace gainroom {
 
 class CrossingSet {
 public:
-    // Up to `passive_end` [rad/s] no joint's controller gives energy, and nothing crosses. Strides: see `approach`.
-    CrossingSet(const JointLaws& laws, double passive_end, double stride)
-        : laws_(laws), solver_(laws), change_(laws.size()), passive_end_(passive_end), stride_(stride) {}
+    // Strides: see `approach`.
+    CrossingSet(TrackedLoop& loop, double stride) : loop_(loop), stride_(stride) {}
 
-    CrossingFollower& solver() { return solver_; }
+    TrackedLoop& loop() { return loop_; }
     double stride() const { return stride_; }
 
-    // How far it is to `w`; not finite where W is none.
-    double distance(const ContactState& state, const double* w) { return state.begun ? change_(laws_, state.w.data(), w) : 0.0; }
+    // How far it is to `posture`; not finite where that is none.
+    double distance(const ContactState& state, const double* posture) {
+        return state.begun ? loop_.distance(state.posture.data(), posture) : 0.0;
+    }
 
-    // Crossings from where they were to `w`, in strides: one, and more while there is room for work. False where this takes further ticks.
-    bool approach(const double* w, ContactState& state, double far, double room, double& work) {
-        if (begins(w, state)) return true;
+    // Crossings from where they were to `posture`, in strides: one, and more while there is room for work. False where this takes further ticks.
+    bool approach(const double* posture, ContactState& state, double far, double room, double& work) {
+        if (begins(posture, state)) return true;
         for (int k = 0; k == 0 || 2.0 * work < room; k++) {
-            if (k > 0) far = distance(state, w);
-            const bool there = stride(w, state, far, stride_);
+            if (k > 0) far = distance(state, posture);
+            const bool there = stride(posture, state, far, stride_);
             if (!there) state.sweeping = false;
             follow_lowest(state, work);
             if (there && k == 0) {
@@ -52,9 +52,9 @@ public:
     }
 
     // The same with no more work than there is room for, where it does not matter how far it comes and how exact crossings are.
-    bool draw_near(const double* w, ContactState& state, double far, double room, double& work) {
-        if (begins(w, state)) return true;
-        const bool there = stride(w, state, far, stride_);
+    bool draw_near(const double* posture, ContactState& state, double far, double room, double& work) {
+        if (begins(posture, state)) return true;
+        const bool there = stride(posture, state, far, stride_);
         follow_lowest(state, work);
         follow_late(state, state.count, kLate, work, true, room);
         arrange(state, work);
@@ -94,17 +94,18 @@ private:
     static constexpr double kRough = 0.01;  // a gain that has been followed roughly is nearer than this
     static constexpr std::size_t kFew = 2;  // of these that are followed at a tick
 
-    static bool begins(const double* w, ContactState& state) {
+    static bool begins(const double* posture, ContactState& state) {
         if (state.begun) return false;
-        std::copy(w, w + state.w.size(), state.w.begin());
+        std::copy_n(posture, state.posture.size(), state.posture.begin());
         return state.begun = true;
     }
 
-    // W towards `w`, which is `far`, by `most`; true where it is there.
-    static bool stride(const double* w, ContactState& state, double far, double most) {
+    // Towards `posture`, which is `far`, by `most`; true where it is there.
+    static bool stride(const double* posture, ContactState& state, double far, double most) {
         const bool there = !(far > most);
         const double share = there ? 1.0 : std::min(0.5, most / far);
-        for (std::size_t m = 0; m < state.w.size(); m++) state.w[m] = there ? w[m] : state.w[m] + share * (w[m] - state.w[m]);
+        for (std::size_t m = 0; m < state.posture.size(); m++)
+            state.posture[m] = there ? posture[m] : state.posture[m] + share * (posture[m] - state.posture[m]);
         state.path += share * far;
         return there;
     }
@@ -137,26 +138,26 @@ private:
 
     bool moved(ContactState& state, TrackedCrossing& one, bool rough, double& work) {
         const double before = one.gain;
-        CrossingFollower::predict(one, state.path - one.seen_at);
-        bool found = solver_.follow(state.w.data(), one, 6, work, rough);
+        one.predict(state.path - one.seen_at);
+        bool found = loop_.follow(state.posture.data(), one, 6, work, rough);
         if (!found) {
             go_back(one);
             one.mode = one.before;
-            found = solver_.follow(state.w.data(), one, 8, work);
+            found = loop_.follow(state.posture.data(), one, 8, work, false);
         }
         if (const double ahead = state.path - one.seen_at; ahead > 1e-9)
             one.speed = std::max(std::fabs(std::log(one.gain / before)) / ahead, kForgets * one.speed);
         one.seen_at = state.path;
-        return found && one.gain > 0.0 && one.omega > passive_end_ && one.omega < highest_omega();
+        return found && one.gain > 0.0 && one.omega > loop_.lowest() && one.omega < highest_omega();
     }
 
     // Followed here, and to the end.
     bool settled(ContactState& state, TrackedCrossing& one, double& work) {
         if (one.seen_at != state.path) return moved(state, one, false, work);
-        return one.converged || solver_.follow(state.w.data(), one, 8, work);
+        return one.converged || loop_.follow(state.posture.data(), one, 8, work, false);
     }
 
-    double highest_omega() const { return laws_.sample_time() > 0.0 ? kPi / laws_.sample_time() : 1e9; }
+    double highest_omega() const { return loop_.sample_time() > 0.0 ? kPi / loop_.sample_time() : 1e9; }
 
     static void drop(ContactState& state, std::size_t k) {
         if (state.order[k]->gain < state.counted) state.counted = 0.0;  // the count relied on it
@@ -207,16 +208,14 @@ private:
         go_back(one);
         const Complex share = product(state.order[other]->mode, one.before);
         for (std::size_t i = 0; i < one.mode.size(); i++) one.mode[i] = one.before[i] - times(share, state.order[other]->mode[i]);
-        if (!CrossingFollower::normalize(one.mode) || !solver_.follow(state.w.data(), one, 8, work)) return false;
+        if (!one.normalize() || !loop_.follow(state.posture.data(), one, 8, work, false)) return false;
         for (std::size_t k = 0; k < state.count; k++)
             if (k != lost && doubles(state, *state.order[k], one, work)) return false;
-        return one.gain > 0.0 && one.omega > passive_end_ && one.omega < highest_omega();
+        return one.gain > 0.0 && one.omega > loop_.lowest() && one.omega < highest_omega();
     }
 
-    const JointLaws& laws_;
-    CrossingFollower solver_;
-    PostureChange change_;
-    double passive_end_, stride_;
+    TrackedLoop& loop_;
+    double stride_;
 };
 
 }  // namespace gainroom

@@ -13,6 +13,7 @@
 // Where all joints are rigid, P_M s² is one real matrix and the aliases of h/s² add up exactly: h becomes h + s² ε.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <vector>
@@ -32,6 +33,15 @@ struct JointData {
 // β and a + q d with their derivatives; `factor` is 1 + g ε D, 1 in continuous time.
 struct JointValue {
     Complex beta, beta_omega, beta_gain, outer, outer_omega, inner, factor;
+};
+
+// Of a joint without control: β, `outer` = a + q d and `through` = (1 + e d)/outer, with which the motors' mobility is
+//
+//     s² P_M = diag(through) − diag(1/outer) (W + diag β)⁻¹ diag(1/outer);
+//
+// `drive` takes a command to s²-fold torque, C e^{−sT}/s² with the hold, and `alias` is ε, which adds to P_M diag(drive); with derivatives.
+struct OpenValue {
+    Complex beta, beta_omega, outer, outer_omega, through, through_omega, drive, drive_omega, alias, alias_omega;
 };
 
 class JointLaws {
@@ -69,6 +79,38 @@ public:
         }
     }
 
+    // All joints at jω without control.
+    void open(double omega, OpenValue* values) const {
+        for (std::size_t i = 0; i < joints_.size(); i++) {
+            if (first_[i] < i) {
+                values[i] = values[first_[i]];
+                continue;
+            }
+            const Actuation drive = actuation(joints_[i], omega);
+            const Spring spring = spring_of(joints_[i], omega);
+            const JointValue one = value(i, omega, 0.0, drive, spring);
+            const double square = 1.0 / (omega * omega);
+            const Complex d(0.0, -joints_[i].link_viscous / omega), d_omega(0.0, joints_[i].link_viscous * square);
+            const Complex through = over(1.0 + times(spring.value, d), one.outer);
+            const Complex turned = times(spring.slope, d) + times(spring.value, d_omega) - times(through, one.outer_omega);
+            Complex e = 0.0, e_omega = 0.0;
+            if (step_ > 0.0) aliases(i, omega, e, e_omega);
+            values[i] = {one.beta, one.beta_omega, one.outer, one.outer_omega, through, over(turned, one.outer),
+                         -square * drive.value, (2.0 * square / omega) * drive.value - square * drive.slope, e, e_omega};
+            if (!all_rigid_) continue;
+            values[i].drive += e;  // aliases go through the same mobility
+            values[i].drive_omega += e_omega;
+            values[i].alias = values[i].alias_omega = 0.0;
+        }
+    }
+
+    // Whether all drives, and what aliases add to them, are the same.
+    bool alike_drives() const {
+        for (const JointData& joint : joints_)
+            if (!same_drive(joint, joints_[0]) || (all_rigid_ && step_ > 0.0 && !alike(joint, joints_[0]))) return false;
+        return true;
+    }
+
     // arg c, of the factor g that acts: its sine is >= 0 where the joint's controller takes energy out.
     Complex control(std::size_t i, double omega, double gain) const {
         const Actuation drive = actuation(joints_[i], omega);
@@ -85,6 +127,26 @@ public:
             last = omega;
         }
         return 0.0;
+    }
+
+    // Above every resonance of the plant [rad/s], with `inverse` W (n, n).
+    double highest_resonance(const double* inverse) const {
+        const std::size_t n = joints_.size();
+        double highest = 0.0;
+        for (std::size_t i = 0; i < n; i++) {
+            if (!std::isfinite(joints_[i].stiffness)) continue;
+            double row = 1.0 / joints_[i].motor_inertia;
+            for (std::size_t j = 0; j < n; j++) row += std::fabs(inverse[i * n + j]);
+            highest = std::max(highest, std::sqrt(joints_[i].stiffness * row));
+        }
+        return highest;
+    }
+
+    // Share of ω, at most `share`, beyond which a resonance could hide: its half width is about ζω with ζ = ωB/2K.
+    double resolution(double omega, double share) const {
+        for (const JointData& joint : joints_)
+            if (std::isfinite(joint.stiffness)) share = std::min(share, std::max(0.35 * omega * joint.damping / joint.stiffness, 2e-3));
+        return share;
     }
 
     // Largest share that the aliases of what carries W have in the response of motors, relative: with `inverse` W (n, n).

@@ -1,6 +1,8 @@
 // The gain limit from a mass matrix and contact Jacobians: what a robot's own controller calls at every tick (examples/control_loop.cpp).
 #pragma once
 
+#include "joint_search.hpp"
+#include "link_inertia.hpp"
 #include "tracker.hpp"
 
 namespace gainroom {
@@ -11,7 +13,8 @@ class RobotTracker {
 public:
     RobotTracker(const JointData* joints, std::size_t count, double sample_time, std::size_t velocities, std::size_t rows,
                  std::size_t contacts, const TrackerSettings& settings = {})
-        : tracker_(joints, count, sample_time, contacts, settings), links_(velocities, count, rows), inverse_(count * count), other_(count * count) {}
+        : loop_(joints, count, sample_time), known_(loop_, settings.stride), search_(loop_, known_, contacts),
+          tracker_(known_, search_, contacts, settings), links_(velocities, count, rows), inverse_(count * count), other_(count * count) {}
 
     // One tick: A (N, N), of which the upper triangle is read, of the links without rotors; J (count, N), the directions that are held
     // now, of any rank; both row by row. No exceptions, no allocation.
@@ -29,11 +32,15 @@ public:
 
     Tracker& tracker() { return tracker_; }
     const Tracker& tracker() const { return tracker_; }
+    const JointLaws& laws() const { return loop_.laws(); }
     const LinkInertia& links() const { return links_; }
     // W (n, n) of the last tick.
     const double* inverse() const { return inverse_.data(); }
 
 private:
+    JointLoop loop_;
+    CrossingSet known_;
+    JointSearch search_;
     Tracker tracker_;
     LinkInertia links_;
     std::vector<double> inverse_, other_;

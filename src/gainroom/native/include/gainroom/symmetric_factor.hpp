@@ -20,7 +20,9 @@ public:
     std::size_t size() const { return size_; }
     Complex pivot(std::size_t k) const { return pivots_[k]; }
 
-    void factor(const double* w, const JointValue* values) {
+    // `values` have β: JointValue, OpenValue.
+    template <class Value>
+    void factor(const double* w, const Value* values) {
         const std::size_t n = size_;
         for (std::size_t i = 0; i < n; i++) {
             for (std::size_t j = i; j < n; j++) {
@@ -66,6 +68,22 @@ public:
         }
     }
 
+    // The same for `count` columns: n rows of real and of imaginary parts.
+    void solve(double* re, double* im, std::size_t count) const {
+        const std::size_t n = size_;
+        for (std::size_t k = 0; k < n; k++)
+            for (std::size_t j = k + 1; j < n; j++) subtract_row(re, im, j, k, re_[k * n + j], im_[k * n + j], count);
+        for (std::size_t k = n; k-- > 0;) {
+            const double a = inverse_[k].real(), b = inverse_[k].imag();
+            for (std::size_t c = k * count; c < (k + 1) * count; c++) {
+                const double x = re[c];
+                re[c] = a * x - b * im[c];
+                im[c] = a * im[c] + b * x;
+            }
+            for (std::size_t j = k + 1; j < n; j++) subtract_row(re, im, k, j, re_[k * n + j], im_[k * n + j], count);
+        }
+    }
+
     // tr((W + diag β)⁻¹ diag(β_ω)); `work` 2 n² numbers: L⁻¹ by rows.
     Complex trace(const JointValue* values, double* work) const {
         const std::size_t n = size_;
@@ -95,6 +113,15 @@ public:
     }
 
 private:
+    static void subtract_row(double* re, double* im, std::size_t to, std::size_t from, double a, double b, std::size_t count) {
+        double *tr = re + to * count, *ti = im + to * count;
+        const double *fr = re + from * count, *fi = im + from * count;
+        for (std::size_t c = 0; c < count; c++) {
+            tr[c] -= a * fr[c] - b * fi[c];
+            ti[c] -= a * fi[c] + b * fr[c];
+        }
+    }
+
     std::size_t size_;
     std::vector<double> re_, im_;
     std::vector<Complex> pivots_, inverse_;

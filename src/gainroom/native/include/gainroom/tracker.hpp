@@ -4,7 +4,7 @@
 // crossing: where the count is that of the known crossings below, nothing unknown lies in between. What has been counted holds for as long
 // as the robot has not moved far enough to bring an unknown crossing from above that factor below the tracked gain; counts follow each other
 // three times as fast. Where the count differs, slices become starts of a search (crossing_search.hpp). Restarts (jumps of posture,
-// contact states that were not prepared) move W in bounded strides from where the crossings were last known.
+// contact states that were not prepared) move the posture in bounded strides from where the crossings were last known.
 //
 // All space is taken at construction; no exceptions, no allocation in update. For one thread at a time.
 #pragma once
@@ -24,7 +24,7 @@ namespace gainroom {
 struct TrackerSettings {
     double slices = 0.0;       // of the count at an ordinary tick, and
     double urgent = 0.0;       // where there is no certificate, searches included; 0: as fits a tick, see kSlices
-    double stride = 0.3;       // of W at a time after a jump, relative to W + 1/J
+    double stride = 0.3;       // of the posture at a time after a jump, as the loop's `distance` has it
     double highest = 1e3;      // factors that are looked for
 };
 
@@ -44,37 +44,32 @@ struct Limit {
 
 class Tracker {
 public:
-    static constexpr double kSlices = 600.0;  // over n²: with 12 joints 4 slices, which is 5 µs
     static constexpr double kCertain = 1e-6;  // of the gain that safe_gain stays below it
 
-    Tracker(const JointData* joints, std::size_t count, double sample_time, std::size_t contacts, const TrackerSettings& settings = {})
-        : laws_(joints, count, sample_time), settings_(settings), passive_end_(laws_.passive_end()), known_(laws_, passive_end_, settings.stride),
-          search_(laws_, passive_end_, known_) {
+    Tracker(CrossingSet& known, CrossingSearch& search, std::size_t contacts, const TrackerSettings& settings)
+        : settings_(settings), loop_(known.loop()), known_(known), search_(search) {
         states_.reserve(contacts);
-        for (std::size_t k = 0; k < contacts; k++) states_.emplace_back(laws_);
-        const double square = double(count * count);
-        if (!(settings_.slices > 0.0)) settings_.slices = std::max(kSlices / square, 1.5);
-        if (!(settings_.urgent > 0.0)) settings_.urgent = std::max(5.0 * kSlices / square, 9.0);
+        for (std::size_t k = 0; k < contacts; k++) states_.emplace_back(loop_, k);
+        if (!(settings_.slices > 0.0)) settings_.slices = loop_.usual_slices();
+        if (!(settings_.urgent > 0.0)) settings_.urgent = loop_.urgent_slices();
     }
-    Tracker(const Tracker&) = delete;  // parts refer to each other
-    const JointLaws& laws() const { return laws_; }
-    // Below this frequency [rad/s] every joint's controller only takes energy out; 0: there is none, and the tracker has no start.
-    double passive_frequency() const { return passive_end_; }
+    // Below this frequency [rad/s] nothing crosses; 0: that is not known of any, and the tracker has no start.
+    double passive_frequency() const { return loop_.lowest(); }
     std::size_t contacts() const { return states_.size(); }
     std::size_t crossings(std::size_t contact) const { return states_[contact].count; }
     const TrackedCrossing& crossing(std::size_t contact, std::size_t k) const { return *states_[contact].order[k]; }
     double counted_gain(std::size_t contact) const { return states_[contact].counted; }
 
-    // One tick: `w` W (n, n), symmetric, in contact state `contact`.
-    Limit update(const double* w, std::size_t contact) {
+    // One tick at a posture (posture_size of the loop) in contact state `contact`.
+    Limit update(const double* posture, std::size_t contact) {
         tick_++;
         if (contact >= states_.size()) return without_evidence(Flag::bad_contact);
         State& state = states_[contact];
-        const double far = sound(w) ? known_.distance(state, w) : std::numeric_limits<double>::quiet_NaN();
+        const double far = sound(posture) ? known_.distance(state, posture) : std::numeric_limits<double>::quiet_NaN();
         if (!std::isfinite(far)) return without_evidence(Flag::bad_posture);
         state.rate = std::max(far, kForgets * state.rate);
         work_ = 0.0;
-        const bool arrived = known_.approach(w, state, far, settings_.urgent, work_);
+        const bool arrived = known_.approach(posture, state, far, settings_.urgent, work_);
         if (arrived) {
             if (contact != contact_ && !state.certified()) state.hurry();
             contact_ = contact;
@@ -88,14 +83,14 @@ public:
     // Whether the last tick has left time for `prepare`.
     bool has_time() const { return work_ < 0.75 * settings_.urgent; }
 
-    // Brings what is known of another contact state near to where it will be needed: `w` W (n, n) of this tick, were the robot in `contact`.
-    void prepare(const double* w, std::size_t contact) {
-        if (contact >= states_.size() || !sound(w)) return;
+    // Brings what is known of another contact state near to where it will be needed: this tick's posture, were the robot in `contact`.
+    void prepare(const double* posture, std::size_t contact) {
+        if (contact >= states_.size() || !sound(posture)) return;
         State& state = states_[contact];
-        const double far = known_.distance(state, w);
+        const double far = known_.distance(state, posture);
         const double room = kPrepared * settings_.slices;
         double work = 0.0;
-        if (std::isfinite(far) && known_.draw_near(w, state, far, 0.6 * room, work)) count(state, room - work);
+        if (std::isfinite(far) && known_.draw_near(posture, state, far, 0.6 * room, work)) count(state, room - work);
     }
 
     // The answer where nothing is known of this tick: the lowest that was last certified in any contact state.
@@ -122,10 +117,9 @@ private:
     }
 
     // Numbers whose squares are numbers.
-    bool sound(const double* w) const {
+    bool sound(const double* posture) const {
         double sum = 0.0;
-        const std::size_t n = laws_.size();
-        for (std::size_t k = 0; k < n * n; k++) sum += std::fabs(w[k]);
+        for (std::size_t k = 0; k < loop_.posture_size(); k++) sum += std::fabs(posture[k]);
         return sum < 1e100;
     }
 
@@ -138,10 +132,10 @@ private:
             if (!state.sweeping) {
                 if (state.searching) search_.begin(state);
                 state.sweep_from = state.path;
-                state.sweeping = state.sweep.begin(state.w.data(), state.next_factor(), passive_end_) == PhaseSweep::State::running;
+                state.sweeping = state.sweep.begin(loop_, state.posture.data(), state.next_factor()) == PhaseSweep::State::running;
                 continue;
             }
-            const PhaseSweep::State now = state.sweep.advance(state.w.data());
+            const PhaseSweep::State now = state.sweep.advance(loop_, state.posture.data());
             if (state.searching) spent += search_.look(state);
             if (now == PhaseSweep::State::running) continue;
             state.sweeping = false;
@@ -199,11 +193,10 @@ private:
         return limit;
     }
 
-    JointLaws laws_;
     TrackerSettings settings_;
-    double passive_end_;
-    CrossingSet known_;
-    CrossingSearch search_;
+    TrackedLoop& loop_;
+    CrossingSet& known_;
+    CrossingSearch& search_;
     std::vector<State> states_;
     double work_ = 0.0;  // of the last tick
     std::size_t contact_ = std::size_t(-1);

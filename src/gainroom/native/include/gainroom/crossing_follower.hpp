@@ -1,4 +1,4 @@
-// A gain factor g and a frequency ω at which the closed loop has a root jω, followed as W changes.
+// Crossings of joint-space control followed as W changes.
 //
 // The mode x of (W + diag(β)) x = 0 gives g and ω by xᵀWx + Σ β_i x_i² = 0, wrong by the square of the mode's own error, as the matrix is
 // symmetric; the mode is mended by residual inverse iteration with the factors of an earlier posture (Neumaier, SIAM J. Numer. Anal. 22,
@@ -12,22 +12,9 @@
 
 #include "link_inertia.hpp"
 #include "symmetric_factor.hpp"
+#include "tracked_loop.hpp"
 
 namespace gainroom {
-
-struct TrackedCrossing {
-    explicit TrackedCrossing(std::size_t size) : mode(size), before(size) {}
-
-    double omega = 0.0, gain = 0.0;
-    double rising = 0.0;   // > 0: a pair of roots becomes unstable as the factor rises past `gain`
-    double spread = 1.0;   // how much the gain moves with W, at most: |d ln g| <= spread · (change of W relative to W + 1/J)
-    double speed = 0.0;    // how much it has moved lately: |d ln g| along the path (tracker.hpp)
-    double seen_at = 0.0;  // the path at which it was right
-    bool converged = false;
-    std::uint64_t factored = 0;  // which factors of the CrossingFollower are its own, if they are still there
-    double omega_before = 0.0, gain_before = 0.0, stride = 0.0;  // where it was one step before, and the path of that step; 0: not known
-    std::vector<Complex> mode, before;
-};
 
 class CrossingFollower {
 public:
@@ -37,7 +24,7 @@ public:
 
     // Follows `crossing` to W; `work` is counted in slices of a PhaseSweep. True where it has converged: `converged` says so too. Where it need
     // only be `rough`, true as soon as its mode is within that, and gain and frequency within the square.
-    bool follow(const double* w, TrackedCrossing& crossing, int steps, double& work, bool rough = false) {
+    bool follow(const double* w, TrackedCrossing& crossing, int steps, double& work, bool rough) {
         double last = 1.0, step_size = 1.0;
         crossing.converged = current_ = false;
         for (int k = 0; k < steps; k++) {
@@ -58,55 +45,18 @@ public:
             own->used = ++uses_;
             own->factor.solve(extra_.data());
             for (std::size_t i = 0; i < extra_.size(); i++) crossing.mode[i] -= extra_[i];
-            if (!normalize(crossing.mode)) return false;
+            if (!crossing.normalize()) return false;
         }
         return false;
-    }
-
-    // Where it will be after `ahead` more of the path, if it goes on as before.
-    static void predict(TrackedCrossing& crossing, double ahead) {
-        const double share = crossing.stride > 0.0 && ahead < 3.0 * crossing.stride ? ahead / crossing.stride : 0.0;
-        const double omega = crossing.omega, gain = crossing.gain;
-        crossing.omega += share * (omega - crossing.omega_before);
-        crossing.gain += share * (gain - crossing.gain_before);
-        crossing.omega_before = omega;
-        crossing.gain_before = gain;
-        for (std::size_t i = 0; i < crossing.mode.size(); i++) {
-            const Complex x = crossing.mode[i];
-            crossing.mode[i] += share * (x - crossing.before[i]);
-            crossing.before[i] = x;
-        }
-        crossing.stride = ahead;
-    }
-
-    // A start from nothing but a place: another direction every time, so that equal crossings are found one by one.
-    void begin(double omega, double gain, TrackedCrossing& crossing) {
-        for (Complex& x : crossing.mode) {
-            seed_ = seed_ * 6364136223846793005u + 1442695040888963407u;
-            x = double(seed_ >> 11) * 0x1p-52 - 1.0;
-        }
-        crossing.omega = omega;
-        crossing.gain = gain;
-        crossing.factored = 0;
-        crossing.stride = 0.0;
     }
 
     // Towards the direction in which the matrix of `factor` is smallest.
     static bool sharpen(const SymmetricFactor& factor, TrackedCrossing& crossing) {
         factor.solve(crossing.mode.data());
-        return normalize(crossing.mode);
+        return crossing.normalize();
     }
     // The matrix at a place of its own, until the next crossing is followed.
     const SymmetricFactor& at(const double* w, double omega, double gain) { return fresh(w, omega, gain).factor; }
-
-    static bool normalize(std::vector<Complex>& mode) {
-        double size = 0.0;
-        for (const Complex& x : mode) size += std::norm(x);
-        if (!(size > 0.0) || !std::isfinite(size)) return false;
-        size = 1.0 / std::sqrt(size);
-        for (Complex& x : mode) x *= size;
-        return true;
-    }
 
 private:
     static constexpr std::size_t kKept = 4;
@@ -233,7 +183,6 @@ private:
     std::vector<Factors> factors_;  // of the few crossings that are followed often: all of them would not stay in the cache
     bool near_ = false, current_ = false;  // whether values_ are those of where the crossing is, nearly and within kExact
     std::uint64_t uses_ = 0;
-    std::uint64_t seed_ = 1;
 };
 
 }  // namespace gainroom

@@ -1,0 +1,104 @@
+// Joint-space PD, one kp and kd per joint, as the tracker's loop: a posture is W (n, n), a mode x solves (W + diag β) x = 0.
+//
+// F = Π α_i · det(W + diag β) has the closed loop's roots (joint_law.hpp). Where every joint's controller only takes energy out, and without
+// control, its phase is known not only up to turns: there Im β > 0, and every pivot of L D Lᵀ lies in the upper half plane.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "crossing_follower.hpp"
+#include "posture_change.hpp"
+
+namespace gainroom {
+
+class JointLoop final : public TrackedLoop {
+public:
+    // sample_time 0: continuous.
+    JointLoop(const JointData* joints, std::size_t count, double sample_time)
+        : laws_(joints, count, sample_time), lowest_(laws_.passive_end()), follower_(laws_), change_(count), values_(count), factor_(count),
+          work_(2 * count * count) {}
+    JointLoop(const JointLoop&) = delete;  // parts refer to each other
+
+    const JointLaws& laws() const { return laws_; }
+    CrossingFollower& follower() { return follower_; }
+    // Where `phase` was last.
+    const SymmetricFactor& factor() const { return factor_; }
+    const JointValue* values() const { return values_.data(); }
+
+    std::size_t posture_size() const override { return laws_.size() * laws_.size(); }
+    std::size_t mode_size() const override { return laws_.size(); }
+    std::size_t channels() const override { return laws_.size(); }
+    double sample_time() const override { return laws_.sample_time(); }
+    double lowest() const override { return lowest_; }
+    double usual_slices() const override { return std::max(kSlices / double(posture_size()), 1.5); }
+    double urgent_slices() const override { return std::max(5.0 * kSlices / double(posture_size()), 9.0); }
+
+    double distance(const double* before, const double* now) override { return change_(laws_, before, now); }
+
+    bool follow(const double* w, TrackedCrossing& crossing, int steps, double& work, bool rough) override {
+        return follower_.follow(w, crossing, steps, work, rough);
+    }
+
+    double phase(const double* w, double omega, double gain, Complex* slope) override {
+        laws_.at(omega, gain, values_.data());
+        factor_.factor(w, values_.data());
+        Complex product = 1.0;
+        for (std::size_t i = 0; i < laws_.size(); i++) {
+            const Complex one = times(factor_.pivot(i), times(values_[i].outer, values_[i].factor));
+            product = times(product, one * (1.0 / (std::fabs(one.real()) + std::fabs(one.imag()))));
+        }
+        if (slope) {
+            *slope = factor_.trace(values_.data(), work_.data());
+            for (std::size_t i = 0; i < laws_.size(); i++) *slope += over(values_[i].outer_omega, values_[i].outer);
+        }
+        return std::arg(product);
+    }
+
+    // α = a (1/a + e)/β, each factor in a half plane that is known.
+    double whole_phase() override {
+        double sum = 0.0;
+        for (std::size_t i = 0; i < laws_.size(); i++) {
+            const JointValue& value = values_[i];
+            const Complex beside = times(value.outer, over(value.beta, value.inner));  // 1/a + e
+            sum += upper(factor_.pivot(i)) - upper(std::conj(value.inner)) + upper(beside) - upper(value.beta) + std::arg(value.factor);
+        }
+        return sum;
+    }
+
+    double resonance(const double* w) const override { return laws_.highest_resonance(w); }
+
+    double top(const double*, double gain, double from) override {
+        double omega = from;
+        for (int k = 0; k < 100; k++, omega *= 1.3) {
+            double strongest = 0.0;
+            for (std::size_t i = 0; i < laws_.size(); i++)
+                strongest = std::max(strongest, std::abs(laws_.control(i, omega, gain)) / (laws_.joint(i).motor_inertia * omega * omega));
+            if (strongest < 0.1) break;
+        }
+        return omega;
+    }
+
+    double resolution(double omega) const override { return laws_.resolution(omega, kWidest); }
+
+private:
+    static constexpr double kSlices = 600.0;  // over n²: with 12 joints 4 slices, which is 5 µs
+
+    // arg in [0, π] of what is in the upper half plane but for round-off; elsewhere arg in (−π, 0).
+    static double upper(Complex z) {
+        if (z.imag() < 0.0 && -z.imag() < 1e-9 * std::fabs(z.real())) return z.real() > 0.0 ? 0.0 : kPi;
+        return std::arg(z);
+    }
+
+    JointLaws laws_;
+    double lowest_;
+    CrossingFollower follower_;
+    PostureChange change_;
+    std::vector<JointValue> values_;
+    SymmetricFactor factor_;
+    std::vector<double> work_;
+};
+
+}  // namespace gainroom

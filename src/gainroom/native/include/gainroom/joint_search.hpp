@@ -1,0 +1,165 @@
+// The search for crossings of joint-space control: where the locus of a mode becomes real, and in random directions.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "crossing_search.hpp"
+#include "joint_loop.hpp"
+#include "mode_basis.hpp"
+
+namespace gainroom {
+
+class JointSearch final : public CrossingSearch {
+public:
+    JointSearch(JointLoop& loop, CrossingSet& known, std::size_t contacts)
+        : CrossingSearch(known), loop_(loop), values_(loop.channels()), weight_(loop.channels()), loci_(contacts, Loci(loop.laws())) {}
+
+    // Before a count that is searched along: modes at this W, unless they are of one nearby.
+    void begin(ContactState& state) override {
+        Loci& own = loci_[state.number];
+        if (own.based_at > state.path - 0.5 * known_.stride()) return;
+        own.basis.begin(state.posture.data());
+        own.based_at = state.path;
+    }
+
+    // At one slice of the count; what it cost.
+    double look(ContactState& state) override {
+        Loci& own = loci_[state.number];
+        double work = 0.5;
+        if (!own.basis.ready()) {
+            for (int k = 0; k < 3 && !own.basis.ready(); k++) own.basis.rotate();
+            own.looked_at = 0.0;
+            return work;
+        }
+        const double from = own.looked_at, omega = state.sweep.omega();
+        if (!(omega > from)) {  // a new count; or a step that was shortened
+            if (omega < from) own.looked_at = 0.0;
+            return work;
+        }
+        own.looked_at = omega;
+        own.before.swap(own.now);
+        own.basis.at(loop_.values(), state.sweep.gain());
+        for (std::size_t k = 0; k < own.now.size(); k++) own.now[k] = own.basis.locus(k);
+        const std::size_t size = own.now.size();
+        for (std::size_t m = 0; from > 0.0 && m < size && work < kEnough; m++) {
+            const std::size_t k = (m + own.tries) % size;
+            const Complex a = own.before[k], b = own.now[k];
+            if (!(a.imag() * b.imag() <= 0.0)) continue;
+            if (!(std::fmax(a.real(), b.real()) > 0.0 && std::fmin(a.real(), b.real()) < 2.0 * kBeyond * state.sweep.gain())) continue;
+            const Place place = real_place(state, own.basis, k, {from, a}, {omega, b});
+            work += 0.2;
+            if (!(place.locus.real() > 0.0 && place.locus.real() < kBeyond * state.sweep.gain())) continue;
+            start(place.omega, place.locus.real());
+            own.basis.mode(k, trial_.mode.data());
+            if (trial_.normalize() && unlike_known(state)) take(state, work);
+        }
+        if (std::fmod(0.618 * double(++own.tries), 1.0) > 0.34 || work > kEnough) return work;
+        // A random direction: here, or beside a known crossing, as equal limbs have theirs close together.
+        std::size_t below = 0;
+        while (below < state.count && state.order[below]->gain < 1.02 * state.sweep.gain()) below++;
+        const TrackedCrossing* near = own.tries % 2 == 0 && below > 0 ? state.order[own.tries / 2 % below] : nullptr;
+        start(near ? near->omega : omega, near ? 1.001 * near->gain : state.sweep.gain());
+        const SymmetricFactor& factor = near ? loop_.follower().at(state.posture.data(), trial_.omega, trial_.gain) : loop_.factor();
+        weigh();
+        for (int pass = 0; pass < 3; pass++) {
+            work += 0.5;
+            if (!away(state)) return work;
+            for (std::size_t i = 0; i < trial_.mode.size(); i++) trial_.mode[i] = times(trial_.mode[i], weight_[i]);
+            if (!CrossingFollower::sharpen(factor, trial_)) return work;
+        }
+        if (away(state)) take(state, work);
+        return work;
+    }
+
+private:
+    static constexpr double kNear = 0.05, kUnlike = 0.2;  // of crossings that are alike
+    static constexpr int kRefined = 4;
+    static constexpr double kEnough = 1.5;  // work at a slice
+
+    // Of one contact state.
+    struct Loci {
+        explicit Loci(const JointLaws& laws) : basis(laws), now(laws.size()), before(laws.size()) {}
+
+        ModeBasis basis;
+        std::vector<Complex> now, before;
+        double looked_at = 0.0, based_at = -1e300;  // the frequency of `now`; the path at which the modes were begun
+        std::size_t tries = 0;
+    };
+
+    struct Place {
+        double omega;
+        Complex locus;
+    };
+
+    // Where the locus of mode k becomes real, between two frequencies; the slices are too far apart for a line through them.
+    Place real_place(const ContactState& state, ModeBasis& basis, std::size_t k, Place below, Place above) {
+        Place found = below;
+        for (int step = 0; step < kRefined; step++) {
+            const double a = below.locus.imag(), b = above.locus.imag();
+            found.omega = below.omega + (a == b ? 0.5 : a / (a - b)) * (above.omega - below.omega);
+            loop_.laws().at(found.omega, state.sweep.gain(), values_.data());
+            basis.at(values_.data(), state.sweep.gain());
+            found.locus = basis.locus(k);
+            (found.locus.imag() * a > 0.0 ? below : above) = found;
+        }
+        return found;
+    }
+
+    // A start from nothing but a place: another direction every time, so that equal crossings are found one by one.
+    void start(double omega, double gain) {
+        for (Complex& x : trial_.mode) {
+            seed_ = seed_ * 6364136223846793005u + 1442695040888963407u;
+            x = double(seed_ >> 11) * 0x1p-52 - 1.0;
+        }
+        trial_.begin(omega, gain);
+    }
+
+    // Modes x of crossings at one frequency are orthogonal as x^T diag(weight) y, with the weight ∂β/∂g; here where trial_ is.
+    void weigh() {
+        loop_.laws().at(trial_.omega, trial_.gain, values_.data());
+        for (std::size_t i = 0; i < weight_.size(); i++) weight_[i] = values_[i].beta_gain;
+    }
+
+    // trial_'s mode without those of known crossings about its frequency; elsewhere the same mode may cross again.
+    bool away(const ContactState& state) {
+        for (std::size_t k = 0; k < state.count; k++)
+            if (std::fabs(state.order[k]->omega - trial_.omega) < kNear * trial_.omega) subtract_mode(state.order[k]->mode);
+        return trial_.normalize();
+    }
+
+    void subtract_mode(const std::vector<Complex>& known) {
+        Complex share = 0.0, whole = 0.0;
+        for (std::size_t i = 0; i < known.size(); i++) {
+            const Complex weighted = times(weight_[i], known[i]);
+            share += times(weighted, trial_.mode[i]);
+            whole += times(weighted, known[i]);
+        }
+        share = over(share, whole);
+        if (!(std::norm(share) < 100.0)) return;  // the mode is orthogonal to itself, nearly
+        for (std::size_t i = 0; i < known.size(); i++) trial_.mode[i] -= times(share, known[i]);
+    }
+
+    // trial_, a start, without what is known already where it is; false where that is nearly all of it.
+    bool unlike_known(const ContactState& state) {
+        weigh();
+        for (std::size_t k = 0; k < state.count; k++) {
+            const TrackedCrossing& known = *state.order[k];
+            if (std::fabs(known.gain - trial_.gain) < kNear * trial_.gain && std::fabs(known.omega - trial_.omega) < kNear * trial_.omega)
+                subtract_mode(known.mode);
+        }
+        double left = 0.0;
+        for (const Complex& x : trial_.mode) left += std::norm(x);
+        return left > kUnlike && trial_.normalize();
+    }
+
+    JointLoop& loop_;
+    std::vector<JointValue> values_;
+    std::vector<Complex> weight_;
+    std::vector<Loci> loci_;
+    std::uint64_t seed_ = 1;
+};
+
+}  // namespace gainroom

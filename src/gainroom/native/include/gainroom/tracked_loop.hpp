@@ -1,0 +1,99 @@
+// What the tracker asks of a closed loop whose gains all carry one factor g: joint_loop.hpp and task_loop.hpp give it.
+//
+// A posture is a row of numbers, and a mixture of two postures is one on the way between them.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "complex.hpp"
+
+namespace gainroom {
+
+// A gain factor g and a frequency ω at which the closed loop has a root jω, followed as the posture changes.
+struct TrackedCrossing {
+    explicit TrackedCrossing(std::size_t size) : mode(size), before(size) {}
+
+    double omega = 0.0, gain = 0.0;
+    double rising = 0.0;   // > 0: a pair of roots becomes unstable as the factor rises past `gain`
+    double spread = 1.0;   // how much the gain moves at most: |d ln g| <= spread · (change of the posture)
+    double speed = 0.0;    // how much it has moved lately: |d ln g| along the path (tracker.hpp)
+    double seen_at = 0.0;  // the path at which it was right
+    bool converged = false;
+    std::uint64_t factored = 0;  // which factors of the CrossingFollower are its own, if they are still there
+    double omega_before = 0.0, gain_before = 0.0, stride = 0.0;  // where it was one step before, and the path of that step; 0: not known
+    std::vector<Complex> mode, before;
+
+    // A start at a place, with a mode that is to be filled in.
+    void begin(double at, double factor) {
+        omega = at;
+        gain = factor;
+        factored = 0;
+        stride = 0.0;
+    }
+
+    // To where it will be after `ahead` more of the path, if it goes on as before.
+    void predict(double ahead) {
+        const double share = stride > 0.0 && ahead < 3.0 * stride ? ahead / stride : 0.0;
+        const double last_omega = omega, last_gain = gain;
+        omega += share * (omega - omega_before);
+        gain += share * (gain - gain_before);
+        omega_before = last_omega;
+        gain_before = last_gain;
+        for (std::size_t i = 0; i < mode.size(); i++) {
+            const Complex x = mode[i];
+            mode[i] += share * (x - before[i]);
+            before[i] = x;
+        }
+        stride = ahead;
+    }
+
+    bool normalize() {
+        double size = 0.0;
+        for (const Complex& x : mode) size += std::norm(x);
+        if (!(size > 0.0) || !std::isfinite(size)) return false;
+        size = 1.0 / std::sqrt(size);
+        for (Complex& x : mode) x *= size;
+        return true;
+    }
+};
+
+class TrackedLoop {
+public:
+    static constexpr double kWidest = 0.15;  // of ω, a step of a count
+
+    virtual ~TrackedLoop() = default;
+
+    virtual std::size_t posture_size() const = 0;
+    virtual std::size_t mode_size() const = 0;
+    virtual std::size_t channels() const = 0;  // how many crossings at one frequency there can be
+    virtual double sample_time() const = 0;    // 0: continuous
+    // Below this frequency [rad/s] nothing crosses; 0: that is not known of any.
+    virtual double lowest() const = 0;
+    // Slices of a count that fit in an ordinary tick, and in one where there is no certificate.
+    virtual double usual_slices() const = 0;
+    virtual double urgent_slices() const = 0;
+
+    // How far a robot has moved from the posture `before` to `now`; not finite where one of them is none.
+    virtual double distance(const double* before, const double* now) = 0;
+
+    // Follows `crossing` to a posture; `work` is counted in slices. True where it has converged: `converged` says so too. Where it need only be
+    // `rough`, true as soon as its mode is within that, and gain and frequency within the square.
+    virtual bool follow(const double* posture, TrackedCrossing& crossing, int steps, double& work, bool rough) = 0;
+
+    // At jω and a factor: the phase up to turns of a function of the closed loop that has its unstable roots and no others, and, where
+    // asked for, the slope of its logarithm along ω.
+    virtual double phase(const double* posture, double omega, double gain, Complex* slope) = 0;
+    // That phase where `phase` was last, not only up to turns: at `lowest`, or anywhere at the factor 0. NaN where it is not known.
+    virtual double whole_phase() = 0;
+    // Above every resonance of the plant [rad/s].
+    virtual double resonance(const double* posture) const = 0;
+    // From there on control does next to nothing in continuous time [rad/s]; not below `from`.
+    virtual double top(const double* posture, double gain, double from) = 0;
+    // Up to there, the share of ω beyond which one could hide; at most kWidest.
+    virtual double resolution(double omega) const = 0;
+};
+
+}  // namespace gainroom
