@@ -5,17 +5,20 @@ from dataclasses import replace
 import numpy as np
 
 import gainroom as gr
+from gainroom.design.realtime.tracker import WEAK
 from gainroom.robot.linearize import linearize
 
 
 class Walk:
     """Joints swing about the first posture by sums of sines of 0.1 to 0.8 Hz; contacts take turns every `stance` ticks of 1 ms."""
 
-    def __init__(self, robot, sample_time=None, seed=0, symmetric=False, speed=1.0, stance=800, contacts=None, pd=None):
+    def __init__(self, robot, sample_time=None, seed=0, symmetric=False, speed=1.0, stance=800, contacts=None, pd=None, tasks=False):
         self.robot, self.stance = robot, stance
         self.system = replace(robot.system, control=replace(robot.system.control, sample_time=sample_time))
         if pd is not None:
             self.system = self.system.with_controller(pd)
+        if tasks:
+            self.system = replace(self.system, control=replace(self.system.control, space="task", controller=None))
         self.tracker = gr.GainTracker(robot, self.system.control)
         self.contacts = contacts or self.tracker.contacts
         rng, size = np.random.default_rng([5, seed]), robot.body.size
@@ -36,15 +39,18 @@ class Walk:
     def contact(self, tick: int) -> str:
         return self.contacts[tick // self.stance % len(self.contacts)]
 
-    def truth(self, tick: int) -> float:
+    def loop(self, tick: int) -> gr.Loop:
         robot = self.robot
-        return gr.gain_limit(
-            self.system.loop(linearize(robot.body, robot.actuators, self.posture(tick), robot.contacts[self.contact(tick)]))
-        ).gain
+        return self.system.loop(linearize(robot.body, robot.actuators, self.posture(tick), robot.contacts[self.contact(tick)]))
+
+    def truth(self, tick: int) -> float:
+        """The limit; 0 where the loop is not stable from the least factors up to there, but for tasks' that are too weak to matter."""
+        limit = gr.gain_limit(self.loop(tick))
+        return limit.gain if limit.lower_gain < WEAK else 0.0
 
     def run(self, ticks: int, checks: int) -> tuple[float, float]:
         """The share of ticks that are certified, and by how much a certified gain is above the limit at most, relative."""
         answers = [self.tracker.update(self.posture(tick), self.contact(tick)) for tick in range(ticks)]
         certified = [tick for tick, answer in enumerate(answers) if answer.certified]
         checked = certified[:: max(1, len(certified) // checks)]
-        return len(certified) / ticks, max(answers[tick].gain / self.truth(tick) - 1 for tick in checked)
+        return len(certified) / ticks, max(answers[tick].gain / max(self.truth(tick), 1e-9) - 1 for tick in checked)

@@ -213,7 +213,6 @@ def test_dynamics_of_another_library_give_the_same(biped):
 
 
 REFUSED = {
-    "task space": lambda robot: {"control": replace(robot.system.control, controller=None, space="task")},
     "other than PD": lambda robot: {"control": gr.PID(2000.0, 10.0, 100.0)},
     "link's side": lambda robot: {"control": replace(robot.system.control, feedback="link")},
     "filters": lambda robot: {"control": gr.PD(2000.0, 100.0, velocity_filter=gr.LowPass(500.0, 1))},

@@ -53,9 +53,15 @@ def words(values) -> str:
     return " ".join(float(value).hex() for value in np.ravel(values))
 
 
-def ticks_text(table, sample_time, size, rows, contacts, ticks) -> str:
-    head = f"{len(table)} {size} {rows} {contacts} {sample_time.hex()} {words(table)}"
-    return "\n".join([head, *(f"{contact} {len(held)} {words(mass)} {words(held)}" for contact, mass, held in ticks)])
+def ticks_text(table, sample_time, size, rows, contacts, ticks, gains=None, tasks=()) -> str:
+    """`tasks`: their Jacobian at every tick, with `gains` (2, m)."""
+    gains = np.zeros((2, 0)) if gains is None else gains
+    head = f"{len(table)} {size} {rows} {contacts} {sample_time.hex()} {gains.shape[1]} {words(table)} {words(gains)}"
+    tasks = tasks or [np.zeros(0)] * len(ticks)
+    lines = (
+        f"{contact} {len(held)} {words(mass)} {words(held)} {words(task)}" for (contact, mass, held), task in zip(ticks, tasks, strict=True)
+    )
+    return "\n".join([head, *lines])
 
 
 def hostile_ticks(rng: np.random.Generator, count: int):
@@ -88,8 +94,15 @@ def test_ticks_take_no_memory_and_hostile_ones_end():
             tables.append((np.where(np.arange(10) == column, odd, good), PERIOD if column % 2 else 0.0))
     for number, (table, sample_time) in enumerate(tables):
         ticks = list(hostile_ticks(rng, 60 if number < 3 else 12))
-        lines = output(program, given=ticks_text(table, sample_time, 5, 3, 2, ticks)).splitlines()
-        assert len(lines) == len(ticks)
+        texts = [ticks_text(table, sample_time, 5, 3, 2, ticks)]
+        for size in (2, 5):  # of a task's directions: fewer than joints, and more
+            gains = np.array([rng.uniform(0, 200, size), rng.uniform(0, 20, size)])
+            tasks = [rng.normal(size=(size, 5)) for _ in ticks]
+            tasks[3] = tasks[3] * rng.choice([np.nan, np.inf, 0.0, 1e300])
+            tasks[5][1] = tasks[5][0]
+            texts.append(ticks_text(table, sample_time, 5, 3 + size % 2, 2, ticks, gains, tasks))
+        lines = [line for text in texts for line in output(program, given=text).splitlines()]
+        assert len(lines) == 3 * len(ticks)
         for line in lines:
             gain, _, certified, _, safe, flag = line.split()
             gain, safe = float.fromhex(gain), float.fromhex(safe)

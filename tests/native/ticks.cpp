@@ -2,9 +2,11 @@
 //
 // After every tick the next contact state is prepared.
 //
-// n N rows contacts sample_time, the joints (n, 10), then per tick: contact, held directions c, A (N, N), J (c, N).
+// n N rows contacts sample_time m, the joints (n, 10), gains of one task of m directions (2, m), then per tick: contact, held directions c,
+// A (N, N), J (c, N), the task's Jacobian (m, N). m = 0: joint space.
 #include <cstdio>
 #include <cstdlib>
+#include <memory>
 #include <new>
 #include <vector>
 
@@ -27,24 +29,27 @@ static bool fill(std::vector<double>& values) {
 }
 
 int main() {
-    unsigned joints = 0, size = 0, rows = 0, contacts = 0, count = 0;
+    unsigned joints = 0, size = 0, rows = 0, contacts = 0, count = 0, directions = 0;
     int contact = 0;
     double sample_time = 0.0;
-    if (std::scanf("%u %u %u %u %la", &joints, &size, &rows, &contacts, &sample_time) != 5) return 2;
-    std::vector<double> table(10 * joints), mass(size * size), held;
+    if (std::scanf("%u %u %u %u %la %u", &joints, &size, &rows, &contacts, &sample_time, &directions) != 6) return 2;
+    std::vector<double> table(10 * joints), gains(2 * directions), mass(size * size), task(directions * size), held;
     held.reserve(rows * size);
-    if (!fill(table)) return 2;
+    if (!fill(table) || !fill(gains)) return 2;
     std::vector<gainroom::JointData> data(joints);
     for (unsigned i = 0; i < joints; i++) {
         const double* v = &table[10 * i];
         data[i] = {v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9]};
     }
-    gainroom::RobotTracker tracker(data.data(), joints, sample_time, size, rows, contacts);
+    const gainroom::TaskStack stack{{directions}, {gains.begin(), gains.begin() + directions}, {gains.begin() + directions, gains.end()}, rows % 2 == 0};
+    const auto made = directions ? std::make_unique<gainroom::RobotTracker>(data.data(), joints, sample_time, size, rows, contacts, stack)
+                                 : std::make_unique<gainroom::RobotTracker>(data.data(), joints, sample_time, size, rows, contacts);
+    gainroom::RobotTracker& tracker = *made;
     while (std::scanf("%d %u", &contact, &count) == 2) {
         held.resize(count * size);
-        if (!fill(mass) || !fill(held)) return 2;
+        if (!fill(mass) || !fill(held) || !fill(task)) return 2;
         inside = true;
-        const gainroom::Limit limit = tracker.update(mass.data(), held.data(), count, std::size_t(contact));
+        const gainroom::Limit limit = tracker.update(mass.data(), held.data(), count, std::size_t(contact), task.data());
         tracker.prepare(held.data(), count, std::size_t(contact) + 1);
         inside = false;
         std::printf("%a %a %d %ld %a %d\n", limit.gain, limit.frequency, int(limit.certified), limit.age, limit.safe_gain, int(limit.flag));

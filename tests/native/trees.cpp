@@ -65,7 +65,7 @@ static bool tree(bool hostile) {
 static bool inverse(bool hostile) {
     const std::size_t rows = generator() % 9, columns = generator() % 9, rank = generator() % 9;
     const Real a = product(matrix(rows, rank, hostile), matrix(rank, columns, hostile));
-    const RowSpace space(a, 1e-9);
+    RowSpace space(a, 1e-9);
     const Real again = product(product_turned(a, space.inverse_turned()), a);
     double worst = 0.0, most = 0.0;
     for (std::size_t k = 0; k < a.entries.size(); k++) {
@@ -76,11 +76,13 @@ static bool inverse(bool hostile) {
 }
 
 static void tasks(bool hostile) {
-    const std::size_t size = 1 + generator() % 12, joints = generator() % (size + 1), held = generator() % 9, first = generator() % 4;
-    const Real root = matrix(size, size, hostile), mass = product_turned(root, root);
-    Real inverse(size, size);
-    if (!inverse_root(mass, inverse)) return;
-    task_motion(inverse, matrix(held, size, hostile), matrix(first + 3, size, hostile), {first, 3}, joints, 1e-9, 1e-6);
+    const std::size_t size = 1 + generator() % 12, joints = 1 + generator() % size, held = generator() % 9, first = generator() % 4;
+    const Real root = matrix(size, size, hostile), mass = product_turned(root, root), rows = matrix(held, size, hostile);
+    LinkInertia links(size, joints, held);
+    std::vector<double> inverse(joints * joints);
+    if (!links.compute(mass.entries.data(), rows.entries.data(), held, inverse.data())) return;
+    TaskMotion motion(size, joints, {first, 3}, 1e-6);
+    motion.compute(links, matrix(first + 3, size, hostile).entries.data());
 }
 
 int main() {

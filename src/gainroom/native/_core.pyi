@@ -5,6 +5,7 @@ Shapes that do not fit raise ValueError. What the functions compute is said in i
 """
 
 from collections.abc import Callable
+from typing import overload
 
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 
@@ -214,10 +215,30 @@ class GainTracker:
     Answers are gain, frequency, certified, age, safe gain and flag of a Limit. A negative contact is an unknown one.
     """
 
+    @overload
     def __init__(
         self, joints: Floats, sample_time: float, velocities: int, rows: int, contacts: int, slices: float, urgent: float
     ) -> None: ...
-    def update(self, mass: Floats, jacobians: list[Floats], contact: int) -> tuple[float, float, bool, int, float, int]: ...
+    @overload
+    def __init__(
+        self,
+        joints: Floats,
+        sample_time: float,
+        velocities: int,
+        rows: int,
+        contacts: int,
+        sizes: list[int],
+        gains: Floats,
+        rotors: bool,
+        movable: float,
+    ) -> None:
+        """Of tasks of `sizes` directions each, with K'p and K'v `gains` (2, m); those of `joints` do not count."""
+
+    def update(
+        self, mass: Floats, jacobians: list[Floats], contact: int, tasks: list[Floats] = ...
+    ) -> tuple[float, float, bool, int, float, int]:
+        """`tasks`: their Jacobians, m rows in all."""
+
     def prepare(self, jacobians: list[Floats], contact: int) -> None:
         """After `update`: the same mass matrix, were the robot in another contact state."""
 
@@ -367,7 +388,7 @@ def pseudo_inverse(matrix: Floats, share: float) -> Floats:
     """A⁺ (n, m) of A (m, n), as row_space.hpp."""
 
 def task_motion(
-    inertia: Floats, held: Floats, tasks: Floats, sizes: list[int], joints: int, redundant: float, movable: float
+    inertia: Floats, held: Floats, tasks: Floats, sizes: list[int], joints: int, movable: float
 ) -> tuple[Floats, Floats, list[int], int]:
     """Y (N, n), X (n, m), directions of each task that can be moved, and motions that contacts leave, as task_motion.hpp.
 

@@ -31,7 +31,7 @@ from ..errors import GainroomError, first_of_many, nearest, require_finite
 from ..native import _core
 from ..system.controller import PD, PPI, Controller
 from ..system.linear.arrays import Booleans, Floats, Integers
-from .contact import REDUNDANT, free_motion
+from .contact import free_motion
 from .model import Stance
 
 TaskKind = Literal["com", "position", "orientation", "posture"]
@@ -275,9 +275,7 @@ def task_motion(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> T
     jacobians = [task.jacobian(model) for task in tasks]
     sizes, joints = [len(jacobian) for jacobian in jacobians], len(model.selection)
     inertia = _modelled_inertia(model, rotors)
-    follow, torque, ranks, motions = _core.task_motion(
-        inertia, model.contact_jacobian, np.vstack(jacobians), sizes, joints, REDUNDANT, MOVABLE
-    )
+    follow, torque, ranks, motions = _core.task_motion(inertia, model.contact_jacobian, np.vstack(jacobians), sizes, joints, MOVABLE)
     return TaskMotion([jacobian @ follow for jacobian in jacobians], torque, follow, _immovable(tasks, sizes, ranks, motions))
 
 

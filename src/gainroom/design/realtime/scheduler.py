@@ -147,6 +147,8 @@ class GainScheduler:
             names = ", ".join(sorted({str(name) for name in set(table.own) ^ set(trackers)}))
             raise GainroomError(f"gain scheduler: every contact state needs gains and a tracker; only one of them is there for {names}")
         for name, tracker in trackers.items():
+            if getattr(tracker, "space", "joint") != "joint":
+                raise GainroomError(f"gain scheduler: the tracker of {name!r} follows tasks; only gains of joints are scheduled")
             own = table.own[name]
             tracked = np.asarray(getattr(tracker, "gains", own))  # one of a user's own need not tell
             if tracked.shape != own.shape or not np.allclose(tracked, own, rtol=1e-9, atol=0.0):

@@ -16,11 +16,13 @@ from ...analysis.gain_limit import gain_limit
 from ...errors import GainroomError, first_of_many, nearest
 from ...native import _core
 from ...robot.body import library
+from ...robot.tasks import MOVABLE
 from ...system.controller import PD, Controller
 from ...system.linear.arrays import Floats
 from ...system.requirements import Requirements
 from ...system.system import Control, System
-from .carried import joint_table, require_carried
+from .carried import joint_gains, joint_table, require_carried, require_leads
+from .task_rows import TaskRows
 
 if TYPE_CHECKING:
     from ...robot.contact import Contact
@@ -36,6 +38,8 @@ FLAGS = ("", "posture", "contact", "too few constraints")
 PREPARED = 3
 """Every so many ticks another contact state is made ready for a switch."""
 UNIT_QUATERNION = 1e-3
+WEAK = 0.05
+"""Factors on the gains of tasks below which directions may act on each other so slowly that nobody minds."""
 DOUBLE = np.dtype(float)
 
 
@@ -46,9 +50,9 @@ class TrackedLimit(NamedTuple):
     frequency   at which it then vibrates [rad/s]
     certified   whether `gain` is the loop's limit now: see GainTracker
     age_ticks   since the limit of this contact state was certified, 0: now; −1: never
-    safe_gain   1e-6 below `gain` where that is certified. Else what was certified last in this contact state, or the lowest of all
-                states where there is none, 10 % below it and more as the robot moves on: no proof; 0 where nothing is known. Never
-                above `gain`
+    safe_gain   1e-6 below `gain` where that is certified. Else what was certified last in this contact state, or in joint space the
+                lowest of all states where there is none, 10 % below it and more as the robot moves on: no proof; 0 where nothing is
+                known. Never above `gain`
     allowed     safe_gain over the gain margin that the limits ask for
     flag        what was wrong with the call, one of FLAGS; "": nothing
     """
@@ -63,10 +67,11 @@ class TrackedLimit(NamedTuple):
 
 
 class GainTracker:
-    """Follows the gain limit of a robot's joint-space PD control from tick to tick, continuous or sampled.
+    """Follows the gain limit of a robot's PD control from tick to tick, in joint or in task space, continuous or sampled.
 
-    robot      as load_robot gives it; the links are those of its first posture
-    control    a Control or a PD; None: the robot's own
+    robot      as load_robot gives it, N velocities and n joints; the links are those of its first posture
+    control    a Control or a PD; None: the robot's own. In task space (`Control.space`) the robot's tasks with their own gains, of which
+               all are multiplied: joint gain matrices follow from posture and contact at every tick
     limits     of which the gain margin counts, for `allowed`; None: the robot's own
     contacts   names of contact states; None: all of the robot's
 
@@ -78,9 +83,14 @@ class GainTracker:
     looked at in the posture of its own tick; and gains below the limit are not looked at one by one, so that an interval of instability
     that opens below it without passing through it is not seen. At construction the first limits are compared with gain_limit.
 
+    In task space joint gains are matrices that prove nothing about energy, and tasks that act on each other may be unstable slowly, at
+    gains however low. Certified then says as well that at frequencies below those of the limits nothing crosses, at this gain and lower
+    ones down to WEAK; that is looked at anew before the robot has moved by 0.3 of its inverse inertia and gains. Where it is found
+    that something does cross, and where a contact state was never certified, safe_gain is 0.
+
     Raises GainroomError for what is not carried: gravity stiffness, springs under contacts, encoders on the link's side, controllers other
-    than PD with one gain per joint, filters, elastic joints without damping, rigid among elastic joints where control is sampled, loops
-    without delay, and loops that are not stable from small gains up to the limit.
+    than PD with one gain per joint, or tasks' PD, filters, elastic joints without damping, rigid among elastic joints where control is
+    sampled, loops without delay, loops that are not stable from small gains up to the limit, contacts in which joints can move no task.
     """
 
     def __init__(
@@ -90,19 +100,25 @@ class GainTracker:
         names = _contact_names(robot, contacts)
         robot.body.require_tree("gain tracker")
         require_carried(robot, system, names)
-        pd = system.control.controller
-        self.gains = np.array([np.broadcast_to(gain, robot.body.size) for gain in (pd.kp, pd.kd)], dtype=float)
-        """(2, n) kp and kd that the limits are factors on."""
-        body = robot.body
+        body, rotors = robot.body, system.control.rotors
+        self.space = system.control.space
+        """"joint" or "task"."""
+        tasks = robot.tasks(robot.linearize(next(iter(robot.postures)), names[0]), rotors) if self.space == "task" else None
+        require_leads(robot, system, tasks)
+        self.gains = np.array(joint_gains(system) if tasks is None else (tasks.kp, tasks.kd))
+        """(2, n) kp and kd that the limits are factors on; (2, m) K'p and K'v of the directions of tasks."""
         self._pin, self._model, self._data = library("pinocchio", "Pinocchio"), body.model, body.model.createData()
         self._shape, self._floating = (body.nq,), body.base == "floating"
         self._world, self._local = self._pin.Convention.WORLD, self._pin.ReferenceFrame.LOCAL
         self._share = 1.0 / ((system.requirements if limits is None else limits).gain_margin or 1.0)
         held = [robot.contacts[name] for name in names]
         rows = [sum(len(contact.rows) for contact in state) for state in held]
-        self._core = _core.GainTracker(
-            joint_table(robot, system), system.control.sample_time or 0.0, body.nv, max(rows, default=0), len(names), 0.0, 0.0
-        )
+        machine = joint_table(robot, system), system.control.sample_time or 0.0, body.nv, max(rows, default=0), len(names)
+        if tasks is None:
+            self._tasks, self._core = None, _core.GainTracker(*machine, 0.0, 0.0)
+        else:
+            sizes = [len(task.directions(robot.joint_names)) for task in tasks.tasks]
+            self._tasks, self._core = TaskRows(body, tasks.tasks), _core.GainTracker(*machine, sizes, self.gains, rotors, MOVABLE)
         self._states = {
             name: _State(index, tuple(_held_frame(body, contact) for contact in state))
             for index, (name, state) in enumerate(zip(names, held, strict=True))
@@ -129,22 +145,24 @@ class GainTracker:
             if not abs(x * x + y * y + z * z + w * w - 1.0) < UNIT_QUATERNION:
                 return self._flagged(1)
         self._pin.crba(self._model, self._data, q, self._world)
-        found = self._core.update(self._data.M, self._jacobians(state), state.number)
+        tasks = [] if self._tasks is None else self._tasks(self._data, q)
+        found = self._core.update(self._data.M, self._jacobians(state), state.number, tasks)
         self._ticks += 1
         if self._ticks % PREPARED == 0:
             self._prepare_next(state)
         return self._answer(found)
 
-    def update_dynamics(self, mass: Floats, jacobians: Sequence[Floats], contact: str) -> TrackedLimit:
+    def update_dynamics(self, mass: Floats, jacobians: Sequence[Floats], contact: str, tasks: Sequence[Floats] = ()) -> TrackedLimit:
         """As update, with mass matrix (N, N) and contact Jacobians, each (c, N), of another dynamics library: links alone, rotors apart.
 
-        Velocities are in the order of the robot's body: base, then joints. Raises nothing: see `flag`.
+        Velocities are in the order of the robot's body: base, then joints. `tasks`: the Jacobians (m_i, N) of tasks, along the world's
+        axes, the first one first; none in joint space. Raises nothing: see `flag`.
         """
         state = self._states.get(contact)
         if state is None:
             return self._flagged(3 if contact in self._loose else 2)
         try:
-            return self._answer(self._core.update(mass, list(jacobians), state.number))
+            return self._answer(self._core.update(mass, list(jacobians), state.number, list(tasks)))
         except (TypeError, ValueError):
             return self._flagged(1)
 
@@ -195,6 +213,10 @@ class GainTracker:
         """The first certificate of every contact state, in the first posture."""
         for name, state in self._states.items():
             model = robot.linearize(next(iter(robot.postures)), name)
+            if self._tasks is not None and not robot.tasks(model, system.control.rotors).movable.any():
+                raise GainroomError(f"gain tracker: contact {name!r}: the joints can move no task; name contact states in which they can")
+            rows = [] if self._tasks is None else [task.jacobian(model) for task in robot.stack]
+            here = model.inertia, [model.contact_jacobian], state.number, rows
             inverse = np.ascontiguousarray(model.link_inverse_inertia)
             left = self._core.alias_left(inverse, self._core.passive_frequency)
             if left > 1e-9:
@@ -202,18 +224,24 @@ class GainTracker:
                     f"gain tracker: contact {name!r}: motion faster than the ticks takes part by {left:.1g}; shorten the sample time"
                 )
             limit = gain_limit(system.loop(model))
-            if not np.isfinite(limit.gain) or limit.gain == 0 or limit.lower_gain > 0:
+            if self._tasks is not None and limit.frequency <= self._core.passive_frequency:
+                raise GainroomError(
+                    f"gain tracker: contact {name!r}: the limit lies at {limit.frequency:.3g} rad/s, "
+                    f"below {self._core.passive_frequency:.3g} rad/s, up to where tasks take energy out"
+                )
+            weakest = 0.0 if self._tasks is None else WEAK
+            if not np.isfinite(limit.gain) or limit.gain == 0 or limit.lower_gain > weakest:
                 raise GainroomError(
                     f"gain tracker: contact {name!r}: the loop is stable from a gain factor of {limit.lower_gain:g} to {limit.gain:g}; "
                     "it has to be stable from 0 to a finite one"
                 )
-            found = self._core.update_inverse(inverse, state.number)
+            found = self._core.update(*here)
             for _ in range(SETTLING):
                 if found[2]:
                     break
-                found = self._core.update_inverse(inverse, state.number)
+                found = self._core.update(*here)
             for _ in range(WIDENING):  # other crossings above it
-                found = self._core.update_inverse(inverse, state.number)
+                found = self._core.update(*here)
             if not abs(found[0] - limit.gain) <= AGREED * limit.gain:
                 raise GainroomError(f"gain tracker: contact {name!r}: {found[0]:.7g} was found as gain limit, not {limit.gain:.7g}")
 
@@ -241,6 +269,7 @@ def _system(robot: "Robot", control: Control | PD | None) -> System:
     system = getattr(robot, "system", None)
     if system is None:
         raise GainroomError("gain tracker: the robot has to come from load_robot, which reads drives and control")
+    system = replace(system, source=robot)  # which may have other actuators or tasks than its file
     if isinstance(control, Controller):
         return system.with_controller(control)
     if control is not None and not isinstance(control, Control):

@@ -111,26 +111,26 @@ static Real real(const Matrix& array) {
 
 static nb::object owned(const Real& matrix) { return owned(matrix.entries.data(), matrix.rows, matrix.columns); }
 
-static Real root(const Matrix& inertia, const Matrix& held) {
-    const std::size_t size = inertia.shape(0);
-    require(inertia.shape(1) == size && held.shape(1) == size, "inertia and held have the shapes (N, N), (c, N)");
-    Real inverse(size, size);
-    require(gainroom::inverse_root(real(inertia), inverse), "the inertia is not positive definite");
-    return inverse;
-}
-
 static nb::object pseudo_inverse(const Matrix& matrix, double share) {
     return owned(transposed(gainroom::RowSpace(real(matrix), share).inverse_turned()));
 }
 
 static nb::tuple task_motion(const Matrix& inertia, const Matrix& held, const Matrix& tasks, const std::vector<std::size_t>& sizes,
-                             std::size_t joints, double redundant, double movable) {
+                             std::size_t joints, double movable) {
+    const std::size_t size = inertia.shape(0);
     std::size_t total = 0;
-    for (const std::size_t size : sizes) total += size;
-    require(tasks.shape(0) == total && tasks.shape(1) == inertia.shape(0), "tasks have the shape (m, N), sizes add up to m");
-    require(joints <= inertia.shape(0), "there are at most N joints");
-    const auto found = gainroom::task_motion(root(inertia, held), real(held), real(tasks), sizes, joints, redundant, movable);
-    return nb::make_tuple(owned(found.follow), owned(found.torque), found.ranks, found.motions);
+    for (const std::size_t one : sizes) total += one;
+    require(inertia.shape(1) == size && held.shape(1) == size, "inertia and held have the shapes (N, N), (c, N)");
+    require(tasks.shape(0) == total && tasks.shape(1) == size, "tasks have the shape (m, N), sizes add up to m");
+    require(joints > 0 && joints <= size, "there are 1 to N joints");
+    gainroom::LinkInertia links(size, joints, held.shape(0));
+    gainroom::TaskMotion motion(size, joints, sizes, movable);
+    Real inverse(joints, joints), follow;
+    require(links.compute(real(inertia).entries.data(), real(held).entries.data(), held.shape(0), inverse.entries.data()),
+            "the inertia is not positive definite");
+    require(motion.compute(links, real(tasks).entries.data()), "matrices are finite");
+    motion.follow(links, follow);
+    return nb::make_tuple(owned(follow), owned(motion.torque()), motion.ranks(), size - links.held());
 }
 
 void bind_robot(nb::module_& m) {
@@ -146,5 +146,5 @@ void bind_robot(nb::module_& m) {
         .def("read", &task_values, nb::arg("q"));
     m.def("pseudo_inverse", &pseudo_inverse, nb::arg("matrix"), nb::arg("share"));
     m.def("task_motion", &task_motion, nb::arg("inertia"), nb::arg("held"), nb::arg("tasks"), nb::arg("sizes"), nb::arg("joints"),
-          nb::arg("redundant"), nb::arg("movable"));
+          nb::arg("movable"));
 }

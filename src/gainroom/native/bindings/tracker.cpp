@@ -16,36 +16,44 @@ public:
                                                     settings(slices, urgent)),
           mass_(velocities * velocities), rows_(rows * velocities) {}
 
-    // `mass` (N, N), `jacobians`: contact Jacobians one below the other; a negative contact: an unknown one.
-    nb::tuple update(const Strided& mass, const std::vector<Strided>& jacobians, std::int64_t contact) {
+    // Of tasks of `sizes` directions each with K'p and K'v `gains` (2, m).
+    GainTracker(const Matrix& joints, double sample_time, std::size_t velocities, std::size_t rows, std::size_t contacts,
+                const std::vector<std::size_t>& sizes, const Matrix& gains, bool rotors, double movable)
+        : joints_(read(joints, velocities)), robot_(joints_.data(), joints_.size(), sample_time, velocities, rows, contacts,
+                                                    stack(sizes, gains, rotors, movable)),
+          mass_(velocities * velocities), rows_(rows * velocities), tasks_(robot_.directions() * velocities) {}
+
+    // `mass` (N, N), `jacobians`: contact Jacobians one below the other, `tasks` those of tasks; a negative contact: an unknown one.
+    nb::tuple update(const Strided& mass, const std::vector<Strided>& jacobians, std::int64_t contact, const std::vector<Strided>& tasks) {
         const std::size_t size = robot_.links().velocities();
         require(mass.shape(0) == size && mass.shape(1) == size, "mass has the shape (N, N)");
         for (std::size_t i = 0; i < size; i++)
             for (std::size_t j = i; j < size; j++) mass_[i * size + j] = mass(i, j);
-        const std::size_t count = copy_rows(jacobians);
+        const std::size_t count = copy_rows(jacobians, rows_);
+        require(copy_rows(tasks, tasks_) == robot_.directions(), "tasks have m rows");
         gainroom::Limit limit;
         {
             nb::gil_scoped_release release;
-            limit = robot_.update(mass_.data(), rows_.data(), count, std::size_t(contact));
+            limit = robot_.update(mass_.data(), rows_.data(), count, std::size_t(contact), tasks_.data());
         }
         return answer(limit);
     }
 
     void prepare(const std::vector<Strided>& jacobians, std::int64_t contact) {
-        const std::size_t count = copy_rows(jacobians);
+        const std::size_t count = copy_rows(jacobians, rows_);
         nb::gil_scoped_release release;
         robot_.prepare(rows_.data(), count, std::size_t(contact));
     }
 
     nb::tuple update_inverse(const Matrix& w, std::int64_t contact) {
-        require(has_shape(w, joints_.size(), joints_.size()), "w has the shape (n, n)");
+        require(has_shape(w, joints_.size(), joints_.size()) && !robot_.directions(), "w has the shape (n, n), and there are no tasks");
         return answer(tracker().update(w.data(), std::size_t(contact)));
     }
 
     nb::tuple flagged(int flag) const {
         return answer(tracker().without_evidence(static_cast<gainroom::Flag>(flag)));
     }
-    nb::object inverse() const { return owned(robot_.inverse(), joints_.size(), joints_.size()); }
+    nb::object inverse() const { return owned(robot_.posture().data(), joints_.size(), joints_.size()); }
     double passive_frequency() const { return tracker().passive_frequency(); }
     double alias_left(const Matrix& w, double omega) const {
         require(has_shape(w, joints_.size(), joints_.size()), "w has the shape (n, n)");
@@ -69,13 +77,13 @@ public:
 
 private:
     // One below the other; how many rows.
-    std::size_t copy_rows(const std::vector<Strided>& jacobians) {
+    std::size_t copy_rows(const std::vector<Strided>& jacobians, std::vector<double>& rows) const {
         const std::size_t size = robot_.links().velocities();
         std::size_t count = 0;
         for (const Strided& one : jacobians) {
-            require(one.shape(1) == size && count + one.shape(0) <= robot_.links().most_rows(), "Jacobians have N columns and fit in `rows`");
+            require(one.shape(1) == size && (count + one.shape(0)) * size <= rows.size(), "Jacobians have N columns and fit in `rows`");
             for (std::size_t r = 0; r < one.shape(0); r++, count++)
-                for (std::size_t j = 0; j < size; j++) rows_[count * size + j] = one(r, j);
+                for (std::size_t j = 0; j < size; j++) rows[count * size + j] = one(r, j);
         }
         return count;
     }
@@ -89,6 +97,12 @@ private:
         const auto* first = reinterpret_cast<const JointData*>(joints.data());
         return {first, first + joints.shape(0)};
     }
+    static gainroom::TaskStack stack(const std::vector<std::size_t>& sizes, const Matrix& gains, bool rotors, double movable) {
+        std::size_t total = 0;
+        for (const std::size_t size : sizes) total += size;
+        require(has_shape(gains, 2, total) && total > 0 && total <= 512, "gains have the shape (2, m), sizes add up to m, at most 512");
+        return {sizes, {gains.data(), gains.data() + total}, {gains.data() + total, gains.data() + 2 * total}, rotors, movable};
+    }
     static gainroom::TrackerSettings settings(double slices, double urgent) {
         gainroom::TrackerSettings found;
         found.slices = slices;
@@ -101,7 +115,7 @@ private:
 
     std::vector<JointData> joints_;
     gainroom::RobotTracker robot_;
-    std::vector<double> mass_, rows_;
+    std::vector<double> mass_, rows_, tasks_;
 };
 
 static nb::object link_inverse_inertia(const Strided& mass, const Matrix& rows, std::size_t joints) {
@@ -120,7 +134,10 @@ void bind_tracker(nb::module_& m) {
     nb::class_<GainTracker>(m, "GainTracker")
         .def(nb::init<const Matrix&, double, std::size_t, std::size_t, std::size_t, double, double>(), nb::arg("joints"),
              nb::arg("sample_time"), nb::arg("velocities"), nb::arg("rows"), nb::arg("contacts"), nb::arg("slices"), nb::arg("urgent"))
-        .def("update", &GainTracker::update, nb::arg("mass"), nb::arg("jacobians"), nb::arg("contact"))
+        .def(nb::init<const Matrix&, double, std::size_t, std::size_t, std::size_t, const std::vector<std::size_t>&, const Matrix&, bool, double>(),
+             nb::arg("joints"), nb::arg("sample_time"), nb::arg("velocities"), nb::arg("rows"), nb::arg("contacts"), nb::arg("sizes"),
+             nb::arg("gains"), nb::arg("rotors"), nb::arg("movable"))
+        .def("update", &GainTracker::update, nb::arg("mass"), nb::arg("jacobians"), nb::arg("contact"), nb::arg("tasks") = std::vector<Strided>())
         .def("prepare", &GainTracker::prepare, nb::arg("jacobians"), nb::arg("contact"))
         .def("update_inverse", &GainTracker::update_inverse, nb::arg("w"), nb::arg("contact"))
         .def("flagged", &GainTracker::flagged, nb::arg("flag"))

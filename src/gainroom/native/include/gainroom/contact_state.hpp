@@ -13,10 +13,12 @@ namespace gainroom {
 
 struct ContactState {
     static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each channel
-    static constexpr double kFarthest = 0.2, kNear = 0.15, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
+    static constexpr double kNear = 0.15, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
+    static constexpr double kHigh = 10.0, kLowest = 1.1, kBelow = 0.95, kFar = 0.3;
     static constexpr double kOften = 3.0;  // counts in the time in which one becomes too old
 
-    ContactState(const TrackedLoop& loop, std::size_t index) : number(index), posture(loop.posture_size()) {
+    ContactState(const TrackedLoop& loop, std::size_t index)
+        : number(index), slow_needed(loop.slowest() < loop.lowest()), farthest(loop.farthest()), posture(loop.posture_size()) {
         const std::size_t most = loop.channels() + kSpare;
         pool.reserve(most);
         for (std::size_t k = 0; k < most; k++) pool.emplace_back(loop.mode_size());
@@ -25,6 +27,8 @@ struct ContactState {
     ContactState(ContactState&&) = default;
 
     std::size_t number;
+    bool slow_needed;
+    double farthest;  // of `reach`
     std::vector<double> posture;  // at which the crossings are
     std::vector<TrackedCrossing> pool;
     std::vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
@@ -38,7 +42,11 @@ struct ContactState {
     bool begun = false, searching = false;
     double path = 0.0;                         // how far the robot has moved in all
     double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
-    double reach = kFarthest;                     // how far above the lowest crossing the next count may be
+    PhaseSweep slow;             // of frequencies below `lowest`, while `slowing`: its factor is high, kHigh times the lowest crossing
+    bool slowing = false, loose = false;  // loose: it found that the loop is not stable at low factors
+    double slow_from = 0.0, slow_length = 300.0, slow_factor = kHigh;
+    double slow_counted = 0.0, slow_counted_from = 0.0;
+    double reach = farthest;                     // how far above the lowest crossing the next count may be
     double empty_below = 0.0, seek = 0.5;      // factors without unstable roots, and the next one to look at while none is known
     double certified_gain = 0.0, certified_path = 0.0, certified_speed = 0.0;
     long certified_at = -1;
@@ -55,8 +63,11 @@ struct ContactState {
     }
 
     // What is left of the last certified gain where the robot has moved on: crossings are taken to move as fast as the fastest one that was
-    // known then, times kFaster, but no less than kIdle.
-    double remembered() const { return certified_gain * std::exp(-std::max(kIdle, kFaster * certified_speed) * (path - certified_path)); }
+    // known then, times kFaster, but no less than kIdle. Nothing is left where the robot has moved by 2 kFar and the loop may be unstable at any factor.
+    double remembered() const {
+        const double ahead = path - certified_path, speed = std::max(kIdle, kFaster * certified_speed);
+        return certified_gain * std::exp(-speed * ahead) * (slow_needed ? std::max(0.0, 1.0 - 0.5 * ahead / kFar) : 1.0);
+    }
 
     void certify(double gain, long tick) {
         certified_gain = gain;
@@ -70,7 +81,37 @@ struct ContactState {
     bool certified() const {
         if (count == 0 || counted == 0.0) return false;
         const TrackedCrossing& lowest = *order[0];
-        return lowest.converged && lowest.seen_at == path && holds(counted, counted_from);
+        return lowest.converged && lowest.seen_at == path && holds(counted, counted_from) && slow_holds();
+    }
+
+    // The same of the slow count, which does not outlast kFar of the path, however high its factor was: crossings may come from infinity and from 0.
+    bool slow_holds(double often = 1.0) const {
+        return !slow_needed || (slow_counted > order[0]->gain && often * (path - slow_counted_from) < slow_reach());
+    }
+    double slow_reach() const { return std::min(std::log(slow_counted / order[0]->gain) / speed(), kFar); }
+
+    // Whether the next slice is one of the slow count: it has become too old, or soon will; elsewhere slices take turns.
+    bool slow_turn(bool odd) const {
+        if (!slow_needed || count == 0) return false;
+        if (!holds(counted, counted_from)) return loose && odd;
+        return !slow_holds() || (odd && (slowing || !slow_holds(kOften)));
+    }
+
+    // Where something crosses above the lowest crossing only, the next one is below that.
+    void conclude_slow(bool done, bool crossed) {
+        slowing = false;
+        if (done) slow_length = double(slow.slices());
+        if (done && slow.pairs() == 0) {
+            loose = false;
+            slow_counted = slow.gain();
+            slow_counted_from = slow_from;
+            slow_factor = std::min(1.15 * slow_factor, kHigh);
+            return;
+        }
+        const double clear = crossed ? kBelow * slow.clear_gain() / order[0]->gain : 0.6 * slow_factor;
+        loose = crossed && clear < kLowest;
+        if (loose) slow_counted = 0.0;
+        slow_factor = std::max(std::min(clear, slow_factor), kLowest);
     }
 
     // Whether a count at `factor`, begun at the path `from`, tells about the lowest crossing here.
@@ -78,13 +119,16 @@ struct ContactState {
         return factor > order[0]->gain && speed() * (path - from) < std::log(factor / order[0]->gain);
     }
 
-    // Slices per tick with which a count is kOften times as fast as it becomes too old.
-    double pace() const { return kOften * length * speed() * rate / std::log(counted / order[0]->gain); }
+    // Slices per tick with which counts are kOften times as fast as they become too old.
+    double pace() const {
+        const double slices = length * speed() / std::log(counted / order[0]->gain);
+        return kOften * rate * (slow_needed ? slices + slow_length / slow_reach() : slices);
+    }
 
     // The next count less far above the lowest crossing, but farther than it may come meanwhile.
     void shorten() {
         agreed = 0;
-        reach = std::max(0.7 * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), kFarthest));
+        reach = std::max(0.7 * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), farthest));
     }
 
     // After a switch without a certificate: a new count, near the lowest crossing, where less may be missing, and no search yet.
@@ -95,19 +139,19 @@ struct ContactState {
 
     void lengthen() {
         missed = 0;
-        reach = std::min((agreed++ > 3 ? 1.5 : 1.15) * reach, kFarthest);
+        reach = std::min((agreed++ > 3 ? 1.5 : 1.15) * reach, farthest);
     }
 
     // Where to count: in the widest gap between known crossings a little above the lowest.
     double next_factor() const {
         if (count == 0) return seek;
-        const double lowest = order[0]->gain, farthest = (1.0 + reach * (1.0 - 0.4 * std::fmod(0.618 * vain, 1.0))) * lowest;
+        const double lowest = order[0]->gain, end = (1.0 + reach * (1.0 - 0.4 * std::fmod(0.618 * vain, 1.0))) * lowest;
         double from = (1.0 + 0.2 * reach) * lowest, best = 0.0, factor = from;
         for (std::size_t k = 1; k <= count; k++) {
-            const double to = k < count ? std::min(order[k]->gain, farthest) : farthest;
+            const double to = k < count ? std::min(order[k]->gain, end) : end;
             if (to > from && to / from > best) {
                 best = to / from;
-                factor = to == farthest ? std::pow(from, 0.25) * std::pow(to, 0.75) : std::sqrt(from * to);
+                factor = to == end ? std::pow(from, 0.25) * std::pow(to, 0.75) : std::sqrt(from * to);
             }
             from = std::max(from, to);
         }

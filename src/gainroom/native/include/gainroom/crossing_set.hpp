@@ -29,9 +29,9 @@ public:
     bool approach(const double* posture, ContactState& state, double far, double room, double& work) {
         if (begins(posture, state)) return true;
         for (int k = 0; k == 0 || 2.0 * work < room; k++) {
-            if (k > 0) far = distance(state, posture);
+            if (k > 0) far = distance(state, posture), work += kStride;
             const bool there = stride(posture, state, far, stride_);
-            if (!there) state.sweeping = false;
+            if (!there) state.sweeping = state.slowing = false;
             follow_lowest(state, work);
             if (there && k == 0) {
                 for (std::size_t m = 1; m < state.count; m++) {
@@ -89,8 +89,9 @@ public:
     }
 
 private:
-    static constexpr double kFollowed = 1.4, kForgets = 0.95, kDouble = 1e-5;  // see arrange, moved, doubles
+    static constexpr double kForgets = 0.95, kDouble = 1e-5;  // see arrange, moved, doubles
     static constexpr double kLate = 0.06;    // a path along which a crossing is left; twice as long at most
+    static constexpr double kStride = 0.1;   // work of a further stride, also where no crossing is known
     static constexpr double kRough = 0.01;  // a gain that has been followed roughly is nearer than this
     static constexpr std::size_t kFew = 2;  // of these that are followed at a tick
 
@@ -179,7 +180,7 @@ private:
                 }
         }
         sort(state);
-        while (state.count > 1 && state.order[state.count - 1]->gain > kFollowed * state.order[0]->gain) state.count--;
+        while (state.count > 1 && state.order[state.count - 1]->gain > loop_.followed() * state.order[0]->gain) state.count--;
     }
 
     static void sort(ContactState& state) {

@@ -15,6 +15,14 @@ namespace gainroom {
 // may lose digits where QR does not: sums of eigenvalues and of their squares tell, and then QR follows (Golub and Van Loan, section 7.5).
 class Eigenvalues {
 public:
+    // All memory for matrices up to (n, n).
+    void reserve(std::size_t n) {
+        for (auto* one : {&re_, &im_, &form_re_, &form_im_}) one->reserve(n * n);
+        for (auto* one : {&factor_re_, &factor_im_}) one->reserve(n);
+        for (auto* one : {&cosine_, &sine_}) one->reserve(n);
+        exchanged_.reserve(n);
+    }
+
     // Of a (n, n) by rows, its real and imaginary parts apart. False where they do not settle, or an entry is not finite.
     bool find(const double* re, const double* im, std::size_t n, Complex* values) {
         n_ = n;

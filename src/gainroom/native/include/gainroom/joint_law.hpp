@@ -142,6 +142,13 @@ public:
         return highest;
     }
 
+    // The strongest joint's acceleration per unit of command, far above its resonance.
+    double strongest(double omega) const {
+        double most = 0.0;
+        for (const JointData& joint : joints_) most = std::max(most, std::abs(driven(joint, omega)) / (joint.motor_inertia * omega * omega));
+        return most;
+    }
+
     // Share of ω, at most `share`, beyond which a resonance could hide: its half width is about ζω with ζ = ωB/2K.
     double resolution(double omega, double share) const {
         for (const JointData& joint : joints_)

@@ -63,8 +63,9 @@ public:
     // The same for other `rows` and the mass matrix of before.
     bool hold(const double* rows, std::size_t count, double* inverse) {
         if (!known_ || count > most_) return false;
-        const std::size_t size = velocities_, base = size - joints_, rank = orthonormal(rows, count);
-        for (std::size_t r = 0; r < rank; r++) {
+        const std::size_t size = velocities_, base = size - joints_;
+        rank_ = orthonormal(rows, count);
+        for (std::size_t r = 0; r < rank_; r++) {
             double* row = &taken_[r * joints_];
             for (std::size_t j = 0; j < joints_; j++) row[j] = 0.0;
             for (std::size_t k = 0; k < size; k++) {
@@ -73,7 +74,7 @@ public:
             }
         }
         for (std::size_t k = 0; k < joints_ * joints_; k++) inverse[k] = free_[k];
-        for (std::size_t r = 0; r < rank; r++) add_square(inverse, &taken_[r * joints_], 0, 1.0);
+        for (std::size_t r = 0; r < rank_; r++) add_square(inverse, &taken_[r * joints_], 0, 1.0);
         double sum = 0.0;
         for (std::size_t i = 0; i < joints_; i++)
             for (std::size_t j = 0; j <= i; j++) {
@@ -83,7 +84,42 @@ public:
         return std::isfinite(sum);
     }
 
+    // How many of the rows are held that are no combination of others.
+    std::size_t held() const { return rank_; }
+
+    // Ŷᵀ (n, N), Ŷ = R⁻ᵀSᵀ without the held directions: W = ŶᵀŶ.
+    void reach(double* rows) const {
+        for (std::size_t j = 0; j < joints_; j++)
+            for (std::size_t k = 0; k < velocities_; k++) rows[j * velocities_ + k] = reach_[k * joints_ + j];
+        for (std::size_t r = 0; r < rank_; r++)
+            for (std::size_t j = 0; j < joints_; j++) subtract(rows + j * velocities_, taken_[r * joints_ + j], &held_[r * velocities_], velocities_);
+    }
+
+    // R⁻ᵀJᵀ of one row J (N) without the held directions; its size with them.
+    double carry(const double* row, double* image) const {
+        const std::size_t size = velocities_;
+        for (std::size_t k = 0; k < size; k++) image[k] = row[k];
+        back_substitute(image);
+        const double whole = std::sqrt(scalar_product(image, image, size));
+        for (std::size_t r = 0; r < rank_; r++) subtract(image, scalar_product(image, &held_[r * size], size), &held_[r * size], size);
+        return whole;
+    }
+
+    // R⁻¹ of `image` (N), in place.
+    void release(double* image) const {
+        for (std::size_t k = 0; k < velocities_; k++)
+            image[k] = (image[k] - scalar_product(&root_[k * velocities_], image, k)) * pivots_[k];
+    }
+
 private:
+    // R⁻ᵀ of a row, in place.
+    void back_substitute(double* row) const {
+        for (std::size_t k = velocities_; k-- > 0;) {
+            row[k] *= pivots_[k];
+            if (row[k] != 0.0) subtract(row, row[k], &root_[k * velocities_], k);
+        }
+    }
+
     // R row by row, from the upper triangle.
     bool factor(const double* mass) {
         const std::size_t size = velocities_;
@@ -108,10 +144,7 @@ private:
         for (std::size_t r = 0; r < count; r++) {
             double* row = &held_[r * size];
             for (std::size_t k = 0; k < size; k++) row[k] = rows[r * size + k];
-            for (std::size_t k = size; k-- > 0;) {
-                row[k] *= pivots_[k];
-                if (row[k] != 0.0) subtract(row, row[k], &root_[k * size], k);
-            }
+            back_substitute(row);
             largest = std::fmax(largest, std::sqrt(scalar_product(row, row, size)));
         }
         std::size_t rank = 0;
@@ -152,6 +185,7 @@ private:
 
     std::size_t velocities_, joints_, most_;
     std::vector<double> root_, pivots_, reach_, held_, shares_, taken_, free_;  // free_: W without contacts, its lower triangle
+    std::size_t rank_ = 0;
     bool known_ = false;
 };
 

@@ -5,7 +5,7 @@
 // At both ends the phase is known as such, not only up to turns (tracked_loop.hpp). Between them one slice adds the increment over one step,
 // which its ends' slopes predict: a step is taken only where prediction and phase agree, else it is shortened. Two roots of equal limbs that
 // are passed closely in one step turn the phase by 2π, which cannot be told from none: but the slope of its logarithm's real part then rises
-// from steep to steep, by at least 4 over the step per root, so that a step is shortened for that too.
+// from steep to steep, by at least 4 over the step per root, so that a step is shortened for that too; as it is for poles of the plant, where the function has them.
 #pragma once
 
 #include <algorithm>
@@ -18,44 +18,59 @@ namespace gainroom {
 
 class PhaseSweep {
 public:
-    enum class State { running, done, failed };
+    // failed: nothing is known; crossed: something crosses at the factor or lower ones, where nothing must.
+    enum class State { running, done, failed, crossed };
 
     double gain() const { return gain_; }
     double omega() const { return omega_; }
     double top() const { return top_; }
     std::size_t slices() const { return slices_; }
+    // Right after `crossed`: up to which factor nothing does there.
+    double clear_gain() const { return clear_; }
+    // What the last slice cost, in slices.
+    double cost() const { return cost_; }
     // Pairs of unstable roots; right after `done`.
     long pairs() const { return pairs_; }
 
-    // The first slice, at the factor g.
-    State begin(TrackedLoop& loop, const double* posture, double gain) {
+    // The first slice, at the factor g: from `lowest` on, or `slow`, up to there.
+    State begin(TrackedLoop& loop, const double* posture, double gain, bool slow = false) {
         gain_ = gain;
         slices_ = 0;
         part_ = 0;
-        omega_ = loop.lowest();
+        slow_ = slow;
+        omega_ = slow ? loop.slowest() : loop.lowest();
         resonance_ = loop.resonance(posture);
         const double step = loop.sample_time();
-        top_ = step > 0.0 ? (1.0 - 1e-6) * kPi / step : loop.top(posture, gain, std::max(1.3 * resonance_, 2.0 * omega_));
+        if (slow) top_ = loop.lowest();
+        else top_ = step > 0.0 ? (1.0 - 1e-6) * kPi / step : loop.top(posture, gain, std::max(1.3 * resonance_, 2.0 * omega_));
         evaluate(loop, posture, omega_);
         total_ = loop.whole_phase();
         step_ = 0.25 * longest(loop, omega_);
+        if (slow && !is_clear(loop)) return State::crossed;
         return std::isfinite(total_ + slope_) && top_ > omega_ ? State::running : State::failed;
     }
 
     // One more slice.
     State advance(TrackedLoop& loop, const double* posture) {
         if (++slices_ > kMostSlices) return State::failed;
+        cost_ = 1.0;
+        if (slow_ && leap(loop, posture)) return State::running;
         if (omega_ >= top_) return finish(loop, posture);
         const double before = phase_, slope = slope_, growth = growth_, from = omega_, to = std::min(from + step_, top_);
         evaluate(loop, posture, to);
         const double predicted = 0.5 * (slope + slope_) * (to - from);
         const double off = wrapped(phase_ - before - predicted);
-        if (!(std::fabs(off) < kAgreed) || !((growth_ - growth) * (to - from) < kClose)) {
+        if (!(std::fabs(off) < kAgreed) || !((growth_ - growth) * (to - from) < kClose) ||
+            (loop.has_poles() && !((growth - growth_) * (to - from) < kClose))) {
             phase_ = before;
             slope_ = slope;
             growth_ = growth;
             step_ = 0.4 * (to - from);
             return step_ > kShortest * from ? State::running : State::failed;
+        }
+        if (slow_) {
+            cost_ = 2.0;
+            if (!is_clear(loop)) return State::crossed;
         }
         total_ += predicted + off;
         omega_ = to;
@@ -66,7 +81,26 @@ public:
 
 private:
     static constexpr std::size_t kMostSlices = 2000;
-    static constexpr double kAgreed = 0.9, kClose = 2.0, kShortest = 1e-5;
+    static constexpr double kAgreed = 0.9, kClose = 2.0, kShortest = 1e-5, kLeap = 1.2;
+
+    // Over a band in which nothing crosses.
+    bool leap(TrackedLoop& loop, const double* posture) {
+        const double to = loop.clear_until(posture, omega_, gain_);
+        if (!(to > kLeap * omega_)) return false;
+        loop.phase(posture, omega_, gain_, nullptr);
+        total_ -= loop.whole_phase();
+        evaluate(loop, posture, to);
+        total_ += loop.whole_phase();
+        omega_ = to;
+        step_ = longest(loop, to);
+        cost_ = 5.0;
+        return true;
+    }
+
+    bool is_clear(TrackedLoop& loop) {
+        clear_ = loop.clear_gain();
+        return gain_ < clear_;
+    }
 
     double longest(const TrackedLoop& loop, double omega) const {
         return omega * (omega < resonance_ ? loop.resolution(omega) : TrackedLoop::kWidest);
@@ -82,7 +116,11 @@ private:
 
     // Where control is so weak that nothing turns any more: the phase there, from that without control, in parts.
     State finish(TrackedLoop& loop, const double* posture) {
-        if (part_ == 0) {
+        if (slow_) {
+            loop.phase(posture, top_, gain_, nullptr);
+            known_ = loop.whole_phase();
+            part_ = kParts;
+        } else if (part_ == 0) {
             phase_ = loop.phase(posture, top_, 0.0, nullptr);
             known_ = loop.whole_phase();
         }
@@ -100,10 +138,11 @@ private:
     }
 
     static constexpr int kParts = 6;
-    double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, resonance_ = 0.0, step_ = 0.0;
+    double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, resonance_ = 0.0, step_ = 0.0, cost_ = 1.0, clear_ = 0.0;
     double phase_ = 0.0, slope_ = 0.0, growth_ = 0.0, total_ = 0.0, known_ = 0.0;  // growth: d ln|F|/dω
     std::size_t slices_ = 0;
     int part_ = 0;
+    bool slow_ = false;
     long pairs_ = 0;
 };
 

@@ -1,8 +1,12 @@
 // The gain limit from a mass matrix and contact Jacobians: what a robot's own controller calls at every tick (examples/control_loop.cpp).
 #pragma once
 
+#include <memory>
+
 #include "joint_search.hpp"
 #include "link_inertia.hpp"
+#include "task_gains.hpp"
+#include "task_search.hpp"
 #include "tracker.hpp"
 
 namespace gainroom {
@@ -11,39 +15,70 @@ namespace gainroom {
 // contacts − 1. All space is taken here.
 class RobotTracker {
 public:
+    // One kp and kd per joint.
     RobotTracker(const JointData* joints, std::size_t count, double sample_time, std::size_t velocities, std::size_t rows,
                  std::size_t contacts, const TrackerSettings& settings = {})
-        : loop_(joints, count, sample_time), known_(loop_, settings.stride), search_(loop_, known_, contacts),
-          tracker_(known_, search_, contacts, settings), links_(velocities, count, rows), inverse_(count * count), other_(count * count) {}
+        : RobotTracker(std::make_unique<JointLoop>(joints, count, sample_time), settings, velocities, count, rows) {
+        auto& loop = static_cast<JointLoop&>(*loop_);
+        laws_ = &loop.laws();
+        search_ = std::make_unique<JointSearch>(loop, known_, contacts);
+        tracker_ = std::make_unique<Tracker>(known_, *search_, contacts, settings);
+    }
+
+    // Gains of tasks; those of `joints` do not count.
+    RobotTracker(const JointData* joints, std::size_t count, double sample_time, std::size_t velocities, std::size_t rows,
+                 std::size_t contacts, const TaskStack& tasks, const TrackerSettings& settings = {})
+        : RobotTracker(std::make_unique<TaskLoop>(joints, count, sample_time, TaskGains::rank(count, tasks),
+                                                  TaskGains::leading(joints, count, sample_time, tasks)),
+                       settings, velocities, count, rows) {
+        auto& loop = static_cast<TaskLoop&>(*loop_);
+        laws_ = &loop.laws();
+        gains_ = std::make_unique<TaskGains>(loop.laws(), velocities, rows, tasks);
+        search_ = std::make_unique<TaskSearch>(loop, known_, contacts);
+        tracker_ = std::make_unique<Tracker>(known_, *search_, contacts, settings);
+    }
 
     // One tick: A (N, N), of which the upper triangle is read, of the links without rotors; J (count, N), the directions that are held
-    // now, of any rank; both row by row. No exceptions, no allocation.
-    Limit update(const double* mass, const double* rows, std::size_t count, std::size_t contact) {
-        if (contact >= tracker_.contacts()) return tracker_.without_evidence(Flag::bad_contact);
-        if (!links_.compute(mass, rows, count, inverse_.data())) return tracker_.without_evidence(Flag::bad_posture);
-        return tracker_.update(inverse_.data(), contact);
+    // now, of any rank; with tasks, their Jacobians (m, N), one below the other in the world's axes; all row by row. No exceptions, no
+    // allocation.
+    Limit update(const double* mass, const double* rows, std::size_t count, std::size_t contact, const double* tasks = nullptr) {
+        if (contact >= tracker_->contacts()) return tracker_->without_evidence(Flag::bad_contact);
+        if (!links_.compute(mass, rows, count, posture_.data())) return tracker_->without_evidence(Flag::bad_posture);
+        if (gains_ && (!tasks || !gains_->compute(links_, mass, rows, count, tasks, posture_.data() + square())))
+            return tracker_->without_evidence(Flag::bad_posture);
+        return tracker_->update(posture_.data(), contact);
     }
 
     // After `update`, where there is time: what another contact state would be now, so that a switch to it finds its limit certified, or nearly.
     // Each of them every tenth tick is enough. Nothing is done after a tick that has taken long already.
     void prepare(const double* rows, std::size_t count, std::size_t contact) {
-        if (tracker_.has_time() && links_.hold(rows, count, other_.data())) tracker_.prepare(other_.data(), contact);
+        if (!tracker_->has_time() || !links_.hold(rows, count, other_.data())) return;
+        if (gains_ && !gains_->hold(links_, rows, count, other_.data() + square())) return;
+        tracker_->prepare(other_.data(), contact);
     }
 
-    Tracker& tracker() { return tracker_; }
-    const Tracker& tracker() const { return tracker_; }
-    const JointLaws& laws() const { return loop_.laws(); }
+    Tracker& tracker() { return *tracker_; }
+    const Tracker& tracker() const { return *tracker_; }
+    const JointLaws& laws() const { return *laws_; }
     const LinkInertia& links() const { return links_; }
-    // W (n, n) of the last tick.
-    const double* inverse() const { return inverse_.data(); }
+    std::size_t directions() const { return gains_ ? gains_->directions() : 0; }
+    // The posture of the last tick, as the loop takes it: W (n, n) first.
+    const std::vector<double>& posture() const { return posture_; }
 
 private:
-    JointLoop loop_;
+    RobotTracker(std::unique_ptr<TrackedLoop> loop, const TrackerSettings& settings, std::size_t velocities, std::size_t count, std::size_t rows)
+        : loop_(std::move(loop)), known_(*loop_, settings.stride), links_(velocities, count, rows), posture_(loop_->posture_size()),
+          other_(posture_.size()) {}
+    std::size_t square() const { return links_.joints() * links_.joints(); }
+
+    std::unique_ptr<TrackedLoop> loop_;
     CrossingSet known_;
-    JointSearch search_;
-    Tracker tracker_;
+    const JointLaws* laws_ = nullptr;
+    std::unique_ptr<TaskGains> gains_;
+    std::unique_ptr<CrossingSearch> search_;
+    std::unique_ptr<Tracker> tracker_;
     LinkInertia links_;
-    std::vector<double> inverse_, other_;
+    std::vector<double> posture_, other_;
 };
 
 }  // namespace gainroom

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -14,8 +16,15 @@ struct Real {
     std::size_t rows, columns;
     std::vector<double> entries;
 
+    Real() : Real(0, 0) {}
     Real(std::size_t r, std::size_t c) : rows(r), columns(c), entries(r * c) {}
     Real(std::size_t r, std::size_t c, const double* from) : rows(r), columns(c), entries(from, from + r * c) {}
+    // Zeros, of another shape; takes no memory where there has been room for as many.
+    void clear(std::size_t r, std::size_t c) {
+        rows = r;
+        columns = c;
+        entries.assign(r * c, 0.0);
+    }
     double* row(std::size_t r) { return entries.data() + r * columns; }
     const double* row(std::size_t r) const { return entries.data() + r * columns; }
 };
@@ -51,11 +60,18 @@ inline Real product_turned(const Real& a, const Real& b) {
 // A = Πᵀ L Qᵀ with Q (n, n) orthogonal: a product of reflections, as many as A (m, n) has independent rows.
 class RowSpace {
 public:
+    RowSpace() = default;
+    RowSpace(const Real& a, double share, double least = 0.0) { find(a, share, least); }
+
     // Rows count as independent while what they add to those before, the largest first, is above `least` and above `share` of the largest.
-    RowSpace(Real a, double share, double least = 0.0) : l_(std::move(a)), mirrors_(0, l_.columns), order_(l_.rows) {
+    // Takes no memory where a matrix as large has been there before.
+    void find(const Real& a, double share, double least = 0.0) {
+        l_ = a;
+        mirrors_.clear(std::min(a.rows, a.columns), a.columns);
+        order_.resize(a.rows);
+        largest_ = 0.0;
         for (std::size_t i = 0; i < l_.rows; i++) order_[i] = i;
-        const std::size_t most = std::min(l_.rows, l_.columns);
-        for (rank_ = 0; rank_ < most; rank_++) {
+        for (rank_ = 0; rank_ < mirrors_.rows; rank_++) {
             const double size = bring_largest(rank_);
             if (rank_ == 0) largest_ = size;
             if (!(size > share * largest_) || !(size > least)) break;
@@ -66,27 +82,35 @@ public:
     std::size_t rank() const { return rank_; }
     double largest() const { return largest_; }  // row's size
 
-    // Columns `first` to n of Q, as rows: up to the rank they span the rows of A, from there on what is at right angles to them.
-    Real directions(std::size_t first, std::size_t last) const {
-        Real found(last - first, l_.columns);
-        for (std::size_t k = first; k < last; k++) {
-            found.row(k - first)[k] = 1.0;
-            reflect_back(found.row(k - first));
+    // Column k of Q (n): up to the rank they span the rows of A, from there on what is at right angles to them.
+    void direction(std::size_t k, double* axis) const {
+        std::fill(axis, axis + l_.columns, 0.0);
+        axis[k] = 1.0;
+        reflect_back(axis);
+    }
+
+    // `row` (n) in the columns of Q.
+    void turn(double* row) const {
+        for (std::size_t k = 0; k < rank_; k++) reflect(row, k);
+    }
+    void turn_back(double* row) const { reflect_back(row); }
+
+    // A⁺ transposed, (m, n).
+    Real inverse_turned() {
+        Real found(l_.rows, l_.columns), inner;
+        inverse_within(inner);
+        for (std::size_t i = 0; i < l_.rows; i++) {
+            std::copy_n(inner.row(i), rank_, found.row(i));
+            reflect_back(found.row(i));
         }
         return found;
     }
 
-    // A⁺ transposed, (m, n).
-    Real inverse_turned() const {
-        Real found(l_.rows, l_.columns);
-        const Real inner = l_.rows == rank_ ? triangle() : RowSpace(lower_turned(), 0.0).inverse_of_columns();
-        for (std::size_t i = 0; i < l_.rows; i++) {
-            double* row = found.row(order_[i]);
-            std::copy_n(inner.row(i), rank_, row);
-            reflect_back(row);
-        }
-        return found;
-    }
+    // The same in the first columns of Q, (m, rank).
+    void inverse_within(Real& inner);
+
+    // All memory for matrices up to (m, n).
+    void reserve(std::size_t m, std::size_t n);
 
 private:
     // Brings the row with the most left from column k on to place k; how much that is.
@@ -110,8 +134,6 @@ private:
         const std::size_t n = l_.columns;
         double* row = l_.row(k);
         const double head = row[k] > 0 ? -size : size, scale = 1 / std::sqrt(size * (size + std::fabs(row[k])));
-        mirrors_.entries.resize((k + 1) * n);
-        mirrors_.rows = k + 1;
         double* axis = mirrors_.row(k);  // of size √2
         axis[k] = (row[k] - head) * scale;
         for (std::size_t j = k + 1; j < n; j++) axis[j] = row[j] * scale;
@@ -131,11 +153,10 @@ private:
         for (std::size_t k = rank_; k-- > 0;) reflect(row, k);
     }
 
-    // (m, r) the transposed inverse of L where it is square: row i is L⁻¹ e_i.
-    Real triangle() const {
-        Real found(rank_, rank_);
+    // The transposed inverse of L where it is square, its rows in A's order: row i is L⁻¹ e_i.
+    void triangle(Real& found) const {
         for (std::size_t i = 0; i < rank_; i++) {
-            double* x = found.row(i);
+            double* x = found.row(order_[i]);
             x[i] = 1 / l_.row(i)[i];
             for (std::size_t k = i + 1; k < rank_; k++) {
                 double sum = 0.0;
@@ -143,23 +164,58 @@ private:
                 x[k] = -sum / l_.row(k)[k];
             }
         }
-        return found;
     }
 
-    // (r, m) Lᵀ without its columns of zeros.
-    Real lower_turned() const {
-        Real found(rank_, l_.rows);
-        for (std::size_t i = 0; i < l_.rows; i++)
-            for (std::size_t k = 0; k < rank_; k++) found.row(k)[i] = l_.row(i)[k];
-        return found;
-    }
-
-    Real inverse_of_columns() const { return transposed(inverse_turned()); }
+    struct Tall;  // for a pseudo-inverse of more rows than rank
 
     Real l_, mirrors_;
     std::vector<std::size_t> order_;
     std::size_t rank_ = 0;
     double largest_ = 0.0;
+    std::unique_ptr<Tall> tall_;
 };
+
+struct RowSpace::Tall {
+    RowSpace space;
+    Real turned, inner;
+    std::vector<double> row;
+};
+
+inline void RowSpace::inverse_within(Real& inner) {
+    inner.clear(l_.rows, rank_);
+    if (l_.rows == rank_) {
+        triangle(inner);
+        return;
+    }
+    if (!tall_) tall_ = std::make_unique<Tall>();
+    tall_->turned.clear(rank_, l_.rows);
+    for (std::size_t i = 0; i < l_.rows; i++)
+        for (std::size_t k = 0; k < rank_; k++) tall_->turned.row(k)[order_[i]] = l_.row(i)[k];
+    tall_->space.find(tall_->turned, 0.0);
+    tall_->inner.clear(rank_, rank_);
+    if (tall_->space.rank() == rank_) tall_->space.triangle(tall_->inner);
+    else std::fill(tall_->inner.entries.begin(), tall_->inner.entries.end(), std::numeric_limits<double>::quiet_NaN());
+    tall_->row.resize(l_.rows);
+    for (std::size_t k = 0; k < rank_; k++) {
+        std::fill(tall_->row.begin(), tall_->row.end(), 0.0);
+        std::copy_n(tall_->inner.row(k), rank_, tall_->row.begin());
+        tall_->space.reflect_back(tall_->row.data());
+        for (std::size_t i = 0; i < l_.rows; i++) inner.row(i)[k] = tall_->row[i];
+    }
+}
+
+inline void RowSpace::reserve(std::size_t m, std::size_t n) {
+    l_.entries.reserve(m * n);
+    mirrors_.entries.reserve(std::min(m, n) * n);
+    order_.reserve(m);
+    tall_ = std::make_unique<Tall>();
+    const std::size_t rank = std::min(m, n);
+    tall_->turned.entries.reserve(rank * m);
+    tall_->inner.entries.reserve(rank * rank);
+    tall_->row.reserve(m);
+    tall_->space.l_.entries.reserve(rank * m);
+    tall_->space.mirrors_.entries.reserve(rank * m);
+    tall_->space.order_.reserve(rank);
+}
 
 }  // namespace gainroom

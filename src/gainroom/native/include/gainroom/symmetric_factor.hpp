@@ -68,9 +68,10 @@ public:
         }
     }
 
-    // The same for `count` columns: n rows of real and of imaginary parts.
-    void solve(double* re, double* im, std::size_t count) const {
-        const std::size_t n = size_;
+    // The same for `columns`, which the compiler knows where Columns is not 0: n rows of real and of imaginary parts.
+    template <std::size_t Columns = 0>
+    void solve(double* re, double* im, std::size_t columns) const {
+        const std::size_t n = size_, count = Columns ? Columns : columns;
         for (std::size_t k = 0; k < n; k++)
             for (std::size_t j = k + 1; j < n; j++) subtract_row(re, im, j, k, re_[k * n + j], im_[k * n + j], count);
         for (std::size_t k = n; k-- > 0;) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "complex.hpp"
@@ -70,11 +71,17 @@ public:
     virtual std::size_t mode_size() const = 0;
     virtual std::size_t channels() const = 0;  // how many crossings at one frequency there can be
     virtual double sample_time() const = 0;    // 0: continuous
-    // Below this frequency [rad/s] nothing crosses; 0: that is not known of any.
+    // Crossings are followed from this frequency on [rad/s]. Below it nothing crosses; or, from `slowest` on, a count of its own says so. 0: that is not known of any.
     virtual double lowest() const = 0;
+    virtual double slowest() const { return lowest(); }
     // Slices of a count that fit in an ordinary tick, and in one where there is no certificate.
     virtual double usual_slices() const = 0;
     virtual double urgent_slices() const = 0;
+    virtual double prepared_slices() const { return 3.0 * usual_slices(); }  // for another contact state
+
+    // How far above the lowest crossing, as a share of it, the unstable roots are counted at most, and up to which factor of it others are followed.
+    virtual double farthest() const { return 0.2; }
+    virtual double followed() const { return 1.4; }
 
     // How far a robot has moved from the posture `before` to `now`; not finite where one of them is none.
     virtual double distance(const double* before, const double* now) = 0;
@@ -86,8 +93,15 @@ public:
     // At jω and a factor: the phase up to turns of a function of the closed loop that has its unstable roots and no others, and, where
     // asked for, the slope of its logarithm along ω.
     virtual double phase(const double* posture, double omega, double gain, Complex* slope) = 0;
-    // That phase where `phase` was last, not only up to turns: at `lowest`, or anywhere at the factor 0. NaN where it is not known.
+    // That phase where `phase` was last, not only up to turns: at `lowest` and `slowest`, anywhere at the factor 0, and where nothing crosses.
+    // NaN where it is not known.
     virtual double whole_phase() = 0;
+    // Up to which frequency from `omega` on it is proved at once that nothing crosses below a factor; not above `lowest`. `omega`: not even there.
+    virtual double clear_until(const double*, double omega, double) { return omega; }
+    // Up to which factor nothing crosses where `phase` was last, and nothing is near; of the frequencies below `lowest`.
+    virtual double clear_gain() { return std::numeric_limits<double>::infinity(); }
+    // Whether it has the plant's poles.
+    virtual bool has_poles() const { return false; }
     // Above every resonance of the plant [rad/s].
     virtual double resonance(const double* posture) const = 0;
     // From there on control does next to nothing in continuous time [rad/s]; not below `from`.

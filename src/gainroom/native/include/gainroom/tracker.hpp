@@ -50,6 +50,7 @@ public:
         : settings_(settings), loop_(known.loop()), known_(known), search_(search) {
         states_.reserve(contacts);
         for (std::size_t k = 0; k < contacts; k++) states_.emplace_back(loop_, k);
+        prepared_ = settings_.slices > 0.0 ? 3.0 * settings_.slices : loop_.prepared_slices();
         if (!(settings_.slices > 0.0)) settings_.slices = loop_.usual_slices();
         if (!(settings_.urgent > 0.0)) settings_.urgent = loop_.urgent_slices();
     }
@@ -88,7 +89,7 @@ public:
         if (contact >= states_.size() || !sound(posture)) return;
         State& state = states_[contact];
         const double far = known_.distance(state, posture);
-        const double room = kPrepared * settings_.slices;
+        const double room = std::min(prepared_, settings_.urgent - work_);
         double work = 0.0;
         if (std::isfinite(far) && known_.draw_near(posture, state, far, 0.6 * room, work)) count(state, room - work);
     }
@@ -107,7 +108,7 @@ public:
 private:
     using State = ContactState;
     static constexpr double kShrunk = 0.9, kForgets = 0.95;  // see answer; of the rate, per tick
-    static constexpr double kIdle = 0.5, kPrepared = 3.0;    // slices where nothing moves; for another contact state, of those of a tick
+    static constexpr double kIdle = 0.5;                     // slices where nothing moves
 
     // For slices, at this tick: where there is no certificate, all that is left after `work`, for the nearest count that will give one.
     double room_for(const State& state) const {
@@ -129,6 +130,11 @@ private:
         double spent = 0.0;
         while (spent + 1.0 <= state.owed) {
             spent += 1.0;
+            if (state.slow_turn(odd_ = !odd_)) {
+                count_slowly(state);
+                spent += state.slow.cost() - 1.0;
+                continue;
+            }
             if (!state.sweeping) {
                 if (state.searching) search_.begin(state);
                 state.sweep_from = state.path;
@@ -143,6 +149,19 @@ private:
             conclude(state, now == PhaseSweep::State::done, state.sweep.gain(), state.sweep.pairs());
         }
         state.owed -= spent;
+    }
+
+    // One slice below the frequencies that are followed.
+    void count_slowly(State& state) {
+        PhaseSweep::State now;
+        if (!state.slowing) {
+            state.slow_from = state.path;
+            now = state.slow.begin(loop_, state.posture.data(), state.slow_factor * state.order[0]->gain, true);
+            state.slowing = true;
+        } else {
+            now = state.slow.advance(loop_, state.posture.data());
+        }
+        if (now != PhaseSweep::State::running) state.conclude_slow(now == PhaseSweep::State::done, now == PhaseSweep::State::crossed);
     }
 
     void conclude(State& state, bool done, double factor, long pairs) {
@@ -185,9 +204,10 @@ private:
             limit.safe_gain = (1.0 - kCertain) * limit.gain;
         } else if (state.certified_at >= 0) {
             limit.safe_gain = kShrunk * state.remembered();
-        } else {
+        } else if (!state.slow_needed) {
             limit.safe_gain = without_evidence(Flag::fine).safe_gain;
         }
+        if (state.loose) limit.safe_gain = 0.0;
         if (state.count > 0) limit.safe_gain = std::min(limit.safe_gain, (1.0 - kCertain) * limit.gain);
         limit.age = state.certified_at < 0 ? -1 : tick_ - state.certified_at;
         return limit;
@@ -198,9 +218,11 @@ private:
     CrossingSet& known_;
     CrossingSearch& search_;
     std::vector<State> states_;
+    double prepared_;    // slices for another contact state
     double work_ = 0.0;  // of the last tick
     std::size_t contact_ = std::size_t(-1);
     long tick_ = 0;
+    bool odd_ = false;
 };
 
 }  // namespace gainroom
