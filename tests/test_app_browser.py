@@ -115,7 +115,9 @@ def test_as_stiff_as_it_may_be_at_four_milliseconds_and_taken_away(tab: Tab, cap
     tab.page.get_by_role("button", name="Copy gains").click()
     tab.page.get_by_role("button", name="YAML").click()
     tab.page.get_by_text("Copied as yaml").wait_for()
-    kp, kd = (float(line.split(": ")[1]) for line in tab.page.evaluate("navigator.clipboard.readText()").split("\n")[:2])
+    first, *lines = tab.page.evaluate("navigator.clipboard.readText()").split("\n")
+    assert first == "# for joint.yaml with delay_ms 4 (there 2.0)"
+    kp, kd = (float(line.split(": ")[1]) for line in lines[:2])
     said = said_by_command(capsys, with_gains(1e4, 300.0, 4.0), tmp_path)
     assert (kp, kd) == pytest.approx((said["recommended"]["kp"], said["recommended"]["kd"]), rel=1e-6)
     assert said_by_command(capsys, with_gains(kp, kd, 4.0), tmp_path)["requirements_met"] is True

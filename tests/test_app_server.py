@@ -163,7 +163,9 @@ def test_copied_gains_are_read_back(tmp_path: Path):
     assert (float(found.kp[0]), float(found.kd[0])) == (5000.0, 200.0)
     assert '<position joint="joint" kp="5000.0" kv="200.0"/>' in bench.copied(view, "mjcf")
     assert "UNSTABLE" in bench.copied(View(gains={"kp": 5000.0, "kd": 900.0}), "mjcf")
-    assert bench.copied(view, "yaml") == "kp: 5000\nkd: 200\n"
+    assert bench.copied(view, "yaml") == "# for joint.yaml\nkp: 5000\nkd: 200\n"
+    elsewhere = bench.copied(view.model_copy(update={"delay_ms": 4.0, "sample_rate_hz": 2000.0}), "yaml")
+    assert elsewhere.startswith("# for joint.yaml with delay_ms 4.0 (there 2.0) and sample_rate_hz 2000.0 (there 0)\nkp: 5000\n")
 
 
 def test_saving_refuses_what_was_not_seen_and_what_changed_meanwhile(tmp_path: Path):

@@ -2,6 +2,7 @@
 
 import hashlib
 import shlex
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,8 @@ from ..io.yaml_text import read_text
 from ..report.verdict import ToUse
 from .messages import View
 
+REMEMBERED = 24
+"""Studies, recommendations, planes: of each kind."""
 Part = tuple[str, dict[str, Any]]
 """A piece of an answer: its name and what it holds; strict() makes JSON of it."""
 Told = Callable[[int, int, str], None]
@@ -67,6 +70,14 @@ class Opened:
 
         lines = difflib.unified_diff(self.text.splitlines(), text.splitlines(), self.source, self.source, lineterm="")
         return "".join(f"{line}\n" for line in lines)
+
+
+def remember(known: OrderedDict[str, Any], key: str, value: Any) -> None:
+    """And forget the oldest."""
+    known[key] = value
+    known.move_to_end(key)
+    while len(known) > REMEMBERED:
+        known.popitem(last=False)
 
 
 def digest_of(text: str) -> str:

@@ -4,13 +4,20 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from ..errors import GainroomError
+import numpy as np
+
+from ..errors import GainroomError, listed, printable
 from ..files.edited_text import Keys
 from ..files.gain_formats.gain_record import Gain
 from ..report.gains_to_use import typed
 from ..report.number_format import own_gains
 from ..system.controller import Controller
+from ..system.uncertainty import Uncertainty
+from .bench import rounded
 from .messages import View
+
+NO_GAINS = ("delay_ms", "stiffness", "link_inertia", "sample_rate_hz", "payload", "payload_at")
+"""What of a view is a value of the file's, but no gain."""
 
 
 def timing(data: Mapping[str, Any], delay: float, view: View) -> dict[Keys, Any]:
@@ -45,6 +52,27 @@ def put(changes: dict[Keys, Any], data: Mapping[str, Any], path: Keys, old: Any,
     given = (data.get("uncertainty") or {}).get(path[-1])
     if isinstance(given, list) and not given[0] <= value <= given[1]:
         changes["uncertainty", path[-1]] = [min(given[0], value), max(given[1], value)]
+
+
+def ranges(stated: Uncertainty, stiffness: Any = 1.0) -> dict[str, list[float | None]]:
+    """(low, high) by field of the page, in its unit; `stiffness`: what counts as 1 there."""
+    found = {}
+    for field, span, unit in (
+        ("delay_ms", stated.delay, 1e-3),
+        ("stiffness", stated.stiffness, stiffness),
+        ("link_inertia", stated.link_inertia, 1.0),
+    ):
+        if span is not None:
+            ends = [np.asarray(end, dtype=float)[np.isfinite(end)] / np.asarray(unit)[np.isfinite(unit)] for end in span]
+            found[field] = rounded([ends[0].min(), ends[1].max()], 4)
+    return found
+
+
+def conditions(source: str, own: Mapping[str, Any], view: View) -> str:
+    """A comment above copied gains: of which file, and what differs from it that is no gain; `own`: the file's view."""
+    now = {name: getattr(view, name) for name in NO_GAINS}
+    other = [f"{name} {now[name]} (there {own[name]})" for name in NO_GAINS if now[name] not in (None, own.get(name))]
+    return printable(f"# for {source}{' with ' if other else ''}{listed(other)}") + "\n"
 
 
 def gain_of(own: Controller, form: str) -> Gain:

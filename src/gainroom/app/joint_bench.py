@@ -24,14 +24,12 @@ from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
-from .bench import Opened, Part, Told, advised, untold
-from .edits import at_point, gain_of, put, timing
+from .bench import Opened, Part, Told, advised, remember, untold
+from .edits import at_point, conditions, gain_of, put, ranges, timing
 from .joint_curves import bode, limits, map_window, required_gains, stable_gains, step, sweep_span
 from .messages import View
 from .shaken import shaken
 
-REMEMBERED = 24
-"""Studies and recommendations."""
 SAME_IN_A_PLANE = ("recommended", "exact", "at_usual_rate", "uncertainty_cost")
 """Of a JointStudy: what does not depend on where in their plane its gains are."""
 
@@ -48,7 +46,7 @@ class JointBench:
         self._window = map_window(study)
         self._studies: OrderedDict[str, JointStudy] = OrderedDict()  # by text
         self._plants: OrderedDict[str, JointStudy] = OrderedDict()  # by plant: with its recommendation
-        self._others: dict[str, System] = {}  # by what is no gain
+        self._others: OrderedDict[str, System] = OrderedDict()  # by what is no gain
         self._one_at_a_time = threading.Lock()
 
     def opening(self) -> dict[str, Any]:
@@ -75,6 +73,7 @@ class JointBench:
             },
             "needed": system.requirements.needed,
             "uncertain": list(system.uncertainty.names),
+            "ranges": ranges(system.uncertainty),
             "forms": ["yaml"] if controller.damping_name != "kd" else ["yaml", "ros2_control", "mjcf"],
         }
 
@@ -85,7 +84,7 @@ class JointBench:
         study = _nominal(self.system(view))
         controller = study.system.control.controller
         if form == "yaml":
-            return "".join(f"{line}\n" for line in joint_gains(controller))
+            return conditions(self.opened.source, self.opening()["view"], view) + "".join(f"{line}\n" for line in joint_gains(controller))
         gain = gain_of(controller, form)
         kept = margins_text(study.margins) if study.margins.stable else "UNSTABLE, do not run these"
         kept = f"{Path(self.opened.source).stem}, {'nominal ' if study.margins.stable else ''}{kept}"
@@ -108,16 +107,16 @@ class JointBench:
         key = repr(view.model_copy(update={"gains": {}, "point": None}))
         system = self._others.get(key)
         if system is None:
-            system = self._others[key] = self.system(view)
-            while len(self._others) > REMEMBERED:
-                self._others.pop(next(iter(self._others)), None)
+            system = self.system(view)
+            remember(self._others, key, system)
         return system.with_controller(self._controller(view))
 
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
         system = self._followed(view)
         study, plant = _nominal(system), self.plant(view)
         uncertain = bool(system.uncertainty.names)
-        yield "verdict", _verdict(study, "nominal" if uncertain else "certified") | self._gains(study)
+        more = {"plant": plant, "ranges": ranges(system.uncertainty)}
+        yield "verdict", _verdict(study, "nominal" if uncertain else "certified") | self._gains(study) | more
         yield "bode", bode(study, self._span)
         if plant != known:
             yield "map", stable_gains(study, window or self._window) | {"plant": plant}
@@ -151,6 +150,7 @@ class JointBench:
                 "point": None if best is None else [best.kp, best.kd],
                 "gains": None if best is None else {k: float(v) for k, v in (line.split(": ") for line in joint_gains(best.controller))},
                 "rule": [study.rule.kp, study.rule.kd],
+                "plant": self.plant(view),
             },
         )
 
@@ -177,12 +177,10 @@ class JointBench:
                 study = JointStudy(study, analyze(study).every)
                 vars(study).update({name: vars(other)[name] for name in SAME_IN_A_PLANE if name in vars(other)})
             else:
-                study = self._plants[plant] = study_joint(study)
+                study = study_joint(study)
                 study.at_usual_rate  # noqa: B018 - computed now, so that it is remembered
-            self._studies[text] = study
-            for remembered in (self._studies, self._plants):
-                while len(remembered) > REMEMBERED:
-                    remembered.popitem(last=False)
+                remember(self._plants, plant, study)
+            remember(self._studies, text, study)
             return study
 
     def plant(self, view: View) -> str:

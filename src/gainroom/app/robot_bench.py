@@ -24,7 +24,7 @@ from ..report.number_format import own_gains
 from ..report.recommended_gains import recommended_facts
 from ..report.robot import robot_page
 from ..report.robot_columns import state_columns
-from ..report.robot_text import sentence, severity, warnings
+from ..report.robot_text import sentence, warnings
 from ..report.verdict import Judged, judged, robot_to_use
 from ..robot.model import RobotModel
 from ..robot.robot import Posture, Robot
@@ -33,9 +33,9 @@ from ..studies.deciding_joints import joints_that_miss
 from ..studies.robot import RobotStudy, study_robot
 from ..studies.state import State, by_headroom, limit_of, strongest_first
 from ..system.system import System
-from .bench import Opened, Part, Told, advised, rounded, untold
+from .bench import Opened, Part, Told, advised, remember, rounded, untold
 from .channels import Channel, Channels
-from .edits import gain_of, timing
+from .edits import conditions, gain_of, ranges, timing
 from .messages import View
 from .robot_curves import (
     EveryState,
@@ -56,16 +56,7 @@ from .robot_curves import (
 )
 from .robot_shapes import described, film, pose, shapes_of
 from .shaken import shaken
-
-REMEMBERED = 24
-
-
-def _remember(known: OrderedDict[str, Any], key: str, value: Any) -> None:
-    """And forget the oldest."""
-    known[key] = value
-    known.move_to_end(key)
-    while len(known) > REMEMBERED:
-        known.popitem(last=False)
+from .so_far import SoFar, tone
 
 
 class RobotBench:
@@ -81,6 +72,7 @@ class RobotBench:
         self._models: OrderedDict[str, RobotModel] = OrderedDict()
         self._limits: OrderedDict[str, tuple[State, GainLimit | None]] = OrderedDict()
         self._stars: OrderedDict[str, str] = OrderedDict()
+        self._so_far = SoFar()
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._channels = Channels(self._system)
         carriers = self._system.source.body.carriers
@@ -126,8 +118,12 @@ class RobotBench:
             },
             "needed": system.requirements.needed,
             "uncertain": list(system.uncertainty.names),
+            "ranges": self._ranges(system),
             "forms": ["yaml"] if task or cascade else ["yaml", "ros2_control", "mjcf"],
         }
+
+    def _ranges(self, system: System) -> dict[str, list[float | None]]:
+        return ranges(system.uncertainty, self._system.source.actuators.stiffness)
 
     def _leading(self) -> int:
         """The joint that moves most in the vibration of the first state: the page opens on it."""
@@ -160,7 +156,7 @@ class RobotBench:
         key = repr(base)
         with self._lock:
             if key not in self._systems:
-                _remember(self._systems, key, parse_robot(self.text(base), self.opened.source, self.opened.folder))
+                remember(self._systems, key, parse_robot(self.text(base), self.opened.source, self.opened.folder))
             system = self._systems[key]
         if view.stiffness not in (None, 1.0):
             factor = view.stiffness
@@ -178,7 +174,7 @@ class RobotBench:
 
     def copied(self, view: View, form: str) -> str:
         if form == "yaml":
-            return self._channels.lines(view)
+            return conditions(self.opened.source, self.opening()["view"], view) + self._channels.lines(view)
         channels, system = self._channels, self.system(view)
         if channels.of_tasks:
             raise GainroomError(f"{form}: holds gains of joints, not of tasks; copy as yaml")
@@ -206,7 +202,7 @@ class RobotBench:
 
     def page(self, view: View) -> str:
         call = self.opened.call("robot")
-        return robot_page(self._studied(view, lambda *_: None), call, call=call)
+        return robot_page(list(self._studies(view, untold))[-1], call, call=call)
 
     def state(self, view: View) -> State:
         """The view's posture and contact state."""
@@ -223,7 +219,7 @@ class RobotBench:
         with computable(f"{system.source.name}: posture {place[0]!r}, contact {place[1]!r}"):
             state.moves  # noqa: B018 - refused here where nothing of it can be computed
         with self._lock:
-            _remember(self._models, key, model)
+            remember(self._models, key, model)
         return state
 
     def _limited(self, view: View) -> tuple[State, GainLimit | None]:
@@ -232,12 +228,17 @@ class RobotBench:
         with self._limiting:
             if key not in self._limits:
                 state = self.state(view)
-                _remember(self._limits, key, (state, limit_of(state.loop) if state.moves else None))
+                remember(self._limits, key, (state, limit_of(state.loop) if state.moves else None))
             return self._limits[key]
 
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
         (state, limit), channel = self._limited(view), self._channels.channel(view)
-        own = {"gains": {channel.name: {name: value for name, value, _ in own_gains(channel.own)}}, "point": channel.point}
+        own = {
+            "gains": {channel.name: {name: value for name, value, _ in own_gains(channel.own)}},
+            "point": channel.point,
+            "plant": self.plant(view),
+            "ranges": self._ranges(state.system),
+        }
         key = self._plane_key(channel, view)
         if limit is None or key not in self._planes:
             yield "verdict", quick_verdict(state, limit, channel) | own
@@ -279,12 +280,11 @@ class RobotBench:
         return None if shape is None or shape.corners is None else shape.packed()
 
     def full(self, view: View, window: tuple[float, float] | None, told: Told) -> Iterator[Part]:
-        told(0, 1, "this state")
-        state = self.state(view)
-        if state.moves:
-            one = RobotStudy(state.system, (state,))
-            yield "verdict", self._verdict(one, "state") | {"where": state.title}
-        study = self._studied(view, told)
+        study = None
+        for study in self._studies(view, told):
+            if study.examined:
+                yield "verdict", self._verdict(study, "state")
+        assert study is not None
         yield "verdict", self._verdict(study, "certified")
         yield "heat", heat(study)
         use = robot_to_use(study, self.opened.call("robot"))
@@ -295,6 +295,7 @@ class RobotBench:
             "gains": gains or None,
             "star": self._starred(view, gains, told) if gains else "",
             "points": self._channels.points(own),
+            "plant": self.plant(view),
             "find": study.system.requirements.asked != () and not study.recommended,
         }
         yield "use", part
@@ -304,19 +305,22 @@ class RobotBench:
         there = view.model_copy(update={"gains": self._to_use(study), "point": None})
         with self._lock:
             for each in (view, there):  # P/PI gains as they are typed have proportions of their own
-                _remember(self._found, self.plant(each), study)
+                remember(self._found, self.plant(each), study)
         yield from self.full(view, None, told)
 
     def shaken(self, view: View, told: Told) -> Iterator[Part]:
         system = self.system(view)
         posture, contact = self._state(view)
         spec = RobotSimulation.of(replace(system, scenario=replace(system.scenario, posture=posture, contact=contact)))
-        yield from shaken(spec, told, lambda run: film(run, self.shapes))
+        yield from shaken(spec, told, lambda run: film(run, self.shapes), self._channels.channel(view).name)
 
-    def _studied(self, view: View, told: Told) -> RobotStudy:
-        study = study_robot(self.system(view), told, recommend=False)
+    def _studies(self, view: View, told: Told) -> Iterator[RobotStudy]:
+        """See SoFar, with the recommended gains that are known. Which state and joint are looked at changes nothing of the whole."""
+        place = view.posture if view.angles else None
+        key = repr(view.model_copy(update={"posture": place, "contact": None, "joint": view.joint if view.point else None}))
         known = self._found.get(self.plant(view))
-        return study if known is None else replace(study, recommended=known.recommended)
+        for study in self._so_far.studies(key, self.system(view), self._state(view), told):
+            yield study if known is None else replace(study, recommended=known.recommended)
 
     def plant(self, view: View) -> str:
         """What recommended gains depend on: not on the file's, but for the proportions of P/PI tasks."""
@@ -329,18 +333,19 @@ class RobotBench:
         return {
             "basis": basis,
             "sentence": sentence(study),
-            "tone": severity(study) if study.stable_in_range else "bad",
-            "rows": [vars(row) | {"place": self._place(study, row)} for row in judged(study, best)],
+            "tone": tone(study),
+            "rows": [vars(row) | {"place": self._where(study, row)} for row in judged(study, best)],
             "states": [facts(state_columns(), state) for state in study.every],
             "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
             "stable": study.stable,
             "stable_in_range": study.stable_in_range,
             "met": study.requirements_met,
             "unmet": list(study.unmet),
+            "examined": study.examined,
             "uncertified": [state.title for state in study.states if not state.margins.certified],
         }
 
-    def _place(self, study: RobotStudy, row: Judged) -> dict[str, str]:
+    def _where(self, study: RobotStudy, row: Judged) -> dict[str, str]:
         """Where to look for a row's worst: posture, contact state, and the joint that misses what is required there."""
         state = next((state for state in study.states if state.title == row.where), study.states[0])
         place = {"posture": state.posture, "contact": state.contact}
@@ -360,7 +365,7 @@ class RobotBench:
             found = study_robot(self.system(there), told, recommend=False)
             open_in = [state.title for state in found.states if not state.margins.certified]
             kept = "meets every requirement in every state" if found.requirements_met else "does not meet every requirement"
-            _remember(self._stars, key, f"{kept}; {f'not certified in {listed(open_in)}' if open_in else 'limits certified'}")
+            remember(self._stars, key, f"{kept}; {f'not certified in {listed(open_in)}' if open_in else 'limits certified'}")
         return self._stars[key]
 
     def _state(self, view: View) -> tuple[str, str]:
@@ -391,5 +396,5 @@ class RobotBench:
     def _plane(self, state: State, channel: Channel, key: str, window: tuple[float, float] | None) -> PartPlane:
         with self._lock:
             if key not in self._planes or window is not None:
-                _remember(self._planes, key, PartPlane.of(state.loop, part_of(state, channel), window or window_for(channel)))
+                remember(self._planes, key, PartPlane.of(state.loop, part_of(state, channel), window or window_for(channel)))
             return self._planes[key]

@@ -20,6 +20,7 @@ from ..report.margin_columns import margin_value, requirement
 from ..report.robot_headroom import Factors, joint_factors, task_factors
 from ..robot.robot import Robot
 from ..simulation.step_response import step_response
+from ..studies.analysis import THIS_STATE
 from ..studies.robot import RobotStudy
 from ..studies.state import State, limiting_joints
 from ..system.linear.arrays import Complexes, Floats, Integers
@@ -187,11 +188,12 @@ def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane
     at = f", at {frequency_text(limit.frequency)}" if math.isfinite(limit.frequency) else ""
     most = limiting_joints(limit, state.model.joint_names)
     mainly = f", mainly {listed(most[:3])}" if most else ""
+    here = f"In {THIS_STATE}: stable"
     if math.isnan(limit.gain):
-        text = f"{'Stable' if limit.stable else 'Unstable'} in {state.title}; the gain limit is not known."
+        text = f"{here if limit.stable else f'Unstable in {state.title}'}; the gain limit is not known."
     elif limit.stable:
-        text = f"Stable in {state.title}. Vibration starts at {limit.gain:.3g} × all gains ({to_db(limit.gain):.3g} dB){at}{mainly}."
-        text = text if math.isfinite(limit.gain) else f"Stable in {state.title}. No common factor on all gains makes it vibrate."
+        text = f"{here}. Vibration starts at {limit.gain:.3g} × all gains ({to_db(limit.gain):.3g} dB){at}{mainly}."
+        text = text if math.isfinite(limit.gain) else f"{here}. No common factor on all gains makes it vibrate."
     else:
         text = f"Unstable in {state.title}" + (f"{at}: stable below {limit.gain:.3g} × all gains{mainly}." if limit.gain > 0 else ".")
     asked = state.system.requirements

@@ -14,13 +14,18 @@ POINTS = 1500
 MOST_CHANNELS = 3
 
 
-def shaken(spec: SimulationSpec, told: Told, film: Callable[[Any], dict[str, Any]] | None = None) -> Iterator[Part]:
-    """The run at the spec's gains, and what `film` makes of it. `told` ends it by raising."""
+def shaken(spec: SimulationSpec, told: Told, film: Callable[[Any], dict[str, Any]] | None = None, shown: str = "") -> Iterator[Part]:
+    """The run at the spec's gains, and what `film` makes of it. `told` ends it by raising.
+
+    shown   a channel whose motion is among the curves, as the strongest are
+    """
     told(0, spec.ticks, "")
     outcome = simulate_study(spec, 1.0, progress=told)
     run = outcome.run
     pick = slice(None, None, max(1, len(run.time) // POINTS))
     chosen = list(outcome.leading[:MOST_CHANNELS])
+    if shown in run.channels and (place := list(run.channels).index(shown)) not in chosen:
+        chosen[-1] = place
     hardest = int(np.argmax(outcome.torque_peak))
 
     def curve(name: str, values: Any, dashed: bool = False) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..analysis.gain_limit import GainLimit
 from ..errors import frequency_text, listed
+from ..studies.analysis import THIS_STATE
 from ..studies.robot import RobotStudy
 from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
@@ -23,8 +24,11 @@ COUPLED = 0.95
 
 
 def sentence(study: RobotStudy) -> str:
-    """Verdict, unmet requirements, gain limit with frequency, state and joints, cost of coupling; more where something is not known."""
-    parts = [_verdict(study), *_lost_tasks(study), *_weak_tasks(study)]
+    """Verdict, unmet requirements, gain limit with frequency, state and joints, cost of coupling; more where something is not known.
+
+    Of a study that lacks some of the robot's states (Analysis.examined) it begins with which it is of, unless one of them is unstable.
+    """
+    parts = [_so_far(study, _verdict(study)), *_lost_tasks(study), *_weak_tasks(study)]
     if study.unstable_case:
         parts[0] = f"{NOT_EVERYWHERE}: unstable in {study.unstable_case}."
     unlimited = [state.title for state in study.without_limit]
@@ -38,6 +42,14 @@ def sentence(study: RobotStudy) -> str:
 def severity(study: RobotStudy) -> Literal["good", "warn", "bare"]:
     """As joint_text has it; not decided, too, where only tasks that the controller does not close are unstable."""
     return "warn" if study.unstable_tasks and not study.unmet else severity_of_loops(study)
+
+
+def _so_far(study: RobotStudy, text: str) -> str:
+    """A verdict that claims no more than is known: "safe" is said of all states alone, "not safe" of the first that is not."""
+    if not study.examined or not study.stable:
+        return text
+    text = text.removeprefix("Safe: ")
+    return f"{'In' if study.examined == THIS_STATE else 'So far, in'} {study.examined}: {text[0].lower()}{text[1:]}"
 
 
 def _lost_tasks(study: RobotStudy) -> list[str]:
@@ -77,7 +89,8 @@ def _verdict(study: RobotStudy) -> str:
     worst, count = study.tightest, len(study.states)
     limit, where = worst.limit, f"in {worst.title}"
     act = " in which the gains act" if study.immobile else ""
-    every = f"{' in the one state' if act else ''}{act}" if count == 1 else f" in all {count} states{act}"
+    act += " examined so far" if study.examined and count > 1 else ""
+    every = "" if study.examined else f"{' in the one state' if act else ''}{act}" if count == 1 else f" in all {count} states{act}"
     unstable = sum(not state.limit.stable for state in study.states)
     at, joints = frequency_text(limit.frequency), listed(worst.limiting_joints)
     if not unstable:
@@ -89,6 +102,7 @@ def _verdict(study: RobotStudy) -> str:
         begins = "Nominally, vibration starts" if study.system.uncertainty.names else vibration_starts(study)
         limited = f"{begins} at {limit.gain:.3g} × these gains, at {at} {where}, mainly {joints}.{_coupling(worst)}"
         return f"{start} {limited}{at_usual_rate_text(study)}"
+    every = f" in {worst.title}" if study.examined else every
     start = f"Not safe: unstable{every}" if count == 1 else f"Not safe: unstable in {unstable} of {count} states{act}"
     if math.isnan(limit.gain):
         return f"{start}: the robot vibrates {where}."

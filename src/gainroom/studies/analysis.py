@@ -5,6 +5,7 @@ adds.
 """
 
 import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,6 +18,7 @@ from .state import Progress, State, Worst, by_headroom, state_of, unknown_first
 
 USUAL_RATE = 2000.0
 """[Hz] of the loops of robots with EtherCAT drives: what gains for continuous time keep there is told where no rate is given."""
+THIS_STATE = "this state"
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,12 @@ class Analysis:
     def immobile(self) -> tuple[State, ...]:
         """The others: no loop is closed there, so there is no verdict and no limit."""
         return tuple(state for state in self.every if not state.moves)
+
+    @property
+    def examined(self) -> str:
+        """Where some of the system's states are not among these: of how many it is known what is; "" where all are."""
+        count, total = len(self.every), len(self.system.source.states)
+        return "" if count >= total else THIS_STATE if count == 1 else f"{count} of {total} states"
 
     @property
     def tightest(self) -> State:
@@ -177,11 +185,20 @@ def analyze(system: System, progress: Progress | None = None, numbers: tuple[str
     move nothing in any state.
     """
     report = progress or (lambda done, total, what: None)
-    names, found = system.source.states, []
-    for index, (posture, contact) in enumerate(names):
-        report(index, len(names), f"state {posture}/{contact}")
-        found.append(state_of(system, posture, contact, numbers))
-    report(len(names), len(names), "")
+    return analyzed(system, in_turn(system, system.source.states, report, numbers))
+
+
+def in_turn(system: System, places: Sequence[tuple[str, str]], report: Progress, numbers: tuple[str, ...]) -> Iterator[State]:
+    """The states at `places`, one after the other, as analyze has them."""
+    for index, (posture, contact) in enumerate(places):
+        report(index, len(places), f"state {posture}/{contact}")
+        yield state_of(system, posture, contact, numbers)
+    report(len(places), len(places), "")
+
+
+def analyzed(system: System, states: Iterable[State]) -> Analysis:
+    """All of a system's states. Raises GainroomError where the gains move nothing in any."""
+    found = tuple(states)
     if not any(state.moves for state in found):
         raise GainroomError(f"{system.source.name}: {found[0].reason} in any posture and contact state, so there is nothing to study")
-    return Analysis(system, tuple(found))
+    return Analysis(system, found)

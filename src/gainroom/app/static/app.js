@@ -1,8 +1,8 @@
 // The page: one view (what is asked for), one socket, and the pictures that follow. No number is computed here.
 // @ts-check
 import { GainMap } from "./gainmap.js";
-import { Bode, Nyquist, Step, Traces } from "./charts.js";
-import { Controls } from "./controls.js";
+import { Bode, Nyquist, Step, traces } from "./charts.js";
+import { Controls, choice } from "./controls.js";
 import { States } from "./states.js";
 import { RobotView } from "./robot.js";
 import { copied, difference, download, forms, toast } from "./away.js";
@@ -17,18 +17,17 @@ const page = {
   /** @type {any[]} */ past: [],
   /** @type {any} */ found: null,
   /** @type {RobotView | null} */ body: null,
-  key: 0,
+  /** @type {any} */ said: null, // the verdict that is shown
+  /** @type {any} */ ranges: {},
+  plant: "", // what the recommended gains of this view belong to; "": not known yet
+  others: "", // of the view all that is no gain
+  key: 0, share: 0,
   /** @type {any} */ waiting: null,
-  busy: false,
+  busy: false, dragging: false, shaking: false, searching: false, certified: false, final: true,
   /** @type {Record<number, number>} */ asked: {},
   /** @type {number[]} */ latency: [],
   /** @type {WebSocket | null} */ socket: null,
-  dragging: false,
-  certified: false,
   judged: 0, // the question whose full answer has come
-  shaking: false,
-  searching: false,
-  final: true,
 };
 /** @type {any} */ (window).gainroom = page;
 
@@ -66,8 +65,9 @@ function look(final, more) {
   page.asked[page.key] = performance.now();
   page.waiting = { ask: "look", final, ...more };
   page.final = final;
-  if (final) page.dragging = false;
-  if (final) remember();
+  const others = JSON.stringify(page.view, (name, value) => (["gains", "point", "joint", "contact", "posture"].includes(name) ? 0 : value));
+  if (others !== page.others) { Object.assign(page, { others, plant: "" }); star(); } // recommended gains are others now
+  if (final) { page.dragging = false; toAddress(page.opening, page.view); if (body) body.note.classList.add("old"); }
   next();
 }
 
@@ -90,13 +90,12 @@ function take(part) {
   if (part.part === "refused") return refused(part);
   if (part.part === "copied") return copied(part);
   if (part.part === "difference" || part.part === "saved") return difference(part, page.opening.name, send);
-  if (part.part === "ended") return undefined;
   if (part.part === "run") return ran(part);
   if (part.part === "film") return body && body.play(part);
   if (part.part === "page") return download(part.text);
   if (part.part === "progress") return progress(part);
   if ((part.lane === "full" || part.lane === "search") && part.key !== page.key) return undefined; // of gains that nobody looks at any more
-  const put = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: (each) => { bode.take(each); nyquist.take(each); }, map: (each) => map.take(each), before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
+  const put = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each, each.key !== page.key), root: (each) => body && body.takeRoot(each), bode: (each) => { bode.take(each); nyquist.take(each); }, map: (each) => map.take(each), before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
   if (put) put(part);
   return undefined;
 }
@@ -106,8 +105,7 @@ function refused(part) {
   if (["text", "run", "page", "search"].includes(part.lane)) return toast(part.message);
   by("verdict").className = "bad";
   by("sentence").textContent = part.message;
-  by("brief").textContent = "Not computed for these values";
-  by("brief").className = "bad";
+  Object.assign(by("brief"), { textContent: "Not computed for these values", className: "bad" });
   by("basis").textContent = "Nothing was computed for these values.";
   by("rows").replaceChildren();
   return undefined;
@@ -116,7 +114,7 @@ function refused(part) {
 /** @param {any} part */
 function progress(part) {
   if (part && part.lane === "run") by("shake").textContent = `Stop (${Math.round((100 * part.done) / Math.max(1, part.total))} %)`;
-  else if (part && part.lane === "search") by("snap").textContent = `Stop the search (${Math.round((100 * part.done) / Math.max(1, part.total))} %)`;
+  else if (part && part.lane === "search") by("snap").textContent = `Stop the search (${page.share = Math.max(page.share, Math.round((100 * part.done) / Math.max(1, part.total)))} %)`;
   else if (!page.certified && part && part.key === page.key) by("basis").textContent = `Not certified yet: ${part.what} …`;
 }
 
@@ -125,17 +123,17 @@ function progress(part) {
 /** @param {any} opening */
 function open(opening) {
   const first = !page.opening;
-  page.opening = opening;
-  page.busy = false;
+  Object.assign(page, { opening, busy: false });
   if (!first) for (const lane of ["run", "search"]) over({ lane }); // they ended with the server
   by("offline").hidden = true;
   document.title = `${opening.name} – gainroom`;
   if (first) {
-    page.view = fromAddress(opening);
+    Object.assign(page, { view: fromAddress(opening), ranges: opening.ranges });
     map = new GainMap(/** @type {HTMLElement} */ (document.querySelector("#map .plot")), (point, final) => { page.view.point = point; look(final); }, gesture);
     if (opening.kind !== "robot") map.names = opening.axes;
     map.points.ghost = opening.point || null;
     if (opening.units) map.units = opening.units;
+    if (opening.uncertain.length) Object.assign(map, { blue: "every requirement met", sure: "Areas: nominal values. The worst case of the stated ranges allows less; verdict and ★ are of the worst case. " });
     bode = new Bode(/** @type {HTMLElement} */ (document.querySelector("#bode .plot")), opening.span_hz, opening.needed, cursor);
     nyquist = new Nyquist(/** @type {HTMLElement} */ (document.querySelector("#side .plot")), opening.needed);
     if (opening.kind !== "robot") step = new Step(/** @type {HTMLElement} */ (document.querySelector("#step .plot")));
@@ -156,11 +154,8 @@ function open(opening) {
 
 /** Another of the shipped files. @param {any} opening */
 function examples(opening) {
-  const label = document.createElement("label"), select = document.createElement("select"), query = new URLSearchParams(location.search);
-  select.id = "example";
-  for (const name of opening.examples) select.add(new Option(name, name, false, `${name}.yaml` === opening.name));
-  select.onchange = () => { query.set("example", select.value); location.assign(`?${query}`); };
-  label.append("example", document.createElement("span"), select);
+  const query = new URLSearchParams(location.search), { label, select } = choice("example", "example", opening.examples, (name) => { query.set("example", name); location.assign(`?${query}`); });
+  select.value = opening.name.replace(/\.yaml$/, "");
   by("controls").prepend(label);
 }
 
@@ -177,8 +172,6 @@ function refit(wide = 1.6) {
   look(true, { window: map.window });
 }
 
-const remember = () => toAddress(page.opening, page.view);
-
 function robot() {
   states = new States(page, gesture, look);
   const what = page.opening.space === "task" ? "direction" : "joint";
@@ -190,11 +183,12 @@ function robot() {
   step = new Step(/** @type {HTMLElement} */ (more.querySelector(".plot")));
   last.querySelector(".plot").replaceChildren(...side.querySelector(".plot").children);
   captions[1].replaceChildren(...captions[0].childNodes);
-  captions[0].innerText = "Critical mode";
+  captions[0].textContent = "Critical mode";
+  document.body.classList.add("robot");
   page.body = body = new RobotView(side.querySelector(".plot"), page.opening.shapes, () => page.dragging);
   by("map").querySelector("small").textContent = `of the chosen ${what} in this state, all others closed; drag the dot`;
   map.blue = `this ${what}'s own loop keeps the required margins in this state`;
-  map.sure = "Areas: sampled, not certified; what is certified of ● is said in the verdict. ";
+  map.sure = `Areas: sampled, not certified; what is certified of ● is said in the verdict. ${map.sure}`;
   map.nowhere = `: no gains of this ${what} alone make this state stable while all others stay`;
   by("bode").querySelector("small").textContent = `of the chosen ${what}, all others closed; sampled`;
 }
@@ -225,8 +219,7 @@ function undo() {
 
 function snap() {
   if (by("snap").disabled || page.searching) return;
-  if (page.found && page.found.find) { page.searching = true; by("snap").textContent = "Stop the search"; send({ ask: "find" }); return; }
-  if (!page.found || !page.found.gains) return;
+  if (page.found && page.found.find) { Object.assign(page, { searching: true, share: 0 }); by("snap").textContent = "Stop the search"; send({ ask: "find" }); return; }
   gesture(true);
   delete page.view.point;
   page.view.gains = { ...page.view.gains, ...page.found.gains };
@@ -242,10 +235,11 @@ function snap() {
 /** @param {any} part */
 function verdict(part) {
   const current = part.key === page.key;
+  if (current && part.plant) Object.assign(page, { plant: part.plant, ranges: part.ranges });
   if (part.lane === "quick" && current && part.gains) {
     page.view.gains = { ...page.view.gains, ...part.gains };
     delete page.view.point;
-    if (page.final) remember();
+    if (page.final) toAddress(page.opening, page.view);
     show();
   }
   if (part.point && !map.dragging) map.points.dot = part.point;
@@ -272,33 +266,42 @@ function sentences(part, current) {
   by("verdict").className = `${part.tone}${page.certified ? "" : " quick"}`;
   const [first, ...rest] = part.sentence.split(/(?<=\.) (?=[A-Z])/); // as on a report: the verdict in bold
   by("sentence").replaceChildren(first, ...(rest.length ? [" ", Object.assign(document.createElement("span"), { textContent: rest.join(" ") })] : []));
-  const ranges = page.opening.uncertain.length > 0, met = page.certified && part.met === true && !(part.uncertified || []).length;
-  const places = new Set(part.rows.map((/** @type {any} */ row) => row.where).filter(Boolean)), once = ranges && places.size === 1 ? [...places][0] : "";
+  const ranges = page.opening.uncertain.length > 0, met = page.certified ? part.met === true && !(part.uncertified || []).length : null, once = cards(part);
   if (met !== map.met) { map.met = met; map.draw(); }
   by("basis").textContent = {
     certified: certified(part) + (page.view.sample_rate_hz === 0 && page.opening.sampled ? " Continuous time: choose your loop's sample rate." : "") + (ranges ? ` Worst of the stated ranges${once ? `: ${once}` : ""}.` : ""),
-    state: `Certified in ${part.where}${ranges ? " over the stated ranges" : ""}; the other states follow.`,
+    state: `Certified in ${part.examined}${ranges ? " over the stated ranges" : ""}; the others follow.`,
     nominal: "Nominal values only; the stated ranges are not examined yet.",
     quick: "This state only, at nominal values. Stability and gain limit are certified; what is marked ≈ is not.",
   }[/** @type {"quick"} */ (current ? part.basis : "quick")];
   brief(part);
+}
+
+/** Each requirement; where in the stated ranges all are worst, "" where that differs. @param {any} part @returns {string} */
+function cards(part) {
+  page.said = part;
+  const places = new Set(part.rows.map((/** @type {any} */ row) => row.where).filter(Boolean)), once = page.opening.uncertain.length && places.size === 1 ? [...places][0] : "";
+  const after = part.basis === "state" ? ", so far" : part.basis === "certified" && page.opening.uncertain.length ? ", worst case" : "";
   by("rows").replaceChildren(...part.rows.map((/** @type {any} */ row) => {
     const card = document.createElement(row.place ? "button" : "div"), value = document.createElement("b"), title = document.createElement("small"), below = document.createElement("small");
     card.className = `row ${row.met === null ? "" : row.met ? "yes" : "no"}`;
     card.dataset.name = row.name;
-    title.textContent = row.title + (part.basis === "certified" && page.opening.uncertain.length ? ", worst case" : "");
+    title.textContent = row.title + after;
     value.textContent = row.worst + (row.met === null ? "" : row.met ? " ✓" : " ✗");
-    below.textContent = [row.required, row.where && !once ? `${page.opening.kind === "robot" ? "in" : "at"} ${row.where}` : "", row.to_use && row.to_use !== "–" && row.to_use !== row.worst && !isTaken() ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
+    if (row.to_use && row.to_use !== "–" && row.to_use !== row.worst && !isTaken()) value.append(Object.assign(document.createElement("span"), { textContent: ` ★ ${row.to_use}` }));
+    below.textContent = [row.required, row.where && !once ? `${page.opening.kind === "robot" ? "in" : "at"} ${row.where}` : ""].filter(Boolean).join(" · ");
+    card.title = below.textContent; // where it is too narrow for it
     card.append(title, value, below);
-    if (row.place) Object.assign(card, { title: "Show where", onclick: () => states && states.visit(row.place) });
+    if (row.place) Object.assign(card, { title: `Show where: ${below.textContent}`, onclick: () => states && states.visit(row.place) });
     return card;
   }));
+  return once;
 }
 
 /** The verdict in a line, which stays on a phone's screen. @param {any} part */
 function brief(part) {
   const values = part.rows.filter((/** @type {any} */ row) => row.met !== null).map((/** @type {any} */ row) => `${/^[\d.]+$/.test(row.worst) ? `${row.title.split(" ").pop()} ` : ""}${row.worst} ${row.met ? "✓" : "✗"}`);
-  by("brief").textContent = [(/^(Safe|Not safe|Not decided|Stable in continuous time only|Stable|Unstable)/.exec(part.sentence) || [part.sentence])[0], ...new Set(values)].join(" · ");
+  by("brief").textContent = [(/^((In|So far, in) [^:]*: )?(Safe|Not safe|Not decided|Stable in continuous time only|Stable|Unstable|Every requirement is met)/i.exec(part.sentence) || [part.sentence])[0], ...new Set(values)].join(" · ");
   by("brief").className = part.tone;
 }
 
@@ -310,6 +313,7 @@ function use(part) {
   map.star = part.star || "";
   star();
   map.draw();
+  cards(page.said);
   const notes = by("notes");
   notes.replaceChildren();
   for (const { text, lines } of part.notes) {
@@ -322,13 +326,17 @@ function use(part) {
 const within = (part, whole) => Object.entries(part).every(([name, value]) => (typeof value === "object" ? within(value, whole[name]) : value === whole[name]));
 
 /** Whether the gains now are the recommended ones: those are not offered again. */
-const isTaken = () => Boolean(page.found && page.found.gains) && within(page.found.gains, page.view.gains);
+const isTaken = () => isFresh() && Boolean(page.found.gains) && within(page.found.gains, page.view.gains);
+
+/** Whether the recommended gains that are known are those of this view. */
+const isFresh = () => Boolean(page.found) && page.found.plant === page.plant;
 
 /** Of a robot's recommended gains those of the chosen joint. */
 function star() {
-  const { found } = page, taken = isTaken();
-  by("snap").disabled = !page.searching && (!found || taken || !(found.gains || found.find));
-  if (!page.searching) by("snap").textContent = taken ? "★ Recommended" : found && found.find ? "★ Find gains (slow)" : "★ Use recommended";
+  const { found } = page, taken = isTaken(), fresh = isFresh();
+  by("snap").disabled = !page.searching && (!fresh || taken || !(found.gains || found.find));
+  if (!page.searching) by("snap").textContent = !fresh ? "★ computing …" : taken ? "★ Recommended" : found.find ? "★ Find gains (slow)" : "★ Use recommended";
+  map.old = !fresh;
   if (page.opening.kind === "robot") {
     map.points.star = (page.found && page.found.points[page.view.joint]) || null;
     map.points.ghost = page.opening.points[page.view.joint];
@@ -343,11 +351,9 @@ function cursor(hz) { bode.setCursor(hz); nyquist.setCursor(hz); map.setCursor(h
 // ---- a simulated run ------------------------------------------------------------------------------------------------------------------
 
 function shake() {
-  if (page.shaking) return send({ ask: "cancel", of: "shake" });
+  if (!page.shaking) by("shake").textContent = "Stop";
+  send(page.shaking ? { ask: "cancel", of: "shake" } : { ask: "shake" });
   page.shaking = true;
-  by("shake").textContent = "Stop";
-  send({ ask: "shake" });
-  return undefined;
 }
 
 /** What was asked for has been answered, or has ended. @param {any} part */
@@ -366,7 +372,7 @@ function ran(part) {
   place.hidden = false;
   place.querySelector("small").textContent = page.opening.kind === "robot" ? "MuJoCo, nonlinear; the file's scenario in this state" : "tick by tick; the file's scenario";
   place.querySelector(".said").textContent = part.sentence;
-  new Traces(place.querySelector(".plot")).take(part);
+  traces(place.querySelector(".plot"), part);
   const seen = body && body.renderer ? by("side") : place; // a robot's run is played on its drawing
   requestAnimationFrame(() => seen.scrollIntoView({ behavior: "smooth", block: "nearest" })); // charts have their size then
 }

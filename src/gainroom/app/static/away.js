@@ -17,6 +17,7 @@ export function forms(opening, send) {
   }
   button.onclick = () => toggle(place.hidden);
   document.addEventListener("keydown", (event) => { if (event.key === "Escape" && !place.hidden) { toggle(false); button.focus(); } });
+  for (const kind of ["pointerdown", "focusin"]) document.addEventListener(kind, (event) => { if (!(/** @type {Element} */ (event.target).closest(".menu"))) toggle(false); });
 }
 
 /** @param {any} part */

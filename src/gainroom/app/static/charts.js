@@ -81,7 +81,7 @@ export class Bode {
   /** @param {any} part */
   take(part) {
     const colors = { gain: "#d55e00", phase: "#0072b2", Ms: "#009e73" }, words = { gain: "gain margin", phase: "phase margin", Ms: "Ms" };
-    this.marks = part.marks.map((/** @type {any} */ mark) => ({ hz: mark.hz, color: colors[/** @type {"gain"} */ (mark.name)], text: words[/** @type {"gain"} */ (mark.name)] }));
+    this.marks = part.marks.map((/** @type {any} */ mark) => ({ hz: mark.hz, color: colors[/** @type {"gain"} */ (mark.name)], text: words[/** @type {"gain"} */ (mark.name)] })).sort((/** @type {any} */ a, /** @type {any} */ b) => b.hz - a.hz); // no line through the name of one before it
     this.size.setData([part.hz, part.size]);
     this.phase.setData([part.hz, part.phase]);
   }
@@ -188,22 +188,17 @@ export class Step {
   }
 }
 
-export class Traces {
-  /** @param {HTMLElement} place */
-  constructor(place) { this.place = place; }
-
-  /** A simulated run: what moves, and the torque of the joint that works hardest. @param {any} part */
-  take(part) {
-    this.place.replaceChildren();
-    const colors = ["#0072b2", "#d55e00", "#009e73"];
-    for (const [curves, label] of /** @type {[any[], string][]} */ ([[part.motion, `moved since the start [${part.unit}]`], [part.torque, `torque of ${part.torque[0].name} [${part.torque_unit}]`]])) {
-      const half = curves.length > 1 ? curves.length / 2 : 1;
-      const series = [{}, ...curves.map((curve, k) => ({ label: curve.name, stroke: colors[k % half % 3], width: curve.dashed ? 1.2 : 2, dash: curve.dashed ? [5, 5] : undefined, points: { show: false } }))];
-      plot(this.place, { height: 200, series, scales: { x: { time: false } }, axes: [{ ...AXIS, size: 32, label: "time [ms]", labelSize: 18, labelFont: "12px system-ui", values: plain }, { ...AXIS, label, labelSize: 18, labelFont: "12px system-ui", size: 64, values: plain }] }, [part.ms, ...curves.map((curve) => curve.values)]);
-    }
-    const names = document.createElement("p");
-    names.className = "legend";
-    names.textContent = `${part.motion.filter((/** @type {any} */ each) => !each.dashed).map((/** @type {any} */ each) => each.name).join(", ")}; dashed: commanded.`;
-    this.place.append(names);
+/** A simulated run: what moves, and the torque of the joint that works hardest. @param {HTMLElement} place @param {any} part */
+export function traces(place, part) {
+  place.replaceChildren();
+  const colors = ["#0072b2", "#d55e00", "#009e73"];
+  for (const [curves, label] of /** @type {[any[], string][]} */ ([[part.motion, `moved since the start [${part.unit}]`], [part.torque, `torque [${part.torque_unit}]`]])) {
+    const half = curves.length > 1 ? curves.length / 2 : 1;
+    const series = [{}, ...curves.map((curve, k) => ({ label: curve.name, stroke: colors[k % half % 3], width: curve.dashed ? 1.2 : 2, dash: curve.dashed ? [5, 5] : undefined, points: { show: false } }))];
+    plot(place, { height: 200, series, scales: { x: { time: false } }, axes: [{ ...AXIS, size: 32, label: "time [ms]", labelSize: 18, labelFont: "12px system-ui", values: plain }, { ...AXIS, label, labelSize: 18, labelFont: "12px system-ui", size: 64, values: plain }] }, [part.ms, ...curves.map((curve) => curve.values)]);
   }
+  const names = document.createElement("p");
+  names.className = "legend";
+  names.textContent = `${part.motion.filter((/** @type {any} */ each) => !each.dashed).map((/** @type {any} */ each) => each.name).join(", ")}; dashed: commanded. Torque: ${part.torque[0].name}, which works hardest.`;
+  place.append(names);
 }

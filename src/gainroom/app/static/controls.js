@@ -3,6 +3,16 @@
 import { number } from "./gainmap.js";
 import { toast } from "./away.js";
 
+/** @param {string} text @param {string} id @param {string[]} values @param {(value: string) => void} chosen */
+export function choice(text, id, values, chosen) {
+  const label = document.createElement("label"), select = document.createElement("select");
+  select.id = id;
+  for (const value of values) select.add(new Option(value, value));
+  select.onchange = () => chosen(select.value);
+  label.append(text, document.createElement("output"), select);
+  return { label, select };
+}
+
 export class Controls {
   /** @param {any} page @param {{ gesture: (start: boolean) => void, look: (final: boolean) => void, show: () => void }} does */
   constructor(page, does) {
@@ -59,13 +69,6 @@ export class Controls {
     return () => { if (document.activeElement !== input) show(); };
   }
 
-  /** @param {string} title @param {HTMLElement} beside @param {HTMLElement} input */
-  add(title, beside, input) {
-    const label = document.createElement("label");
-    label.append(title, beside, input);
-    this.place.append(label);
-  }
-
   /** Even steps from 0, factors from elsewhere; `endless`: the last step, and 0 typed, are no rate at all. @param {string} name @param {string} title @param {string} unit @param {number} low @param {number} high @param {boolean} endless */
   slider(name, title, unit, low, high, endless = false) {
     const { page, does } = this, rate = name === "sample_rate_hz", own = page.opening.view[name] === 0 && rate ? 1000 : page.opening.view[name];
@@ -74,7 +77,10 @@ export class Controls {
     Object.assign(input, { type: "range", min: even ? low : Math.log10(low * own), max: even ? high : Math.log10(high * own), step: even ? high / 1000 : 0.005, id: name });
     const typed = document.createElement("input"), [least, most] = [Number(input.min), Number(input.max)];
     input.setAttribute("aria-label", title);
-    this.add(`${title} [${unit}]`, typed, input);
+    const label = document.createElement("label"), range = document.createElement("small");
+    label.append(`${title} [${unit}]`, typed, input, range);
+    this.place.append(label);
+    this.shown.push(() => { const span = page.ranges[name]; range.textContent = span ? `range ${number(span[0])} … ${number(span[1])} ${unit}` : ""; });
     if (endless) typed.placeholder = "∞";
     this.shown.push(this.typed(typed, `${name}-typed`, endless ? `${title}, 0: continuous time` : title, even || endless, () => page.view[name] || (endless ? NaN : 0), (value) => { page.view[name] = value; }));
     const value = () => endless && input.value === input.max ? 0 : Number((even ? Number(input.value) : 10 ** Number(input.value)).toPrecision(rate ? 2 : 4));
@@ -90,11 +96,8 @@ export class Controls {
 
   /** @param {string} name @param {string} title @param {string[]} options */
   choice(name, title, options) {
-    const { page, does } = this, select = document.createElement("select");
-    select.id = name;
-    for (const text of options) select.add(new Option(text));
-    if (options.length) this.add(title, document.createElement("span"), select);
-    select.addEventListener("change", () => { does.gesture(true); page.view[name] = select.value; does.look(true); });
+    const { page, does } = this, { label, select } = choice(title, name, options, (value) => { does.gesture(true); page.view[name] = value; does.look(true); });
+    if (options.length) this.place.append(label);
     this.shown.push(() => { select.value = String(page.view[name]); });
   }
 }

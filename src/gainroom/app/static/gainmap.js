@@ -42,14 +42,15 @@ export class GainMap {
     this.moved = moved;
     this.gesture = gesture;
     this.window = [1, 1];
-    this.width = 0;
-    this.height = 0;
+    this.width = this.height = 0;
     this.names = ["kp", "kd"];
     this.units = ["N·m/rad", "N·m·s/rad"];
     this.green = "in every state this loop keeps the required margins and all gains together the gain margin (nominal values)";
     this.nowhere = ": no gains here are stable";
     this.sure = ""; // what is certified and what is not, where some is not
-    this.late = this.met = false; // met: of the gains now everything is, by the full verdict
+    this.late = this.old = false; // old: the recommended gains are of other values
+    /** @type {boolean | null} */ this.met = null; // of the gains now everything is, by the full verdict; null: it is not there yet
+    /** @type {Record<string, string>} */ this.of = {}; // whose map each part is
     this.star = ""; // what is certified of the recommended ones
     this.blue = "every requirement met at the nominal values";
     /** @type {any} */ this.data = { stable: [], required: [], edge: [], lines: [] };
@@ -63,6 +64,7 @@ export class GainMap {
     this.dot = svg("g", { id: "dot", tabindex: 0, role: "slider", "aria-label": "Gains", visibility: "hidden" }, this.root);
     svg("circle", { r: 22, fill: "transparent" }, this.dot);
     svg("circle", { r: 8, fill: "#000", stroke: "#fff", "stroke-width": 2 }, this.dot);
+    this.above = svg("g", { "pointer-events": "none" }, this.root);
     this.root.addEventListener("pointerdown", (event) => this.down(event));
     this.root.addEventListener("pointermove", (event) => this.drag(event));
     this.root.addEventListener("pointerup", (event) => this.up(event));
@@ -140,7 +142,7 @@ export class GainMap {
 
   /** @param {any} part */
   take(part) {
-    Object.assign(this.data, { known: true }, Object.fromEntries(["stable", "required", "edge", "lines", "every", "safe", "whole", "missing", "next"].filter((name) => part[name] !== undefined).map((name) => [name, part[name]])));
+    for (const name of ["stable", "required", "edge", "lines", "every", "safe", "whole", "missing", "next"]) if (part[name] !== undefined) { this.data[name] = part[name]; this.of[name] = part.plant; }
     if (part.window) this.window = part.window;
     if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: part.follows ? [] : null, safe: [], whole: null, channel: part.channel });
     this.late = Boolean(part.stable && part.follows); // what holds in every state comes after what holds in this one
@@ -162,7 +164,7 @@ export class GainMap {
   draw() {
     const { width, height } = this;
     for (const layer of Object.values(this.layers)) layer.replaceChildren();
-    const { ground, areas, axes, labels } = this.layers;
+    const { ground, areas, axes, labels } = this.layers, fresh = (/** @type {string} */ name) => this.of[name] === this.of.stable;
     const inner = { x: FRAME.left, y: FRAME.top, width: width - FRAME.left - FRAME.right, height: height - FRAME.top - FRAME.bottom };
     const clip = svg("clipPath", { id: "frame" }, ground);
     svg("rect", inner, clip);
@@ -172,13 +174,13 @@ export class GainMap {
     svg("rect", { ...inner, fill: "url(#hatch)" }, ground);
     areas.setAttribute("clip-path", "url(#frame)");
     for (const outline of this.data.stable) svg("path", { d: this.path(outline, true), fill: "#fffdf3", stroke: "#1a1a1a", "stroke-width": 2, "data-area": "stable" }, areas);
-    for (const outline of this.data.required) svg("path", { d: this.path(outline, true), fill: "#56b4e9", "fill-opacity": 0.4, "data-area": "required" }, areas);
+    for (const outline of this.data.required) svg("path", { d: this.path(outline, true), fill: "#56b4e9", "fill-opacity": fresh("required") ? 0.4 : 0.15, "data-area": "required" }, areas);
     for (const outline of this.data.safe || []) svg("path", { d: this.path(outline, true), fill: "#009e73", "fill-opacity": this.late ? 0.15 : 0.45, "data-area": "safe" }, areas);
     for (const outline of this.data.whole || []) svg("path", { d: this.path(outline, true), fill: "#006b4e", "fill-opacity": this.late ? 0.15 : 0.6, "data-area": "whole" }, areas);
     for (const outline of this.data.every || []) svg("path", { d: this.path(outline, true), fill: "none", stroke: "#1a1a1a", "stroke-width": 1.6, "stroke-dasharray": "7 5", "stroke-opacity": this.late ? 0.3 : 1, "data-area": "every" }, areas);
     const colors = ["#009e73", "#0072b2", "#cc79a7", "#d55e00"], dashes = ["none", "7 4", "2 4", "7 3 2 3"];
     this.data.lines.forEach((/** @type {any} */ line, /** @type {number} */ k) => {
-      for (const part of line.parts) svg("path", { d: this.path(part), fill: "none", stroke: colors[k % 4], "stroke-width": 2, "stroke-dasharray": dashes[k % 4] }, areas);
+      for (const part of line.parts) svg("path", { d: this.path(part), fill: "none", stroke: colors[k % 4], "stroke-width": 2, "stroke-dasharray": dashes[k % 4], "stroke-opacity": fresh("lines") ? 1 : 0.2, "data-area": "line" }, areas);
     });
     for (const value of ticks(0, this.window[0], Math.max(4, Math.floor(inner.width / 90)))) {
       svg("line", { x1: this.x(value), x2: this.x(value), y1: height - FRAME.bottom, y2: height - FRAME.bottom + 5, stroke: "#666" }, axes);
@@ -191,13 +193,14 @@ export class GainMap {
     svg("rect", { ...inner, fill: "none", stroke: "#666" }, axes);
     svg("text", { x: FRAME.left + inner.width / 2, y: height - 6, "text-anchor": "middle" }, axes).textContent = `${this.names[0]} [${this.units[0]}]`;
     svg("text", { transform: `translate(13 ${FRAME.top + inner.height / 2}) rotate(-90)`, "text-anchor": "middle" }, axes).textContent = `${this.names[1]} [${this.units[1]}]`;
-    svg("text", { x: width - FRAME.right - 8, y: FRAME.top + 18, "text-anchor": "end", class: "soft" }, labels).textContent = "unstable";
+    const corner = new DOMPoint(width - FRAME.right - 34, FRAME.top + 14), stable = /** @type {NodeListOf<SVGGeometryElement>} */ (areas.querySelectorAll("[data-area=stable]"));
+    if (![...stable].some((path) => path.isPointInFill(corner))) svg("text", { x: width - FRAME.right - 8, y: FRAME.top + 18, "text-anchor": "end", class: "soft" }, labels).textContent = "unstable";
     const inside = this.data.lines.map((/** @type {any} */ line, /** @type {number} */ k) => ({ text: line.text, color: colors[k % 4], dash: ["——", "– –", "···", "–·–"][k % 4] }));
-    this.legend.replaceChildren(this.sure, `Hatched: unstable${this.data.known && !this.data.stable.length ? this.nowhere : ""}. `, this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? `, ★ recommended: the stiffest${this.star && ` (${this.star})`}` : "", this.shows(this.points.rule) ? ", × rule of thumb (10 Hz). " : ". ");
+    this.legend.replaceChildren(this.sure, `Hatched: unstable${this.of.stable && !this.data.stable.length ? this.nowhere : ""}. `, this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? `, ★ recommended: the stiffest${this.star && ` (${this.star})`}` : "", this.shows(this.points.rule) ? `, × rule of thumb (10 Hz)${this.meet(this.points.ghost, this.points.rule) ? ", here the file's gains" : ""}. ` : ". ");
     for (const one of inside) {
       const mark = document.createElement("span");
       mark.textContent = ` ${one.dash} ${one.text} `;
-      mark.style.color = one.color;
+      Object.assign(mark.style, { color: one.color, opacity: fresh("lines") ? 1 : 0.4 });
       this.legend.append(mark);
     }
     this.drawMarks();
@@ -212,19 +215,23 @@ export class GainMap {
     if (this.late) return "Pale and dashed: all states, as they were; they follow. ";
     const none = every.length ? "Dashed: stable in every state. " : "Nowhere here is it stable in every state. ";
     const fine = this.met ? "The gains now meet every requirement in every state, as the verdict says" : "";
-    const others = next ? `Being computed: where ${next === "safe" ? "the required margins are kept" : "every requirement is met"} in every state … ` : !whole ? "" : whole.length ? `Dark green: every requirement in every state, of every loop and of all together (nominal values). ${fine && `${fine}. `}` : fine ? `${fine}; around them the map finds no room. ` : "No gains of this loop alone meet every requirement in every state. ";
+    const others = next ? `Being computed: where ${next === "safe" ? "the required margins are kept" : "every requirement is met"} in every state … ` : !whole ? "" : whole.length ? `Dark green: every requirement in every state, of every loop and of all together (nominal values). ${fine && `${fine}. `}` : fine ? `${fine}; around them the map finds no room. ` : this.met === null ? "" : "No gains of this loop alone meet every requirement in every state. ";
     return none + (safe && safe.length ? `Green: ${this.green}. ` : "") + others;
   }
 
   /** @param {number[] | null} point @returns {point is number[]} */
   shows(point) { return Boolean(point && point.every((each, k) => each <= this.window[k])); }
 
+  /** Whether two marks are drawn over each other. @param {number[] | null} one @param {number[] | null} other */
+  meet(one, other) { return Boolean(one && other && Math.hypot(this.x(one[0]) - this.x(other[0]), this.y(one[1]) - this.y(other[1])) < 8); }
+
   drawMarks() {
     const marks = this.layers.marks;
     marks.replaceChildren();
+    this.above.replaceChildren();
     const { ghost, star, rule } = this.points;
     if (ghost) svg("circle", { cx: this.x(ghost[0]), cy: this.y(ghost[1]), r: 8, fill: "none", stroke: "#666", "stroke-width": 2, "data-mark": "ghost" }, marks);
-    if (this.shows(star)) svg("text", { x: this.x(star[0]), y: this.y(star[1]) + 8, "text-anchor": "middle", class: "star", fill: "#0072b2", "data-mark": "star" }, marks).textContent = "★";
+    if (this.shows(star)) svg("text", { x: this.x(star[0]), y: this.y(star[1]) + 8, "text-anchor": "middle", class: "star", opacity: this.old ? 0.25 : 1, "data-mark": "star" }, this.above).textContent = "★";
     if (this.shows(rule)) svg("text", { x: this.x(rule[0]), y: this.y(rule[1]) + 6, "text-anchor": "middle", "data-mark": "rule" }, marks).textContent = "✕";
     if (this.cursor !== null) this.drawCursor();
   }

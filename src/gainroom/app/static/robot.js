@@ -28,6 +28,8 @@ export class RobotView {
     /** @type {any} */ this.film = null;
     /** @type {any} */ this.bar = null;
     this.still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const caption = /** @type {any} */ (place.parentElement).querySelector("figcaption");
+    this.title = caption.firstChild;
     this.note = Object.assign(document.createElement("p"), { className: "legend", id: "mode" });
     const canvas = document.createElement("canvas");
     canvas.setAttribute("role", "img");
@@ -43,20 +45,16 @@ export class RobotView {
     this.scene = new three.Scene();
     this.camera = new three.PerspectiveCamera(35, 1.4, 0.01, 100);
     this.camera.up.set(0, 0, 1);
-    this.scene.add(new three.HemisphereLight(0xffffff, 0x888888, 2.2));
     const sun = new three.DirectionalLight(0xffffff, 1.6);
     sun.position.set(3, -2, 5);
-    this.scene.add(sun);
     this.turn = new three.OrbitControls(this.camera, canvas);
-    this.turn.enableZoom = true;
     this.turned = false; // since it was drawn
     this.turn.addEventListener("change", () => { this.turned = true; });
     this.turn.addEventListener("start", () => { this.placed = true; });
     canvas.style.touchAction = "pan-y"; // a finger across it turns the robot, along it scrolls the page
     this.axes = new three.AxesHelper(1);
-    this.scene.add(this.axes);
     this.group = new three.Group();
-    this.scene.add(this.group);
+    this.scene.add(new three.HemisphereLight(0xffffff, 0x888888, 2.2), sun, this.axes, this.group);
     /** @type {any[]} */ this.links = [];
     /** @type {any[]} */ this.joints = [];
     /** @type {any[]} */ this.pieces = [];
@@ -66,7 +64,7 @@ export class RobotView {
     new IntersectionObserver((entries) => { this.seen = entries[0].isIntersecting; }).observe(canvas);
     const pause = Object.assign(document.createElement("button"), { textContent: this.still ? "Move" : "Hold" });
     pause.onclick = () => { this.still = !this.still; pause.textContent = this.still ? "Move" : "Hold"; };
-    /** @type {any} */ (place.parentElement).querySelector("figcaption").append(pause);
+    caption.append(pause);
     this.build();
     let last = 0;
     const frame = (/** @type {number} */ now) => {
@@ -142,16 +140,16 @@ export class RobotView {
     this.placed = this.pieces.length === this.shapes.length;
   }
 
-  /** @param {any} part */
-  take(part) {
+  /** @param {any} part @param {boolean} aged whether other gains are shown by now */
+  take(part, aged) {
     this.part = part;
+    this.note.classList.toggle("old", aged);
     if (!this.renderer) return;
     this.endFilm(); // it was of other values
     const points = part.rest[0], count = part.nodes.names.length;
     const box = new three.Box3();
     for (let k = 0; k < count; k++) box.expandByPoint(new three.Vector3(points[3 * k], points[3 * k + 1], points[3 * k + 2]));
-    const size = box.getSize(new three.Vector3()).length() || 1;
-    this.size = size;
+    const size = this.size = box.getSize(new three.Vector3()).length() || 1;
     this.paint();
     if (!this.placed) this.frame(box);
     const key = JSON.stringify([part.rest[0], part.contacts]);
@@ -201,8 +199,10 @@ export class RobotView {
   takeRoot(root) { this.root = root; this.say(); }
 
   say() {
-    const { part, root } = this;
+    const { part } = this, root = part && this.root && this.root.key === part.key ? this.root : null; // that of other gains says nothing of these
+    this.title.data = this.film ? "Simulated run" : "Critical mode";
     if (!part) return;
+    if (this.film) { this.note.textContent = `The simulated run in real time. Colour: participation in the vibration at the gain limit. ${part.contacts.length ? "Blue: contacts. " : ""}Axes: x red, y green, z blue.`; return; }
     if (!part.re) { this.note.textContent = "No vibration at any common factor on the gains."; return; }
     const hz = part.hz, slow = hz * PERIOD;
     const order = part.names.map((/** @type {string} */ name, /** @type {number} */ k) => [Math.hypot(part.mode_re[k], part.mode_im[k]), name]).sort((/** @type {any} */ a, /** @type {any} */ b) => b[0] - a[0]);
@@ -226,16 +226,19 @@ export class RobotView {
     const large = [100, 50, 20, 10, 5, 2, 1].find((each) => each * most <= DRAWN * this.size) || 1, size = document.createElement("button");
     const say = () => { size.textContent = this.film.larger > 1 ? `Motion drawn ${this.film.larger} × as large` : "Motion drawn as it is"; };
     size.onclick = () => { this.film.larger = this.film.larger > 1 ? 1 : large; this.turned = true; say(); };
-    bar.append("Simulated run ", slider, time, ...(large > 1 ? [size] : []), back);
+    bar.append(slider, time, ...(large > 1 ? [size] : []), back);
     this.note.before(bar);
     this.bar = bar;
     this.film = { ...film, slider, time, larger: large, runs: !this.still, began: performance.now() / 1000 };
     say();
+    this.say();
   }
 
   endFilm() {
-    if (this.bar) this.bar.remove();
+    if (!this.bar) return;
+    this.bar.remove();
     this.film = this.bar = null;
+    this.say();
   }
 
   /** The moment of the run that is shown. @param {number} now @returns {any} */

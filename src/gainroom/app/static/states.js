@@ -1,6 +1,7 @@
 // A robot's states: joint × state heat map, posture and contact, joint, and where its joints stand.
 // @ts-check
 import { number } from "./gainmap.js";
+import { choice } from "./controls.js";
 
 /** Vermilion to blue around white, as in the report. @param {number | null} factor */
 function shade(factor) {
@@ -12,16 +13,6 @@ function shade(factor) {
 
 /** @param {Record<string, number>} one @param {Record<string, number>} other */
 const same = (one, other) => Object.keys(one).length === Object.keys(other).length && Object.keys(one).every((name) => one[name] === other[name]);
-
-/** @param {string} text @param {string} id @param {string[]} values @param {(value: string) => void} chosen */
-function choice(text, id, values, chosen) {
-  const label = document.createElement("label"), select = document.createElement("select");
-  select.id = id;
-  for (const value of values) select.add(new Option(value, value));
-  select.onchange = () => chosen(select.value);
-  label.append(text, document.createElement("output"), select);
-  return { label, select };
-}
 
 export class States {
   /** @param {any} page @param {(start: boolean) => void} gesture @param {(final: boolean) => void} look */

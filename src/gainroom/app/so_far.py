@@ -1,0 +1,49 @@
+"""A robot's study while it grows: of the state that is looked at first, then of all."""
+
+import math
+from collections.abc import Iterator
+
+from ..report.robot_text import severity
+from ..studies.analysis import analyzed, in_turn
+from ..studies.robot import NUMBERS, RobotStudy
+from ..studies.state import State, by_headroom
+from ..system.system import System
+from .bench import Told
+
+
+class SoFar:
+    """The last study, which another look at the same gains takes as it is."""
+
+    def __init__(self) -> None:
+        self._last: tuple[str, RobotStudy] | None = None
+
+    def studies(self, key: str, system: System, shown: tuple[str, str], told: Told) -> Iterator[RobotStudy]:
+        """Of the state `shown`, of all so far wherever one more is unstable, and last of every state; `key`: tells systems from each other.
+
+        Next come the states that had least headroom before.
+        """
+        last = self._last
+        if last is None or last[0] != key:
+            told(0, 1, "this state")
+            before = {} if last is None else {_place(state): by_headroom(state.limit) for state in last[1].states}
+            order = sorted(system.source.states, key=lambda place: (place != shown, before.get(place, math.inf)))
+            found: dict[tuple[str, str], State] = {}
+            for state in in_turn(system, order, told, NUMBERS):
+                found[_place(state)] = state
+                if len(found) < len(order) and state.moves and (len(found) == 1 or not state.limit.stable):
+                    yield RobotStudy(system, tuple(found[place] for place in system.source.states if place in found))
+            every = analyzed(system, (found[place] for place in system.source.states)).every
+            last = self._last = key, RobotStudy(system, every)
+        yield last[1]
+
+
+def tone(study: RobotStudy) -> str:
+    """How its verdict looks on the page; "good" of all states alone."""
+    if not study.stable_in_range:
+        return "bad"
+    found = severity(study)
+    return "wait" if study.examined and found == "good" else found
+
+
+def _place(state: State) -> tuple[str, str]:
+    return state.posture, state.contact
