@@ -116,7 +116,7 @@ def test_as_stiff_as_it_may_be_at_four_milliseconds_and_taken_away(tab: Tab, cap
     tab.page.get_by_role("button", name="YAML").click()
     tab.page.get_by_text("Copied as yaml").wait_for()
     first, *lines = tab.page.evaluate("navigator.clipboard.readText()").split("\n")
-    assert first == "# for joint.yaml with delay_ms 4 (there 2.0)"
+    assert first == "# for fig9.yaml with delay_ms 4 (opened with 2)"
     kp, kd = (float(line.split(": ")[1]) for line in lines[:2])
     said = said_by_command(capsys, with_gains(1e4, 300.0, 4.0), tmp_path)
     assert (kp, kd) == pytest.approx((said["recommended"]["kp"], said["recommended"]["kd"]), rel=1e-6)

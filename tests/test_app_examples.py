@@ -80,7 +80,9 @@ def test_the_knee_as_stiff_as_it_may_be_at_four_milliseconds(browser: Any, capsy
         tab.page.get_by_role("button", name="Copy gains").click()
         tab.page.get_by_role("button", name="YAML").click()
         tab.page.get_by_text("Copied as yaml").wait_for()
-        lines = tab.page.evaluate("navigator.clipboard.readText()").split()
+        comment, *gains = tab.page.evaluate("navigator.clipboard.readText()").splitlines()
+        assert comment == "# for talos-knee.yaml with delay_ms 4 (opened with 2)"
+        lines = " ".join(gains).split()
         tab.page.get_by_role("button", name="Save").click()
         tab.page.locator("#confirm").click()
         tab.page.get_by_text("Saved").wait_for()

@@ -165,7 +165,7 @@ def test_copied_gains_are_read_back(tmp_path: Path):
     assert "UNSTABLE" in bench.copied(View(gains={"kp": 5000.0, "kd": 900.0}), "mjcf")
     assert bench.copied(view, "yaml") == "# for joint.yaml\nkp: 5000\nkd: 200\n"
     elsewhere = bench.copied(view.model_copy(update={"delay_ms": 4.0, "sample_rate_hz": 2000.0}), "yaml")
-    assert elsewhere.startswith("# for joint.yaml with delay_ms 4.0 (there 2.0) and sample_rate_hz 2000.0 (there 0)\nkp: 5000\n")
+    assert elsewhere.startswith("# for joint.yaml with delay_ms 4 (opened with 2) and sample_rate_hz 2000 (opened with 0)\nkp: 5000\n")
 
 
 def test_saving_refuses_what_was_not_seen_and_what_changed_meanwhile(tmp_path: Path):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -71,8 +72,13 @@ def ranges(stated: Uncertainty, stiffness: Any = 1.0) -> dict[str, list[float | 
 def conditions(source: str, own: Mapping[str, Any], view: View) -> str:
     """A comment above copied gains: of which file, and what differs from it that is no gain; `own`: the file's view."""
     now = {name: getattr(view, name) for name in NO_GAINS}
-    other = [f"{name} {now[name]} (there {own[name]})" for name in NO_GAINS if now[name] not in (None, own.get(name))]
-    return printable(f"# for {source}{' with ' if other else ''}{listed(other)}") + "\n"
+    text = {
+        name: [each if isinstance(each, str) else typed(each) for each in (now[name], own[name])]
+        for name in NO_GAINS
+        if None not in (now[name], own.get(name))
+    }
+    other = [f"{name} {here} (opened with {there})" for name, (here, there) in text.items() if here != there]
+    return printable(f"# for {Path(source).name}{' with ' if other else ''}{listed(other)}") + "\n"
 
 
 def gain_of(own: Controller, form: str) -> Gain:

@@ -288,10 +288,10 @@ function cards(part) {
     card.dataset.name = row.name;
     title.textContent = row.title + after;
     value.textContent = row.worst + (row.met === null ? "" : row.met ? " ✓" : " ✗");
-    if (row.to_use && row.to_use !== "–" && row.to_use !== row.worst && !isTaken()) value.append(Object.assign(document.createElement("span"), { textContent: ` ★ ${row.to_use}` }));
+    const better = row.to_use && row.to_use !== "–" && row.to_use !== row.worst && !isTaken() ? Object.assign(document.createElement("span"), { textContent: ` ★ ${row.to_use}` }) : "";
     below.textContent = [row.required, row.where && !once ? `${page.opening.kind === "robot" ? "in" : "at"} ${row.where}` : ""].filter(Boolean).join(" · ");
     card.title = below.textContent; // where it is too narrow for it
-    card.append(title, value, below);
+    card.append(title, value, better, below);
     if (row.place) Object.assign(card, { title: `Show where: ${below.textContent}`, onclick: () => states && states.visit(row.place) });
     return card;
   }));
