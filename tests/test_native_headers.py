@@ -43,6 +43,13 @@ def test_disk_margins_of_random_and_hostile_modes_end():
     assert int(ordinary) == 24
 
 
+def test_boxes_of_random_and_hostile_joints_end():
+    """Rigid, locked and elastic joints, sampled or not: nothing that is not finite has a bounded phase, most that is narrow has."""
+    ordinary, all_boxes, outside = output(compiled("boxes")).split()
+    assert int(ordinary) > 0.9 * int(all_boxes)  # but for boxes at a resonance
+    assert int(outside) == 0
+
+
 @pytest.fixture(scope="module")
 def delays() -> Path:
     return compiled("delays")

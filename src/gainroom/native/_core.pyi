@@ -394,3 +394,26 @@ def task_motion(
 
     ValueError where a number is not finite, or the inertia not positive definite.
     """
+
+MOST_ALIASES: int
+
+class BoxLoop:
+    """As in box_loop.hpp; values (7,): its five quantities, then friction of motor and link; columns (5,)."""
+
+    def __init__(
+        self,
+        values: Floats,
+        columns: Integers,
+        motor_side: bool,
+        current_poles: Complexes,
+        current_gain: float,
+        zeros: Complexes,
+        poles: Complexes,
+        gain: float,
+        control_delay: float,
+        sample_time: float,
+        aliases: int,
+        rest: float,
+    ) -> None: ...
+    def at(self, low: Floats, high: Floats, scaled: bool) -> tuple[Floats, Complexes, Floats]:
+        """Sectors of boxes low to high (n, p): their four bounds (4, n), centers (1, n) and scores (n, p)."""

@@ -8,6 +8,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "gainroom/factors.hpp"
+
 namespace nb = nanobind;
 
 template <typename T, std::size_t N>
@@ -15,6 +17,7 @@ using Array = nb::ndarray<T, nb::numpy, nb::ndim<N>, nb::c_contig, nb::device::c
 using Vector = Array<const double, 1>;
 using Matrix = Array<const double, 2>;
 using Cube = Array<const double, 3>;
+using Roots = Array<const gainroom::Complex, 1>;
 using Integers = Array<const std::int64_t, 1>;
 
 inline void require(bool fits, const char* message) {
@@ -23,6 +26,10 @@ inline void require(bool fits, const char* message) {
 
 inline bool has_shape(const Matrix& array, std::size_t rows, std::size_t columns) {
     return array.shape(0) == rows && array.shape(1) == columns;
+}
+
+inline gainroom::Factors factors(const Roots& zeros, const Roots& poles, double gain) {
+    return {{zeros.data(), zeros.data() + zeros.size()}, {poles.data(), poles.data() + poles.size()}, gain};
 }
 
 // A new numpy array (rows, columns) that owns a copy of `values`.

@@ -4,7 +4,6 @@
 #include "arrays.hpp"
 
 using gainroom::Complex;
-using Roots = Array<const Complex, 1>;
 
 static nb::tuple scan(Roots zeros, Roots poles, double gain, double delay, double sample_time, bool with_peaks) {
     gainroom::Scan found;
@@ -24,11 +23,6 @@ static nb::object complexes(std::vector<Complex> values) {
     auto* copy = new std::vector<Complex>(std::move(values));
     nb::capsule owner(copy, [](void* pointer) noexcept { delete static_cast<std::vector<Complex>*>(pointer); });
     return nb::cast(nb::ndarray<nb::numpy, Complex, nb::ndim<1>>(copy->data(), {copy->size()}, owner));
-}
-
-// Zeros, poles and gain as they come from Python.
-static gainroom::Factors factors(const Roots& zeros, const Roots& poles, double gain) {
-    return {{zeros.data(), zeros.data() + zeros.size()}, {poles.data(), poles.data() + poles.size()}, gain};
 }
 
 static nb::object response(Roots zeros, Roots poles, double gain, double delay, double sample_time, Roots points) {
