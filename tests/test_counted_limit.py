@@ -234,6 +234,10 @@ def test_gain_matrices_without_common_directions_have_none():
     assert gain_directions({(0, 0): one, (1, 0): two, (0, 1): three}) is None
     turning = np.array([[1.0, -1.0], [1.0, 1.0]])
     assert gain_directions({(0, 0): turning, (1, 0): np.eye(2)}) is None
+    idle = gain_directions({(0, 0): one, (1, 0): two, (0, 1): np.zeros_like(one)})  # as a P/PI cascade without ki has it
+    assert idle is not None
+    assert not idle.gains[0, 1].any()
+    assert gain_directions({(0, 0): np.zeros_like(one)}) is None
 
 
 def test_a_pendulum_that_topples():

@@ -28,10 +28,10 @@ class Directions(NamedTuple):
 
 def gain_directions(terms: Mapping[tuple[int, int], Floats]) -> Directions | None:
     """Of gain matrices (n, n) by term; None where there is none such, or it is not known."""
-    if not terms:
+    sizes = {powers: size for powers, gain in terms.items() if (size := float(np.linalg.norm(gain)))}
+    if not sizes:
         return None
-    sizes = {powers: float(np.linalg.norm(gain)) for powers, gain in terms.items()}
-    units = [gain / sizes[powers] for powers, gain in terms.items()]
+    units = [terms[powers] / size for powers, size in sizes.items()]
     symmetric = all(np.abs(unit - unit.T).max() <= SYMMETRIC for unit in units)
     outer, inner = _span(np.hstack(units)), _span(np.hstack([unit.T for unit in units]))
     if outer is None or inner is None or outer.shape != inner.shape:
@@ -49,7 +49,8 @@ def gain_directions(terms: Mapping[tuple[int, int], Floats]) -> Directions | Non
     torque, measured = torque * balance, measured / balance[:, None]
     left, right = np.linalg.pinv(torque), np.linalg.pinv(measured)
     gains = {powers: np.einsum("in,nm,mi->i", left, gain, right) for powers, gain in terms.items()}
-    off = [float(np.linalg.norm(torque @ (gains[powers][:, None] * measured) - gain)) / sizes[powers] for powers, gain in terms.items()]
+    products = {powers: torque @ (gains[powers][:, None] * measured) for powers in sizes}
+    off = [float(np.linalg.norm(products[powers] - terms[powers])) / size for powers, size in sizes.items()]
     return Directions(torque, measured, gains, symmetric) if max(off) <= EXACT else None
 
 
