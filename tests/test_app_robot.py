@@ -331,7 +331,7 @@ def test_recommended_gains_of_tasks_are_found_and_taken(browser: Any, tmp_path: 
         tab.settle(CERTIFIED)
         assert "every requirement is met" in tab.text("#sentence")
         assert "root counts" in tab.text("#basis")
-        tab.page.get_by_text("★ recommended: the stiffest (meets every requirement in every state; limits certified)").wait_for()
+        tab.page.get_by_text("★ recommended (meets every requirement in every state; limits certified)").wait_for()
         assert tab.text("#snap") == "★ Recommended"  # and not offered again
         assert tab.page.locator("#snap").is_disabled()
         tab.page.get_by_role("button", name="Undo").click()
