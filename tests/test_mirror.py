@@ -8,9 +8,9 @@ import pytest
 
 from gainroom.analysis.stability import unstable_roots
 from gainroom.design.gain_sets import GainSet
-from gainroom.design.judged_cases import case_of
+from gainroom.design.judged_cases import case_of, joint_state
 from gainroom.design.mirror import mirror_of
-from gainroom.design.robot_gains import _joint_state, _mirror_image, recommend_robot
+from gainroom.design.robot_gains import _mirror_image, recommend_robot
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.system.drive import Drive
 from gainroom.system.requirements import Requirements
@@ -73,7 +73,7 @@ def test_mirrored_states_get_the_same_gains_in_the_other_order(biped: System):
 
 def test_an_image_without_the_weight_says_where_it_topples(biped: System):
     """Gains too soft to hold the weight: what topples is counted in the state of the image, and what came nearest speaks of it."""
-    left, right = ([_joint_state(case) for case in biped.cases(weight=True) if case.contact == contact] for contact in ("left", "right"))
+    left, right = ([joint_state(case) for case in biped.cases(weight=True) if case.contact == contact] for contact in ("left", "right"))
     kp, kd, none = np.linspace(150.0, 250.0, 12), np.linspace(40.0, 60.0, 12), ("",) * 12
     soft = np.array([kp, kd, np.zeros(12)])
     assert unstable_roots(left[0].with_weight.loop(soft)) > 0

@@ -1,6 +1,7 @@
 """A robot's gains in one state, as the core looks at them: quickly, and at the margins that requirements bound."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,11 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import margins
 from ..errors import GainroomError
 from ..system.controller import PD
+from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.system import StateCase, System
 from .margin_slopes import Case, Gains
+from .starting_gains import joints_that_move, link_inertia
 
 
 def joint_case(title: str, system: System, model: Any) -> Case:
@@ -70,3 +73,48 @@ def judged_margins(state: StateCase, factor: float = 1.0) -> Margins:
 
 def _known(found: Margins, system: System) -> bool:
     return not found.stable or not any(np.isnan(one.value(found)) for one, _ in system.requirements.asked_for)
+
+
+@dataclass(frozen=True)
+class SearchedState:
+    """One case of the uncertainty with its loops: `with_weight`, and `without` it (the same where none counts).
+
+    moves, load   (m,) which directions can move, and what tells alike ones from others: a joint's inertia, a task direction's place
+    """
+
+    state: StateCase
+    with_weight: Case
+    without: Case
+    weighed: bool
+    moves: Booleans
+    load: Floats
+
+    @property
+    def contact(self) -> str:
+        return self.state.contact
+
+
+def joint_state(state: StateCase) -> SearchedState:
+    """Of gains of the joints."""
+
+    def case(model: Any) -> Case:
+        return joint_case(state.title, state.system, model)
+
+    return _both(state, case, joints_that_move(state.model, state.system.control.feedback), link_inertia(state.model))
+
+
+def task_state(state: StateCase) -> SearchedState:
+    """Of gains of the file's tasks."""
+    tasks = state.system.source.tasks(state.model, state.system.control.rotors)
+
+    def case(model: Any) -> Case:
+        return task_case(state.title, state.system, model, tasks)
+
+    return _both(state, case, tasks.movable, np.arange(1.0, len(tasks.kp) + 1))
+
+
+def _both(state: StateCase, case: Callable[[Any], Case], moves: Booleans, load: Floats) -> SearchedState:
+    """With the weight, where it counts, and without."""
+    weighed = state.model.gravity_stiffness is not None and bool(np.any(state.model.gravity_stiffness))
+    whole = case(state.model)
+    return SearchedState(state, whole, case(replace(state.model, gravity_stiffness=None)) if weighed else whole, weighed, moves, load)

@@ -20,19 +20,19 @@ import numpy as np
 from ..analysis.coupled_margins import delay_margin
 from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..errors import GainroomError
-from ..system.linear.arrays import Booleans, Floats, Integers
+from ..system.linear.arrays import Floats, Integers
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import StateCase, System
 from .gain_search import Raised, raised_gains, stiffness
 from .gain_sets import GainSet, RobotGains
-from .judged_cases import case_of, joint_case, task_case
+from .judged_cases import SearchedState, case_of, joint_state, task_state
 from .margin_slopes import Case, Gains
 from .mirror import EXACT, mirror_of
 from .side_by_side import Job, side_by_side
 from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, tasks_alike
 
 if TYPE_CHECKING:
-    from ..robot.model import RobotModel
+    pass
 
 SHARES = (0.5, 0.25, 0.12, 0.9, 0.05)
 """Of the damping of each joint alone, with which a search may begin: what is stable is made to meet the requirements."""
@@ -50,25 +50,6 @@ DIGITS = (4, 5, 6, 7)
 """That gains are rounded to: the first that keep what is required."""
 EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
-
-
-@dataclass(frozen=True)
-class _State:
-    """One case of the uncertainty with its loops: `with_weight`, and `without` it (the same where none counts).
-
-    moves, load   (m,) which directions can move, and what tells alike ones from others: a joint's inertia, a task direction's place
-    """
-
-    state: StateCase
-    with_weight: Case
-    without: Case
-    weighed: bool
-    moves: Booleans
-    load: Floats
-
-    @property
-    def contact(self) -> str:
-        return self.state.contact
 
 
 @dataclass(frozen=True)
@@ -102,7 +83,7 @@ def recommend_robot(
     first = states[0].model
     required = system.requirements
     states = [replace(state, system=replace(state.system, requirements=required.tightened(RESERVE))) for state in states]
-    found = [_joint_state(state) if space == "joint" else _task_state(state) for state in states]
+    found = [joint_state(state) if space == "joint" else task_state(state) for state in states]
     moved = [state.model for state, one in zip(states, found, strict=True) if one.moves.any()] or [first]
     beginning = joints_alone(system, first, np.min([link_inertia(model) for model in moved], axis=0), alone)
     if space == "joint":
@@ -185,7 +166,7 @@ def _unweighed(system: System, space: str, states: Sequence[StateCase]) -> tuple
 
 def _set(
     contact: str,
-    states: Sequence[_State],
+    states: Sequence[SearchedState],
     required: Requirements,
     beginning: Beginning,
     progress: Callable[[], None],
@@ -248,7 +229,7 @@ def _set(
     )
 
 
-def _mirrored(contacts: Sequence[str], states: Mapping[str, Sequence[_State]], beginning: Beginning) -> list[list[str]]:
+def _mirrored(contacts: Sequence[str], states: Mapping[str, Sequence[SearchedState]], beginning: Beginning) -> list[list[str]]:
     """The contact states in groups that mirror each other, as far as joints, directions and what their gains are measured by are alike."""
     groups: list[list[str]] = []
     for contact in contacts:
@@ -264,14 +245,16 @@ def _mirrored(contacts: Sequence[str], states: Mapping[str, Sequence[_State]], b
     return groups
 
 
-def _order(states: Sequence[_State], others: Sequence[_State]) -> Integers | None:
+def _order(states: Sequence[SearchedState], others: Sequence[SearchedState]) -> Integers | None:
     """(m,) by direction of `others` that of `states`, where they mirror them: tasks' are themselves."""
     order = mirror_of([(one.state, one.with_weight) for one in states], [(one.state, one.with_weight) for one in others])
     size = len(states[0].moves)
     return order if order is None or states[0].with_weight.joints else np.arange(size)
 
 
-def _mirror_image(found: GainSet | None, states: Sequence[_State], others: Sequence[_State], required: Requirements) -> GainSet | None:
+def _mirror_image(
+    found: GainSet | None, states: Sequence[SearchedState], others: Sequence[SearchedState], required: Requirements
+) -> GainSet | None:
     """A set for `others` from that of the `states` which they mirror; None where there is none, or it does not keep what is required."""
     order = _order(states, others)
     if found is None or not found.moves or order is None:
@@ -319,7 +302,7 @@ def _rounded(found: Raised, cases: Sequence[Case], required: Requirements) -> tu
 
 
 def _searched(
-    states: Sequence[_State],
+    states: Sequence[SearchedState],
     cases: Sequence[Case],
     beginning: Beginning,
     weighed: bool,
@@ -368,7 +351,7 @@ def _starts(
             yield gains
 
 
-def _groups(states: Sequence[_State], beginning: Beginning, free: Integers) -> list[list[int]]:
+def _groups(states: Sequence[SearchedState], beginning: Beginning, free: Integers) -> list[list[int]]:
     """Directions that are raised together: legs that take turns are alike."""
     return _alike([*beginning.data, *np.sort([state.load for state in states], axis=0)], free)
 
@@ -406,26 +389,3 @@ def _shortage(margins: Margins, required: Requirements) -> str:
     texts = ([one.text(value, significant) for value in (one.value(margins), needed)] for significant in range(3, 10))
     found, asked = next((pair for pair in texts if pair[0] != pair[1]), ("less", one.text(needed)))
     return f"{one.named(margins)} {found} of {asked}"
-
-
-def _joint_state(state: StateCase) -> _State:
-    def case(model: "RobotModel") -> Case:
-        return joint_case(state.title, state.system, model)
-
-    return _both(state, case, joints_that_move(state.model, state.system.control.feedback), link_inertia(state.model))
-
-
-def _task_state(state: StateCase) -> _State:
-    tasks = state.system.source.tasks(state.model, state.system.control.rotors)
-
-    def case(model: "RobotModel") -> Case:
-        return task_case(state.title, state.system, model, tasks)
-
-    return _both(state, case, tasks.movable, np.arange(1.0, len(tasks.kp) + 1))
-
-
-def _both(state: StateCase, case: Callable[["RobotModel"], Case], moves: Booleans, load: Floats) -> _State:
-    """With the weight, where it counts, and without."""
-    weighed = state.model.gravity_stiffness is not None and bool(np.any(state.model.gravity_stiffness))
-    whole = case(state.model)
-    return _State(state, whole, case(replace(state.model, gravity_stiffness=None)) if weighed else whole, weighed, moves, load)
