@@ -5,6 +5,7 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -117,6 +118,17 @@ def test_every_row_that_an_audit_does_not_meet_is_in_both_headlines(
             assert row[1] in text or "(even with all other joints switched off " in text
 
 
+def exported(told: dict[str, Any], folder: Path, capsys: pytest.CaptureFixture[str]) -> bool:
+    """Whether `export` writes the gains to use of an audit's answer; where it does not, it says why in a line and writes nothing."""
+    answer = folder / "answer.json"
+    answer.write_text(json.dumps(told), "utf-8")
+    status = main(["export", str(answer), "--to", "yaml"])
+    out, err = capsys.readouterr()
+    assert (status, bool(out), err.count("\n")) in ((0, True, 0), (2, False, 1))
+    assert status == 0 or "not to use these gains yet" in err
+    return status == 0
+
+
 def test_an_audit_without_a_rate_shows_no_gains_to_use(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """They have what is required in continuous time alone; with a rate they are shown, and are safe there."""
     terminal, _, told, own = said(capsys, tmp_path, "audit", str(LEG), "--delay-ms", "2")
@@ -124,12 +136,15 @@ def test_an_audit_without_a_rate_shows_no_gains_to_use(capsys: pytest.CaptureFix
     first = own.partition("Do this</h2>")[2].partition("</section>")[0].partition("<details")[0]
     assert f"{lowered:.4g}" not in terminal
     assert f"{lowered:.4g}" not in first
+    assert told["to_use"]["ready"] is False
+    assert not exported(told, tmp_path, capsys)
     (command,) = re.findall(r"<pre>gainroom (audit .*?)</pre>", html.unescape(first))
     assert f"gainroom {command}" in terminal
     main([*command.split(), "--json"])
     again = json.loads(capsys.readouterr().out)
     assert again["sample_rate_hz"] == 2000
     assert math.isfinite(again["to_use"]["factor"])
+    assert exported(again, tmp_path, capsys) == again["to_use"]["ready"]
     assert again["to_use"]["factor"] < told["to_use"]["factor"]  # a rate costs margin
 
 
@@ -144,6 +159,8 @@ def test_gains_that_would_hardly_damp_are_not_to_be_used_yet(capsys: pytest.Capt
         if told["safe"] or told["to_use"] is None:
             continue
         rings = "Do not use × " in terminal
+        assert told["to_use"]["ready"] is not rings
+        assert exported(told, tmp_path, capsys) is not rings
         assert rings == (" --peak-sensitivity 2 --write-robot robot.yaml" in terminal)
         assert not rings or f"Ms {told['peak_sensitivity']:.3g}" in headline or not told["stable"]
         assert rings != ("Multiply " in terminal)

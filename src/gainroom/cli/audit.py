@@ -186,13 +186,16 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
 
 
 def _to_use_facts(result: "Audit") -> dict[str, Any] | None:
-    """The factor, the joints whose gains it is on, and every joint's gains as typed; None for safe gains, and where none are known."""
+    """The factor, the joints whose gains it is on, whether they may be used yet, and every joint's gains as typed.
+
+    None for safe gains, and where none are known.
+    """
     found = result.to_use
     if found is None:
         return None
     names = result.system.source.joint_names
     gains = [{"name": name, **{key: float(values[k]) for key, values in found.gains.items()}} for k, name in enumerate(names)]
-    return {"factor": found.factor, "scaled": list(found.joints), "joints": gains}
+    return {"factor": found.factor, "scaled": list(found.joints), "ready": result.ready_to_use is not None, "joints": gains}
 
 
 def _terminal(

@@ -59,10 +59,17 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
         margins = f"vibration starts at {limit:.3g} × these gains" if isinstance(limit, int | float) else ""
         instead = data.get("to_use") if to_use else None
         if isinstance(instead, dict):
+            if instead.get("ready") is not True:  # an older answer does not say
+                raise GainroomError(
+                    f"{source}: to_use: the audit says not to use these gains yet, as the loop's rate is not known, or they would hardly "
+                    "damp the motion; do what `gainroom audit` says first, then export its new answer"
+                )
             for name, entry in _named(instead, "joints", f"{source}: to_use").items():
                 inertia = gains[name].motor_inertia if name in gains else None
                 gains[name] = _gain({**entry, "motor_inertia": inertia}, f"{source}: to_use.joints.{shown(name)}")
             margins = f"safe by the audit of {_required_text(data)}, in place of unsafe gains"
+            if data.get("gearbox_range") is not None:
+                margins += "; with one gearbox of the audited range: audit them over the range again"
         form = "gainroom audit --json"
     actuators = _named(data, "actuators", source) if "actuators" in data else {}
     delays = [checked(f"{source}: actuators.{shown(name)}.delay_ms", each.get("delay_ms"), NUMBER) for name, each in actuators.items()]
