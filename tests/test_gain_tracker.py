@@ -175,13 +175,8 @@ def test_a_jump_of_posture_is_certified_again_in_bounded_time(biped):
         assert all(one.safe_gain <= limit.gain or not one.certified for one in answers)
 
 
-def test_misuse_in_the_loop_is_flagged(biped):
-    loose = replace(biped, contacts={**biped.contacts, "toe": (Contact("left_sole", "point"),)})
-    tracker = gr.GainTracker(loose, contacts=["left", "toe"])
-    q = biped.body.configuration(dict(biped.postures["stand"].angles))
-    good = tracker.update(q, "left")
-    assert good.certified
-    assert good.flag == ""
+def assert_wrong_ticks_are_flagged(tracker: gr.GainTracker, q: np.ndarray, good: gr.TrackedLimit):
+    """Of a tracker in "left", where `good` is right, that knows "toe", on which nothing can stand."""
     wrong = [(q[:-1], "left", "posture"), (q * np.nan, "left", "posture"), ("?", "left", "posture"), (2 * q, "left", "posture")]
     wrong += [(np.where(np.arange(len(q)) == 9, bad, q), "left", "posture") for bad in (np.nan, np.inf)]
     wrong += [(q, "up", "contact"), (q, None, "contact"), (q, "toe", "too few constraints")]
@@ -189,6 +184,16 @@ def test_misuse_in_the_loop_is_flagged(biped):
         answer = tracker.update(posture, contact)
         assert (answer.flag, answer.certified) == (flag, False)
         assert 0 < answer.safe_gain < good.gain
+
+
+def test_misuse_in_the_loop_is_flagged(biped):
+    loose = replace(biped, contacts={**biped.contacts, "toe": (Contact("left_sole", "point"),)})
+    tracker = gr.GainTracker(loose, contacts=["left", "toe"])
+    q = biped.body.configuration(dict(biped.postures["stand"].angles))
+    good = tracker.update(q, "left")
+    assert good.certified
+    assert good.flag == ""
+    assert_wrong_ticks_are_flagged(tracker, q, good)
     assert tracker.update(list(q), "left").gain == pytest.approx(good.gain, rel=1e-9)
     for rows, name in (([], "up"), ([], None), (None, "left"), ([np.zeros((6, 3))], "left"), ([np.zeros((7, 18))], "left"), ("?", "left")):
         assert tracker.prepare(rows, name) is None

@@ -13,6 +13,7 @@ from gainroom.design.realtime.task_rows import TaskRows
 from gainroom.robot.contact import Contact
 from gainroom.robot.linearize import linearize
 from robot_walks import Walk
+from test_gain_tracker import assert_wrong_ticks_are_flagged
 
 TEXT = (files("gainroom") / "files" / "examples" / "biped.yaml").read_text("utf-8")
 HEAD, TASKS, LIMITS = (
@@ -192,13 +193,7 @@ def test_misuse_in_the_loop_is_flagged(robots):
     tracker, q = tracker_of(loose, "left", "toe"), standing(robot)
     good = tracker.update(q, "left")
     assert good.certified
-    wrong = [(q[:-1], "left", "posture"), (q * np.nan, "left", "posture"), ("?", "left", "posture"), (2 * q, "left", "posture")]
-    wrong += [(np.where(np.arange(len(q)) == 9, bad, q), "left", "posture") for bad in (np.nan, np.inf)]
-    wrong += [(q, "up", "contact"), (q, None, "contact"), (q, "toe", "too few constraints")]
-    for posture, contact, flag in wrong:
-        answer = tracker.update(posture, contact)
-        assert (answer.flag, answer.certified) == (flag, False)
-        assert 0 < answer.safe_gain < good.gain
+    assert_wrong_ticks_are_flagged(tracker, q, good)
     mass, held = robot.body.mass_matrix(q), [robot.body.frame_jacobian(q, "left_sole")]
     model = robot.linearize("stand", "left")
     tasks = [task.jacobian(model) for task in robot.stack]

@@ -4,6 +4,8 @@ import html
 import json
 import math
 import re
+from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,11 @@ import pytest
 import yaml
 
 from gainroom.cli import main
+from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import load_robot_system
+from gainroom.report.number_format import UNITS
+from gainroom.report.verdict import joint_to_use
+from gainroom.studies.joint import study_joint
 from gainroom.studies.robot import study_robot
 from gainroom.system.requirements import REQUIREMENTS
 from robot_files import ROBOT, write_arm
@@ -116,6 +122,28 @@ def test_every_row_that_an_audit_does_not_meet_is_in_both_headlines(
     for row in missed if told["stable"] else []:
         for text in (headline, terminal.partition("Do this")[0]):
             assert row[1] in text or "(even with all other joints switched off " in text
+
+
+WIDE = "uncertainty: {stiffness: 20%, delay_ms: [1, 2], link_inertia: [4, 40]}\n"
+
+
+def test_gains_for_the_usual_rate_say_how_they_hold_over_the_ranges():
+    """And not how those of continuous time do, which are not the ones shown."""
+    study = study_joint(parse_joint((EXAMPLES / "fig9.yaml").read_text("utf-8") + WIDE, ""))
+    assert study.at_usual_rate is not None
+    shown = study.at_usual_rate.recommended
+    assert shown is not None
+    assert shown.reserve > 0.01  # else nothing is to be said
+    assert "with 2 % of each requirement to spare" in joint_to_use(study).remarks[0]
+    vars(study.at_usual_rate)["recommended"] = replace(shown, proved=False, reserve=0.002)
+    assert joint_to_use(study).remarks[0] == "Searched over the uncertainty, not proved."
+    assert not any("to spare" in remark for remark in joint_to_use(study).remarks)
+
+
+def test_a_page_keeps_units_with_their_numbers_as_the_terminal_does():
+    assert f"/{UNITS.pattern}/g" in files("gainroom").joinpath("report", "page.js").read_text("utf-8")
+    text = "Ms 2.28 (≤ 2) at 77.4 Hz, 5 N·m/rad, 3 ms later: 2.04 × these, 4 m and 3 more"
+    assert UNITS.sub("_", text) == "Ms 2.28 (≤_2) at 77.4_Hz, 5_N·m/rad, 3_ms later: 2.04_× these, 4_m and 3 more"
 
 
 def exported(told: dict[str, Any], folder: Path, capsys: pytest.CaptureFixture[str]) -> bool:

@@ -282,10 +282,8 @@ class RobotBench:
     def full(self, view: View, window: tuple[float, float] | None, told: Told) -> Iterator[Part]:
         study = None
         for study in self._studies(view, told):
-            if study.examined:
-                yield "verdict", self._verdict(study, "state")
+            yield "verdict", self._verdict(study, "state" if study.examined else "certified")
         assert study is not None
-        yield "verdict", self._verdict(study, "certified")
         yield "heat", heat(study)
         use = robot_to_use(study, self.opened.call("robot"))
         own = study.controllers_to_use if study.to_use is not None else ()

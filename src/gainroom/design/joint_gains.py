@@ -55,7 +55,7 @@ class Recommendation:
     dropped       searches for `costs`, when they are asked for
     certificate   what has been checked, as text
     proved        the requirements hold for every joint within the uncertainty; False: at those that were looked at
-    reserve       share of each requirement that is left to spare, without which a proof over the uncertainty does not come to an end
+    reserve       share of each requirement that the search kept to spare, without which a proof over the uncertainty does not end
     """
 
     kp: float

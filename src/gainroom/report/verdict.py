@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..analysis.margin_record import Margins
+from ..design.joint_gains import Recommendation
 from ..studies.analysis import USUAL_RATE, Analysis
 from ..studies.joint import JointStudy
 from ..system.requirements import REQUIREMENTS, Requirements
@@ -123,21 +124,25 @@ def joint_to_use(study: JointStudy, call: str = "gainroom joint FILE") -> ToUse:
     if best is None:
         return NOTHING
     present, lines = study.system.control.controller, _beside(best.controller, study.system.control.controller)
-    remarks = [] if best.proved else ["Searched over the uncertainty, not proved."]
-    if best.reserve > 0.01:
-        remarks.append(f"They leave {100 * best.reserve:g} % of each requirement to spare, as the proof over the ranges needs some.")
+    remarks = _over_ranges(best)
     if usual is not None and usual.requirements_met is False:
         again, folded = usual.recommended, (_not_at_usual_rate(usual.in_range.margins, asked, "control"), lines)
         if again is None:
             return replace(_state_rate(call), folded=folded)
         heading = f"The file has no rate. For a loop at {AT_USUAL} use, {_place(call, 'control')}:"
-        remarks = [f"Your loop has another rate? Write it there and run `{call}` again."]
+        remarks = [*_over_ranges(again), f"Your loop has another rate? Write it there and run `{call}` again."]
         return ToUse(heading, [SAMPLED, *_beside(again.controller, present)], remarks, folded, again.worst, f"new gains at {AT_USUAL}")
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual.in_range.margins, asked)}. {STATE_RATE}")
     elif study.system.control.sampling_in_delay:
         remarks.append("The file's delay already contains hold and velocity difference, so all this holds for the sampled loop, too.")
     return ToUse(_heading(study, _place(call, "control")), lines, remarks, margins=best.worst)
+
+
+def _over_ranges(found: Recommendation) -> list[str]:
+    """What is to be said of gains for uncertain values: whether they are proved, and what they were searched with to spare."""
+    spare = f"They were searched with {100 * found.reserve:g} % of each requirement to spare, as the proof over the ranges needs some."
+    return [*([] if found.proved else ["Searched over the uncertainty, not proved."]), *([spare] if found.reserve > 0.01 else [])]
 
 
 def _place(call: str, section: str) -> str:

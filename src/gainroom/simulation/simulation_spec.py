@@ -224,8 +224,7 @@ class JointSimulation(SimulationSpec):
     @property
     def scenario_effects(self) -> tuple[str, ...]:
         """Names of what the scenario adds to the file's linear loop: `effects`, and friction where it is viscous, too."""
-        viscous = any(isinstance(value, Friction) and value.viscous for value in self.hardware.values())
-        return tuple(dict.fromkeys([*(["friction"] if viscous else []), *self.effects]))
+        return tuple(dict.fromkeys([*(["friction"] if self.adds_viscous_friction else []), *self.effects]))
 
     @property
     def adds_viscous_friction(self) -> bool:
