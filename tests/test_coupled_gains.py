@@ -9,12 +9,13 @@ import pytest
 
 import gainroom as gr
 from draws import draw_plant, seeds
+from gainroom.analysis.coupled_margins import delay_margin
 from gainroom.analysis.margin_record import GainLimit, Margins, OneLoop
 from gainroom.analysis.margins import joint_margins
 from gainroom.design.gain_search import PRICES, RAISE, Raised, raised_gains, rounded, stiffer
 from gainroom.design.margin_slopes import Case, moved
 from gainroom.report.margin_columns import margin_value
-from gainroom.system.requirements import REQUIREMENTS
+from gainroom.system.requirements import REQUIREMENTS, TICKS
 from independent.quick_margins import quick_margins
 from machines import limbs
 from refusals import assert_refused
@@ -252,6 +253,37 @@ def test_slopes_are_the_changes_of_margins(seed, across, sample_time):
             more, less = (margins_missed(case, moved(gains, sign * way, case.cascade))[name] for sign in (1, -1))
             # how the curve runs at a crossing is taken between two points of it, which may be as far apart as samples
             assert slopes.slope[(k, *place)] == pytest.approx((more - less) / (2 * step), rel=2e-2, abs=2e-4)
+
+
+@pytest.mark.parametrize("sample_time", [None, 5e-4])
+@pytest.mark.parametrize("seed", seeds(4, 40))
+def test_delay_margins_and_their_slopes(seed, sample_time):
+    """Against the certified delay margin, which samples the loop anew for every share of a tick, and its central differences."""
+    rng = np.random.default_rng([53, seed])
+    size = int(rng.integers(2, 5))
+    plant, share = draw_plant(rng, size), rng.uniform(0.3, 2.0, (2, size))
+    gains = np.vstack([soft(size)[:2] * share * [[9.0], [3.0]], np.zeros((1, size))])
+    while not joint_margins(case_of(plant, sample_time=sample_time).loop(gains)).stable:
+        gains = gains * [[0.5], [0.7], [1.0]]
+    case = case_of(plant, sample_time=sample_time)
+
+    def exact(gains) -> float:
+        return delay_margin(case.loop(gains))
+
+    here = exact(gains)
+    case = replace(case, required=gr.Requirements(delay_margin=1.1 * here))
+    found = case.margins(gains)
+    # a share of a tick is nearly a phase: what requirements ask beyond what is needed is more than that is off
+    assert found.delay_margin == pytest.approx(here, rel=1e-6 if sample_time is None else TICKS)
+    slopes, step = case.slopes(gains), 1e-4
+    k = int(np.argmax(slopes.missed))
+    assert slopes.missed[k] == pytest.approx(log(1.1 * (1 + TICKS) * here / found.delay_margin), abs=1e-5)
+    for place in np.ndindex(2, size):
+        way = np.zeros((2, size))
+        way[place] = step
+        more, less = (exact(moved(gains, sign * way, case.cascade)) for sign in (1, -1))
+        change = -(log(more) - log(less)) / (2 * step)
+        assert slopes.slope[(k, *place)] == pytest.approx(change, rel=0.02 if sample_time is None else 0.1, abs=2e-3)
 
 
 @pytest.mark.parametrize("sample_time", [None, 5e-4])

@@ -22,9 +22,9 @@ LEG = str(Path(__file__).parents[1] / "examples" / "robot.xml")
 def looked_over(joint: gr.ElasticJoint, kp: float, kd: float, delay: float, step: float | None, kind: str) -> RangeOfGearboxes:
     ends = (*TYPES[kind].resonance, *TYPES[kind].damping_ratio)
     drive = gr.Drive(bandwidth=math.inf, damping_ratio=1.0, delay=delay)
-    system = gr.System.of_joint(joint, drive, gr.PD(kp, kd), "motor", step)
+    system = gr.System.of_joint(joint, drive, gr.PD(kp, kd), "motor", step, requirements=gr.Requirements(gain_margin=MARGIN))
     found = GearboxRange(*(np.array([end]) for end in ends), types=(kind,))
-    return look_over(system, [State(system, "", "", system.source.linearize())], MARGIN, found)
+    return look_over(system, [State(system, "", "", system.source.linearize())], found)
 
 
 def geared(rigid: gr.ElasticJoint, resonance: float, ratio: float) -> gr.ElasticJoint:

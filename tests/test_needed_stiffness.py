@@ -20,6 +20,7 @@ from gainroom.studies.state import State
 
 LEG = Path(__file__).parents[1] / "examples" / "robot.xml"
 MARGIN = 2.0
+USUAL = gr.Requirements(gain_margin=MARGIN)
 DAMPING_RATIO = 0.05
 
 
@@ -67,9 +68,9 @@ def has_margin(joint: gr.ElasticJoint, kp: float, kd: float, delay: float, step:
 
 
 def of_joint(joint: gr.ElasticJoint, kp: float, kd: float, delay: float, step: float | None) -> NeededStiffness | None:
-    system = gr.System.of_joint(joint, gr.Drive(bandwidth=math.inf, damping_ratio=1.0, delay=delay), gr.PD(kp, kd), "motor", step)
+    system = gr.System.of_joint(joint, gr.Drive(bandwidth=math.inf, damping_ratio=1.0, delay=delay), gr.PD(kp, kd), "motor", step, USUAL)
     state = State(system, "", "", system.source.linearize())
-    return needed_stiffness(system, [state], MARGIN, DAMPING_RATIO)
+    return needed_stiffness(system, [state], DAMPING_RATIO)
 
 
 def population() -> list[tuple]:
@@ -203,8 +204,9 @@ def test_a_robot_in_several_states_stays_safe_however_stiff_its_gearboxes():
     Path("alike.yaml").write_text('".*": {kp: 2000, kd: 100, motor_inertia: 1}', "utf-8")
     options = AuditOptions(2.0, contacts=("left_sole",), posture=(".*_knee=0.6",))
     system = audit_spec("gainroom:biped.urdf", Path("alike.yaml"), options)
+    system = replace(system, requirements=USUAL)
     states = [State(system, *names, system.source.linearize(*names)) for names in system.source.states]
-    found = needed_stiffness(system, states, MARGIN, DAMPING_RATIO)
+    found = needed_stiffness(system, states, DAMPING_RATIO)
     assert found is not None
     assert found.least is not None
     for resonance in found.least.resonance * np.geomspace(1, 100, 90):

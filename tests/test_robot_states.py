@@ -25,7 +25,6 @@ from gainroom.report.robot_text import sentence, warnings
 from gainroom.studies.audit import Audit, audit
 from gainroom.studies.robot import RobotStudy, study_robot
 from gainroom.studies.state import limiting_joints, state_of
-from gainroom.system.requirements import REQUIREMENTS
 from independent.quick_margins import quick_margins
 from refusals import assert_refused
 from robot_files import changed, write_arm
@@ -377,8 +376,8 @@ def test_gravity_counts_on_two_feet_in_continuous_time():
 def test_what_each_state_keeps(folder: Path, leg: RobotStudy, at_once: None, capsys: pytest.CaptureFixture[str]):
     (state,) = leg.states
     quick = quick_margins(state.loop)  # other searches on the same loci
-    for name in REQUIREMENTS:
-        bounded = REQUIREMENTS[name].value
+    for one, _ in leg.system.requirements.asked_for:
+        bounded = one.value
         assert bounded(state.margins) == approx(bounded(quick), rel=1e-9)
     assert main(["robot", str(folder / "leg.yaml"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["states"][1]

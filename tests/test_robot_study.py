@@ -19,7 +19,7 @@ from gainroom.files.audit_options import AuditOptions, audit_spec, margin_factor
 from gainroom.files.robot_yaml import load_robot_system, parse_robot
 from gainroom.report.audit_text import audit_sentence
 from gainroom.report.robot_text import notes, sentence, warnings
-from gainroom.studies.audit import audit
+from gainroom.studies.audit import audit, required_of
 from gainroom.studies.robot import RobotStudy, study_robot
 from gainroom.studies.state import State
 from gainroom.system.requirements import Requirements
@@ -289,8 +289,8 @@ def test_audit_vibrates_from_its_delay_limit(folder: Path):
 def test_audit_margin_decides(folder: Path):
     spec = audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(2.0, motor_inertia=0.5))
     limit = audit(spec).tightest.limit.gain
-    assert audit(spec, 0.99 * limit).safe
-    tighter = audit(spec, 1.01 * limit)
+    assert audit(spec, required_of(spec, 0.99 * limit)).safe
+    tighter = audit(spec, required_of(spec, 1.01 * limit))
     assert not tighter.safe
     assert {joint.name for joint in tighter.joints if not joint.safe} >= set(tighter.limiting_joints) != set()
     assert audit_sentence(tighter).startswith("Not safe")

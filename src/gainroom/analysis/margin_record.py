@@ -190,9 +190,14 @@ class Margins:
     @property
     def least_gain_margin(self) -> float:
         """The smallest factor, up or down, on all gains or on those of one loop or path, that is lost: what requirements bound."""
+        whole = [self.gain_headroom, math.inf if self.paths is None else self.paths.headroom]
+        return float(np.min(np.append(self.one_loop_gain_margins, whole)))
+
+    @property
+    def one_loop_gain_margins(self) -> Floats:
+        """(n,) the smallest factor, up or down, on the gains of each loop that is lost."""
         with np.errstate(divide="ignore"):
-            factors = [self.one_loop.gain_margin, 1 / self.one_loop.lower_gain_margin]
-        return float(np.min(np.append(factors, [self.gain_headroom, math.inf if self.paths is None else self.paths.headroom])))
+            return np.minimum(self.one_loop.gain_margin, 1 / self.one_loop.lower_gain_margin)
 
     @property
     def common_phase_margin(self) -> float:

@@ -119,22 +119,23 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
     from ..app.robot_bench import RobotBench
     from ..errors import GainroomError
     from ..files.audit_options import audited, margin_factor
+    from ..studies.audit import required_of
 
     if file is None:
         raise GainroomError(f"--delay-ms {options.delay_ms:g}: is of a model; name a URDF or MJCF before it")
     if options.gains_run == "split":
         raise GainroomError("--gains-run split: the page has one rate and delay for all gains; gainroom audit judges two")
-    margin = margin_factor(given.margin_db)
     found = audited(file, given.gains, options)
+    required = required_of(found.system, margin_factor(given.margin_db))
     result = None
     if found.gearboxes is not None:
         from ..studies.audit import audit
         from .progress import progress_bar
 
         with progress_bar("app:") as progress:
-            result = audit(found.system, margin, progress, options.damping_ratio, found.gearboxes)
+            result = audit(found.system, required, progress, options.damping_ratio, found.gearboxes)
     place = Path(f"{Path(file).stem}.yaml") if target is None else target
-    text = audited_text(found, result, file, given.margin_db, call.replace(" app ", " audit ", 1), place)
+    text = audited_text(found, result, file, required, call.replace(" app ", " audit ", 1), place)
     with text_output(target, "robot.yaml", yaml_of="--write-robot") as robot:
         source = file if target is None else str(target)
         yield RobotBench(Opened(text, source, place.parent, target, call))

@@ -93,11 +93,13 @@ def audit(
     """
     from ..files.audit_options import audited, delay_of_margin, further_requirements, margin_factor
     from ..studies.audit import audit as run_audit
+    from ..studies.audit import required_of
 
     options, margin = given.options(delay_ms, damping_ratio=damping_ratio), margin_factor(given.margin_db)
     asked = {"timestep": timestep, "integrator": integrator, "pd": pd, "decimation": decimation, "armature": armature}
     extra, further = delay_of_margin(delay_margin_ms), further_requirements(phase_margin_deg, peak_sensitivity)
     found = audited(model, given.gains, options)
+    required = required_of(found.system, margin, extra, further)
     told = None
     if simulator is not None or any(value is not None for value in asked.values()):
         from ..files.simulator_options import SimulatorOptions, simulator_of
@@ -107,7 +109,7 @@ def audit(
     call = typed_command(context, *besides, "report")
     with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:
         with progress_bar("audit:") as progress:
-            result = run_audit(found.system, margin, progress, options.damping_ratio, found.gearboxes, extra, further)
+            result = run_audit(found.system, required, progress, options.damping_ratio, found.gearboxes)
         simulated = None
         if told is not None:
             from ..studies.simulator_audit import audit_simulator
@@ -121,7 +123,7 @@ def audit(
                 swept = audited_workspace(result, workspace, progress)
         show(as_json, lambda: _facts(result, simulated, swept), lambda: _terminal(result, simulated, swept, call, report, verbose))
         if robot is not None and write_robot is not None:
-            robot.write(audited_text(found, result, model, given.margin_db, call, write_robot))
+            robot.write(audited_text(found, result, model, result.required, call, write_robot))
         if page is not None:
             from ..report.audit import audit_page
 
@@ -135,6 +137,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
     from ..report.audit_text import audit_scale, audit_sentence, audit_warnings
     from ..report.columns import facts
     from ..report.gearboxes import gearbox_assumptions, needed_facts, range_facts
+    from ..report.margin_columns import required_facts
     from ..report.number_format import path_facts
     from ..report.robot_columns import AUDITED_JOINT, audited_states
 
@@ -142,8 +145,6 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
     from ..system.requirements import REQUIREMENTS, to_db  # loads numpy
 
     further = {name: REQUIREMENTS[name] for name in ("phase_margin", "peak_sensitivity")}
-    needed = result.further.needed
-
     sample_time, paths = result.system.control.sample_time, result.tightest.margins.paths
     return {
         "robot": result.system.source.name,
@@ -152,11 +153,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
         "sentence": audit_sentence(result),
         "requirements_met": result.safe,
         "unmet": list(result.missed),
-        "required": {
-            "gain_margin_db": as_typed(to_db(result.margin)),
-            "delay_margin_ms": 1e3 * result.delay_margin,
-            **{one.key: None if name not in needed else as_typed(one.in_unit(needed[name])) for name, one in further.items()},
-        },
+        "required": required_facts(result.required),
         "scale": audit_scale(result),
         "to_use": _to_use_facts(result),
         "model": model_kind(sample_time),

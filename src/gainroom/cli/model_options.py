@@ -11,6 +11,7 @@ from .options import Number, number_option
 if TYPE_CHECKING:
     from ..files.audit_options import Audited, AuditOptions
     from ..studies.audit import Audit
+    from ..system.requirements import Requirements
 
 
 @dataclass(frozen=True)
@@ -85,11 +86,16 @@ class ModelCall:
         return AuditOptions(delay_ms, contacts=contacts, posture=posture, gearboxes=gearboxes, **alike, **more)
 
 
-def audited_text(found: "Audited", result: "Audit | None", model: str, margin_db: float, command: str, target: Path) -> str:
+def audited_text(found: "Audited", result: "Audit | None", model: str, required: "Requirements", command: str, target: Path) -> str:
     """The robot.yaml in the place `target`; `result`: where gearboxes were given by type, for their worst. Raises GainroomError."""
     from .. import __version__
     from ..files.audited_robot import audited_robot_text, with_gearboxes
 
     over = None if result is None else result.over
     sections = found.sections if result is None or over is None else with_gearboxes(found.sections, result.system.source, over.range.types)
-    return audited_robot_text(sections, model, margin_db, command, __version__, target)
+    heading = [f"Written by gainroom {__version__}: {command}"]
+    if over is not None:
+        heading.append(
+            "stiffness and damping: of the worst gearboxes in their range for these gains. Audit other gains over the range again."
+        )
+    return audited_robot_text(sections, model, required, heading, target)

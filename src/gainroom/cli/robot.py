@@ -99,7 +99,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
     from ..report.columns import facts
-    from ..report.margin_columns import margin_facts
+    from ..report.margin_columns import margin_facts, required_facts
     from ..report.recommended_gains import recommended_facts
     from ..report.robot_columns import actuator_facts, state_columns, worst_facts
     from ..report.robot_text import notes, sentence, warnings
@@ -116,6 +116,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
         "sentence": sentence(study),
         "requirements_met": study.requirements_met,
         "unmet": list(study.unmet),
+        "required": required_facts(study.system.requirements),
         "worst": {name: worst_facts(study, name) for name in study.worst},
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,

@@ -46,8 +46,10 @@ def case_of(state: StateCase, space: str) -> Case:
     return task_case(state.title, state.system, state.model, state.system.source.tasks(state.model, state.system.control.rotors))
 
 
-def judged_margins(state: StateCase, factor: float = 1.0) -> Margins:
+def judged_margins(state: StateCase, factor: float = 1.0, near: bool = False) -> Margins:
     """The margins that requirements bound, of `factor` on all of a robot's own gains in one case; others are NaN, frequencies mostly are.
+
+    near   as far as they are near what is asked for alone, which is quicker
 
     PD gains of joints and gains of tasks are looked at in the core, in milliseconds; for other controllers it takes `margins`.
     """
@@ -55,14 +57,16 @@ def judged_margins(state: StateCase, factor: float = 1.0) -> Margins:
     if control.space == "task":
         tasks = system.source.tasks(state.model, control.rotors)
         tasks = replace(tasks, torque=factor * tasks.torque)
-        found = task_case(state.title, system, state.model, tasks).all_margins(np.array([tasks.kp, tasks.kd, tasks.ki]))
+        case = task_case(state.title, system, state.model, tasks)
+        found = (case.margins if near else case.all_margins)(np.array([tasks.kp, tasks.kd, tasks.ki]))
         if _known(found, system):
             return found
     own = control.controller
     if control.kd_path is None and type(own) is PD and size > 1 and np.ndim(own.kp) < 2 and np.ndim(own.kd) < 2:
         filters = replace(control, velocity_filter=own.velocity_filter, notches=own.notches)
         gains = factor * np.array([np.broadcast_to(gain, size) for gain in (own.kp, own.kd, 0.0)], dtype=float)
-        found = joint_case(state.title, replace(system, control=filters), state.model).all_margins(gains)
+        case = joint_case(state.title, replace(system, control=filters), state.model)
+        found = (case.margins if near else case.all_margins)(gains)
         if _known(found, system):
             return found
     try:

@@ -204,6 +204,10 @@ class _Peaks:
         """The largest |slope S_ii + offset|, and its frequency [rad/s]."""
         return self.seen.peak(slope, offset)
 
+    def delay(self) -> tuple[float, float]:
+        """The least extra delay [s] in all loops, and its frequency [rad/s]."""
+        return self.seen.delay()
+
 
 class _Asked:
     """Curves that only take down how far they are asked for, and whether nothing but curves is."""
@@ -216,6 +220,9 @@ class _Asked:
 
     def at_circle(self, name: str, angle: float) -> list[Part]:
         return self._wider(Reach(phase=min(angle * (1 + NEAR), math.pi)))
+
+    def at_delays(self, name: str, longest: float) -> list[Part]:
+        return self._wider(Reach(phase=math.pi))
 
     def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[Part]:
         return self._wider(Reach(peaks=((slope, offset, ceiling * math.exp(-NEAR)),)))
@@ -274,6 +281,13 @@ class _Curves:
             crossings = self.seen.crossings(self.gains, locus, False, angle * (1 + self.near))
             found.append((place, _limited(angle, *self._moving(crossings), angle, name)))
         return found
+
+    def at_delays(self, name: str, longest: float) -> list[Part]:
+        """Delay margins: where loci are of size 1, and their lag there over ω."""
+        delays = self.seen.delays(self.gains, longest * math.exp(self.near))
+        least, moves = self._moving(delays)
+        kept = least > 0
+        return [(PEAKS + 1, _believed(np.log(longest / least[kept]), -moves[kept] / least[kept, None, None], name))]
 
     def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[Part]:
         """Where |slope S_ii + offset| is largest: a change of place changes nothing there."""

@@ -1,6 +1,5 @@
 """The robot of an audit as a robot.yaml, to go on from."""
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +9,7 @@ import yaml
 
 from ..errors import GainroomError
 from ..robot.robot import Robot
-from ..system.requirements import Requirements
+from ..system.requirements import REQUIREMENTS, Requirements
 from .robot_yaml import parse_robot
 
 
@@ -32,22 +31,22 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-def audited_robot_text(sections: Mapping[str, Any], model: str, margin_db: float, command: str, version: str, target: Path) -> str:
+def audited_robot_text(sections: Mapping[str, Any], model: str, required: Requirements, heading: Sequence[str], target: Path) -> str:
     """The text of a robot.yaml in the place `target`, which is read again before it is given.
 
     sections    of the audit
     model       as it was typed; a file is named from the folder of `target`
-    margin_db   the gain margin that is asked for, beside the usual phase margin and peak sensitivity
+    required    of the audit; the usual phase margin and peak sensitivity are asked for where it has none
+    heading     lines of comment
 
     Raises GainroomError where what is written cannot be read back.
     """
     file = os.path.relpath(model, target.parent) if Path(model).exists() else model
-    usual = Requirements.usual()
-    limits: dict[str, float | None] = {"gain_margin_db": margin_db, "phase_margin_deg": round(math.degrees(usual.phase_margin or 0.0), 6)}
-    limits["peak_sensitivity"] = usual.peak_sensitivity
+    asked = {**Requirements.usual().only("phase_margin", "peak_sensitivity").needed, **required.needed}
+    limits = {one.key: float(f"{one.in_unit(asked[one.name]):.12g}") for one in REQUIREMENTS.values() if one.name in asked}
     data = {**sections, "model": {**sections["model"], "file": file}, "limits": limits}
     body = yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
-    text = f"# Written by gainroom {version}: {' '.join(command.split())}\n{body}"
+    text = "".join(f"# {' '.join(line.split())}\n" for line in heading) + body
     try:
         parse_robot(text, str(target), target.parent, two_paths=True)
     except GainroomError as error:

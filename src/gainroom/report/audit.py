@@ -1,19 +1,18 @@
 """The page of an audit: verdict, gains to use, numbers, what fails, the vibration, and closed below all tables and how it was computed."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import apart, listed
 from ..studies.audit import Audit
-from ..system.requirements import REQUIREMENTS, Requirements, enough, to_db
+from ..system.requirements import REQUIREMENTS, Requirement, enough
 from .audit_headroom import PATHS, deciding, headroom, headroom_rows
 from .audit_text import audit_sentence, audit_warnings, reason, verdict, what_to_do
 from .columns import Column, definitions, tabulated, yes
 from .gearboxes import gearbox_assumptions, needed_table, rounded_up
+from .margin_columns import margin_value, requirement
 from .number_format import digits, hertz, model_kind, span
 from .page import Advice, Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
@@ -86,7 +85,7 @@ def audit_page(
 
 def _reasons(result: Audit) -> list[Section]:
     """What is open: the picture of what fails, what the verdict rests on, and the motion."""
-    besides = [REQUIREMENTS[name].title if name in REQUIREMENTS else name.replace("_", " ") for name in result.missed]
+    besides = [REQUIREMENTS[name].title for name in result.missed]
     title = f"Gain margin {_deciding(result)}" if result.safe else f"What fails: gain margin {_deciding(result)}"
     if not result.safe and "gain_margin" not in result.missed:
         title = f"What fails: {listed(besides)}; gain margin {_deciding(result)}"
@@ -140,7 +139,7 @@ def _do_this(result: Audit, call: str) -> Html | str:
 
 def _cards(result: Audit) -> list[Card]:
     """Five numbers, each the worst of all states."""
-    worst, asked = result.tightest, Requirements(gain_margin=result.margin)
+    worst, asked = result.tightest, result.required
     limit = worst.limit
     at = f"{hertz(limit.frequency)}, {worst.contact}" if math.isfinite(limit.frequency) else worst.contact
     first, paths = unstable_card(asked, limit, f", {worst.contact}", worst.contact), worst.margins.paths
@@ -212,58 +211,29 @@ def _certificate(result: Audit) -> Html:
     return facts(pairs)
 
 
-@dataclass(frozen=True)
-class AuditedMargin:
-    """One margin, the worst over all states: its `value` in an audit, in its unit, and what is `needed` of it; NaN: nothing is."""
-
-    title: str
-    value: Callable[[Audit], float]
-    unit: str
-    needed: float
-    at_most: bool = False
-
-    @property
-    def required(self) -> str:
-        """As text."""
-        return "not required" if math.isnan(self.needed) else f"{'≤' if self.at_most else '≥'} {digits(self.needed, self.unit, 3)}"
-
-    def met(self, found: Audit) -> bool | None:
-        """None where nothing is required, or the margin is not known."""
-        value = self.value(found)
-        if math.isnan(self.needed) or math.isnan(value):
-            return None
-        return found.stable and (enough(self.needed, value) if self.at_most else enough(value, self.needed))
-
-
-def margins_of_audit(result: Audit) -> list[AuditedMargin]:
-    """What is required first; then phase margin and peak sensitivity where they are not."""
-    needed, gain = result.further.needed, to_db(result.margin)
-    rows = [
-        AuditedMargin("gain margin, all joints together", lambda found: to_db(found.tightest.limit.gain), "dB", gain),
-        AuditedMargin("gain margin, one joint by itself", lambda found: to_db(min(joint.gain_limit for joint in found.joints)), "dB", gain),
-        AuditedMargin("delay margin", lambda found: 1e3 * found.least_extra_delay, "ms", 1e3 * result.delay_margin),
-    ]
-    for name in ("phase_margin", "peak_sensitivity"):
-        one = REQUIREMENTS[name]
-        bound = one.in_unit(needed[name]) if name in needed else math.nan
-        rows.append(
-            AuditedMargin(
-                one.label, lambda found, one=one: one.in_unit(one.value(found.worst[one.name].margins)), one.unit, bound, one.at_most
-            )
-        )
-    return rows
+def margins_of_audit(result: Audit) -> list[Requirement]:
+    """What is required first; then what is not."""
+    return sorted(REQUIREMENTS.values(), key=lambda one: one.name not in result.required.asked)
 
 
 def audited_margins(result: Audit) -> list[Column]:
-    """Of AuditedMargin: of the present gains, and of those to use where there are some."""
-    step = result.system.control.sample_time
+    """Of requirements: what the present gains have of each, in the worst state, and those to use where there are some."""
+    step, required = result.system.control.sample_time, result.required
+
+    def value(one: Requirement, found: Audit) -> float:
+        gain = one.name == "gain_margin" and not found.stable  # of an unstable robot that of lower gains
+        return found.tightest.limit.gain if gain else found.value_in(found.worst_of(one), one)
+
+    def met(one: Requirement) -> bool | None:
+        return required.met(one.name, value(one, result)) and result.stable
+
     columns = [
-        Column("in continuous time" if step is None else f"at {digits(1e-3 / step, 'kHz', 4)}", "", lambda row: row.title),
-        Column("these gains", "", lambda row: digits(row.value(result), row.unit, 3)),
-        Column("required", "", lambda row: row.required),
-        Column("met", "", lambda row: "" if row.met(result) is None else yes(row.met(result))),
+        Column("in continuous time" if step is None else f"at {digits(1e-3 / step, 'kHz', 4)}", "", lambda one: one.label),
+        Column("these gains", "", lambda one: margin_value(required, one.name, value(one, result), met(one), 3)),
+        Column("required", "", lambda one: requirement(required, one.name, 3) or "not required"),
+        Column("met", "", lambda one: "" if met(one) is None else yes(met(one))),
     ]
     if result.ready_to_use is not None:
         use = result.ready_to_use.audited
-        columns.append(Column("new gains", "", lambda row: digits(row.value(use), row.unit, 3)))
+        columns.append(Column("new gains", "", lambda one: margin_value(required, one.name, value(one, use), None, 3)))
     return columns

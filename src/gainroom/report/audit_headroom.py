@@ -46,14 +46,14 @@ class Row:
 
 
 def headroom_rows(result: Audit) -> list[Row]:
-    """All gains together, single paths where kd has its own, and every joint alone, the one with the least headroom first."""
+    """All gains together, single paths where kd has its own, and every joint as it is judged, the one with the least headroom first."""
     rows = [Row(TOGETHER, (), np.array([state.limit.gain for state in result.states]))]
     paths = [state.margins.paths for state in result.states]
     if any(path is not None for path in paths):
         rows.append(Row(PATHS, (), np.array([math.nan if path is None else path.headroom for path in paths])))
-    alone = np.array([state.single_joint_limits for state in result.states])
+    judged = np.array([result.joint_limits_in(state) for state in result.states])
     joints: list[Row] = []
-    for name, factors in zip(result.system.source.joint_names, alone.T, strict=True):
+    for name, factors in zip(result.system.source.joint_names, judged.T, strict=True):
         side, _, rest = re.sub(r"([^A-Za-z0-9]+)", r"\0\1", name, count=1).partition("\0")
         own = Row(rest, (side,), factors) if rest else Row(name, (), factors)
         twin = next(
@@ -69,10 +69,9 @@ def headroom_rows(result: Audit) -> list[Row]:
 
 
 def deciding(result: Audit, rows: list[Row]) -> Row:
-    """Of `rows` the one that the verdict is about: of all joints together, unless they have the margin and one by itself has not."""
-    whole = [row for row in rows if row.name in WHOLE]
-    enough = all(map(result.enough_gain_in, result.states))
-    return min(rows if enough and "gain_margin" in result.missed else whole, key=lambda row: row.least)
+    """Of `rows` the one that the verdict is about: of all joints together, unless one of a stable robot has too little, and less."""
+    short = result.stable and "gain_margin" in result.missed
+    return min([row for row in rows if short or row.name in WHOLE], key=lambda row: row.least)
 
 
 def headroom(result: Audit) -> Html:
@@ -130,7 +129,10 @@ def _label(row: Row) -> str:
 
 
 def _title(result: Audit) -> str:
-    return f"Factor on the gains at which vibration starts, {'of each joint by itself and ' if len(result.joints) > 1 else ''}all together"
+    others = "the other loops closed" if result.stable else "all others switched off where the robot is unstable, else closed"
+    return (
+        f"Factor on the gains at which vibration starts, {f'of each joint, {others}, and ' if len(result.joints) > 1 else ''}all together"
+    )
 
 
 def _caption(result: Audit, hidden: int) -> str:

@@ -8,11 +8,12 @@ from ..analysis.margin_record import PathMargins
 from ..errors import apart, beside, frequency_text, listed
 from ..studies.analysis import USUAL_RATE, typed_factor
 from ..studies.audit import Audit, GainsToUse
-from ..studies.state import HELD
-from ..system.requirements import REQUIREMENTS, Requirements, enough, to_db
+from ..studies.state import HELD, unknown_first
+from ..system.excluded_sets import ROUND_OFF
+from ..system.requirements import REQUIREMENTS, to_db
 from .gains_to_use import gain_file
 from .gearboxes import needed_text, over_range, worst_gearboxes
-from .margin_columns import requirement, short_text
+from .margin_columns import margin_value, requirement, short_text
 from .number_format import digits
 from .page import Advice
 from .robot_text import free_joints, unconfirmed
@@ -82,7 +83,7 @@ def _hardly_damped(result: Audit) -> str:
     for name in ("peak_sensitivity", "phase_margin"):
         one, state = REQUIREMENTS[name], result.worst[name]
         value, omega = one.value(state.margins), one.frequency(state.margins)
-        if name not in result.further.needed and math.isfinite(value):
+        if name not in result.required.asked and math.isfinite(value):
             at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
             usual = f" (usual: {one.sign} {one.text(one.usual)})" if one.usual else ""
             found.append(f"{one.heading} {one.text(value)}{usual}{at}")
@@ -94,26 +95,19 @@ USUAL_PEAK = 2.0
 
 
 def _short_of_gain(result: Audit) -> str:
-    """The gain margin that is too small: of all gains together, of one path, or of a joint by itself."""
-    worst, asked = result.tightest, Requirements(gain_margin=result.margin)
-    paths, at = worst.margins.paths, ""
-    value, whose = worst.limit.gain, ""
+    """The gain margin that is too small: of all gains together, or the lesser one of a path or a joint, the others as they are."""
+    worst, asked = result.tightest, result.required
+    paths, value, whose, at = worst.margins.paths, worst.limit.gain, "", ""
+    first = min(result.joints, key=lambda joint: unknown_first(joint.limit))
     if math.isfinite(worst.limit.frequency):
         at = f" at {frequency_text(worst.limit.frequency)}"
-    first = min(result.joints, key=lambda joint: math.inf if math.isnan(joint.gain_limit) else joint.gain_limit)
+    if worst.margins.lower_gain_margin * value > 1:
+        value, whose, at = 1 / worst.margins.lower_gain_margin, " as all gains fall,", ""
     if paths is not None and paths.headroom < value:
         value, whose, at = paths.headroom, " of kp or kd by itself,", ""
-    elif result.enough_gain_in(worst):
-        return f"{short_text(asked, {'gain_margin': first.gain_limit})} of {first.name} by itself"
-    one = REQUIREMENTS["gain_margin"]
-    alone, less = one.text(first.gain_limit), ""
-    if first.gain_limit < value and alone != one.text(value):
-        less = (
-            f" ({alone} of {first.name} by itself)"
-            if first.gain_limit >= 1
-            else f" (even with all other joints switched off {first.name} vibrates)"
-        )
-    return f"{short_text(asked, {'gain_margin': value})}{whose}{at}{_mainly(result)}{less}"
+    if first.limit < value * (1 - ROUND_OFF):
+        return f"{short_text(asked, {'gain_margin': first.limit})} of {first.name}, all other loops closed"
+    return f"{short_text(asked, {'gain_margin': value})}{whose}{at}{_mainly(result)}"
 
 
 def _given(result: Audit) -> str:
@@ -149,9 +143,9 @@ def reason(result: Audit) -> str:
     if any(math.isnan(state.limit.gain) for state in result.states):
         return f"{where} {delay}".strip()
     at = f", at {limit.frequency / (2 * math.pi):.3g} Hz" if math.isfinite(limit.frequency) else ""
-    about = f"{at}{_mainly(result)}" if result.safe or missed_besides(result) else ""
+    about = f"{at}{_mainly(result)}" if all(map(result.enough_together_in, result.states)) else ""
     factors, levels = (limit.gain, result.margin), (to_db(limit.gain), to_db(result.margin))
-    factor, level = (f"{pair[0]:.3g}" if result.enough_gain_in(worst) else beside(*pair) for pair in (factors, levels))
+    factor, level = (f"{pair[0]:.3g}" if result.enough_together_in(worst) else beside(*pair) for pair in (factors, levels))
     factor = factor if factor != "1" else beside(limit.gain, 1.0)
     start = f"Vibration starts at {factor} × these gains ({level} dB){about}"
     start = "No common factor on all gains makes it vibrate" if math.isinf(limit.gain) else start
@@ -174,9 +168,7 @@ def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS") 
         return Advice(heading, _gain_file(result, found))
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
-    alone = f"× {result.gain_scale:.3g} the gain margin alone"
-    start = "" if math.isnan(result.gain_scale) else f"No common factor gives all margins: {alone}. "
-    return Advice(f"{start}Search gains joint by joint, from these:", _searched(call))
+    return Advice("No common factor on the gains was found that gives all margins. Search joint by joint, from these:", _searched(call))
 
 
 def _searched(call: str) -> list[str]:
@@ -209,9 +201,7 @@ def _to_decide(result: Audit, call: str) -> Advice:
 def _not_yet(result: Audit, found: GainsToUse, call: str) -> Advice:
     """Where gains with the required margins are known, but not the loop's rate, or they hardly damp the motion."""
     damped, rate = not found.audited.hardly_damped, result.system.control.sample_time is not None
-    unsafe, count = sum(not joint.safe for joint in result.joints), len(found.joints)
-    joints = found.joints[0] if count == 1 else f"{count} joints"
-    joints = f"those {unsafe} and {count - unsafe} more joints" if count > unsafe else joints
+    joints = "all joints" if len(found.joints) == len(result.joints) else listed(found.joints, most=3)
     options = "" if damped else f" --peak-sensitivity {USUAL_PEAK:g}"
     one, before, after = REQUIREMENTS["peak_sensitivity"], result.worst["peak_sensitivity"], found.audited.worst["peak_sensitivity"]
     omega = one.frequency(after.margins)
@@ -249,10 +239,7 @@ def _multiply(result: Audit, found: GainsToUse) -> str:
 
 def _required(result: Audit) -> str:
     """What gains to use have, as a clause: "gain margin ≥ 6 dB and delay margin ≥ 1 ms hold"."""
-    asked = Requirements(gain_margin=result.margin)
-    parts = [f"gain margin {requirement(asked, 'gain_margin', 3)}"]
-    parts += [f"delay margin ≥ {digits(1e3 * result.delay_margin, 'ms', 3)}"] if result.delay_margin > 0 else []
-    parts += [f"{one.heading} {requirement(result.further, one.name, 3)}" for one, _ in result.further.asked_for]
+    parts = [f"{one.heading} {requirement(result.required, one.name, 3)}" for one, _ in result.required.asked_for] or ["stability"]
     return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}"
 
 
@@ -263,20 +250,15 @@ def missed_besides(result: Audit) -> bool:
 
 def _besides(result: Audit) -> list[str]:
     """What there is too little of besides the gain margin, each beside what is required."""
-    parts, extra = [], result.least_extra_delay
-    if not enough(extra, result.delay_margin):
-        values = 1e3 * extra, 1e3 * result.delay_margin
-        late = min(result.states, key=lambda state: state.delay_limit)
-        omega = late.margins.delay_crossover
+    parts = []
+    for one, needed in result.required.asked_for:
+        state = result.worst_of(one)
+        value, omega = result.value_in(state, one), one.frequency(state.margins)
+        if one.name == "gain_margin" or one.met(needed, value):
+            continue
         at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
-        known = f"delay margin {beside(*values)} ms (≥ {values[1]:.3g} ms){at}"
-        parts.append("the delay margin is not known" if math.isnan(extra) else known)
-    for one, needed in result.further.asked_for:
-        state = result.worst[one.name]
-        value, omega = one.value(state.margins), one.frequency(state.margins)
-        if not one.met(needed, value):
-            at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
-            parts.append(f"{one.label} {one.text(value)} ({one.sign} {one.text(needed)}){at}")
+        known = f"{one.label} {margin_value(result.required, one.name, value, False, 3)} ({one.sign} {one.text(needed)}){at}"
+        parts.append(f"the {one.title} is not known" if math.isnan(value) else known)
     return parts
 
 
@@ -288,7 +270,7 @@ def unjudged(result: Audit) -> str:
     for name, option in (("phase_margin", "--phase-margin-deg"), ("peak_sensitivity", "--peak-sensitivity")):
         one, state = REQUIREMENTS[name], result.worst[name]
         value = one.value(state.margins)
-        if result.further.needed.get(name) is None and math.isfinite(value):
+        if name not in result.required.asked and math.isfinite(value):
             omega = one.frequency(state.margins)
             after = None if result.ready_to_use is None else one.value(result.ready_to_use.audited.worst[name].margins)
             then = f" (new gains: {one.text(after)})" if after is not None and math.isfinite(after) else ""
@@ -334,6 +316,10 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
     system, found = result.system, []
     if system.control.sample_time is None and not result.safe and result.to_use is None:  # else verdict and advice say what a rate costs
         found.append("continuous model: hold and velocity difference of a loop cost about one tick; give --rate-hz")
+    lost = [joint for joint in result.joints if joint.gain_limit < 1] if result.stable else []
+    if lost:
+        limits = listed([f"{joint.name} (stable below {joint.gain_limit:.3g} × its gains)" for joint in lost], most=3)
+        found.append(f"with all other joints switched off {limits} would vibrate: do not run {'it' if len(lost) == 1 else 'one'} by itself")
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])
         found.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")

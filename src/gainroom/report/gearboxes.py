@@ -191,7 +191,10 @@ def needed_facts(result: "Audit") -> dict[str, Any] | None:
     }
 
 
-CAPTION = "resonance: of every motor on its gearbox, output held; limit: the factor on all gains, or on one joint's alone, until vibration."
+CAPTION = (
+    "resonance: of every motor on its gearbox, output held; limit: the factor on all gains until vibration; safe: all that is required but "
+    "the delay margin, which was judged at what is needed."
+)
 
 
 def needed_table(result: "Audit", needed: "NeededStiffness") -> Html:

@@ -69,12 +69,6 @@ def _cards(study: JointStudy) -> list[Card]:
     cards = [_margin_card(column, found, worst, asked, time) for column in bounded_columns()]
     if not found.stable:
         cards[0] = unstable_card(asked, study.limit, f"; vibration there {_at(study.limit.frequency)}", "it")
-    if "delay_margin" not in REQUIREMENTS:
-        least = found if worst is None else worst
-        label = "delay margin" if worst is None else "delay margin, worst case"
-        nominal = "" if worst is None else f", nominal {digits(1e3 * found.delay_margin, 'ms', 3)}"
-        delay = digits(1e3 * least.delay_margin, "", 3)
-        cards.append(Card(label, delay, "ms" if found.stable else "", note=_at(least.delay_crossover) + nominal))
     return cards
 
 

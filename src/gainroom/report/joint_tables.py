@@ -60,7 +60,8 @@ def plane_columns(study: JointStudy) -> list[Column]:
 
 
 def gain_columns(study: JointStudy) -> list[Column]:
-    """Of Gains: name, gains, and the margins that requirements may bound."""
+    """Of Gains: name, gains, and the margins that are required, or usually are."""
+    asked = study.system.requirements.asked
 
     def margin(column: Column, verdict: str) -> Column:
         def shown(row: Gains) -> str:
@@ -68,7 +69,7 @@ def gain_columns(study: JointStudy) -> list[Column]:
 
         return Column(REQUIREMENTS[column.requirement].heading, "", lambda row: row.margins, shown=shown)
 
-    first, *others = bounded_columns()
+    first, *others = (one for one in bounded_columns() if one.requirement in asked or REQUIREMENTS[one.requirement].usual)
     margins = [margin(first, "unstable"), *(margin(column, "") for column in others)]
     return [Column("", "", lambda row: row.name), *plane_columns(study), *margins]
 

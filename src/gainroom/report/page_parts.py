@@ -34,7 +34,7 @@ def margin_card(asked: Requirements, name: str, value: float, note: str, bounded
     label   the card's name, where it is not the usual one
     """
     one = REQUIREMENTS[name]
-    unit = "" if one.unit == "°" else one.unit
+    unit = "" if one.unit == "°" or not math.isfinite(value) else one.unit
     met = asked.met(name, value if bounded is None else bounded)
     shown = margin_value(asked, name, value, met, 3).removesuffix(f" {unit}")
     return Card(label or one.label, shown, unit, requirement(asked, name, 3), met, note)

@@ -218,7 +218,7 @@ def _unstable_cards(study: RobotStudy) -> list[Card]:
 
 
 def _stable_cards(study: RobotStudy) -> list[Card]:
-    asked, late = study.system.requirements, min(study.states, key=lambda state: unknown_first(state.margins.delay_margin))
+    asked = study.system.requirements
 
     def at(omega: float) -> str:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
@@ -227,19 +227,12 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
         where = f"{at(one.frequency(state.margins))}{state.title}{', continuous time' if study.rate_is_missing else ''}"
         named = one.named(state.margins)
         label, nominal = one.label if named == one.title else named, one.value(state.margins)
-        if study.system.uncertainty.names:
-            return margin_card(
-                asked, one.name, study.least(state, one.name), f"nominal {one.text(nominal)}, {where}", label=f"{label}, worst"
-            )
+        least = study.least(state, one.name)
+        if study.system.uncertainty.names and not math.isnan(least):
+            return margin_card(asked, one.name, least, f"nominal {one.text(nominal)}, {where}", label=f"{label}, worst")
         return margin_card(asked, one.name, nominal, where, label=label)
 
-    delay = Card(
-        "delay margin",
-        digits(1e3 * late.margins.delay_margin, "", 3),
-        "ms" if math.isfinite(late.margins.delay_margin) else "",
-        note=f"{at(late.margins.delay_crossover)}{late.title}",
-    )
-    return [*(card(REQUIREMENTS[name], state) for name, state in study.worst.items()), *([] if "delay_margin" in REQUIREMENTS else [delay])]
+    return [card(REQUIREMENTS[name], state) for name, state in study.worst.items()]
 
 
 def _in_range(study: RobotStudy) -> str:

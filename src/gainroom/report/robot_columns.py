@@ -286,11 +286,11 @@ def joint_caption(result: "Audit") -> str:
     units = joint_units(result.system.source.body)
     units_told = f"kp [{units['kp']}], kd [{units['kd']}], ki [{units['ki']}], motor inertia [{units['load']}].{units['prismatic']}"
     return (
-        f"In the worst state. {definitions(audited_joints(result))} {units_told} Safe: {asked(result)} or more alone, and no part in the "
-        "vibration of a state with less."
+        f"In the worst state. {definitions(audited_joints(result))} {units_told} Safe: {asked(result)} or more with the other "
+        "loops closed, and no part in the vibration of a state with too little of a margin."
     )
 
 
 def asked(result: "Audit") -> str:
     """The margin that an audit requires."""
-    return f"{digits(result.margin, '', 3)} ({digits(to_db(result.margin), 'dB', 3)})"
+    return f"{digits(result.margin, '', 4)} ({digits(to_db(result.margin), 'dB', 3)})"

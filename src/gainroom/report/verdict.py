@@ -33,7 +33,7 @@ MOST_WARNINGS = 3
 class Judged:
     """A margin: at the worst of states and uncertainty, nominally in that state, and with the gains to use; SI, None where there is none.
 
-    name    of the requirement, or "delay_margin"
+    name    of the requirement
     omega   where it is, at the worst [rad/s]
     where   state and case of the worst, as text
     """
@@ -50,7 +50,7 @@ class Judged:
 
 
 def judged(study: Analysis, to_use: Margins | None) -> list[Judged]:
-    """Every requirement, asked for or not, and the delay margin. `to_use`: the worst margins of the recommended gains."""
+    """Every requirement, asked for or not. `to_use`: the worst margins of the recommended gains."""
     asked, rows = study.system.requirements, []
     for name, state in study.worst.items():
         one, least, worst = REQUIREMENTS[name], study.least(state, name), study.worst_in(state).margins
@@ -72,20 +72,7 @@ def judged(study: Analysis, to_use: Margins | None) -> list[Judged]:
                 where,
             )
         )
-    return rows + ([] if "delay_margin" in REQUIREMENTS or not study.stable_in_range else [_delay(study, to_use)])
-
-
-def _delay(study: Analysis, to_use: Margins | None) -> Judged:
-    """The delay margin, which nobody asks for; over a robot's uncertainty it is not computed."""
-
-    def text(value: float) -> str:
-        return digits(1e3 * value, "ms" if math.isfinite(value) else "", 3)
-
-    state = min(study.states, key=lambda state: -math.inf if math.isnan(state.margins.delay_margin) else state.margins.delay_margin)
-    after = "" if to_use is None else "–" if math.isnan(to_use.delay_margin) else text(to_use.delay_margin)
-    worst, where = study.worst_in(state).margins, state.title if len(study.states) > 1 else ""
-    nominal = text(state.margins.delay_margin)
-    return Judged("delay_margin", "delay margin", text(worst.delay_margin), nominal, "", None, after, worst.delay_crossover, where)
+    return rows
 
 
 def judged_columns(study: Analysis, use: "ToUse") -> list[Column]:

@@ -93,12 +93,14 @@ class Analysis:
     def worst(self) -> dict[str, State]:
         """By name of a requirement, the state that has least left of it; one of which that is not known comes first.
 
-        Of mirrored states, which differ by round-off, the first.
+        What is not asked for may not be known over the uncertainty; then the nominal values count. Of mirrored states, which differ by
+        round-off, the first.
         """
 
         def left(state: State, name: str) -> float:
-            value = self.least(state, name) * (-1 if REQUIREMENTS[name].at_most else 1)
-            return float(f"{unknown_first(value):.9g}")
+            one, value = REQUIREMENTS[name], self.least(state, name)
+            value = one.value(state.margins) if math.isnan(value) and name not in self.system.requirements.asked else value
+            return float(f"{unknown_first(-value if one.at_most else value):.9g}")
 
         return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in REQUIREMENTS}
 

@@ -1,12 +1,12 @@
 """The gains that a robot already has: which are safe, their headroom, and the delay at which the robot vibrates.
 
-A joint is safe where its gains have the required margin on it alone, its neighbours free, and where it takes no part in the vibration of
-a robot that does not have it as a whole.
+What is required is what `gainroom robot` requires, margin by margin: a gain margin holds for all gains together and for each joint's with
+the other loops closed. A joint is safe where its own are enough and it takes no part in the vibration of a state with too little.
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,13 +16,13 @@ from ..analysis.stability import is_stable
 from ..robot.gearbox_types import GearboxRange
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
-from ..system.requirements import Requirements, enough
+from ..system.requirements import Requirement, Requirements, enough
 from ..system.system import System
 from .analysis import Analysis, analyze, typed_factor
 from .deciding_joints import joints_that_miss
 from .gearbox_range import RangeOfGearboxes, look_over
 from .needed_stiffness import NeededStiffness, needed_stiffness
-from .state import Progress, State, by_headroom, extra_delay, limit_of, limiting_joints, margins_of, state_of
+from .state import Progress, State, by_headroom, extra_delay, limit_of, limiting_joints, margins_of, state_of, unknown_first
 
 MARGIN = 2.0
 """The required factor on all gains by default: 6 dB."""
@@ -41,8 +41,11 @@ NUMBERS = ("margins", "single_joint_limits", "delay_limit")
 
 @dataclass(frozen=True)
 class AuditedJoint:
-    """One joint's gains, and the stable factor on them, alone and with the other loops closed, in the worst state.
+    """One joint's gains, and the stable factor on them in the worst state.
 
+    gain_limit          with all other joints switched off
+    limit_others_closed with the other loops closed; NaN where a state is unstable
+    limit               what is judged: the latter, up or down, in stable states, the former in others
     needed_stiffness   of its gearbox, where none is known and the gains are safe on a rigid one [N m/rad]; else NaN
     """
 
@@ -54,6 +57,7 @@ class AuditedJoint:
     safe: bool
     gain_limit: float
     limit_others_closed: float
+    limit: float
     needed_stiffness: float = math.nan
 
 
@@ -61,19 +65,29 @@ class AuditedJoint:
 class Audit(Analysis):
     """The result of `gainroom audit`.
 
-    margin   the required factor
+    system.requirements   what is required
     needed   how stiff gearboxes must be whose stiffness is not known; None where all are known, the gains are not safe, it was not asked
              for, or cannot be computed (see needed_stiffness.py)
     over     where gearboxes lie in a range: what was looked at; `system` and all numbers are of the worst
-    delay_margin   [s] of extra delay that safe gains survive
-    further  what else is required of them: phase margin, peak sensitivity
     """
 
-    margin: float
     needed: NeededStiffness | None = None
     over: RangeOfGearboxes | None = None
-    delay_margin: float = 0.0
-    further: Requirements = field(default_factory=Requirements)
+
+    @property
+    def required(self) -> Requirements:
+        """Of every state."""
+        return self.system.requirements
+
+    @property
+    def margin(self) -> float:
+        """The required factor on gains; 1 where stability is enough."""
+        return self.required.gain_margin or 1.0
+
+    @property
+    def delay_margin(self) -> float:
+        """[s] of extra delay that safe gains survive."""
+        return self.required.delay_margin or 0.0
 
     @property
     def safe(self) -> bool:
@@ -81,25 +95,35 @@ class Audit(Analysis):
         return (self.over is None or self.over.safe) and all(map(self.enough_in, self.states)) and all(joint.safe for joint in self.joints)
 
     def enough_in(self, state: State) -> bool:
-        """Whether a state is stable with `margin` times its gains and has what else is required."""
+        """Whether a state is stable and has what is required."""
         return not self.missed_in(state)
 
     def missed_in(self, state: State) -> list[str]:
         """The names of all that a state has too little of; of one that is not stable all that is required."""
-        missed, lost = [] if self.enough_gain_in(state) else ["gain_margin"], not state.limit.stable
-        late = self.delay_margin > 0 if lost else not enough(self.extra_delay(state), self.delay_margin)
-        missed += ["delay_margin"] if late else []
-        return missed + [one.name for one, needed in self.further.asked_for if lost or not one.met(needed, one.value(state.margins))]
+        stable = state.limit.stable
+        missed = [one.name for one, needed in self.required.asked_for if not (stable and one.met(needed, self.value_in(state, one)))]
+        return missed if stable else list(dict.fromkeys(["gain_margin", *missed]))
+
+    def value_in(self, state: State, one: Requirement) -> float:
+        """What is held against a requirement; where kd has a path of its own, the delay margin is that of the other gains' path."""
+        return self.extra_delay(state) if one.name == "delay_margin" else one.value(state.margins)
+
+    def worst_of(self, one: Requirement) -> State:
+        """The state that has least left of a requirement."""
+        if one.name == "delay_margin":
+            return min(self.states, key=lambda state: unknown_first(self.extra_delay(state)))
+        return self.worst[one.name]
 
     def joints_that_miss_in(self, state: State) -> set[str]:
         """The joints that move where a state has too little of something; of one that is not stable those that vibrate."""
-        missed = self.missed_in(state) if state.limit.stable else ["gain_margin"]
-        return {name for each in missed for name in joints_that_miss(state, each)}
+        found = set() if self.enough_together_in(state) else set(state.limiting_joints)
+        missed = [name for name in self.missed_in(state) if name != "gain_margin"] if state.limit.stable else []
+        return found.union(*(joints_that_miss(state, name) for name in missed))
 
-    def enough_gain_in(self, state: State) -> bool:
-        """Whether a state is stable with `margin` times its gains; where kd has a path of its own, also on either path alone."""
+    def enough_together_in(self, state: State) -> bool:
+        """Whether a state has the gain margin on all gains; where kd has a path of its own, also on either path."""
         paths = state.margins.paths
-        return state.limit.stable and enough(state.limit.gain, self.margin) and (paths is None or enough(paths.headroom, self.margin))
+        return state.limit.stable and enough(min(state.margins.gain_headroom, math.inf if paths is None else paths.headroom), self.margin)
 
     def extra_delay(self, state: State) -> float:
         """[s] until a state vibrates; NaN where it is not known."""
@@ -107,7 +131,7 @@ class Audit(Analysis):
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """The names of what is missed in some state, or of a joint by itself."""
+        """The names of what is missed in some state, or with some gearbox that was looked at."""
         missed = [name for state in self.states for name in self.missed_in(state)]
         return tuple(dict.fromkeys(missed)) or (() if self.safe else ("gain_margin",))
 
@@ -134,6 +158,7 @@ class Audit(Analysis):
         columns = {name: np.broadcast_to(gain, len(system.source.joint_names)) for name, gain in gains.items()}
         alone = np.min([state.single_joint_limits for state in self.states], axis=0)
         closed = np.min([state.margins.one_loop.gain_margin for state in self.states], axis=0)
+        judged = np.min([self.joint_limits_in(state) for state in self.states], axis=0)
         least = None if self.needed is None else self.needed.least
         needed = (
             np.full(len(alone), math.nan)
@@ -146,29 +171,23 @@ class Audit(Analysis):
                 name=name,
                 **{key: float(column[k]) for key, column in columns.items()},
                 motor_inertia=float(system.source.actuators.motor_inertia[k]),
-                safe=enough(float(alone[k]), self.margin) and name not in vibrating,
+                safe=enough(float(judged[k]), self.margin) and name not in vibrating,
                 gain_limit=float(alone[k]),
                 limit_others_closed=float(closed[k]),
+                limit=float(judged[k]),
                 needed_stiffness=float(needed[k]),
             )
             for k, name in enumerate(system.source.joint_names)
         )
 
+    def joint_limits_in(self, state: State) -> Floats:
+        """(n,) the factor, up or down, on each joint's gains, the other loops closed; switched off in a state that is not stable."""
+        return state.margins.one_loop_gain_margins if state.limit.stable else state.single_joint_limits
+
     @property
     def by_headroom(self) -> tuple[AuditedJoint, ...]:
-        """The joints, unsafe ones first, then those with the least headroom alone."""
-        return tuple(sorted(self.joints, key=lambda joint: (joint.safe, -math.inf if math.isnan(joint.gain_limit) else joint.gain_limit)))
-
-    @property
-    def gain_scale(self) -> float:
-        """The factor on all gains that gives them the gain margin: exact, as limits move with one over it; NaN where none is known to.
-
-        None is known where kd has a path of its own, and where a state's gains may not fall so far.
-        """
-        limits = [min(state.limit.gain, *np.nan_to_num(state.single_joint_limits, nan=math.inf).tolist()) for state in self.states]
-        scale, lowest = min(limits) / self.margin, max(state.limit.lower_gain for state in self.states)
-        known = 0 < scale < math.inf and lowest * self.margin < scale
-        return scale if known and not self.has_two_paths else math.nan
+        """The joints, unsafe ones first, then those with the least headroom."""
+        return tuple(sorted(self.joints, key=lambda joint: (joint.safe, unknown_first(joint.limit))))
 
     @property
     def has_two_paths(self) -> bool:
@@ -177,12 +196,12 @@ class Audit(Analysis):
 
     @cached_property
     def scale(self) -> float:
-        """The factor on all gains that makes them safe: gain_scale, or less where all else that is required is there; NaN: none found."""
-        scale, lowest = min(self.gain_scale, 1.0), max(state.limit.lower_gain for state in self.states)
-        if math.isnan(self.gain_scale):
+        """The factor on all gains that makes them safe; NaN: none was found, as where kd has a path of its own."""
+        most = min(1.0, min(state.limit.gain for state in self.states) / self.margin)
+        if self.has_two_paths or not most > 0:
             return math.nan
         every = np.ones(len(self.system.source.joint_names), dtype=bool)
-        return largest_factor(lambda factor: lowest * self.margin < factor and self.has_rest_at(every, factor), scale)
+        return largest_factor(lambda factor: self.holds_at(every, factor), most)
 
     def loops_at(self, lowered: Booleans, factor: float) -> Iterator[Loop]:
         """Every state's loop with the gains of the joints `lowered` (n,) times `factor`."""
@@ -204,15 +223,17 @@ class Audit(Analysis):
         """kp, kd, and ki where some joint has it."""
         return ("kp", "kd", "ki") if any(joint.ki for joint in self.joints) else ("kp", "kd")
 
-    def has_rest_at(self, lowered: Booleans, factor: float) -> bool:
-        """Whether so all that is required but the gain margin is there, in every state."""
-        return all(map(self.has_rest, self.loops_at(lowered, factor)))
+    def holds_at(self, lowered: Booleans, factor: float) -> bool:
+        """Whether so every state has what is required; states without the gain margin on all gains are found first, as that takes least."""
+        loops = list(self.loops_at(lowered, factor))
+        return all(is_stable(loop) and is_stable(loop.scaled(self.margin)) for loop in loops) and all(map(self.holds, loops))
 
-    def has_rest(self, loop: Loop) -> bool:
-        """Whether a loop has what is required besides the gain margin."""
-        if self.further.asked_for:
-            found = margins_of(loop)
-            return enough(found.delay_margin, self.delay_margin) and self.further.met_by(found)
+    def holds(self, loop: Loop) -> bool:
+        """Whether a loop has what is required."""
+        return self.survives(loop) and self.required.met_by(margins_of(loop))
+
+    def survives(self, loop: Loop) -> bool:
+        """Whether a loop has the required delay margin, which takes less than all margins."""
         return self.delay_margin == 0 or enough(extra_delay(loop), self.delay_margin)
 
     @cached_property
@@ -224,7 +245,7 @@ class Audit(Analysis):
     def hardly_damped(self) -> bool:
         """Whether Ms is above BARE, where nothing is required of it."""
         value = self.worst["peak_sensitivity"].margins.peak_sensitivity
-        return "peak_sensitivity" not in self.further.needed and value > BARE
+        return "peak_sensitivity" not in self.required.asked and value > BARE
 
     @property
     def ready_to_use(self) -> "GainsToUse | None":
@@ -281,19 +302,15 @@ class GainsToUse:
 
 
 def gains_to_use(result: Audit) -> GainsToUse | None:
-    """Some joints' gains lowered by one factor, and where that does not do all gains; None where neither is known to be safe.
+    """The gains of some joints, or else of all, lowered by one factor; None where none are known to be safe.
 
     The factor has three digits, the gains four or as many more as leave them safe.
     """
     names = result.system.source.joint_names
-    every = np.ones(len(names), dtype=bool)
-    some, factor_on_some = _some_lowered(result)
-    for lowered, factor in ((some, factor_on_some), (every, result.scale)):
-        factor = typed_factor(factor)
-        if not factor > 0:
-            continue
-        exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}
-        for count in range(4, MOST_DIGITS + 1):
+    exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}
+    for lowered, found in _lowered(result):
+        factor = typed_factor(found)
+        for count in range(4, MOST_DIGITS + 1) if factor > 0 else ():
             typed = {
                 name: np.array([float(f"{value:.{count}g}") for value in (np.where(lowered, factor, 1.0) * values).tolist()])
                 for name, values in exact.items()
@@ -301,32 +318,31 @@ def gains_to_use(result: Audit) -> GainsToUse | None:
             audited = result.of_gains(typed)
             if audited.safe:
                 return GainsToUse(factor, tuple(name for name, low in zip(names, lowered, strict=True) if low), typed, audited)
-            if lowered is some:  # its factor was found, not proved: more digits would not mend it
+            if not lowered.all():  # its factor was found, not proved: more digits would not mend it
                 break
     return None
 
 
-def _some_lowered(result: Audit) -> tuple[Booleans, float]:
-    """Joints (n,), unsafe ones and where they do not suffice those that vibrate then, and the largest factor found on their gains alone.
+def _lowered(result: Audit) -> Iterator[tuple[Booleans, float]]:
+    """Sets of joints (n,), each with the largest factor found on their gains alone; NaN: none was found.
 
-    The factor is NaN where none was found, where all joints are unsafe, and where kd has a path of its own.
+    First those that are short of the gain margin, then all unsafe ones, each with the joints that vibrate once they are lowered; last all.
     """
-    names, lowered = result.system.source.joint_names, np.array([not joint.safe for joint in result.joints])
-    most = min(1.0, min((joint.gain_limit for joint in result.joints if not joint.safe), default=math.nan) / result.margin)
-    if not most > 0 or result.has_two_paths:
-        return lowered, math.nan
-
-    def holds(factor: float) -> bool:
-        loops = list(result.loops_at(lowered, factor))
-        return all(is_stable(loop) and is_stable(loop.scaled(result.margin)) for loop in loops) and all(map(result.has_rest, loops))
-
-    for _ in range(GROWTHS):
-        limits = map(limit_of, result.loops_at(lowered, most))
-        short = {name for limit in limits if not enough(limit.gain, result.margin) for name in limiting_joints(limit, names)}
-        if not short - {name for name, low in zip(names, lowered, strict=True) if low}:
-            break
-        lowered = lowered | np.isin(names, list(short))
-    return lowered, math.nan if lowered.all() else largest_factor(holds, most)
+    names, limits = result.system.source.joint_names, np.array([joint.limit for joint in result.joints])
+    vibrating = {name for state in result.states if not result.enough_together_in(state) for name in state.limiting_joints}
+    short, tried = (limits < result.margin) | np.isin(names, list(vibrating)), []
+    for lowered in () if result.has_two_paths else (short, np.array([not joint.safe for joint in result.joints])):
+        most = min(1.0, float(np.min(limits[lowered], initial=math.inf)) / result.margin)
+        for _ in range(GROWTHS if most > 0 else 0):
+            found = map(limit_of, result.loops_at(lowered, most))
+            more = {name for limit in found if not enough(limit.gain, result.margin) for name in limiting_joints(limit, names)}
+            if not np.any(np.isin(names, list(more)) & ~lowered):
+                break
+            lowered = lowered | np.isin(names, list(more))
+        if most > 0 and lowered.any() and not lowered.all() and lowered.tolist() not in tried:
+            tried.append(lowered.tolist())
+            yield lowered, largest_factor(lambda factor, lowered=lowered: result.holds_at(lowered, factor), most)
+    yield np.ones(len(names), dtype=bool), result.scale
 
 
 def largest_factor(holds: Callable[[float], bool], most: float) -> float:
@@ -341,30 +357,34 @@ def largest_factor(holds: Callable[[float], bool], most: float) -> float:
     return held
 
 
+def required_of(
+    system: System, margin: float = MARGIN, delay_margin: float | None = None, further: Requirements | None = None
+) -> Requirements:
+    """Of safe gains: a gain margin (a factor; 1: none), a delay margin [s] (None: EXTRA_DELAY of the delay), and `further` ones."""
+    extra = EXTRA_DELAY * system.delay if delay_margin is None else delay_margin
+    required = {name: value for name, value, least in (("gain_margin", margin, 1.0), ("delay_margin", extra, 0.0)) if value > least}
+    return Requirements(**required, **({} if further is None else further.needed))
+
+
 def audit(
     system: System,
-    margin: float = MARGIN,
+    required: Requirements | None = None,
     progress: Progress | None = None,
     damping_ratio: float | None = None,
     gearboxes: GearboxRange | None = None,
-    delay_margin: float | None = None,
-    further: Requirements | None = None,
 ) -> Audit:
-    """Every state of `system`, whose control must be in joint space, against a required gain margin (a factor). Raises as analyze does.
+    """Every state of `system`, whose control must be in joint space. Raises as analyze does.
 
+    required        of safe gains; None: as required_of has it
     damping_ratio   of gearboxes of unknown stiffness: also how stiff they must be, where the gains are safe on rigid ones
     gearboxes       the ranges that the others lie in; the audit is then one of the worst within them
-    delay_margin    [s] that safe gains have; None: EXTRA_DELAY of the delay
-    further         what else they have
     """
-    extra = EXTRA_DELAY * system.delay if delay_margin is None else delay_margin
-    further = Requirements() if further is None else further
-    over = None
+    system, over = replace(system, requirements=required_of(system) if required is None else required), None
     if gearboxes is not None:
         states = [state for names in system.source.states if (state := state_of(system, *names)).moves]
-        over = look_over(system, states, margin, gearboxes, progress) if states else None
+        over = look_over(system, states, gearboxes, progress) if states else None
         system = system if over is None else system.with_values(stiffness=over.worst.stiffness, damping=over.worst.damping)
-    found = Audit(system, analyze(system, progress, NUMBERS).every, margin, over=over, delay_margin=extra, further=further)
+    found = Audit(system, analyze(system, progress, NUMBERS).every, over=over)
     if damping_ratio is None or not found.safe:
         return found
-    return replace(found, needed=needed_stiffness(system, found.states, margin, damping_ratio, progress, found.has_rest))
+    return replace(found, needed=needed_stiffness(system, found.states, damping_ratio, progress, found.survives))

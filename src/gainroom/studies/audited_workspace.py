@@ -32,7 +32,7 @@ class AuditedWorkspace:
 
 def audited_workspace(result: Audit, samples: int, progress: Progress | None = None) -> AuditedWorkspace:
     """`samples` postures within the joints' limits in every contact state. Raises as over_workspace does."""
-    asked = {one.name: needed for one, needed in result.further.asked_for}
-    system = replace(result.system, requirements=Requirements(**asked) if asked else Requirements.usual())
+    asked = result.required.only("phase_margin", "peak_sensitivity")
+    system = replace(result.system, requirements=asked if asked.asked else Requirements.usual())
     found = over_workspace(system, samples, result.margin, progress)
-    return AuditedWorkspace(found, worst_states(found, EACH, progress), bool(asked))
+    return AuditedWorkspace(found, worst_states(found, EACH, progress), bool(asked.asked))

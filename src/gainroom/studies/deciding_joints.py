@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from ..analysis.margin_record import Margins
+from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Complexes
 from ..system.loop import Loop
 from .state import STRONG, State, limiting_joints
@@ -18,8 +19,12 @@ def joints_that_miss(state: State, name: str) -> tuple[str, ...]:
 def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: str) -> tuple[str, ...]:
     """The joints that move where a margin is: in the vibration at the gain limit, or where the loop is lost to delay or phase.
 
+    Where one joint by itself has less, the others as they are: that joint.
+
     Peak sensitivity: the joint whose loop has it.
     """
+    if name == "gain_margin" and found.least_gain_margin < found.gain_headroom * (1 - ROUND_OFF) and loop.kd_path is None:
+        return (names[int(np.argmin(found.one_loop_gain_margins))],)
     if name == "gain_margin" or loop.kd_path is not None:
         return limiting_joints(found.limit, names)
     if name == "phase_margin" and found.one_loop_phase_margin < found.common_phase_margin:

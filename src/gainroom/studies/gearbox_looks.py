@@ -6,7 +6,8 @@ A gearbox is told by the resonance Ω of its motor with the output held, and by 
 
 A resonance of height k_d μ²/B, μ = J_L/(J_m + J_L), does harm where delay has turned its phase: so neither more stiffness nor more of it
 with the same B need be safer. Looks along Ω are taken in steps that turn that phase by a sixth of a turn at most, and, where the limit
-dips, at its lowest point. Each look is a certified gain limit; between looks nothing is proved.
+dips, at its lowest point. Each look is a certified gain limit and, where that is enough, the margins of sampled curves; between looks
+nothing is proved.
 """
 
 import math
@@ -16,11 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..analysis.proved_limit import proved_limit
-from ..design.starting_gains import joints_that_move
+from ..design.judged_cases import judged_margins
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirements import enough
-from ..system.system import System
+from ..system.system import StateCase, System
 from .state import State, limit_of
 
 FAR_BELOW = 0.01
@@ -49,8 +50,8 @@ class Gearboxes:
 
     resonance    Ω [rad/s] where all have the same; else NaN
     stiffness, damping   (n,) of all joints [N m/rad], [N m s/rad]; inf and 0 where a joint stays rigid
-    gain_limit   the factor on all gains, or on one joint's alone, at which vibration starts, in the worst state; NaN: not known
-    safe         it is at least what is required
+    gain_limit   the factor on all gains at which vibration starts, in the worst state; NaN: not known
+    safe         all that is required is there in every state, but for the delay margin, which is not looked at
     """
 
     resonance: float
@@ -61,14 +62,14 @@ class Gearboxes:
 
 
 class Looks:
-    """Looks at the gearboxes of some joints of a system, in all its states.
+    """Looks at the gearboxes of some joints of a system, in all its states, against the system's requirements.
 
     varied   (n,) joints with a motor's inertia
-    margin   the required factor
     """
 
-    def __init__(self, system: System, states: Sequence[State], margin: float, varied: Booleans) -> None:
-        self.system, self.states, self.margin, self.varied = system, states, margin, varied
+    def __init__(self, system: System, states: Sequence[State], varied: Booleans) -> None:
+        self.required = system.requirements.only(*(name for name in system.requirements.asked if name != "delay_margin"))
+        self.system, self.states, self.varied = replace(system, requirements=self.required), states, varied
         self.inertia: Floats = system.source.quantities["motor_inertia"]
 
     @property
@@ -89,8 +90,13 @@ class Looks:
         joints = self.system.source.quantities
         stiffness = np.where(self.varied, self.inertia * np.square(omega), joints["stiffness"])
         damping = np.where(self.varied, 2 * np.asarray(ratio) * self.inertia * omega, joints["damping"])
-        least = float(np.min([first_factor(state) for state in self.states_with(stiffness, damping)]))
-        return Gearboxes(float(omega) if np.ndim(omega) == 0 else math.nan, stiffness, damping, least, enough(least, self.margin))
+        states = self.states_with(stiffness, damping)
+        least = float(np.min([first_factor(state.loop) for state in states]))
+        cases = (StateCase(state.posture, state.contact, "", state.system, state.model) for state in states)
+        safe = enough(least, self.required.gain_margin or 1.0) and all(
+            self.required.met_by(judged_margins(case, near=True)) for case in cases
+        )
+        return Gearboxes(float(omega) if np.ndim(omega) == 0 else math.nan, stiffness, damping, least, safe)
 
     def states_with(self, stiffness: Floats, damping: Floats) -> list[State]:
         """All states with these gearboxes, (n,) each."""
@@ -106,23 +112,11 @@ def lowest_point(x: Sequence[float], limits: Sequence[float]) -> float | None:
     return float(x[1] - slope / (2 * bend)) if bend > 0 else None
 
 
-def first_factor(state: State) -> float:
-    """The smallest factor on all gains, or on those of one joint alone, at which a state vibrates; NaN where it is not known.
+def first_factor(loop: Loop) -> float:
+    """The smallest factor on all gains at which a loop vibrates; NaN where it is not known.
 
-    Joints alone are joints that do not feel each other: W is diagonal then, and one proof holds for all of them.
+    The proof begins at rest and ends at the first crossing, so that of a part of unstable gains is theirs.
     """
-    alone = state.model.link_inverse_inertia
-    joints = replace(state.model, link_inverse_inertia=np.diag(np.diagonal(alone)))
-    if np.all(joints_that_move(state.model, state.system.control.feedback)):
-        apart = _factor(state.system.loop(joints, state.controller))
-    else:
-        limits = state.single_joint_limits
-        apart = float(np.min(limits[~np.isnan(limits)], initial=math.inf))
-    return min(_factor(state.loop), apart)
-
-
-def _factor(loop: Loop) -> float:
-    """The proof begins at rest and ends at the first crossing, so that of a part of unstable gains is theirs."""
     for part in (1.0, FAR_BELOW):
         if (proved := proved_limit(loop.scaled(part))) is not None:
             return part * proved.gain

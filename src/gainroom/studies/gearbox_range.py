@@ -29,7 +29,7 @@ class RangeOfGearboxes:
     range   of each joint
     looks   all of them, the least and the most damped first, each from stiffest to softest
     mixed   how many of them are of gearboxes that differ, the last ones
-    worst   the one that vibrates first; one whose limit is not known comes before all
+    worst   of those that are not safe, if there are some, the one that vibrates first; one whose limit is not known comes before all
     """
 
     range: GearboxRange
@@ -38,7 +38,7 @@ class RangeOfGearboxes:
 
     @property
     def worst(self) -> Gearboxes:
-        return min(self.looks, key=lambda look: -math.inf if math.isnan(look.gain_limit) else look.gain_limit)
+        return min(self.looks, key=lambda look: (not math.isnan(look.gain_limit), look.safe, look.gain_limit))
 
     @property
     def safe(self) -> bool:
@@ -46,12 +46,10 @@ class RangeOfGearboxes:
         return all(look.safe for look in self.looks)
 
 
-def look_over(
-    system: System, states: Sequence[State], margin: float, found: GearboxRange, progress: Progress | None = None
-) -> RangeOfGearboxes:
-    """Looks over a range that leaves out no joint in it with a motor's inertia; `states` of the system, `margin` as for an audit."""
+def look_over(system: System, states: Sequence[State], found: GearboxRange, progress: Progress | None = None) -> RangeOfGearboxes:
+    """Looks over a range that leaves out no joint in it with a motor's inertia; `states` of the system."""
     varied = ~np.isnan(found.softest)
-    looks, tell = Looks(system, states, margin, varied), progress or (lambda done, total, what: None)
+    looks, tell = Looks(system, states, varied), progress or (lambda done, total, what: None)
     wide = np.where(varied, np.log(found.stiffest / found.softest), 0.0)
     near, seen = np.sqrt(looks.coupled[1]), []
 

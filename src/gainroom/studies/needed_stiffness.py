@@ -61,21 +61,19 @@ class NeededStiffness:
 def needed_stiffness(
     system: System,
     states: Sequence[State],
-    margin: float,
     damping_ratio: float,
     progress: Progress | None = None,
-    keeps: Callable[[Loop], bool] = lambda loop: True,
+    survives: Callable[[Loop], bool] = lambda loop: True,
 ) -> NeededStiffness | None:
     """Of a system that is safe with rigid gearboxes, `states` its states; None where no rigid joint has a motor inertia, or kd runs apart.
 
-    margin   the required factor on all gains, and on those of each joint by itself
-    keeps    what else a loop has to have: judged at what is needed alone
+    survives   whether a loop has the required delay margin: asked at what is needed alone
     """
     joints = system.source.quantities
     unknown = np.isinf(joints["stiffness"]) & (joints["motor_inertia"] > 0)
     if not unknown.any() or system.control.kd_path is not None:
         return None
-    search = _Search(system, states, margin, damping_ratio, unknown, progress or (lambda done, total, what: None), keeps)
+    search = _Search(system, states, damping_ratio, unknown, progress or (lambda done, total, what: None), survives)
     return search.run()
 
 
@@ -86,15 +84,13 @@ class _Search:
         self,
         system: System,
         states: Sequence[State],
-        margin: float,
         damping_ratio: float,
         unknown: Booleans,
         progress: Progress,
-        keeps: Callable[[Loop], bool],
+        survives: Callable[[Loop], bool],
     ) -> None:
-        self.keeps = keeps
-        self.looks = Looks(system, states, margin, unknown)
-        self.margin, self.ratio, self.unknown, self.progress = margin, damping_ratio, unknown, progress
+        self.looks, self.margin = Looks(system, states, unknown), system.requirements.gain_margin or 1.0
+        self.ratio, self.unknown, self.progress, self.survives = damping_ratio, unknown, progress, survives
         self.known: list[Gearboxes] = []
 
     def run(self) -> NeededStiffness:
@@ -179,7 +175,7 @@ class _Search:
         parts[0, 1] = 1 - parts[0, 0]
         for _ in range(SEARCH.tries):
             ratios = self.ratio * SEARCH.damped ** parts[1]
-            kept = all(self.keeps(state.loop) for state in self.looks.states_with(least.stiffness, least.damping))
+            kept = all(self.survives(state.loop) for state in self.looks.states_with(least.stiffness, least.damping))
             if kept and all(
                 self.looks.at(least.resonance * SEARCH.spread**one, ratio).safe for one, ratio in zip(parts[0], ratios, strict=True)
             ):

@@ -21,6 +21,10 @@ class Curves(Protocol):
         """Phase margins of about `angle` [rad]: loci and return ratios on the unit circle."""
         ...
 
+    def at_delays(self, name: str, longest: float) -> Any:
+        """Delay margins of about `longest` [s]: loci that pass −1 with so much delay more."""
+        ...
+
     def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> Any:
         """Peaks of |slope S_ii + offset| of about `ceiling`."""
         ...
@@ -35,4 +39,8 @@ class Sampled(Protocol):
 
     def peak(self, slope: float = 1.0, offset: float = 0.0) -> tuple[float, float]:
         """The largest |slope S_ii + offset|, and its frequency [rad/s]."""
+        ...
+
+    def delay(self) -> tuple[float, float]:
+        """The least extra delay [s] in all loops with which a locus passes −1, and its frequency [rad/s]."""
         ...

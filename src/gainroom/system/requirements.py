@@ -241,6 +241,21 @@ class SensitivityBound(Requirement):
         return curves.at_peaks(self.name, needed, self.slope, self.offset)
 
 
+@dataclass(frozen=True)
+class DelayMargin(Requirement):
+    """τ [s] > 0: any extra delay up to τ, the same in all loops, is survived."""
+
+    def sampled(self, seen: Sampled) -> dict[str, float]:
+        delay, omega = seen.delay()
+        return {self.name: delay, self.at_frequency: omega}
+
+    def slopes(self, curves: Curves, needed: float) -> Any:
+        return curves.at_delays(self.name, needed * (1 + TICKS))
+
+
+TICKS = 0.01
+"""Of a delay margin: so much more is searched for, as a share of a tick is not quite a phase."""
+
 REQUIREMENTS: dict[str, Requirement] = {
     one.name: one
     for one in (
@@ -280,9 +295,19 @@ REQUIREMENTS: dict[str, Requirement] = {
             meaning="the largest amplification of disturbances by one loop, other loops closed, at any frequency; 1/Ms is the least "
             "distance of its return ratio from −1.",
         ),
+        DelayMargin(
+            "delay_margin",
+            "delay margin",
+            "delay_margin_ms",
+            "ms",
+            scale=1e3,
+            at_frequency="delay_crossover",
+            most=1000.0,
+            meaning="the smallest extra delay, in all loops at once, at which the robot starts to vibrate.",
+        ),
     )
 }
-"""All that may be asked for, by name. The usual values: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3)."""
+"""All that may be asked for, by name. The usual values: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), and any delay margin."""
 
 
 def title_of(name: str) -> str:

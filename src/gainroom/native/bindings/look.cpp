@@ -136,6 +136,27 @@ public:
         return columns(found);
     }
 
+    nb::tuple delays(Matrix gains, double longest) {
+        const DirectedGains own = gains_of(loop_, gains);
+        std::vector<gainroom::MovingMargin> found;
+        {
+            nb::gil_scoped_release release;
+            found = gainroom::LoopCurves(*samples_).delays(own, longest, true);
+        }
+        return columns(found);
+    }
+
+    // The least of them and its ω; inf and NaN where there is none.
+    nb::tuple delay() {
+        double least = std::numeric_limits<double>::infinity(), omega = std::numeric_limits<double>::quiet_NaN();
+        for (const gainroom::MovingMargin& one : gainroom::LoopCurves(*samples_).delays(samples_->gains(), least, false))
+            if (one.margin < least) {
+                least = one.margin;
+                omega = one.omega;
+            }
+        return nb::make_tuple(least, omega);
+    }
+
     nb::tuple peaks(Matrix gains, double least, double slope, double offset) {
         const DirectedGains own = gains_of(loop_, gains);
         std::vector<gainroom::MovingMargin> found;
@@ -219,6 +240,8 @@ void bind_look(nb::module_& m) {
         .def("least", &Look::least)
         .def("peak", &Look::peak, nb::arg("slope"), nb::arg("offset"))
         .def("crossings", &Look::crossings, nb::arg("gains"), nb::arg("locus"), nb::arg("axis"), nb::arg("reach"))
+        .def("delays", &Look::delays, nb::arg("gains"), nb::arg("longest"))
+        .def("delay", &Look::delay)
         .def("peaks", &Look::peaks, nb::arg("gains"), nb::arg("least"), nb::arg("slope"), nb::arg("offset"))
         .def("ends", &Look::ends, nb::arg("gains"), nb::arg("locus"), nb::arg("reach"));
 }

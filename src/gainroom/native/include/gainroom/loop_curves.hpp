@@ -29,6 +29,7 @@ struct MovingMargin {
     double margin = 0.0, omega = 0.0;
     Complex value;  // of the curve there
     std::vector<double> moves;
+    std::vector<double> shifts;  // of a crossing: how ω moves with them
     bool found = false;
 };
 
@@ -118,11 +119,29 @@ public:
         if (!moves || !result.found) return result;
         at_.grow();
         result.moves.resize(2 * m_);
+        result.shifts.resize(2 * m_);
         for (std::size_t k = 0; k < 2 * m_; k++) {
             const Complex moved = over(at_.growth()[k], turn);
             result.moves[k] = moved.real() - along * moved.imag();
+            result.shifts[k] = slope.imag() != 0 ? -moved.imag() / slope.imag() : 0.0;
         }
         return result;
+    }
+
+    // Extra delays [s] below `longest` in all loops at which a locus of these gains passes −1, as if an extra delay turned it by ω times
+    // itself: exact in continuous time, and of whole ticks.
+    std::vector<MovingMargin> delays(const DirectedGains& gains, double longest, bool moves) {
+        std::vector<MovingMargin> found;
+        for (const CurveStep& step : meets(true, false)) {
+            if (!(lag_of(margin_of(step.value, false)) < kEarly * longest * step.place)) continue;
+            MovingMargin one = polished(step, false, gains, 1e-6, 8, moves);
+            const double delay = lag_of(one.margin) / one.omega;
+            if (!one.found || !(delay < longest)) continue;
+            for (std::size_t k = 0; k < one.moves.size(); k++) one.moves[k] = (one.moves[k] - delay * one.shifts[k]) / one.omega;
+            one.margin = delay;
+            found.push_back(std::move(one));
+        }
+        return found;
     }
 
     // Peaks of |slope S_ii + offset| above `least`: height, place and growth of its logarithm.
@@ -219,6 +238,7 @@ private:
     static constexpr double kSame = 1e-7, kAside = 1e-5, kOffCourse = 1e-3, kClose = 0.05, kSlack = 0.01, kBefore = 1e-3, kReal = 0.01;
     static constexpr double kExact = 1e-11, kTwins = 0.02, kFar = 1.5, kSettled = 1e-4, kDeepest = 1e-6, kBlur = 1e-6,
                             kNoise = 1e-10;
+    static constexpr double kEarly = 1.5;  // of a delay: what is interpolated may be later than what is polished
     static constexpr int kParabolas = 4, kRounds = 30, kHalvings = 40, kWalk = 6;
 
     LeastMargins counted_least() {
@@ -243,6 +263,9 @@ private:
         found.peak_omega = top.omega;
         return found;
     }
+
+    // In [0, 2π): a lead is as much less than a whole turn of lag.
+    static double lag_of(double phase) { return phase < 0 ? phase + 2 * kPi : phase; }
 
     static double top_of_parabola(const double* place, const double* height) {
         const double before = (height[1] - height[0]) / std::max(place[1] - place[0], 1e-300);
