@@ -98,9 +98,9 @@ def test_both_miss_the_same(capsys: pytest.CaptureFixture[str], monkeypatch: pyt
     assert seen == {True, False, "gain_margin", "phase_margin", "peak_sensitivity", "delay_margin"}
 
 
-@pytest.mark.parametrize("options", [("--stiffness", "900", "--damping", "0.4"), ("--gearbox", "harmonic")])
+@pytest.mark.parametrize("options", [("--stiffness", "900", "--damping", "0.4"), ("--stiffness", "200", "--damping", "0.05")])
 def test_the_way_that_an_unsafe_audit_names_ends_in_safe(capsys: pytest.CaptureFixture[str], options: tuple[str, ...]):
-    """--write-robot, robot, and audit again: at once, or where gearboxes have a range once the gains that it then names are typed."""
+    """--write-robot, robot, and audit again."""
     write_gains((60, 60, 120), (3, 2, 5))
     call = ("audit", "leg.xml", *CALL, *options, "--peak-sensitivity", "2")
     status, told = asked(capsys, *call, "--gains", "gains.yaml", "--write-robot", "robot.yaml")
@@ -110,11 +110,6 @@ def test_the_way_that_an_unsafe_audit_names_ends_in_safe(capsys: pytest.CaptureF
     assert found["required"]["delay_margin_ms"] == 1.5
     Path("gains.json").write_text(json.dumps(found), "utf-8")
     status, told = asked(capsys, *call, "--gains", "gains.json")
-    if "--gearbox" in options:  # others of the range are the worst for these gains
-        assert status == 1
-        new = {joint["name"]: {"kp": joint["kp"], "kd": joint["kd"]} for joint in told["to_use"]["joints"]}
-        Path("gains.yaml").write_text(yaml.safe_dump(new), "utf-8")
-        status, told = asked(capsys, *call, "--gains", "gains.yaml")
     assert (status, told["safe"]) == (0, True)
 
 

@@ -214,7 +214,7 @@ def test_a_robots_answer_is_read(tmp_path: Path):
     text = export_gains(file, "ros2_control", None, None, "1.2.3", TODAY).text
     assert "update_rate: 2000\n" in text
     assert (
-        "#   model: robot.yaml\n#   delay: 3 ms; controller at 2000 Hz\n#   margins: gain margin 6.02 dB, phase margin 31°, peak sens"
+        "#   model: robot.yaml\n#   delay: 3 ms; controller at 2000 Hz\n#   margins: gain margin ≥ 6.02 dB, phase margin ≥ 31°, Ms ≤ "
         in text
     )
 

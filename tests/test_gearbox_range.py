@@ -1,5 +1,6 @@
 """Gearboxes by type: an audit at the worst of their range, against a dense scan with another formula; and what is said of it."""
 
+import itertools
 import json
 import math
 import re
@@ -11,6 +12,7 @@ import yaml
 
 import gainroom as gr
 from gainroom.cli import main
+from gainroom.files.audit_options import AuditOptions, audit_spec
 from gainroom.robot.gearbox_types import TYPES, GearboxRange
 from gainroom.studies.gearbox_range import RangeOfGearboxes, look_over
 from gainroom.studies.state import State
@@ -89,8 +91,8 @@ def test_the_audit_is_one_of_the_worst_gearboxes(capsys: pytest.CaptureFixture[s
     found = told["gearbox_range"]
     assert (status, told["safe"]) == (1, False)
     assert {row["name"]: row["type"] for row in found["joints"]} == {"knee": "harmonic", "ankle": "planetary"}
-    assert told["sentence"].startswith("Not safe over the range of harmonic and planetary gearboxes: ")
-    assert " joints are not safe. Worst, at K " in told["sentence"] or " joints is not safe. Worst, at K " in told["sentence"]
+    assert told["sentence"].startswith("Not safe in the range of harmonic and planetary gearboxes: ")
+    assert " not safe. With the worst of these gearboxes (K " in told["sentence"]
     for kind in ("harmonic", "planetary"):
         assert any(text.startswith(f"{kind} gearboxes: ") and TYPES[kind].source in text for text in told["assumptions"])
     rows = {}
@@ -120,12 +122,18 @@ def test_stiffness_that_is_known_stays(capsys: pytest.CaptureFixture[str], tmp_p
     assert "knee" not in {row["name"] for row in told["gearbox_range"]["joints"]}
 
 
-def test_the_written_robot_has_the_worst_gearboxes(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+def test_the_written_robot_has_the_worst_gearboxes_that_stand_alike(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """All at one share of their ranges; where they are the worst of all, with the audit's numbers."""
     out = tmp_path / "robot.yaml"
     _, told = asked(capsys, "--gearbox", "harmonic", "--write-robot", str(out))
-    written = gr.load_robot(out).system
-    assert written.source.actuators.stiffness == pytest.approx([row["worst_stiffness"] for row in told["gearbox_range"]["joints"]])
-    assert gr.gain_limit(written.loop()).gain == pytest.approx(told["gain_limit"], rel=1e-9)
+    written, rows = gr.load_robot(out).system, told["gearbox_range"]["joints"]
+    low, high = (np.array([row["stiffness"][end] for row in rows]) for end in (0, 1))
+    shares = np.log(written.source.actuators.stiffness / low) / np.log(high / low)
+    assert shares == pytest.approx(np.full(len(rows), shares[0]), abs=1e-9)
+    assert -1e-9 <= shares[0] <= 1 + 1e-9
+    limit = gr.gain_limit(written.loop(written.source.linearize(*written.source.states[0]))).gain
+    assert limit >= told["gain_limit"] * (1 - 1e-9)
+    assert out.read_text("utf-8").count("Audit the gains that are found") == 1
 
 
 @pytest.mark.parametrize(
@@ -147,3 +155,23 @@ def test_what_is_refused(
     assert main(["audit", "bare.xml" if "--gains" in options else LEG, "--delay-ms", "0.5", *options]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert all(word in line for word in words), line
+
+
+def test_a_range_is_safe_at_its_corners_where_it_is_called_safe(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """Every gearbox at an end of its own, by certified limits: one that differs from all others may be the worst."""
+    gains, verdicts = tmp_path / "gains.yaml", set()
+    names = [joint["name"] for joint in asked(capsys)[1]["joints"]]
+    for scale in (0.4, 1.6, 3.2, 6.4):
+        rows = {name: {"kp": scale * 300, "kd": scale * 12, "motor_inertia": 0.05} for name in names}
+        gains.write_text(yaml.safe_dump(rows), "utf-8")
+        _, told = asked(capsys, "--gains", str(gains), "--gearbox", "harmonic", "--delay-margin-ms", "0")
+        verdicts.add(told["safe"])
+        if not told["safe"]:
+            continue
+        ends = [row["stiffness"] for row in told["gearbox_range"]["joints"]]
+        system = audit_spec(LEG, gains, AuditOptions(0.5, rate_hz=2000.0, stiffness=1.0, damping=1.0))
+        for stiffness in itertools.product(*ends):
+            damping = [2 * TYPES["harmonic"].damping_ratio[0] * math.sqrt(0.05 * one) for one in stiffness]
+            geared = system.with_values(stiffness=np.array(stiffness), damping=np.array(damping))
+            assert gr.gain_limit(geared.loop(geared.source.linearize(*geared.source.states[0]))).gain > MARGIN * (1 - 0.01)
+    assert verdicts == {True, False}

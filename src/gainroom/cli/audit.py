@@ -121,7 +121,11 @@ def audit(
 
             with progress_bar("audit:") as progress:
                 swept = audited_workspace(result, workspace, progress)
-        show(as_json, lambda: _facts(result, simulated, swept), lambda: _terminal(result, simulated, swept, call, report, verbose))
+        show(
+            as_json,
+            lambda: _facts(result, simulated, swept),
+            lambda: _terminal(result, simulated, swept, call, report, write_robot, verbose),
+        )
         if robot is not None and write_robot is not None:
             robot.write(audited_text(found, result, model, result.required, call, write_robot))
         if page is not None:
@@ -177,6 +181,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
         **_further_facts(simulated, swept),
         "needed_stiffness": needed_facts(result),
         "gearbox_range": range_facts(result),
+        "rigid_gearboxes": [joint.name for joint, rigid in zip(result.joints, result.assumed_rigid.tolist(), strict=True) if rigid],
         "assumptions": [*result.system.assumptions, *gearbox_assumptions(result)],
         "warnings": list(audit_warnings(result)),
     }
@@ -201,9 +206,10 @@ def _terminal(
     swept: "AuditedWorkspace | None",
     call: str,
     report: Path | None,
+    written: Path | None,
     verbose: bool,
 ) -> str:
-    """`call`: see what_to_do; `verbose`: also every contact state and joint, and all that is assumed."""
+    """`call`, `written`: see what_to_do; `verbose`: also every contact state and joint, and all that is assumed."""
     from ..report.audit_text import audit_warnings, reason, unjudged, verdict, what_to_do
     from ..report.columns import definitions
     from ..report.gearboxes import CAPTION, gearbox_assumptions, look_columns, shown_looks
@@ -215,25 +221,26 @@ def _terminal(
     columns = audited_states(result.enough_in)
     said, assumed = _further_text(simulated, swept)
     assumed, warned = result.system.assumptions + gearbox_assumptions(result) + assumed, audit_warnings(result)
-    needed, do = result.needed, what_to_do(result, call)
+    needed, do = result.needed, what_to_do(result, call, written)
     typed = do if len(do.lines) <= FEW_LINES else replace(do, lines=())
     answer = [verdict(result), *do_this(typed), reason(result)]
     stiffness = [] if needed is None else ["", column_table(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     if not verbose:
-        columns = [one for one in audited_joints(result) if one.key not in ("motor_inertia", "limit_others_closed")]
+        other = "gain_limit" if result.stable else "limit_others_closed"  # which is not what joints are judged by
+        columns = [one for one in audited_joints(result) if one.key not in ("motor_inertia", other)]
 
         def screen(count: int) -> str:
             """With the `count` joints of the least headroom."""
             left = result.by_headroom[count:]
             unsafe = sum(not joint.safe for joint in left)
-            others = f"{len(left)} more joints{f', {unsafe} unsafe' if unsafe else ''}: --verbose. " if left else ""
+            others = f"{len(left)} more joint{'s' * (len(left) > 1)}{f', {unsafe} unsafe' if unsafe else ''}: --verbose. " if left else ""
             joints = column_table("", columns, result.by_headroom[:count])
             return render(
                 *answer,
                 *said,
                 joints,
                 others + legend(result, [str(column.header) for column in joints.columns]),
-                *closing({"Report": report}, few(warned, MOST_WARNINGS)),
+                *closing({"Report": report, "Robot": written}, few(warned, MOST_WARNINGS)),
                 *filter(None, [unjudged(result)]),
                 f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
                 f"{_gains_run(result)} (--gains-run). {len(assumed)} assumptions: --verbose.",
@@ -254,7 +261,7 @@ def _terminal(
         *folded_parts(do),
         *filter(None, [unjudged(result)]),
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
-        *closing({"Report": report}, warned, assumed),
+        *closing({"Report": report, "Robot": written}, warned, assumed),
     )
 
 

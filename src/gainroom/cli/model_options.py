@@ -87,15 +87,16 @@ class ModelCall:
 
 
 def audited_text(found: "Audited", result: "Audit | None", model: str, required: "Requirements", command: str, target: Path) -> str:
-    """The robot.yaml in the place `target`; `result`: where gearboxes were given by type, for their worst. Raises GainroomError."""
+    """The robot.yaml in the place `target`; `result`: where gearboxes were given by type, for one of them. Raises GainroomError."""
     from .. import __version__
     from ..files.audited_robot import audited_robot_text, with_gearboxes
 
-    over = None if result is None else result.over
-    sections = found.sections if result is None or over is None else with_gearboxes(found.sections, result.system.source, over.range.types)
-    heading = [f"Written by gainroom {__version__}: {command}"]
-    if over is not None:
+    heading, sections = [f"Written by gainroom {__version__}: {command}"], found.sections
+    if result is not None and result.over is not None:
+        one = result.over.worst_together
+        sections = with_gearboxes(sections, result.system.source.joint_names, result.over.range.types, one.stiffness, one.damping)
         heading.append(
-            "stiffness and damping: of the worst gearboxes in their range for these gains. Audit other gains over the range again."
+            "stiffness and damping: one place in the range of gearboxes, the worst for these gains at which all joints stand alike."
         )
+        heading.append("Audit the gains that are found with it over the whole range again.")
     return audited_robot_text(sections, model, required, heading, target)

@@ -171,7 +171,7 @@ class _Search:
                 if self.proof is None or self.proof.holds:
                     break
                 if not self.proof.broken:
-                    if self.reserve == UNPROVED_RESERVE:
+                    if self.reserve == UNPROVED_RESERVE or not self.proof.boxes:  # no box: what is required cannot be proved at all
                         break
                     self.reserve = UNPROVED_RESERVE
                     self.active = [self.region(self.case(one)) for one in self.cases]

@@ -8,17 +8,15 @@ from typing import Any
 import yaml
 
 from ..errors import GainroomError
-from ..robot.robot import Robot
+from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS, Requirements
 from .robot_yaml import parse_robot
 
 
-def with_gearboxes(sections: Mapping[str, Any], robot: Robot, types: Sequence[str]) -> dict[str, Any]:
-    """The sections with the gearboxes of `robot` where a range was given for them: `types` (n,), "" for others."""
+def with_gearboxes(sections: Mapping[str, Any], names: Sequence[str], types: Sequence[str], *values: Floats) -> dict[str, Any]:
+    """The sections with stiffness and damping `values` (n,) where a range was given for a joint: `types` (n,), "" for others."""
     joints = dict(sections["joints"])
-    for name, kind, stiffness, damping in zip(
-        robot.joint_names, types, robot.actuators.stiffness.tolist(), robot.actuators.damping.tolist(), strict=True
-    ):
+    for name, kind, stiffness, damping in zip(names, types, *(one.tolist() for one in values), strict=True):
         if kind:
             joints[name] = {**joints.get(name, {}), "stiffness": stiffness, "damping": damping}
     return {**sections, "joints": joints}

@@ -164,8 +164,8 @@ def _cards(result: Audit) -> list[Card]:
     return [
         first,
         delay,
-        Card("unsafe joints", str(len(joints)), f"of {len(result.joints)}", "0 required", not joints, listed(joints)),
-        Card("unsafe states", str(len(states)), f"of {len(result.states)}", "0 required", not states, f"judged: {judged}"),
+        Card("unsafe joints", str(len(joints)), f"of {len(result.joints)}", "none allowed", not joints, listed(joints)),
+        Card("unsafe states", str(len(states)), f"of {len(result.states)}", "none allowed", not states, f"judged: {judged}"),
         _gearboxes(result),
     ]
 

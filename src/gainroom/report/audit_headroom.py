@@ -129,7 +129,7 @@ def _label(row: Row) -> str:
 
 
 def _title(result: Audit) -> str:
-    others = "the other loops closed" if result.stable else "all others switched off where the robot is unstable, else closed"
+    others = "the other loops closed" if result.stable else "all others switched off"
     return (
         f"Factor on the gains at which vibration starts, {f'of each joint, {others}, and ' if len(result.joints) > 1 else ''}all together"
     )
@@ -139,7 +139,8 @@ def _caption(result: Audit, hidden: int) -> str:
     paths = any(state.margins.paths is not None for state in result.states)
     words = "Factors on kp or kd by itself count up and down: at 10 × also a tenth. " if paths else ""
     words += (
-        "Star: what the verdict names. Dotted: these gains, which vibrate left of it. Left of the other line the headroom is too small."
+        "Star: what the verdict names. Dotted: factor 1, these gains; what vibrates at less is unstable. Left of the other line the margin "
+        "is too small."
     )
     if len(result.states) > 1:
         words += " Filled: the worst state; open: the others."

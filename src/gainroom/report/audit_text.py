@@ -1,6 +1,7 @@
 """The result of an audit in sentences: the verdict, what to do, why, and warnings with remedies."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -154,26 +155,43 @@ def reason(result: Audit) -> str:
     return f"{where} {start}. {delay}".strip()
 
 
-def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS") -> Advice:
-    """Gains that are safe, or the command that finds some; of safe ones what is still to be known. `call`: the command of this audit."""
+def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS", written: Path | None = None) -> Advice:
+    """Gains that are safe, or the command that finds some; of safe ones what is still to be known.
+
+    call      the command of this audit
+    written   the robot.yaml that it writes
+    """
     actuators, found = result.system.source.actuators, result.to_use
     if result.safe:
         return _to_decide(result, call)
     if found is not None and found is not result.ready_to_use:
-        return _not_yet(result, found, call)
+        return _not_yet(result, found, call, written)
     if found is not None:
         again = " Audit them over the range again, where other gearboxes may be the worst." if result.over is not None else ""
         rigid = ", with rigid gearboxes," if result.assumed_rigid.all() else ""
         heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}.{again} As a file for `--gains` and `export`:"
-        return Advice(heading, _gain_file(result, found))
+        own = bool(np.isfinite(result.system.source.actuators.stiffness).any()) and result.over is None
+        return Advice(heading, _gain_file(result, found), ["Gearboxes that your file of gains gives go beside them."] if own else [])
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
-    return Advice("No common factor on the gains was found that gives all margins. Search joint by joint, from these:", _searched(call))
+    none = "No common factor on the gains was found that gives all margins."
+    if result.over is not None:
+        none = (
+            "No common factor on the gains was found that gives all margins in this range. Measure the gearboxes (`gainroom identify "
+            "stiffness`), as a wide range may leave no gains; for one place in the range"
+        )
+        return Advice(f"{none} search joint by joint:", _searched(call, written), [AGAIN])
+    return Advice(f"{none} Search joint by joint:", _searched(call, written), [AGAIN])
 
 
-def _searched(call: str) -> list[str]:
+def _searched(call: str, written: Path | None = None) -> list[str]:
     """The commands that search gains joint by joint."""
-    return [f"{call} --write-robot robot.yaml", "gainroom robot robot.yaml"]
+    found = [] if written else [f"{call} --write-robot robot.yaml"]
+    return [*found, f"gainroom robot {written or 'robot.yaml'}"]
+
+
+AGAIN = "Then audit the gains that it finds, with `--gains` and the same options."
+"""After a search."""
 
 
 def _gain_file(result: Audit, found: GainsToUse) -> list[str]:
@@ -198,7 +216,7 @@ def _to_decide(result: Audit, call: str) -> Advice:
     return Advice(f"Audit again with {listed(given)}, such as:", [f"{call}{options}"], remarks)
 
 
-def _not_yet(result: Audit, found: GainsToUse, call: str) -> Advice:
+def _not_yet(result: Audit, found: GainsToUse, call: str, written: Path | None) -> Advice:
     """Where gains with the required margins are known, but not the loop's rate, or they hardly damp the motion."""
     damped, rate = not found.audited.hardly_damped, result.system.control.sample_time is not None
     joints = "all joints" if len(found.joints) == len(result.joints) else listed(found.joints, most=3)
@@ -211,7 +229,7 @@ def _not_yet(result: Audit, found: GainsToUse, call: str) -> Advice:
     folded = f"Not yet to use: × {found.factor:.4g} on {joints}, the others as they are"
     if not rate:
         margin, extra = to_db(found.audited.tightest.limit.gain), found.audited.least_extra_delay
-        lost = f"; below about {digits(1 / extra, 'Hz', 3)} they vibrate" if 0 < extra < math.inf else ""
+        lost = f"; below about {digits(1 / extra, 'Hz', 3)} it would vibrate with these, too" if 0 < extra < math.inf else ""
         why = f"× {found.factor:.4g} on {joints} leaves gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
         remarks = [f"Without a rate, {why}", *([] if damped else [f"{change}."])]
         return Advice("Give the loop's rate and audit again, such as:", [f"{call} --rate-hz {USUAL_RATE:.0f}{options}"], remarks, (
@@ -219,7 +237,12 @@ def _not_yet(result: Audit, found: GainsToUse, call: str) -> Advice:
         ))  # fmt: skip
     text = f"Do not use × {found.factor:.4g} on {joints} yet: {_required(result)}, but {change}."
     heading = f"Search gains joint by joint, from the present ones, with Ms ≤ {USUAL_PEAK:g}:"
-    return Advice(heading, _searched(f"{call}{options}"), [text], (f"{folded}; {change}:", _gain_file(result, found)))
+    return Advice(
+        heading,
+        _searched(f"{call}{options}", written if damped else None),
+        [text, AGAIN],
+        (f"{folded}; {change}:", _gain_file(result, found)),
+    )
 
 
 def _multiply(result: Audit, found: GainsToUse) -> str:
@@ -270,11 +293,11 @@ def unjudged(result: Audit) -> str:
     for name, option in (("phase_margin", "--phase-margin-deg"), ("peak_sensitivity", "--peak-sensitivity")):
         one, state = REQUIREMENTS[name], result.worst[name]
         value = one.value(state.margins)
-        if name not in result.required.asked and math.isfinite(value):
+        after = math.nan if result.ready_to_use is None else one.value(result.ready_to_use.audited.worst[name].margins)
+        if name not in result.required.asked and (math.isfinite(value) or math.isfinite(after)):
             omega = one.frequency(state.margins)
-            after = None if result.ready_to_use is None else one.value(result.ready_to_use.audited.worst[name].margins)
-            then = f" (new gains: {one.text(after)})" if after is not None and math.isfinite(after) else ""
-            parts.append(f"{one.heading} {one.text(value)}" + (f" at {frequency_text(omega)}" if math.isfinite(omega) else "") + then)
+            now = f" {one.text(value)}" + (f" at {frequency_text(omega)}" if math.isfinite(omega) else "") if math.isfinite(value) else ""
+            parts.append(f"{one.heading}{now}" + (f" (new gains: {one.text(after)})" if math.isfinite(after) else ""))
             options.append(option)
     return f"Not required: {', '.join(parts)}; {', '.join(options)}." if parts else ""
 

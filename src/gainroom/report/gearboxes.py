@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 def over_range(result: "Audit") -> str:
     """What a verdict holds for, behind its first word; "" without ranges."""
-    return "" if result.over is None else f" over the range of {listed(_types(result.over))} gearboxes"
+    if result.over is None:
+        return ""
+    kinds = f"{listed(_types(result.over))} gearboxes"
+    return f" with all {len(result.over.looks)} {kinds} of the range that were looked at" if result.safe else f" in the range of {kinds}"
 
 
 def worst_gearboxes(result: "Audit") -> str:
@@ -31,7 +34,8 @@ def worst_gearboxes(result: "Audit") -> str:
     varied = [bool(name) for name in over.range.types]
     stiffness, damping = (_spread(values[varied]) for values in (over.worst.stiffness, over.worst.damping))
     units = joint_units(result.system.source.body)
-    return f" Worst, at K {stiffness} {units['kp']}, B {damping} {units['kd']}:"
+    joints = " by joint" if np.count_nonzero(varied) > 1 else ""
+    return f" With the worst of these gearboxes (K {stiffness} {units['kp']}{joints}, B {damping} {units['kd']}):"
 
 
 def gearbox_assumptions(result: "Audit") -> tuple[str, ...]:
@@ -41,8 +45,8 @@ def gearbox_assumptions(result: "Audit") -> tuple[str, ...]:
         return how_it_was_found(result.needed)
     looked = (
         f"looked at {len(over.looks) - over.mixed} places within these ranges with all gearboxes moved together, and at {over.mixed} "
-        f"mixes of them, each with a certified limit; between them nothing is proved; all numbers are of the worst by gain limit, "
-        "and other margins are judged there alone"
+        f"mixes of them, each with a certified limit and sampled margins; between them nothing is proved; all numbers are of the worst: of "
+        "those with too little of something, else of all, the one with the least gain limit"
     )
     left_out = (
         "the ranges leave out backlash, stiffness that grows with the load, friction, the links' own elasticity, series springs, and wear"
@@ -134,9 +138,7 @@ def how_it_was_found(needed: "NeededStiffness | None") -> tuple[str, ...]:
     )
     if needed.mixed:
         text += f" and {needed.mixed} mixes of stiffer, more damped ones"
-    return (
-        f"{text}, each with a certified limit; between them nothing is proved, and the delay margin was judged at what is needed alone",
-    )
+    return (f"{text}, each with a certified limit; between them nothing is proved",)
 
 
 def _stiffness(look: Any, needed: "NeededStiffness") -> str:
@@ -192,8 +194,8 @@ def needed_facts(result: "Audit") -> dict[str, Any] | None:
 
 
 CAPTION = (
-    "resonance: of every motor on its gearbox, output held; limit: the factor on all gains until vibration; safe: all that is required but "
-    "the delay margin, which was judged at what is needed."
+    "resonance: of every motor on its gearbox, output held; limit: the factor on all gains until vibration; safe: with all that is "
+    "required."
 )
 
 

@@ -248,7 +248,7 @@ AUDITED_JOINT = [
 """A joint of an audit, in its worst state."""
 
 
-USE = "kp and kd times this factor"
+USE = "gains times this factor"
 
 
 def audited_joints(result: "Audit") -> list[Column]:
@@ -274,7 +274,7 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
         "ki": f"ki [{units['ki']}]",
         "use": f"use: {USE}",
         "alone": "alone: factor on a joint's gains until vibration, the others switched off",
-        "one loop": "one loop: the others closed",
+        "one loop": "one loop: the factor on one joint's gains until vibration, the other loops closed",
         "K needed": f"K needed [{units['kp']}]: of every gearbox",
     }
     gains = ", ".join(parts.pop(title) for title in ("kp", "kd", "ki") if title in shown)

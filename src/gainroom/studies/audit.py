@@ -34,7 +34,7 @@ BARE = 5.0
 """Ms above which gains hardly damp their motion: up to it at least 1.9 dB and 11.5° are left."""
 GROWTHS = 5
 """Times that joints are added to those whose gains are lowered."""
-LOWER = (0.9, 0.7, 0.5, 0.3, 0.1, 0.03)
+LOWER = (0.99, 0.97, 0.9, 0.7, 0.5, 0.3, 0.1, 0.03)
 """Of gains that have the gain margin and too little else: where lower ones are looked at."""
 NUMBERS = ("margins", "single_joint_limits", "delay_limit")
 

@@ -51,7 +51,7 @@ class Gearboxes:
     resonance    Ω [rad/s] where all have the same; else NaN
     stiffness, damping   (n,) of all joints [N m/rad], [N m s/rad]; inf and 0 where a joint stays rigid
     gain_limit   the factor on all gains at which vibration starts, in the worst state; NaN: not known
-    safe         all that is required is there in every state, but for the delay margin, which is not looked at
+    safe         all that is required is there in every state, by sampled curves
     """
 
     resonance: float
@@ -68,8 +68,7 @@ class Looks:
     """
 
     def __init__(self, system: System, states: Sequence[State], varied: Booleans) -> None:
-        self.required = system.requirements.only(*(name for name in system.requirements.asked if name != "delay_margin"))
-        self.system, self.states, self.varied = replace(system, requirements=self.required), states, varied
+        self.system, self.states, self.varied, self.required = system, states, varied, system.requirements
         self.inertia: Floats = system.source.quantities["motor_inertia"]
 
     @property

@@ -1,7 +1,8 @@
 """A robot whose gearboxes lie in a range: the worst of them that were looked at.
 
-All gearboxes move through their ranges together, stiffest to softest (gearbox_looks.py), once least and once most damped; and there are
-looks at gearboxes that differ, each anywhere in its own range. Ends alone would not do: what lies between may be worse than both.
+All gearboxes move through their ranges together, stiffest to softest (gearbox_looks.py), once least and once most damped; there are looks
+at gearboxes that differ, each anywhere in its own range; and each is looked at at either end with all others at the other. Ends alone
+would not do: what lies between may be worse than both.
 """
 
 import math
@@ -17,7 +18,7 @@ from .gearbox_looks import STEPS, Gearboxes, Looks, lowest_point
 from .state import Progress, State
 
 MIXED = 12
-"""Looks at gearboxes that differ."""
+"""Looks at gearboxes that differ, each anywhere in its range."""
 MOST = 24
 """Looks from softest to stiffest."""
 
@@ -38,12 +39,21 @@ class RangeOfGearboxes:
 
     @property
     def worst(self) -> Gearboxes:
-        return min(self.looks, key=lambda look: (not math.isnan(look.gain_limit), look.safe, look.gain_limit))
+        return min(self.looks, key=_first)
+
+    @property
+    def worst_together(self) -> Gearboxes:
+        """The same of those that moved together: to find gains with, as one joint apart from all others would get all that they lose."""
+        return min(self.looks[: len(self.looks) - self.mixed], key=_first)
 
     @property
     def safe(self) -> bool:
         """Whether all have what is required."""
         return all(look.safe for look in self.looks)
+
+
+def _first(look: Gearboxes) -> tuple[bool, bool, float]:
+    return not math.isnan(look.gain_limit), look.safe, look.gain_limit
 
 
 def look_over(system: System, states: Sequence[State], found: GearboxRange, progress: Progress | None = None) -> RangeOfGearboxes:
@@ -87,10 +97,13 @@ def look_over(system: System, states: Sequence[State], found: GearboxRange, prog
     parts = random.random((2, MIXED, len(varied)))
     parts[0, 0] = np.arange(len(varied)) % 2
     parts[0, 1] = 1 - parts[0, 0]
+    together, eye = len(seen), np.eye(len(varied))[wide > 0]
     for share, other in zip(*parts, strict=True):
         at(share, found.least_damped * (found.most_damped / found.least_damped) ** other)
+    for share in [*eye, *(1 - eye)] if len(eye) > 1 else []:  # one joint at an end, the others at the other, where damping is least
+        at(share, found.least_damped)
     tell(1, 1, "")
-    return RangeOfGearboxes(found, tuple(seen), MIXED)
+    return RangeOfGearboxes(found, tuple(seen), len(seen) - together)
 
 
 def _dip(three: Sequence[tuple[float, float]], enough: float) -> float | None:

@@ -13,15 +13,10 @@ EVERYWHERE = "everywhere"
 MOST_BYTES = 16 << 20
 NUMBER = number()
 MARGINS = {
-    "gain_margin_db": "gain margin {:.3g} dB",
-    "phase_margin_deg": "phase margin {:.3g}°",
-    "peak_sensitivity": "peak sensitivity {:.3g}",
-}
-REQUIRED = {
     "gain_margin_db": "gain margin ≥ {:.3g} dB",
-    "delay_margin_ms": "delay margin ≥ {:.3g} ms",
     "phase_margin_deg": "phase margin ≥ {:.3g}°",
-    "peak_sensitivity": "peak sensitivity ≤ {:.3g}",
+    "peak_sensitivity": "Ms ≤ {:.3g}",
+    "delay_margin_ms": "delay margin ≥ {:.3g} ms",
 }
 OF_ROBOT = {"states", "recommended", "unstable_at"}
 OF_AUDIT = {"states", "joints", "delay_limit_ms"}
@@ -70,6 +65,8 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
             margins = f"safe by the audit of {_required_text(data)}, in place of unsafe gains"
             if data.get("gearbox_range") is not None:
                 margins += "; with one gearbox of the audited range: audit them over the range again"
+            if data.get("rigid_gearboxes"):
+                margins += f"; with rigid gearboxes of {first_of_many(tuple(map(str, data['rigid_gearboxes'])))}: audit them with yours"
         form = "gainroom audit --json"
     actuators = _named(data, "actuators", source) if "actuators" in data else {}
     delays = [checked(f"{source}: actuators.{shown(name)}.delay_ms", each.get("delay_ms"), NUMBER) for name, each in actuators.items()]
@@ -87,7 +84,7 @@ def _required_text(data: Mapping[str, Any]) -> str:
     """What an audit required, as text."""
     required = data.get("required")
     found = required if isinstance(required, dict) else {}
-    parts = [text.format(found[key]) for key, text in REQUIRED.items() if isinstance(found.get(key), int | float)]
+    parts = [text.format(found[key]) for key, text in MARGINS.items() if isinstance(found.get(key), int | float)]
     return ", ".join(parts) or "its requirements"
 
 
@@ -118,7 +115,7 @@ def _recommended(data: Mapping[str, Any], source: str, contact: str) -> tuple[di
         raise GainroomError(f"{source}: recommended: {contact}: no joint has gains")
     parts = [text.format(one[key]) for key, text in MARGINS.items() if isinstance(one.get(key), int | float)]
     where = "in every state" if contact == EVERYWHERE else f"in contact state {contact}"
-    return gains, f"{', '.join(parts)} at least, {where}" if parts else ""
+    return gains, f"{', '.join(parts)} {where}" if parts else ""
 
 
 def _named(data: Mapping[str, Any], key: str, source: str) -> dict[str, dict[str, Any]]:
