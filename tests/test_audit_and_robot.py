@@ -122,4 +122,4 @@ def test_a_joint_that_vibrates_by_itself_is_named(capsys: pytest.CaptureFixture[
         assert [joint["name"] for joint in told["joints"] if joint["gain_limit"] < 1] == lost
         warned = [text for text in told["warnings"] if "with all other joints switched off" in text]
         assert len(warned) == len(lost)
-        assert all(f"{name} (stable below " in warned[0] for name in lost)
+        assert all(f"{name} (stable only below " in warned[0] for name in lost)

@@ -13,12 +13,14 @@ from ..system.requirements import REQUIREMENTS, Requirements
 from .robot_yaml import parse_robot
 
 
-def with_gearboxes(sections: Mapping[str, Any], names: Sequence[str], types: Sequence[str], *values: Floats) -> dict[str, Any]:
-    """The sections with stiffness and damping `values` (n,) where a range was given for a joint: `types` (n,), "" for others."""
+def with_gearboxes(
+    sections: Mapping[str, Any], names: Sequence[str], types: Sequence[str], stiffness: Floats, damping: Floats
+) -> dict[str, Any]:
+    """The sections with stiffness and damping (n,) where a range was given for a joint: `types` (n,), "" for others."""
     joints = dict(sections["joints"])
-    for name, kind, stiffness, damping in zip(names, types, *(one.tolist() for one in values), strict=True):
+    for name, kind, spring, damper in zip(names, types, stiffness.tolist(), damping.tolist(), strict=True):
         if kind:
-            joints[name] = {**joints.get(name, {}), "stiffness": stiffness, "damping": damping}
+            joints[name] = {**joints.get(name, {}), "stiffness": spring, "damping": damper}
     return {**sections, "joints": joints}
 
 

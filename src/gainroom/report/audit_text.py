@@ -9,7 +9,7 @@ from ..analysis.margin_record import PathMargins
 from ..errors import apart, beside, frequency_text, listed
 from ..studies.analysis import USUAL_RATE, typed_factor
 from ..studies.audit import Audit, GainsToUse
-from ..studies.state import HELD, unknown_first
+from ..studies.state import HELD
 from ..system.excluded_sets import ROUND_OFF
 from ..system.requirements import REQUIREMENTS, to_db
 from .gains_to_use import gain_file
@@ -97,18 +97,19 @@ USUAL_PEAK = 2.0
 
 def _short_of_gain(result: Audit) -> str:
     """The gain margin that is too small: of all gains together, or the lesser one of a path or a joint, the others as they are."""
-    worst, asked = result.tightest, result.required
-    paths, value, whose, at = worst.margins.paths, worst.limit.gain, "", ""
-    first = min(result.joints, key=lambda joint: unknown_first(joint.limit))
-    if math.isfinite(worst.limit.frequency):
-        at = f" at {frequency_text(worst.limit.frequency)}"
-    if worst.margins.lower_gain_margin * value > 1:
-        value, whose, at = 1 / worst.margins.lower_gain_margin, " as all gains fall,", ""
-    if paths is not None and paths.headroom < value:
-        value, whose, at = paths.headroom, " of kp or kd by itself,", ""
-    if first.limit < value * (1 - ROUND_OFF):
-        return f"{short_text(asked, {'gain_margin': first.limit})} of {first.name}, all other loops closed"
-    return f"{short_text(asked, {'gain_margin': value})}{whose}{at}{_mainly(result)}"
+    state = result.worst["gain_margin"]
+    found, where = state.margins, f" in {state.contact}" if len(result.states) > 1 else ""
+    short = short_text(result.required, {"gain_margin": found.least_gain_margin})
+    least = found.least_gain_margin * (1 + ROUND_OFF)
+    if found.paths is not None and found.paths.headroom <= least:
+        return f"{short} of kp or kd by itself,{_mainly(result)}"
+    if found.limit.gain <= least:
+        at = f" at {frequency_text(found.limit.frequency)}" if math.isfinite(found.limit.frequency) else ""
+        return f"{short}{at}{_mainly(result)}"
+    if found.gain_headroom <= least:
+        return f"{short}{where} as all gains fall"
+    name = result.system.source.joint_names[int(np.argmin(found.one_loop_gain_margins))]
+    return f"{short}{where} of {name}, all other loops closed"
 
 
 def _given(result: Audit) -> str:
@@ -176,11 +177,8 @@ def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS", 
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
     none = "No common factor on the gains was found that gives all margins."
     if result.over is not None:
-        none = (
-            "No common factor on the gains was found that gives all margins in this range. Measure the gearboxes (`gainroom identify "
-            "stiffness`), as a wide range may leave no gains; for one place in the range"
-        )
-        return Advice(f"{none} search joint by joint:", _searched(call, written), [AGAIN])
+        measure = "Measure the gearboxes (`gainroom identify stiffness`), as a wide range may leave no gains; for one place in the range"
+        return Advice(f"{none} {measure} search joint by joint:", _searched(call, written), [AGAIN])
     return Advice(f"{none} Search joint by joint:", _searched(call, written), [AGAIN])
 
 
@@ -266,11 +264,6 @@ def _required(result: Audit) -> str:
     return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}"
 
 
-def missed_besides(result: Audit) -> bool:
-    """Whether gains with enough gain margin have too little else."""
-    return bool(result.missed) and "gain_margin" not in result.missed
-
-
 def _besides(result: Audit) -> list[str]:
     """What there is too little of besides the gain margin, each beside what is required."""
     parts = []
@@ -341,7 +334,7 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
         found.append("continuous model: hold and velocity difference of a loop cost about one tick; give --rate-hz")
     lost = [joint for joint in result.joints if joint.gain_limit < 1] if result.stable else []
     if lost:
-        limits = listed([f"{joint.name} (stable below {joint.gain_limit:.3g} × its gains)" for joint in lost], most=3)
+        limits = listed([f"{joint.name} (stable only below {joint.gain_limit:.3g} × its gains)" for joint in lost], most=3)
         found.append(f"with all other joints switched off {limits} would vibrate: do not run {'it' if len(lost) == 1 else 'one'} by itself")
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])

@@ -229,12 +229,8 @@ class Audit(Analysis):
         return all(is_stable(loop) and is_stable(loop.scaled(self.margin)) for loop in loops) and all(map(self.holds, loops))
 
     def holds(self, loop: Loop) -> bool:
-        """Whether a loop has what is required."""
-        return self.survives(loop) and self.required.met_by(margins_of(loop))
-
-    def survives(self, loop: Loop) -> bool:
-        """Whether a loop has the required delay margin, which takes less than all margins."""
-        return self.delay_margin == 0 or enough(extra_delay(loop), self.delay_margin)
+        """Whether a loop has what is required; first the delay margin, which takes less than all margins."""
+        return (self.delay_margin == 0 or enough(extra_delay(loop), self.delay_margin)) and self.required.met_by(margins_of(loop))
 
     @cached_property
     def to_use(self) -> "GainsToUse | None":
@@ -387,4 +383,4 @@ def audit(
     found = Audit(system, analyze(system, progress, NUMBERS).every, over=over)
     if damping_ratio is None or not found.safe:
         return found
-    return replace(found, needed=needed_stiffness(system, found.states, damping_ratio, progress, found.survives))
+    return replace(found, needed=needed_stiffness(system, found.states, damping_ratio, progress))

@@ -35,8 +35,8 @@ class Steps:
     turn: float = math.pi / 3  # [rad] of the resonance's phase, by the delay, from one look to the next
     factor: float = 1.3  # of Ω, at most
     most: float = 40.0  # Ω by the step from one to the next
-    # times what is required: a dip of the limit below that is followed to its lowest point, a delay margin below that is certified
-    near: float = 1.5
+    near: float = 1.5  # times what is required: a dip of the limit below that is followed to its lowest point
+    late: float = 1.5  # times what is required: a delay margin below that is certified
     dips: int = 3  # looks at most
     settled: float = 2e-3  # of the limit
     mixed: int = 6  # looks at gearboxes that differ
@@ -102,7 +102,7 @@ class Looks:
         """
         case = StateCase(state.posture, state.contact, "", state.system, state.model)
         found, needed = judged_margins(case, near=True), self.required.delay_margin
-        near = needed is not None and found.delay_margin < STEPS.near * needed
+        near = needed is not None and found.delay_margin < STEPS.late * needed
         return self.required.met_by(found) and (not near or enough(extra_delay(state.loop), needed or 0.0))
 
     def states_with(self, stiffness: Floats, damping: Floats) -> list[State]:

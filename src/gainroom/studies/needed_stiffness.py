@@ -5,14 +5,13 @@ stiffer ones are looked at, too, up to where a resonance is too low to do harm a
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..system.controller import own_gain
 from ..system.linear.arrays import Booleans
-from ..system.loop import Loop
 from ..system.system import System
 from .gearbox_looks import STEPS, Gearboxes, Looks, lowest_point
 from .state import Progress, State
@@ -63,17 +62,13 @@ def needed_stiffness(
     states: Sequence[State],
     damping_ratio: float,
     progress: Progress | None = None,
-    survives: Callable[[Loop], bool] = lambda loop: True,
 ) -> NeededStiffness | None:
-    """Of a system that is safe with rigid gearboxes, `states` its states; None where no rigid joint has a motor inertia, or kd runs apart.
-
-    survives   whether a loop has the required delay margin: asked at what is needed alone
-    """
+    """Of a system that is safe with rigid gearboxes; None where no rigid joint has a motor inertia, or kd runs apart."""
     joints = system.source.quantities
     unknown = np.isinf(joints["stiffness"]) & (joints["motor_inertia"] > 0)
     if not unknown.any() or system.control.kd_path is not None:
         return None
-    search = _Search(system, states, damping_ratio, unknown, progress or (lambda done, total, what: None), survives)
+    search = _Search(system, states, damping_ratio, unknown, progress or (lambda done, total, what: None))
     return search.run()
 
 
@@ -87,10 +82,9 @@ class _Search:
         damping_ratio: float,
         unknown: Booleans,
         progress: Progress,
-        survives: Callable[[Loop], bool],
     ) -> None:
         self.looks, self.margin = Looks(system, states, unknown), system.requirements.gain_margin or 1.0
-        self.ratio, self.unknown, self.progress, self.survives = damping_ratio, unknown, progress, survives
+        self.ratio, self.unknown, self.progress = damping_ratio, unknown, progress
         self.known: list[Gearboxes] = []
 
     def run(self) -> NeededStiffness:
@@ -175,10 +169,7 @@ class _Search:
         parts[0, 1] = 1 - parts[0, 0]
         for _ in range(SEARCH.tries):
             ratios = self.ratio * SEARCH.damped ** parts[1]
-            kept = all(self.survives(state.loop) for state in self.looks.states_with(least.stiffness, least.damping))
-            if kept and all(
-                self.looks.at(least.resonance * SEARCH.spread**one, ratio).safe for one, ratio in zip(parts[0], ratios, strict=True)
-            ):
+            if all(self.looks.at(least.resonance * SEARCH.spread**one, ratio).safe for one, ratio in zip(parts[0], ratios, strict=True)):
                 return least
             least = self.look(SEARCH.raised * least.resonance)
             if not least.safe:

@@ -307,7 +307,7 @@ REQUIREMENTS: dict[str, Requirement] = {
         ),
     )
 }
-"""All that may be asked for, by name. The usual values: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), and any delay margin."""
+"""All that may be asked for, by name. The usual values: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), no delay margin."""
 
 
 def title_of(name: str) -> str:
