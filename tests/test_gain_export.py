@@ -266,6 +266,7 @@ def test_an_unsafe_audit_is_exported_as_the_gains_to_use(folder: Path, capsys: p
         one["name"]: (one["kp"], one["kd"]) for one in first["to_use"]["joints"]
     }
     assert "gain margin ≥ 40 dB, delay margin ≥ 2 ms" in Path("use.yaml").read_text("utf-8")
+    assert "with rigid gearboxes of hip" in Path("use.yaml").read_text("utf-8")
     assert told(capsys, "audit", "robot.xml", "--gains", "use.yaml", *question)["safe"] is True
     assert told(capsys, "audit", "robot.xml", "--gains", "answer.json", *question)["safe"] is False  # what was audited, again
 
