@@ -152,6 +152,16 @@ def test_a_search_may_begin_where_another_ended(biped: tuple[System, RobotGains]
     assert all(spec.requirements.met_by(quick_margins(loop)) for loop in loops(spec, again.kp, again.kd, weight=True).values())
 
 
+def test_no_contact_state_has_softer_gains_than_all_together(biped: tuple[System, RobotGains]):
+    """Its own search begins elsewhere, and gains for all states hold in it too; gains are rounded to digits that move their sum by 1e-3."""
+    spec = parse_robot(BIPED.replace("double: [left_sole, right_sole]", "left: [left_sole], flight: []"), "biped")
+    found = recommend_robot(spec)
+    for contact, one in found.per_contact.items():
+        assert one is not None
+        free = np.isfinite(one.compliance)
+        assert one.compliance[free].sum() <= safe(found).compliance[free].sum() * (1 + 1e-3), contact
+
+
 def assert_stands(text: str, gains: RobotGains, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """For two seconds in MuJoCo, on the ground, held by nothing but its gains."""
     found, data = safe(gains), yaml.safe_load(text)

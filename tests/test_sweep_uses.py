@@ -15,6 +15,7 @@ from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.robot.linearize import linearize
 from gainroom.studies.sweep.limits import configurations
+from gainroom.studies.sweep.workspace import latin_hypercube
 from robot_files import ROBOT, write_arm
 
 BIPED = files("gainroom") / "robot" / "models" / "biped.urdf"
@@ -48,6 +49,18 @@ def test_robot_names_a_posture_that_is_worse_than_the_file_s(tmp_path, capsys):
     assert worse["gain_limit"] == pytest.approx(alone(file, list(worse["angles"].values())) * PROVED, rel=1e-9)
     assert main(["robot", str(file)]) == 0
     assert "another posture is worse than the file's" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(("count", "size"), [(32, 29), (256, 3), (1, 2)])
+def test_postures_in_passing_fill_every_range(count, size):
+    """Of `count` equal parts of each joint's range every one has exactly one posture: a Latin hypercube, the same every time."""
+    points = latin_hypercube(count, size)
+    parts = np.sort(np.floor(points * count), axis=0)
+    np.testing.assert_array_equal(parts, np.tile(np.arange(count)[:, None], (1, size)))
+    np.testing.assert_array_equal(points, latin_hypercube(count, size))
+    assert size < 3 or np.abs(np.corrcoef(points.T) - np.eye(size)).max() < 5 / np.sqrt(
+        count
+    )  # shuffled apart: five times the chance's size
 
 
 def test_robot_takes_the_worst_postures_of_a_sweep(tmp_path, capsys):

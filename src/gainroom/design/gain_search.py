@@ -167,40 +167,54 @@ class _Search:
     def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float, little: float) -> tuple[Gains, float]:
         """The same at one price of what is missed; ended where SLOW steps win less than `little`.
 
-        After short steps loops are not looked at, but what was seen of them is followed, until the search seems to end.
+        After short steps loops are not looked at, but what was seen of them is followed, until the search is far from there or seems to
+        end. Where a look then finds more missed than following did, and the cost above that of the look before, the search goes back there.
         """
+
+        def cost(gains: Gains, missed: float) -> float:
+            return self._cost(gains, missed + reserve, price)
+
         slopes = self._tangents(gains, cases)
-        missed, radius, kept, way, seen = _most(slopes), RADIUS, [], [], True
+        missed, radius, kept, way, seen, careful = _most(slopes), RADIUS, [], [], True, False
+        last = gains, slopes, missed, 0  # where loops were looked at
         if slopes is not None:
             self._anchor(gains, cases)
         for taken in range(STEPS):
-            way.append(missed)
             if slopes is None:
                 break
+            way.append(min([missed, *way[-1:]]))
             if missed <= 0:
                 kept.append((math.log(self._compliance(gains).sum()), gains))
             step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
-            slow = len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < little
-            if slow or promised < LEAST_PROMISE or radius < LEAST_RADIUS or _hopeless(way, STEPS - taken):
-                if seen or (slopes := self._tangents(gains, cases)) is None or (new := _most(slopes)) <= max(missed, -reserve) + NOTHING:
-                    break
-                seen, missed, radius, kept, way = True, new, max(radius, ANEW), [], []  # something has come near unseen
-                self._anchor(gains, cases)
-                continue
             tried = moved(gains, step, self._cascade)
-            close = all(case.follows(tried) for case in cases)
-            if not (close or seen):  # what was followed is compared with what is followed from the same place
-                if (slopes := self._tangents(gains, cases)) is None:
+            slow = len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < little
+            ending = slow or promised < LEAST_PROMISE or radius < LEAST_RADIUS or _hopeless(way, STEPS - taken)
+            close = not careful and all(case.follows(tried) for case in cases)
+            if ending and seen:
+                break
+            if not seen and (ending or not close):  # what was followed is compared with what is followed from the same place
+                new, before = self._tangents(gains, cases), missed
+                if cost(gains, _most(new)) > cost(last[0], last[2]):
+                    gains, slopes, missed, held = last
+                    del kept[held:]
+                    careful, radius = True, min(radius, RADIUS)
+                elif ending and _most(new) <= max(before, -reserve) + NOTHING:
                     break
-                seen, missed = True, _most(slopes)
-                self._anchor(gains, cases)
+                else:
+                    slopes, missed = new, _most(new)
+                    if ending:  # something has come near unseen
+                        radius, kept, way = max(radius, ANEW), [], []
+                    last = gains, slopes, missed, len(kept)
+                    self._anchor(gains, cases)
+                seen = True
                 continue
             there = self._tangents(tried, cases, close)
             after = _most(there)
-            gained = self._cost(gains, missed + reserve, price) - self._cost(tried, after + reserve, price)
+            gained = cost(gains, missed) - cost(tried, after)
             if gained > 0.1 * promised:
                 gains, missed, slopes, seen = tried, after, there, not close
                 if seen:
+                    careful, last = False, (gains, slopes, missed, len(kept))
                     self._anchor(gains, cases)
                 if gained > 0.7 * promised and np.abs(step).max() > 0.99 * radius:
                     radius = min(2 * radius, LARGEST_RADIUS)
@@ -335,7 +349,7 @@ def _most(slopes: Slopes | None) -> float:
 
 
 def _hopeless(way: Sequence[float], left: int) -> bool:
-    """Whether what is missed, after every step up to now, does not come to 0 in the steps that are left at the pace of the last ones."""
+    """Whether the least that was missed, by every step up to now, does not come to 0 in the steps left at the pace of the last ones."""
     return len(way) > 2 * SLOW and way[-1] > HOPELESS and way[-1] * SLOW > (way[-1 - SLOW] - way[-1]) * left
 
 

@@ -54,6 +54,7 @@ class Case:
     _whole: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _last: list[tuple[bytes, "_core.Look"]] = field(default_factory=list, repr=False, compare=False)
     _anchor: list[tuple[Gains, "_core.Look"]] = field(default_factory=list, repr=False, compare=False)
+    _broke: list[str] = field(default_factory=list, repr=False, compare=False)
 
     @property
     def joints(self) -> bool:
@@ -148,15 +149,20 @@ class Case:
         return seen
 
     def breaks(self, gains: Gains) -> str:
-        """The requirement that a loop of gains near the anchor is seen to break; "" where that is not to be seen so quickly.
+        """A requirement that a loop of gains near the anchor is seen to break; "" where that is not to be seen so quickly.
 
-        What was near being missed there is followed: wherever that comes to, it is a margin of the new loop.
+        What was near being missed there is followed: wherever that comes to, it is a margin of the new loop. The requirement that broke
+        last is looked at first.
         """
         if not self._anchor:
             return ""
-        found = _Curves(self, gains, self._anchor[0][1], FOLLOWED, followed=True).slopes()
-        worst = int(np.argmax(found.missed)) if len(found.missed) else -1
-        return found.name[worst] if worst >= 0 and found.missed[worst] > BROKEN else ""
+        curves = _Curves(self, gains, self._anchor[0][1], FOLLOWED, followed=True)
+        asked = sorted(self.required.asked_for, key=lambda each: each[0].name not in self._broke)
+        for one, needed in asked:
+            if any(np.any(part.missed > BROKEN) for _, part in one.slopes(curves, needed)):
+                self._broke[:] = [one.name]
+                return one.name
+        return ""
 
 
 @dataclass(frozen=True)

@@ -36,9 +36,11 @@ if TYPE_CHECKING:
 
 SHARES = (0.5, 0.25, 0.12, 0.9, 0.05)
 """Of the damping of each joint alone, with which a search may begin: what is stable is made to meet the requirements."""
-SOFT = (0.05, 0.01)
-"""Of its stiffness, times that: a robot without weight may be as soft as it likes."""
-WEIGHED = (0.4, 0.1, 1.0, 3.0, 10.0, 30.0)
+SOFT = (0.2, 0.05, 0.8, 0.01)
+"""Of its stiffness, times that: a robot without weight may be as soft as it likes. What begins very soft often ends so: requirements
+leave some joints a soft and a stiff range, with none between.
+"""
+WEIGHED = (0.2, 0.4, 0.1, 1.0, 3.0, 10.0, 30.0)
 """The same where gravity asks for stiffness."""
 TRIED = 2
 """Beginnings, where one does not come to gains that meet the requirements."""
@@ -74,7 +76,8 @@ def recommend_robot(
 ) -> RobotGains:
     """Gains for the joints, or for the file's tasks (space "task").
 
-    start   gains to begin with, such as those found for fewer states: the search is a local one
+    start   gains that are known, such as those found for fewer states: the search, a local one, begins there, too, where it would else
+            end softer
     alone   what is known of joints by themselves, and is added to
 
     Raises GainroomError where nothing is required, and in task space without tasks.
@@ -106,8 +109,8 @@ def recommend_robot(
             sets: list[GainSet | None] = []
             for contact in contacts:
                 found = _mirror_image(sets[0], own[contacts[0]], own[contact], required) if sets else None
-                start = known.get(contact) or safe
-                sets.append(found or _set(contact, own[contact], required, beginning, told, nearest, start, list(failed)))
+                held = known.get(contact) or safe
+                sets.append(found or _set(contact, own[contact], required, beginning, told, nearest, held, list(failed)))
             return sets
 
         return job
@@ -145,9 +148,8 @@ def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:
 
 def _acting(system: System, found: GainSet, space: str, weight: bool) -> Iterator[tuple[Case, Gains]]:
     """The cases in which these gains act, with the gains as a case takes them."""
-    gains = np.nan_to_num([found.kp, found.kd, np.zeros(len(found.kp)) if found.ki is None else found.ki])
-    cases = system.cases(weight=weight)
-    return ((case_of(case, space), gains) for case in cases if _acts(case, space))
+    gains = _gains_of(found)
+    return ((case_of(case, space), gains) for case in system.cases(weight=weight) if _acts(case, space))
 
 
 def _acts(case: StateCase, space: str) -> bool:
@@ -176,7 +178,7 @@ def _set(
 ) -> GainSet | None:
     """Gains that none can be raised of in these states; None, and a word in `nearest`, where no beginning leads to some that meet them.
 
-    safe     a set that holds in these and other states, to begin with
+    safe     a set that holds in these and other states: none softer is returned
     failed   cases for which none were found, which is not tried again; added to
     """
     given = np.any(beginning.gains != 0, axis=0)
@@ -313,21 +315,29 @@ def _searched(
 ) -> Raised:
     """The gains that are reached from the first beginning from which any are that meet the requirements; else those that came nearest.
 
+    Where they are softer than `safe`, which has to suit more states, the next beginning is tried, too: the search is a local one.
     Where all beginnings failed for some of these cases alone, they would do so again: what was reached then is what came nearest.
     """
     groups, best, reached = _groups(states, beginning, free), None, []
     safe = None if safe is not None and safe.without_weight and weighed else safe
+
+    def gives_way(gains: Gains) -> float:
+        stiff = stiffness(gains, beginning.cascade)[free]
+        return float((beginning.unit[free][stiff > 0] / stiff[stiff > 0]).sum())
+
     for one in failed:
         if one.weighed == weighed and one.safe is safe and one.cases <= set(cases):
             found = [Raised(gains, tuple(case.all_margins(gains) for case in cases), False) for gains in one.reached]
             return min(found, key=lambda each: _most_missed(cases, each))
     for start in itertools.islice(_starts(cases, beginning, weighed, progress, safe), TRIED):
         found = raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
-        if found.holds:
-            return found
-        reached.append(found)
-        if best is None or _most_missed(cases, found) < _most_missed(cases, best):
+        if best is None or _better(cases, found, best, gives_way):
             best = found
+        if found.holds and (safe is None or gives_way(found.gains) <= gives_way(_gains_of(safe))):
+            break
+        reached.append(found)
+    if best is not None and best.holds:
+        return best
     if len(reached) == TRIED:
         missed = frozenset(cases[k] for one in reached for k in one.failed)
         failed.append(_Failed(weighed, safe, missed, tuple(one.gains for one in reached)))
@@ -338,17 +348,24 @@ def _searched(
 def _starts(
     cases: Sequence[Case], beginning: Beginning, weighed: bool, progress: Callable[[], None], safe: GainSet | None
 ) -> Iterator[Gains]:
-    """Gains that are stable in every case: those of `safe` first, then parts of what each joint alone is recommended."""
-    softness = WEIGHED if weighed else SOFT
-    tried = [beginning.at(share, soft) for share in SHARES for soft in softness]
-    if safe is not None:
-        whole = np.array([safe.kp, safe.kd, np.zeros(len(safe.kp)) if safe.ki is None else safe.ki])
-        tried.insert(0, np.where(np.isnan(whole), tried[0], whole))
-    for gains in tried:
-        stable = all(case.stable(gains) for case in cases) and all(case.known(gains) for case in cases)
+    """Gains that are stable in every case: parts of what each joint alone is recommended; and those of `safe` after the first such."""
+
+    def stable(gains: Gains) -> bool:
         progress()
-        if stable:
-            yield gains
+        return all(case.stable(gains) for case in cases) and all(case.known(gains) for case in cases)
+
+    first, *others = ([beginning.at(share, soft) for soft in (WEIGHED if weighed else SOFT)] for share in SHARES)
+    likely = filter(stable, first)
+    if safe is not None:
+        yield from itertools.islice(likely, 1)
+        yield from filter(stable, [_gains_of(safe)])
+    yield from likely
+    yield from filter(stable, itertools.chain.from_iterable(others))
+
+
+def _gains_of(found: GainSet) -> Gains:
+    """(3, m), 0 for what may not be changed."""
+    return np.nan_to_num([found.kp, found.kd, np.zeros(len(found.kp)) if found.ki is None else found.ki])
 
 
 def _groups(states: Sequence[SearchedState], beginning: Beginning, free: Integers) -> list[list[int]]:
@@ -368,6 +385,13 @@ def _alike(data: Sequence[Floats], free: Integers) -> list[list[int]]:
         else:
             found.append([j])
     return found
+
+
+def _better(cases: Sequence[Case], found: Raised, other: Raised, gives_way: Callable[[Gains], float]) -> bool:
+    """Whether it holds where the other does not, or gives way less; or comes nearer where neither holds."""
+    if found.holds and other.holds:
+        return gives_way(found.gains) < gives_way(other.gains)
+    return found.holds or (not other.holds and _most_missed(cases, found) < _most_missed(cases, other))
 
 
 def _most_missed(cases: Sequence[Case], found: Raised) -> float:

@@ -12,6 +12,9 @@ from .columns import Column, facts
 from .margin_columns import margin_value, requirement
 from .number_format import THIN, digits, gain_factor, hertz
 
+MOST_ANGLES = 8
+"""Of a posture, in a sentence."""
+
 
 def counted(number: int) -> str:
     """With thin spaces."""
@@ -227,11 +230,12 @@ def worse_note(found: SweepSummary, one: SweptPosture, known: float) -> str:
     """That a posture nobody asked for is worse, and which."""
     names = found.plan.robot.joint_names
     low, high = found.plan.postures.low, found.plan.postures.high
-    angles = ", ".join(f"{name} {angle:.2f}" for name, angle, moves in zip(names, one.angles, high > low, strict=True) if moves)
+    angles = [f"{name} {angle:.2f}" for name, angle, moves in zip(names, one.angles, high > low, strict=True) if moves]
+    where = f", with {', '.join(angles)}" if len(angles) <= MOST_ANGLES else ""
     contact = found.plan.contacts[one.contact]
     return (
-        f"another posture is worse than the file's: gain limit {one.gain:.3g} in {contact} (file: {known:.3g}), with {angles}; "
-        "`gainroom sweep` looks at all of them"
+        f"another posture is worse than the file's: gain limit {one.gain:.3g} in {contact} (file: {known:.3g}){where}; "
+        f"`gainroom sweep` looks at all of them{'' if where else ', and --json has the angles of this one'}"
     )
 
 

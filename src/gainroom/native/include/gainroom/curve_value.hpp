@@ -36,14 +36,11 @@ public:
         matrix_.shape(m_, m_);
         for (std::size_t i = 0; i < m_; i++)
             for (std::size_t j = 0; j < m_; j++) matrix_.set(i, j, times(point_.seen[i * m_ + j], law_[j]) + (i == j ? 1.0 : 0.0));
-        LogDeterminant determinant;
-        if (!invert(matrix_, exchanged_, determinant)) return false;
+        if (!factorise(matrix_, exchanged_)) return false;
         const std::vector<Complex>& reached = loop_.joints() ? point_.seen : point_.reached;
-        row_.assign(m_, 0.0);  // of P X Δ V
-        for (std::size_t l = 0; l < m_; l++) {
-            const Complex factor = times(reached[which_ * m_ + l], law_[l]);
-            for (std::size_t k = 0; k < m_; k++) row_[k] += times(factor, matrix_.at(l, k));
-        }
+        row_.resize(m_);  // of P X Δ V
+        for (std::size_t l = 0; l < m_; l++) row_[l] = times(reached[which_ * m_ + l], law_[l]);
+        solve_transposed(matrix_, exchanged_, row_.data());
         sensitivity_ = 1.0;
         for (std::size_t k = 0; k < m_; k++) sensitivity_ -= row_[k] * jacobian(k, which_);
         value = return_ratio(sensitivity_);
@@ -76,13 +73,13 @@ public:
     void grow_sensitivity() {
         growth_.resize(2 * m_);
         const std::vector<Complex>& reached = loop_.joints() ? point_.seen : point_.reached;
+        column_.resize(m_);  // of V E
+        for (std::size_t k = 0; k < m_; k++) column_[k] = jacobian(k, which_);
+        solve_factorised(matrix_, exchanged_, column_.data());
         for (std::size_t j = 0; j < m_; j++) {
-            Complex row = reached[which_ * m_ + j], column = 0.0;
-            for (std::size_t k = 0; k < m_; k++) {
-                row -= times(row_[k], point_.seen[k * m_ + j]);
-                if (const double own = jacobian(k, which_); own != 0) column += matrix_.at(j, k) * own;
-            }
-            const Complex weight = -times(row, column);
+            Complex row = reached[which_ * m_ + j];
+            for (std::size_t k = 0; k < m_; k++) row -= times(row_[k], point_.seen[k * m_ + j]);
+            const Complex weight = -times(row, column_[j]);
             growth_[j] = times(weight, change_[j]);
             growth_[m_ + j] = times(weight, change_[m_ + j]);
         }
@@ -106,23 +103,30 @@ private:
         Complex* y = x + m_;
         value = begun ? quotient(x, y) : guess;
         for (int round = 0; round < 8; round++) {
+            const bool first = !begun && round == 0;
             Complex shift = value;
             for (int attempt = 0;; attempt++) {
                 matrix_.shape(m_, m_);
                 for (std::size_t i = 0; i < m_; i++)
                     for (std::size_t j = 0; j < m_; j++) matrix_.set(i, j, loop_matrix_[i * m_ + j] - (i == j ? shift : Complex(0.0)));
                 LogDeterminant determinant;
-                if (invert(matrix_, exchanged_, determinant)) break;
+                if (first ? invert(matrix_, exchanged_, determinant) : factorise(matrix_, exchanged_)) break;
                 if (attempt == 3) return false;
                 shift = value * (1 + std::pow(10.0, attempt - 15)) + 1e-300;
             }
-            if (!begun && round == 0) largest(x, y);
-            else multiply(x, y);
+            if (first) {
+                largest(x, y);
+            } else {
+                solve_factorised(matrix_, exchanged_, x);
+                solve_transposed(matrix_, exchanged_, y);
+                normalise(x);
+                normalise(y);
+            }
             const Complex found = quotient(x, y);
             if (!std::isfinite(found.real()) || !std::isfinite(found.imag())) return false;
             const double moved = std::abs(found - value);
             value = found;
-            if (moved <= 1e-14 * std::abs(value) || (round > 2 && moved <= 1e-12 * std::abs(value))) break;
+            if (moved <= kCubed * std::abs(value)) break;
         }
         return true;
     }
@@ -165,29 +169,19 @@ private:
         normalise(y);
     }
 
-    void multiply(Complex* x, Complex* y) {
-        moved_.assign(2 * m_, 0.0);
-        for (std::size_t i = 0; i < m_; i++)
-            for (std::size_t j = 0; j < m_; j++) {
-                moved_[i] += times(matrix_.at(i, j), x[j]);
-                moved_[m_ + j] += times(y[i], matrix_.at(i, j));
-            }
-        std::copy(moved_.begin(), moved_.end(), follow_.begin());
-        normalise(x);
-        normalise(y);
-    }
-
     void normalise(Complex* vector) const {
         double size = 0.0;
         for (std::size_t i = 0; i < m_; i++) size = std::max(size, std::abs(vector[i]));
         for (std::size_t i = 0; i < m_ && size > 0; i++) vector[i] /= size;
     }
 
+    static constexpr double kCubed = 1e-7;  // a move; what is left is about its third power: quotients of both vectors converge cubically
+
     DirectedLoop& loop_;
     std::size_t n_, m_, which_ = 0;
     bool locus_ = false;
     LoopPoint point_;
-    std::vector<Complex> law_, change_, row_, loop_matrix_, follow_, moved_, growth_;
+    std::vector<Complex> law_, change_, row_, column_, loop_matrix_, follow_, growth_;
     Complex sensitivity_;
     Dense matrix_;
     std::vector<std::size_t> exchanged_;

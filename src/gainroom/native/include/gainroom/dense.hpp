@@ -1,4 +1,4 @@
-// Small dense complex matrices, by rows: inverse with determinant, linear equations, a bound of eigenvalues.
+// Small dense complex matrices, by rows: inverse with determinant, factors, linear equations, a bound of eigenvalues.
 #pragma once
 
 #include <algorithm>
@@ -117,6 +117,48 @@ GAINROOM_WIDE inline bool invert(Dense& a, std::vector<std::size_t>& exchanged, 
             a.set(r, exchanged[k], value);
         }
     return true;
+}
+
+// A (n, n) → L below the diagonal, where it is 1, and U of its exchanged rows; false where it is singular.
+GAINROOM_WIDE inline bool factorise(Dense& a, std::vector<std::size_t>& exchanged) {
+    exchanged.resize(a.rows);
+    for (std::size_t k = 0; k < a.rows; k++) {
+        std::size_t row = k;
+        if (!a.pivot(k, row)) return false;
+        exchanged[k] = row;
+        a.exchange(k, row);
+        const Complex inverse = over(1.0, a.at(k, k));
+        for (std::size_t r = k + 1; r < a.rows; r++) {
+            const Complex factor = times(a.at(r, k), inverse);
+            a.set(r, k, factor);
+            a.subtract(r, k, factor, k + 1);
+        }
+    }
+    return true;
+}
+
+// b (n) → A⁻¹ b, of a matrix that is factorised.
+inline void solve_factorised(const Dense& a, const std::vector<std::size_t>& exchanged, Complex* b) {
+    const std::size_t n = a.rows;
+    for (std::size_t k = 0; k < n; k++) std::swap(b[k], b[exchanged[k]]);
+    for (std::size_t r = 0; r < n; r++)
+        for (std::size_t c = 0; c < r; c++) b[r] -= times(a.at(r, c), b[c]);
+    for (std::size_t r = n; r-- > 0;) {
+        for (std::size_t c = r + 1; c < n; c++) b[r] -= times(a.at(r, c), b[c]);
+        b[r] = over(b[r], a.at(r, r));
+    }
+}
+
+// The same of the transpose: a row b → b A⁻¹.
+inline void solve_transposed(const Dense& a, const std::vector<std::size_t>& exchanged, Complex* b) {
+    const std::size_t n = a.rows;
+    for (std::size_t k = 0; k < n; k++) {
+        b[k] = over(b[k], a.at(k, k));
+        for (std::size_t c = k + 1; c < n; c++) b[c] -= times(b[k], a.at(k, c));
+    }
+    for (std::size_t k = n; k-- > 0;)
+        for (std::size_t c = 0; c < k; c++) b[c] -= times(b[k], a.at(k, c));
+    for (std::size_t k = n; k-- > 0;) std::swap(b[k], b[exchanged[k]]);
 }
 
 // [A | B] (n, n + c) → B becomes A⁻¹B, by elimination with exchanges of rows; false where A is singular. `hessenberg`: A has that form.
