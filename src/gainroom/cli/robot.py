@@ -103,7 +103,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
     from ..report.recommended_gains import recommended_facts
     from ..report.robot_columns import actuator_facts, state_columns, worst_facts
     from ..report.robot_text import notes, sentence, warnings
-    from ..studies.analysis import USUAL_RATE
+    from ..studies.state import USUAL_RATE
 
     sample_time, usual = study.system.control.sample_time, study.at_usual_rate
     met = usual is not None and study.system.requirements.met_by(usual)

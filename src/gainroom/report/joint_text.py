@@ -8,9 +8,10 @@ import numpy as np
 from ..design.joint_gains import COST_ACCURACY, Recommendation
 from ..design.uncertainty_cost import KnownExactly
 from ..errors import apart, case_text, frequency_text, listed
-from ..studies.analysis import USUAL_RATE, Analysis
+from ..studies.analysis import Analysis
 from ..studies.deciding_joints import joints_that_miss
 from ..studies.joint import JointStudy
+from ..studies.state import USUAL_RATE
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of, to_db
 from ..system.system import System

@@ -9,8 +9,9 @@ import numpy as np
 
 from ..analysis.margin_record import Margins
 from ..design.joint_gains import Recommendation
-from ..studies.analysis import USUAL_RATE, Analysis
+from ..studies.analysis import Analysis
 from ..studies.joint import JointStudy
+from ..studies.state import USUAL_RATE
 from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, tabulated, yes
 from .gains_to_use import joint_gains, kept, robot_gains, typed

@@ -6,18 +6,15 @@ adds.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
-from ..analysis.stability import is_stable
 from ..design.joint_gains import rounded_down
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .state import Progress, State, Worst, by_headroom, state_of, unknown_first
 
-USUAL_RATE = 2000.0
-"""[Hz] of the loops of robots with EtherCAT drives: what gains for continuous time keep there is told where no rate is given."""
 THIS_STATE = "this state"
 
 
@@ -131,10 +128,9 @@ class Analysis:
         """A state in which gains that are stable in continuous time are unstable at USUAL_RATE; None: there is none, or a rate is given."""
         if not (self.rate_is_missing and self.stable):
             return None
-        sampled = replace(self.system, control=replace(self.system.control, sample_time=1 / USUAL_RATE))
-        states = (State(sampled, state.posture, state.contact, state.model) for state in self.states)
+        states = (state.at_usual_rate for state in self.states)
         try:
-            return next((state for state in states if not is_stable(state.loop)), None)
+            return next((state for state in states if not state.stable), None)
         except GainroomError:  # a controller that is made for continuous time alone
             return None
 
@@ -147,10 +143,9 @@ class Analysis:
         """
         if not self.rate_is_missing or self.system.uncertainty.names or self.unstable_at_usual_rate is not None or not self.decisive:
             return {}
-        sampled = replace(self.system, control=replace(self.system.control, sample_time=1 / USUAL_RATE))
         deciding = {state.title: state for state in (*self.unmet.values(), self.worst[self.decisive])}
         try:
-            found = [State(sampled, state.posture, state.contact, state.model).margins for state in deciding.values()]
+            found = [state.at_usual_rate.margins for state in deciding.values()]
         except GainroomError:  # a controller that is made for continuous time alone
             return {}
         found, missed = [margins for margins in found if margins.certified], {}

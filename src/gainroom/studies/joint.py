@@ -19,8 +19,8 @@ from ..system.loop import Loop
 from ..system.requirements import Requirements
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
-from .analysis import USUAL_RATE, Analysis, analyze
-from .state import State, Worst
+from .analysis import Analysis, analyze
+from .state import USUAL_RATE, State, Worst
 
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
 RULE_DAMPING = 2.0

@@ -17,9 +17,9 @@ from ..errors import computable
 from ..system.controller import Controller
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .analysis import USUAL_RATE, Analysis, analyze
+from .analysis import Analysis, analyze
 from .deciding_joints import most_sensitive
-from .state import Progress, State, task_headroom
+from .state import USUAL_RATE, Progress, State, task_headroom
 
 EXPECTED_LOOKS = 250
 """Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
@@ -145,7 +145,9 @@ def study_robot(system: System, progress: Progress | None = None, recommend: boo
             told()
             tell(done, total, what)
 
-        return analyze(system, report, NUMBERS)
+        found = analyze(system, report, NUMBERS)
+        found.missed_at_usual_rate  # noqa: B018 - beside the search for gains; its states remember
+        return found
 
     every: list[Job[Any]] = [analysis, *jobs]
     found, *recommended = side_by_side(every, lambda: None)

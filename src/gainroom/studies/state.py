@@ -34,6 +34,8 @@ STRONG = 0.5
 """A joint takes part in a vibration where it moves by at least this part of the joint that moves most."""
 ANYWHERE = np.array([0.7, 1.3, 2.1])
 """Frequencies [rad/s] at one of which a loop that acts on any motion is not 0."""
+USUAL_RATE = 2000.0
+"""[Hz] of the loops of robots with EtherCAT drives: what gains for continuous time keep there is told where no rate is given."""
 HELD = "no joint that has gains can move"
 IDLE = "the tasks act on no motion"
 Progress = Callable[[int, int, str], None]
@@ -145,6 +147,17 @@ class State:
     def loop(self) -> Loop:
         """All joints together."""
         return self.system.loop(self.model, self.controller)
+
+    @cached_property
+    def stable(self) -> bool:
+        """By a count of roots. Raises as is_stable does."""
+        return is_stable(self.loop)
+
+    @cached_property
+    def at_usual_rate(self) -> "State":
+        """The same, sampled at USUAL_RATE. Its numbers may raise GainroomError: some controllers are made for continuous time alone."""
+        sampled = replace(self.system, control=replace(self.system.control, sample_time=1 / USUAL_RATE))
+        return State(sampled, self.posture, self.contact, self.model)
 
     @cached_property
     def moves(self) -> bool:
