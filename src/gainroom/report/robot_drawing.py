@@ -19,13 +19,6 @@ LEAST_BAR = 0.005  # participation factor: less reads as 0 %
 WIDTH = 1028  # [px] of a picture on a wide screen
 
 
-PARTS = (
-    "The colour of a joint is its motion relative to the largest; rings are joints at one point, the first of the chain outermost. "
-    "Angles beside the bars: phase lag behind the first joint, 180° is opposite. Dark patches are contacts, the crossed circle is the "
-    "centre of mass."
-)
-
-
 def hero(state: State, alone: bool, motion: GainLimit | None = None, title: str = "") -> Html:
     """The state with the least gain headroom, large, with each joint's participation factor beside it. `alone`: it is the only one.
 
@@ -33,7 +26,7 @@ def hero(state: State, alone: bool, motion: GainLimit | None = None, title: str 
     """
     view, limit = common_view([state], 0.65), motion or state.limit  # names stand between the sides
     title = title or _title(state, alone)
-    caption = _hero_caption(state) if motion is None else PARTS
+    caption = _hero_caption(state) if motion is None else f"The colour of a joint is its motion relative to the largest; {_parts(state)}"
     wide, high = view.high - view.low
     part = min(0.54, max(0.4, 0.42 * wide / high))
     traces, notes = drawn(state.model, limit, view, 17)
@@ -109,12 +102,22 @@ def _found(limit: GainLimit) -> str:
     return f"UNSTABLE; stable below {factor}\u00a0× these gains, where vibration starts {at}"
 
 
+def _parts(state: State) -> str:
+    """What the marks of the drawing are, from the joints' rings on."""
+    fixed = state.model.body.base == "fixed"
+    patches = (
+        "Dark patches are contacts" + " and the fixed base" * fixed if state.model.contacts else "The dark patch is the fixed base" * fixed
+    )
+    return (
+        "rings are joints at one point, the first of the chain outermost. Angles beside the bars: phase lag behind the first joint, 180° "
+        f"is opposite. {patches + ', the' if patches else 'The'} crossed circle is the centre of mass."
+    )
+
+
 def _hero_caption(state: State) -> str:
     text = (
         "The colour of a joint is its participation factor: its motion in the vibration at the limit, relative to the largest; "
-        "rings are joints at one point, the first of the chain outermost. Angles beside the bars: phase lag behind the first joint, 180° "
-        "is opposite. Dark patches are contacts, the crossed circle is the centre of mass. What is farther away is drawn up and to the "
-        "right, at half scale."
+        f"{_parts(state)} What is farther away is drawn up and to the right, at half scale."
     )
     joints = state.limiting_joints
     if not joints:

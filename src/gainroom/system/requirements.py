@@ -81,7 +81,8 @@ class Requirement:
         """As text: "6 dB", "30°", "2"."""
         if not math.isfinite(value):
             return "not known" if math.isnan(value) else "∞"
-        return f"{self.in_unit(value):.{significant}g}{'' if self.unit in ('', '°') else ' '}{self.unit}"
+        number = f"{self.in_unit(value):.{significant}g}".replace("-", "−")
+        return f"{number}{'' if self.unit in ('', '°') else ' '}{self.unit}"
 
     def check(self, value: object) -> None:
         """Raise GainroomError where `value` cannot be asked for."""
