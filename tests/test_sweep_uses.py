@@ -48,7 +48,7 @@ def test_robot_names_a_posture_that_is_worse_than_the_file_s(tmp_path, capsys):
     assert worse["gain_limit"] < 0.99 * known
     assert worse["gain_limit"] == pytest.approx(alone(file, list(worse["angles"].values())) * PROVED, rel=1e-9)
     assert main(["robot", str(file)]) == 0
-    assert "another posture is worse than the file's" in " ".join(capsys.readouterr().out.split())
+    assert "Another posture is worse than the file's" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(("count", "size"), [(32, 29), (256, 3), (1, 2)])

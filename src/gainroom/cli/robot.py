@@ -92,7 +92,7 @@ def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tup
     worse = worse_posture(seen, known)
     if worse is None:
         return study, None, ({"worse_posture": None}, [])
-    return study, None, ({"worse_posture": posture_facts(*worse)}, [f"Note: {worse_note(*worse, known)}."])
+    return study, None, ({"worse_posture": posture_facts(*worse)}, [worse_note(*worse, known)])
 
 
 def _facts(study: "RobotStudy") -> dict[str, Any]:

@@ -70,16 +70,19 @@ def weight_warnings(gains: RobotGains) -> list[str]:
     if gains.unweighed:
         why = "because contacts there leave the base free to move; take a foot as flat and rigid"
         found.append(f"recommended gains: the weight is left out in {listed(list(gains.unweighed))}, {why}")
-    for name, one in {"every state": safe, **gains.per_contact}.items():
-        same = safe is not None and one is not None and one is not safe and one.kp is safe.kp
-        if one is None or not one.without_weight or same:
-            continue
-        text = (
-            f"recommended gains, {gains.space} space, {name}: none were found that meet the requirements with the robot's weight (the "
-            f"nearest: {one.nearest}); those reported meet them without the weight, as where it is compensated, and "
+    failed = {} if safe is None or not safe.without_weight else {"every state": safe}
+    for contact, one in gains.per_contact.items():
+        if one is not None and one.without_weight and not (safe is not None and one.kp is safe.kp):
+            failed[contact] = one
+    if failed:
+        nearest = [f"{name} {one.nearest}" if len(failed) > 1 else one.nearest for name, one in failed.items()]
+        topples = list(dict.fromkeys(title for one in failed.values() for title in one.topples))
+        lost = f"the robot topples on them in {listed(topples)}: a balance controller must prevent that"
+        found.append(
+            f"recommended gains, {gains.space} space, {', '.join(failed)}: none were found that meet the requirements with the robot's "
+            f"weight (the nearest: {'; '.join(nearest)}); those reported meet them without the weight, as where it is compensated, and "
+            + (lost if topples else "the robot does not topple on them")
         )
-        lost = f"the robot topples on them in {listed(list(one.topples))}: a balance controller must prevent that"
-        found.append(text + (lost if one.topples else "the robot does not topple on them"))
     return found
 
 

@@ -234,8 +234,8 @@ def worse_note(found: SweepSummary, one: SweptPosture, known: float) -> str:
     where = f", with {', '.join(angles)}" if len(angles) <= MOST_ANGLES else ""
     contact = found.plan.contacts[one.contact]
     return (
-        f"another posture is worse than the file's: gain limit {one.gain:.3g} in {contact} (file: {known:.3g}){where}; "
-        f"`gainroom sweep` looks at all of them{'' if where else ', and --json has the angles of this one'}"
+        f"Another posture is worse than the file's: gain limit {one.gain:.3g} in {contact} (file: {known:.3g}){where}; "
+        f"gainroom sweep looks at all of them{'' if where else ', and --json has the angles of this one'}."
     )
 
 
