@@ -141,7 +141,7 @@ COMPLEMENTARY = SensitivityBound(
     slope=-1.0,
     offset=1.0,
 )
-DELAY = Requirement("delay_margin", "delay margin", "delay_margin_ms", "ms", 1e3, at_frequency="delay_crossover")
+SPARE = Requirement("spare_delay", "spare delay", "spare_delay_ms", "ms", 1e3, bounds="delay_margin", at_frequency="delay_crossover")
 """A requirement with an excluded set in closed form, and one that is known by its margin alone."""
 KNEE = """\
 joint: {motor_inertia: 1.0, link_inertia: 16.0, stiffness: 1e4, damping: 1.0}
@@ -207,33 +207,33 @@ def test_a_requirement_is_one_object(tmp_path, capsys, monkeypatch):
 
 def test_a_requirement_without_an_excluded_set(monkeypatch: pytest.MonkeyPatch):
     """It is judged by its margin alone: the recommended gains keep it all the same, in a file's unit, and would not without it."""
-    monkeypatch.setitem(REQUIREMENTS, DELAY.name, DELAY)
+    monkeypatch.setitem(REQUIREMENTS, SPARE.name, SPARE)
     parts = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3)
-    text = KNEE.replace("gain_margin_db: 6, peak_sensitivity: 2, peak_complementary: 1.3", "peak_sensitivity: 2.5, delay_margin_ms: 5")
+    text = KNEE.replace("gain_margin_db: 6, peak_sensitivity: 2, peak_complementary: 1.3", "peak_sensitivity: 2.5, spare_delay_ms: 5")
     required = parse_joint(text, "knee.yaml").requirements
-    assert required.delay_margin == pytest.approx(5e-3)
+    assert required.spare_delay == pytest.approx(5e-3)
     found, without = (gr.recommend_pd(*parts, asked) for asked in (required, required.only("peak_sensitivity")))
     assert found is not None
     assert without is not None
     assert delay_margin(without.kp, without.kd) < 0.7 * 5e-3
     assert 5e-3 * 0.999 < delay_margin(found.kp, found.kd) < 5e-3 * 1.02  # the grid's crossings are good to a few 1e-4
-    assert found.binding == "delay_margin"
+    assert found.binding == "spare_delay"
     found = gr.margins(gr.build_loop(*parts, without.controller))
     rows = judged_rows(found, found, required)
-    assert ("≥ 5 ms", "no") in {row[3:] for row in rows if row[0] == "delay margin"}
+    assert ("≥ 5 ms", "no") in {row[3:] for row in rows if row[0] == "spare delay"}
 
 
 def test_what_a_new_requirement_proves_over_ranges(monkeypatch: pytest.MonkeyPatch):
     """With an excluded set it is proved like any other, and no more than is true; without one nothing is claimed."""
     joint, drive = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3)
     ranges, controller = gr.Uncertainty(delay=(1.8e-3, 2.2e-3)), gr.PD(600.0, 180.0)
-    for one in (COMPLEMENTARY, DELAY):
+    for one in (COMPLEMENTARY, SPARE):
         monkeypatch.setitem(REQUIREMENTS, one.name, one)
     worst = peak(replace(knee(600.0, 180.0), delay=2.2e-3), lambda value: np.abs(value / (1 + value)))
     for share, holds in ((1.02, True), (0.99, False)):
         proof = prove(joint, drive, ranges, controller, gr.Requirements(peak_complementary=share * worst), most=50_000)
         assert proof.holds is holds
-    proof = prove(joint, drive, ranges, controller, gr.Requirements(delay_margin=1e-6))
+    proof = prove(joint, drive, ranges, controller, gr.Requirements(spare_delay=1e-6))
     assert not proof.holds
     assert not proof.broken
 
@@ -280,18 +280,18 @@ def highest_complementary(path: Path, kp: Any, kd: Any) -> float:
 
 def test_slopes_of_a_margin_that_has_no_curve(monkeypatch: pytest.MonkeyPatch):
     """By differences: they tell how the certified margin of two coupled loops changes with every gain."""
-    monkeypatch.setitem(REQUIREMENTS, DELAY.name, DELAY)
+    monkeypatch.setitem(REQUIREMENTS, SPARE.name, SPARE)
     plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
     drive, eye = gr.Drive(4000.0, 0.9, 2e-3), np.eye(2)
 
     def loop(gains):
         return gr.build_loop(plant, drive, gr.PD(gains[0], gains[1]))
 
-    required = gr.Requirements(delay_margin=0.02)
+    required = gr.Requirements(spare_delay=0.02)
     case = Case("bench", loop, eye, eye, np.zeros(2, dtype=bool), required)
     gains = np.array([[900.0, 700.0], [40.0, 30.0], [0.0, 0.0]])
     slopes = case.slopes(gains)
-    assert slopes.name == ("delay_margin",)
+    assert slopes.name == ("spare_delay",)
     assert slopes.missed[0] == pytest.approx(np.log(0.02 / gr.joint_margins(loop(gains)).delay_margin), abs=1e-9)
     step = np.full((2, 2), -0.003)
     after = gr.joint_margins(loop(moved(gains, step, case.cascade))).delay_margin

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..analysis.margin_record import Margins
 from ..errors import apart
-from ..system.requirements import REQUIREMENTS, Requirements, to_db
+from ..system.requirements import REQUIREMENTS, Requirement, Requirements, to_db
 from .columns import Column, yes
 from .number_format import as_typed, digits, frequency
 
@@ -48,6 +48,11 @@ MARGIN = [
 """The margins of one loop."""
 
 
+def _own(one: Requirement, margins: Margins) -> float:
+    """The margin that has a requirement's name, of the gain margin the upper one; what it bounds where none has."""
+    return getattr(margins, one.name, one.value(margins))
+
+
 def margin_columns() -> list[Column]:
     """MARGIN, and further margins that a requirement bounds."""
     known, keys = {column.margin for column in MARGIN}, {column.key for column in MARGIN}
@@ -56,7 +61,7 @@ def margin_columns() -> list[Column]:
         Column(
             "" if one.name in known else one.title,
             one.key,
-            lambda m, one=one: one.in_unit(getattr(m, one.name, one.value(m))),
+            lambda m, one=one: one.in_unit(_own(one, m)),
             one.unit,
             at=one.frequency,
             margin=one.name,
@@ -121,7 +126,7 @@ def judged_rows(margins: Margins, worst: Margins, required: Requirements) -> lis
         if column.title:
             name = column.requirement
             met = required.met(name, REQUIREMENTS[name].value(worst)) if name else None
-            text = margin_value(required, name, getattr(margins, name), met) if name else column.text(margins)
+            text = margin_value(required, name, _own(REQUIREMENTS[name], margins), met) if name else column.text(margins)
             at = "" if column.at is None else frequency(column.at(margins))
             verdict = "" if met is None else yes(worst.stable and met)
             rows.append((column.title, text, at, requirement(required, name) if name else "", verdict))
