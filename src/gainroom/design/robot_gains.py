@@ -13,7 +13,6 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,9 +29,6 @@ from .margin_slopes import Case, Gains
 from .mirror import EXACT, mirror_of
 from .side_by_side import Job, side_by_side
 from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, tasks_alike
-
-if TYPE_CHECKING:
-    pass
 
 SHARES = (0.5, 0.25, 0.12, 0.9, 0.05)
 """Of the damping of each joint alone, with which a search may begin: what is stable is made to meet the requirements."""
@@ -321,9 +317,12 @@ def _searched(
     groups, best, reached = _groups(states, beginning, free), None, []
     safe = None if safe is not None and safe.without_weight and weighed else safe
 
-    def gives_way(gains: Gains) -> float:
-        stiff = stiffness(gains, beginning.cascade)[free]
-        return float((beginning.unit[free][stiff > 0] / stiff[stiff > 0]).sum())
+    def softer(gains: Gains, other: Gains) -> bool:
+        """Whether they give way more, in what both hold."""
+        stiff, beside = (stiffness(each, beginning.cascade)[free] for each in (gains, other))
+        both = (stiff > 0) & (beside > 0)
+        unit = beginning.unit[free][both]
+        return float((unit / stiff[both]).sum()) > float((unit / beside[both]).sum())
 
     for one in failed:
         if one.weighed == weighed and one.safe is safe and one.cases <= set(cases):
@@ -331,9 +330,9 @@ def _searched(
             return min(found, key=lambda each: _most_missed(cases, each))
     for start in itertools.islice(_starts(cases, beginning, weighed, progress, safe), TRIED):
         found = raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
-        if best is None or _better(cases, found, best, gives_way):
+        if best is None or _better(cases, found, best, softer):
             best = found
-        if found.holds and (safe is None or gives_way(found.gains) <= gives_way(_gains_of(safe))):
+        if found.holds and (safe is None or not softer(found.gains, _gains_of(safe))):
             break
         reached.append(found)
     if best is not None and best.holds:
@@ -358,14 +357,15 @@ def _starts(
     likely = filter(stable, first)
     if safe is not None:
         yield from itertools.islice(likely, 1)
-        yield from filter(stable, [_gains_of(safe)])
+        yield from filter(stable, [_gains_of(safe, first[0])])
     yield from likely
     yield from filter(stable, itertools.chain.from_iterable(others))
 
 
-def _gains_of(found: GainSet) -> Gains:
-    """(3, m), 0 for what may not be changed."""
-    return np.nan_to_num([found.kp, found.kd, np.zeros(len(found.kp)) if found.ki is None else found.ki])
+def _gains_of(found: GainSet, others: Gains | float = 0.0) -> Gains:
+    """(3, m); `others` where it has none."""
+    whole = np.array([found.kp, found.kd, np.zeros(len(found.kp)) if found.ki is None else found.ki])
+    return np.where(np.isnan(whole), others, whole)
 
 
 def _groups(states: Sequence[SearchedState], beginning: Beginning, free: Integers) -> list[list[int]]:
@@ -387,10 +387,10 @@ def _alike(data: Sequence[Floats], free: Integers) -> list[list[int]]:
     return found
 
 
-def _better(cases: Sequence[Case], found: Raised, other: Raised, gives_way: Callable[[Gains], float]) -> bool:
-    """Whether it holds where the other does not, or gives way less; or comes nearer where neither holds."""
+def _better(cases: Sequence[Case], found: Raised, other: Raised, softer: Callable[[Gains, Gains], bool]) -> bool:
+    """Whether it holds where the other does not, or the other is softer; or it comes nearer where neither holds."""
     if found.holds and other.holds:
-        return gives_way(found.gains) < gives_way(other.gains)
+        return softer(other.gains, found.gains)
     return found.holds or (not other.holds and _most_missed(cases, found) < _most_missed(cases, other))
 
 
