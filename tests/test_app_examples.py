@@ -113,6 +113,7 @@ def test_a_card_leads_to_where_its_margin_is_worst(browser: Any, bare: Served):
     tab.settle(CERTIFIED)
     view = tab.view()
     assert (view["posture"], view["contact"], view["joint"]) == place.groups()
+    assert tab.page.evaluate("() => document.activeElement.dataset.name") == "phase_margin"  # the answers took no focus away
     assert view["angles"] == {"right_knee": 0.7}
     assert tab.page.evaluate("() => gainroom.body.feet.length") == 1  # on the ground in this contact state, of two before
     assert not tab.said

@@ -277,11 +277,15 @@ function sentences(part, current) {
   brief(part);
 }
 
+/** @type {string | undefined} */ let chosen = ""; // the card that has the focus, which new ones take over
+
 /** Each requirement; where in the stated ranges all are worst, "" where that differs. @param {any} part @returns {string} */
 function cards(part) {
   page.said = part;
   const places = new Set(part.rows.map((/** @type {any} */ row) => row.where).filter(Boolean)), once = page.opening.uncertain.length && places.size === 1 ? [...places][0] : "";
   const after = part.basis === "state" ? ", so far" : part.basis === "certified" && page.opening.uncertain.length ? ", worst case" : "";
+  const active = /** @type {HTMLElement} */ (document.activeElement);
+  if (active !== document.body) chosen = by("rows").contains(active) ? active.dataset.name : ""; // before answers are whole a card is no button, and cannot hold it
   by("rows").replaceChildren(...part.rows.map((/** @type {any} */ row) => {
     const card = document.createElement(row.place ? "button" : "div"), value = document.createElement("b"), title = document.createElement("small"), below = document.createElement("small");
     card.className = `row ${row.met === null ? "" : row.met ? "yes" : "no"}`;
@@ -295,6 +299,7 @@ function cards(part) {
     if (row.place) Object.assign(card, { title: `Show where: ${below.textContent}`, onclick: () => states && states.visit(row.place) });
     return card;
   }));
+  if (chosen) /** @type {HTMLElement | null} */ (by("rows").querySelector(`button[data-name="${chosen}"]`))?.focus({ preventScroll: true });
   return once;
 }
 
