@@ -58,9 +58,8 @@ def test_postures_in_passing_fill_every_range(count, size):
     parts = np.sort(np.floor(points * count), axis=0)
     np.testing.assert_array_equal(parts, np.tile(np.arange(count)[:, None], (1, size)))
     np.testing.assert_array_equal(points, latin_hypercube(count, size))
-    assert size < 3 or np.abs(np.corrcoef(points.T) - np.eye(size)).max() < 5 / np.sqrt(
-        count
-    )  # shuffled apart: five times the chance's size
+    if size > 2:  # shuffled apart: five times the chance's size
+        assert np.abs(np.corrcoef(points.T) - np.eye(size)).max() < 5 / np.sqrt(count)
 
 
 def test_robot_takes_the_worst_postures_of_a_sweep(tmp_path, capsys):

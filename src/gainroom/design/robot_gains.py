@@ -54,7 +54,7 @@ EVERYWHERE = ""
 class _Failed:
     """Cases, with the weight or without, for which no beginning led to gains that meet the requirements; and what each reached.
 
-    safe   the set that was the first beginning, or None
+    safe   the set that was among the beginnings, or None
     """
 
     weighed: bool

@@ -71,16 +71,16 @@ def glance(system: System) -> SweepSummary | None:
     try:
         if not all(StateLimits(system, contact).quick for contact in robot.contacts):
             return None
-        box = _workspace(robot, GLANCE)
+        count = max(LEAST_GLANCE, int(GLANCE * min(1.0, (GLANCED_JOINTS / robot.body.size) ** 3)))
+        box = _workspace(robot, count)
+        angles = box.low + latin_hypercube(count, robot.body.size) * (box.high - box.low)
+        return summary_of(SweepPlan(system, Trajectory(angles), tuple(robot.contacts)), workers=1)
     except GainroomError:  # a joint that slides without limits
         return None
-    count = max(LEAST_GLANCE, int(GLANCE * min(1.0, (GLANCED_JOINTS / robot.body.size) ** 3)))
-    angles = box.low + latin_hypercube(count, robot.body.size) * (box.high - box.low)
-    return summary_of(SweepPlan(system, Trajectory(angles), tuple(robot.contacts)), workers=1)
 
 
 def _workspace(robot: Robot, samples: int) -> Samples:
-    """Postures within the joints' limits; those without any stand as in the first posture."""
+    """Postures within the joints' limits; a joint that they leave nothing stands as in the first posture."""
     base = robot.body.angles(robot.body.configuration(dict(next(iter(robot.postures.values())).angles)))
     return sampled(robot.body, base, samples)
 
