@@ -255,12 +255,16 @@ def test_slopes_are_the_changes_of_margins(seed, across, sample_time):
             assert slopes.slope[(k, *place)] == pytest.approx((more - less) / (2 * step), rel=2e-2, abs=2e-4)
 
 
+TWINS = 14  # the seed of two crossings that are close
+
+
 @pytest.mark.parametrize("sample_time", [None, 5e-4])
 @pytest.mark.parametrize("seed", seeds(4, 40))
 def test_delay_margins_and_their_slopes(seed, sample_time):
     """Against the certified delay margin, which samples the loop anew for every share of a tick, and its central differences.
 
-    Where two crossings are close, as of equal limbs, the later one may be seen alone: 6 % later in one of 80.
+    Where two crossings are close, as of equal limbs, the later one may be seen alone: 6 % later in one of 80. About to vanish, they move
+    so unevenly that a difference is 3 % off.
     """
     rng = np.random.default_rng([53, seed])
     size = int(rng.integers(2, 5))
@@ -279,7 +283,7 @@ def test_delay_margins_and_their_slopes(seed, sample_time):
     # a share of a tick is nearly a phase: what requirements ask beyond what is needed is more than that is off
     assert here * (1 - TICKS) < found.delay_margin < 1.1 * here
     if found.delay_margin > here * (1 + TICKS):
-        assert seed == 14
+        assert seed == TWINS
         return
     assert sample_time is not None or found.delay_margin == pytest.approx(here, rel=1e-6)
     slopes, step = case.slopes(gains), 1e-4
@@ -290,7 +294,9 @@ def test_delay_margins_and_their_slopes(seed, sample_time):
         way[place] = step
         more, less = (exact(moved(gains, sign * way, case.cascade)) for sign in (1, -1))
         change = -(log(more) - log(less)) / (2 * step)
-        assert slopes.slope[(k, *place)] == pytest.approx(change, rel=0.05 if sample_time is None else 0.1, abs=2e-3)
+        assert slopes.slope[(k, *place)] == pytest.approx(
+            change, rel=(0.05 if seed == TWINS else 0.02) if sample_time is None else 0.1, abs=2e-3
+        )
 
 
 @pytest.mark.parametrize("sample_time", [None, 5e-4])
