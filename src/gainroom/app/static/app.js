@@ -6,10 +6,8 @@ import { Controls, choice } from "./controls.js";
 import { States } from "./states.js";
 import { RobotView } from "./robot.js";
 import { copied, difference, download, forms, toast } from "./away.js";
+import { by, made } from "./elements.js";
 import { fromAddress, toAddress } from "./address.js";
-
-/** @param {string} id @returns {any} */
-const by = (id) => document.getElementById(id);
 
 const page = {
   /** @type {any} */ opening: null,
@@ -143,11 +141,7 @@ function open(opening) {
     if (opening.examples.length) examples(opening);
     forms(opening, send);
     by("save").hidden = !opening.saves;
-    const fit = document.createElement("button");
-    fit.textContent = "Fit";
-    fit.title = "Show these gains and the recommended ones";
-    fit.onclick = () => refit();
-    by("map").querySelector("figcaption").append(fit);
+    by("map").querySelector("figcaption").append(made("button", { textContent: "Fit", title: "Show these gains and the recommended ones", onclick: () => refit() }));
   }
   look(true, first ? (opening.window ? { window: opening.window } : {}) : { window: map.window });
 }
@@ -265,7 +259,7 @@ function sentences(part, current) {
   page.certified = part.basis === "certified" && current;
   by("verdict").className = `${part.tone}${page.certified ? "" : " quick"}`;
   const [first, ...rest] = part.sentence.split(/(?<=\.) (?=[A-Z])/); // as on a report: the verdict in bold
-  by("sentence").replaceChildren(first, ...(rest.length ? [" ", Object.assign(document.createElement("span"), { textContent: rest.join(" ") })] : []));
+  by("sentence").replaceChildren(first, ...(rest.length ? [" ", made("span", {}, rest.join(" "))] : []));
   const ranges = page.opening.uncertain.length > 0, met = page.certified ? part.met === true && !(part.uncertified || []).length : null, once = cards(part);
   if (met !== map.met) { map.met = met; map.draw(); }
   by("basis").textContent = {
@@ -287,19 +281,15 @@ function cards(part) {
   const active = /** @type {HTMLElement} */ (document.activeElement);
   if (active !== document.body) chosen = by("rows").contains(active) ? active.dataset.name : ""; // before answers are whole a card is no button, and cannot hold it
   by("rows").replaceChildren(...part.rows.map((/** @type {any} */ row) => {
-    const card = document.createElement(row.place ? "button" : "div"), value = document.createElement("b"), title = document.createElement("small"), below = document.createElement("small");
-    card.className = `row ${row.met === null ? "" : row.met ? "yes" : "no"}`;
+    const [tone, mark] = row.met === null ? ["", ""] : row.met ? ["yes", " ✓"] : ["no", " ✗"];
+    const below = [row.required, row.where && !once ? `${page.opening.kind === "robot" ? "in" : "at"} ${row.where}` : ""].filter(Boolean).join(" · "); // a title, too, where it is too narrow for it
+    const better = row.to_use && row.to_use !== "–" && row.to_use !== row.worst && !isTaken() ? made("span", {}, ` ★ ${row.to_use}`) : "";
+    const card = made(row.place ? "button" : "div", { className: `row ${tone}`, title: below }, made("small", {}, row.title + after), made("b", {}, row.worst + mark), better, made("small", {}, below));
     card.dataset.name = row.name;
-    title.textContent = row.title + after;
-    value.textContent = row.worst + (row.met === null ? "" : row.met ? " ✓" : " ✗");
-    const better = row.to_use && row.to_use !== "–" && row.to_use !== row.worst && !isTaken() ? Object.assign(document.createElement("span"), { textContent: ` ★ ${row.to_use}` }) : "";
-    below.textContent = [row.required, row.where && !once ? `${page.opening.kind === "robot" ? "in" : "at"} ${row.where}` : ""].filter(Boolean).join(" · ");
-    card.title = below.textContent; // where it is too narrow for it
-    card.append(title, value, better, below);
-    if (row.place) Object.assign(card, { title: `Show where: ${below.textContent}`, onclick: () => states && states.visit(row.place) });
+    if (row.place) Object.assign(card, { title: `Show where: ${below}`, onclick: () => states && states.visit(row.place) });
     return card;
   }));
-  if (chosen) /** @type {HTMLElement | null} */ (by("rows").querySelector(`button[data-name="${chosen}"]`))?.focus({ preventScroll: true });
+  if (chosen) by("rows").querySelector(`button[data-name="${chosen}"]`)?.focus({ preventScroll: true });
   return once;
 }
 
@@ -322,8 +312,8 @@ function use(part) {
   const notes = by("notes");
   notes.replaceChildren();
   for (const { text, lines } of part.notes) {
-    notes.append(Object.assign(document.createElement("p"), { textContent: text }));
-    if (lines.length) notes.append(Object.assign(document.createElement("pre"), { textContent: lines.join("\n") }));
+    notes.append(made("p", {}, text));
+    if (lines.length) notes.append(made("pre", {}, lines.join("\n")));
   }
 }
 

@@ -1,18 +1,15 @@
 // Taking gains away: copied, saved behind a difference, or the whole view as a page.
 // @ts-check
 
-/** @param {string} id @returns {any} */
-const by = (id) => document.getElementById(id);
+import { by, made } from "./elements.js";
 
 /** @param {any} opening @param {(message: any) => void} send */
 export function forms(opening, send) {
   const names = /** @type {any} */ ({ yaml: "YAML", mjcf: "MJCF", ros2_control: "ros2_control" }), place = by("forms"), button = by("copy");
   const toggle = (/** @type {boolean} */ on) => { place.hidden = !on; button.setAttribute("aria-expanded", String(on)); if (on) place.querySelector("button").focus(); };
   for (const form of opening.forms) {
-    const each = document.createElement("button");
-    each.textContent = names[form];
+    const each = made("button", { textContent: names[form], onclick: () => { toggle(false); send({ ask: "copy", form }); } });
     each.dataset.form = form;
-    each.onclick = () => { toggle(false); send({ ask: "copy", form }); };
     place.append(each);
   }
   button.onclick = () => toggle(place.hidden);
@@ -50,9 +47,7 @@ export function dialog(title, text, said, action, act) {
 
 /** @param {string} text */
 export function download(text) {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type: "text/html" }));
-  link.download = "gainroom.html";
+  const link = made("a", { href: URL.createObjectURL(new Blob([text], { type: "text/html" })), download: "gainroom.html" });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
   toast("The page is written where downloads go");

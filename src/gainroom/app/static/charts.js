@@ -2,6 +2,7 @@
 // @ts-check
 import uPlot from "./vendor/uplot.js";
 import { number } from "./gainmap.js";
+import { made } from "./elements.js";
 
 const AXIS = { stroke: "#444", grid: { stroke: "#eee" }, ticks: { stroke: "#bbb" }, font: "12px system-ui" };
 
@@ -11,9 +12,9 @@ const UPRIGHT = { ...AXIS, values: plain };
 
 /** @param {HTMLElement} place @param {any} options @param {any} data */
 function plot(place, options, data) {
-  const made = new (/** @type {any} */ (uPlot))({ width: Math.max(260, place.clientWidth), cursor: { y: false, drag: { x: false, y: false }, points: { show: false } }, legend: { show: false }, ...options }, data, place);
-  new ResizeObserver(() => { const width = Math.max(260, place.clientWidth); if (Math.abs(width - made.width) > 1) made.setSize({ width, height: options.height }); }).observe(place);
-  return made;
+  const drawn = new (/** @type {any} */ (uPlot))({ width: Math.max(260, place.clientWidth), cursor: { y: false, drag: { x: false, y: false }, points: { show: false } }, legend: { show: false }, ...options }, data, place);
+  new ResizeObserver(() => { const width = Math.max(260, place.clientWidth); if (Math.abs(width - drawn.width) > 1) drawn.setSize({ width, height: options.height }); }).observe(place);
+  return drawn;
 }
 
 /** A band across a chart. @param {any} u @param {string} scale @param {number[][]} bands @param {string} color */
@@ -94,7 +95,7 @@ export class Nyquist {
   /** @param {HTMLElement} place @param {any} needed */
   constructor(place, needed) {
     this.needed = needed;
-    this.canvas = document.createElement("canvas");
+    this.canvas = made("canvas");
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", "Nyquist plot of the open loop");
     place.append(this.canvas);
@@ -151,19 +152,16 @@ export class Step {
   /** @param {HTMLElement} place */
   constructor(place) {
     /** @type {any} */ this.before = null;
-    this.note = document.createElement("p");
-    this.note.className = "legend";
+    this.note = made("p", { className: "legend" });
     const lines = [{}, { stroke: "#999", width: 2, dash: [6, 5], points: { show: false } }, { stroke: "#000", width: 2.4, points: { show: false } }];
     const axes = (/** @type {string} */ label) => [{ ...AXIS, size: 32, label: "time [ms]", labelSize: 18, labelFont: "12px system-ui", values: plain }, { ...AXIS, label, labelSize: 18, labelFont: "12px system-ui", size: 62, values: plain }];
-    const [first, second] = [document.createElement("div"), document.createElement("div")];
+    const [first, second] = [made("div"), made("div")];
     this.place = place;
     place.classList.add("pair");
     place.append(first, second);
     this.reference = plot(first, { height: 190, series: lines, axes: axes("position / step [–]"), scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
-    const title = document.createElement("p");
-    title.className = "legend";
-    second.append(title);
-    this.added = title;
+    this.added = made("p", { className: "legend" });
+    second.append(this.added);
     this.unit = "µrad";
     const [time, moved] = axes("");
     this.disturbance = plot(second, { height: 170, series: lines.map((line) => ({ ...line })), axes: [time, { ...moved, label: () => `position [${this.unit}]` }], scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
@@ -197,8 +195,6 @@ export function traces(place, part) {
     const series = [{}, ...curves.map((curve, k) => ({ label: curve.name, stroke: colors[k % half % 3], width: curve.dashed ? 1.2 : 2, dash: curve.dashed ? [5, 5] : undefined, points: { show: false } }))];
     plot(place, { height: 200, series, scales: { x: { time: false } }, axes: [{ ...AXIS, size: 32, label: "time [ms]", labelSize: 18, labelFont: "12px system-ui", values: plain }, { ...AXIS, label, labelSize: 18, labelFont: "12px system-ui", size: 64, values: plain }] }, [part.ms, ...curves.map((curve) => curve.values)]);
   }
-  const names = document.createElement("p");
-  names.className = "legend";
-  names.textContent = `${part.motion.filter((/** @type {any} */ each) => !each.dashed).map((/** @type {any} */ each) => each.name).join(", ")}; dashed: commanded. Torque: ${part.torque[0].name}, which works hardest.`;
-  place.append(names);
+  const names = `${part.motion.filter((/** @type {any} */ each) => !each.dashed).map((/** @type {any} */ each) => each.name).join(", ")}; dashed: commanded. Torque: ${part.torque[0].name}, which works hardest.`;
+  place.append(made("p", { className: "legend" }, names));
 }

@@ -2,15 +2,12 @@
 // @ts-check
 import { number } from "./gainmap.js";
 import { toast } from "./away.js";
+import { by, made } from "./elements.js";
 
 /** @param {string} text @param {string} id @param {string[]} values @param {(value: string) => void} chosen */
 export function choice(text, id, values, chosen) {
-  const label = document.createElement("label"), select = document.createElement("select");
-  select.id = id;
-  for (const value of values) select.add(new Option(value, value));
-  select.onchange = () => chosen(select.value);
-  label.append(text, document.createElement("output"), select);
-  return { label, select };
+  const select = made("select", { id, onchange: () => chosen(select.value) }, ...values.map((value) => new Option(value, value)));
+  return { label: made("label", {}, text, made("output"), select), select };
 }
 
 export class Controls {
@@ -18,10 +15,10 @@ export class Controls {
   constructor(page, does) {
     this.page = page;
     this.does = does;
-    this.place = /** @type {HTMLElement} */ (document.getElementById("controls"));
+    this.place = by("controls");
     /** @type {(() => void)[]} */ this.shown = [];
     /** @type {(() => void)[]} */ this.ofGains = [];
-    this.fields = Object.assign(document.createElement("span"), { id: "gains" });
+    this.fields = made("span", { id: "gains" });
     this.place.append(this.fields);
     const { opening } = page, robot = opening.kind === "robot";
     this.slider("delay_ms", "delay", "ms", 0, Math.max(10, 2.5 * opening.view.delay_ms));
@@ -47,9 +44,8 @@ export class Controls {
     this.fields.dataset.of = key;
     this.fields.replaceChildren();
     this.ofGains = own.map((/** @type {any} */ gain) => {
-      const label = document.createElement("label"), input = document.createElement("input");
-      label.append(`${gain.name} [${gain.unit || "–"}]`, input);
-      this.fields.append(label);
+      const input = made("input");
+      this.fields.append(made("label", {}, `${gain.name} [${gain.unit || "–"}]`, input));
       return this.typed(input, `gain-${gain.name}`, gain.name, true, () => this.gains[gain.name], (value) => { delete this.page.view.point; this.gains[gain.name] = value; });
     });
   }
@@ -73,13 +69,11 @@ export class Controls {
   slider(name, title, unit, low, high, endless = false) {
     const { page, does } = this, rate = name === "sample_rate_hz", own = page.opening.view[name] === 0 && rate ? 1000 : page.opening.view[name];
     if (own === null) return;
-    const input = document.createElement("input"), even = low === 0;
+    const input = made("input"), even = low === 0;
     Object.assign(input, { type: "range", min: even ? low : Math.log10(low * own), max: even ? high : Math.log10(high * own), step: even ? high / 1000 : 0.005, id: name });
-    const typed = document.createElement("input"), [least, most] = [Number(input.min), Number(input.max)];
+    const typed = made("input"), range = made("small"), [least, most] = [Number(input.min), Number(input.max)];
     input.setAttribute("aria-label", title);
-    const label = document.createElement("label"), range = document.createElement("small");
-    label.append(`${title} [${unit}]`, typed, input, range);
-    this.place.append(label);
+    this.place.append(made("label", {}, `${title} [${unit}]`, typed, input, range));
     this.shown.push(() => { const span = page.ranges[name]; range.textContent = span ? `range ${number(span[0])} … ${number(span[1])} ${unit}` : ""; });
     if (endless) typed.placeholder = "∞";
     this.shown.push(this.typed(typed, `${name}-typed`, endless ? `${title}, 0: continuous time` : title, even || endless, () => page.view[name] || (endless ? NaN : 0), (value) => { page.view[name] = value; }));

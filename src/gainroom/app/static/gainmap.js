@@ -1,15 +1,16 @@
 // The gain map as SVG: outlines, edge and marks come from the server; here they are only drawn, and the dot is moved.
 // @ts-check
+import { made } from "./elements.js";
 
 const NS = "http://www.w3.org/2000/svg";
 const FRAME = { left: 64, right: 24, top: 10, bottom: 44 };
 
 /** @param {string} tag @param {Record<string, string | number>} attributes @param {Element} [parent] @returns {SVGElement} */
 export function svg(tag, attributes, parent) {
-  const made = /** @type {SVGElement} */ (document.createElementNS(NS, tag));
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, String(value));
-  if (parent) parent.append(made);
-  return made;
+  const element = /** @type {SVGElement} */ (document.createElementNS(NS, tag));
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
+  if (parent) parent.append(element);
+  return element;
 }
 
 /** Round numbers for an axis. @param {number} low @param {number} high @param {number} count @returns {number[]} */
@@ -57,8 +58,7 @@ export class GainMap {
     /** @type {Record<string, number[] | null>} */ this.points = { dot: null, ghost: null, star: null, rule: null };
     /** @type {number | null} */ this.cursor = null;
     this.root = svg("svg", { viewBox: "0 0 600 440", role: "application", "aria-label": "Gain map" }, place);
-    this.legend = document.createElement("p");
-    this.legend.className = "legend";
+    this.legend = made("p", { className: "legend" });
     place.append(this.legend);
     this.layers = Object.fromEntries(["ground", "areas", "axes", "labels", "marks"].map((name) => [name, svg("g", { "data-layer": name }, this.root)]));
     this.dot = svg("g", { id: "dot", tabindex: 0, role: "slider", "aria-label": "Gains", visibility: "hidden" }, this.root);
@@ -198,8 +198,7 @@ export class GainMap {
     const inside = this.data.lines.map((/** @type {any} */ line, /** @type {number} */ k) => ({ text: line.text, color: colors[k % 4], dash: ["——", "– –", "···", "–·–"][k % 4] }));
     this.legend.replaceChildren(this.sure, `Hatched: unstable${this.of.stable && !this.data.stable.length ? this.nowhere : ""}. `, this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? `, ★ recommended${this.star && ` (${this.star})`}` : "", this.shows(this.points.rule) ? `, × rule of thumb (10 Hz)${this.meet(this.points.ghost, this.points.rule) ? ", here the file's gains" : ""}. ` : ". ");
     for (const one of inside) {
-      const mark = document.createElement("span");
-      mark.textContent = ` ${one.dash} ${one.text} `;
+      const mark = made("span", {}, ` ${one.dash} ${one.text} `);
       Object.assign(mark.style, { color: one.color, opacity: fresh("lines") ? 1 : 0.4 });
       this.legend.append(mark);
     }

@@ -2,6 +2,7 @@
 // @ts-check
 import * as T from "./vendor/three.js";
 import { number } from "./gainmap.js";
+import { made } from "./elements.js";
 
 const three = /** @type {any} */ (T);
 // ColorBrewer's YlOrBr, as in the report
@@ -30,11 +31,11 @@ export class RobotView {
     this.still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     const caption = /** @type {any} */ (place.parentElement).querySelector("figcaption");
     this.title = caption.firstChild;
-    this.note = Object.assign(document.createElement("p"), { className: "legend", id: "mode" });
-    const canvas = document.createElement("canvas");
+    this.note = made("p", { className: "legend", id: "mode" });
+    const canvas = made("canvas");
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", "The robot in its critical mode; drag to turn");
-    if (!document.createElement("canvas").getContext("webgl2")) {
+    if (!made("canvas").getContext("webgl2")) {
       this.note.textContent = "This browser shows no 3-D pictures (WebGL 2 is missing).";
       place.append(this.note);
       return;
@@ -62,7 +63,7 @@ export class RobotView {
     this.wide = 0;
     this.seen = true;
     new IntersectionObserver((entries) => { this.seen = entries[0].isIntersecting; }).observe(canvas);
-    const pause = Object.assign(document.createElement("button"), { textContent: this.still ? "Move" : "Hold" });
+    const pause = made("button", { textContent: this.still ? "Move" : "Hold" });
     pause.onclick = () => { this.still = !this.still; pause.textContent = this.still ? "Move" : "Hold"; };
     caption.append(pause);
     this.build();
@@ -216,19 +217,16 @@ export class RobotView {
   play(film) {
     if (!this.renderer) return;
     this.endFilm();
-    const bar = Object.assign(document.createElement("p"), { className: "film" }), slider = document.createElement("input"), time = document.createElement("output"), back = document.createElement("button");
-    Object.assign(slider, { type: "range", min: "0", max: String(film.ms.length - 1), value: "0", id: "film" });
+    const slider = made("input", { type: "range", min: "0", max: String(film.ms.length - 1), value: "0", id: "film" }), time = made("output");
     slider.setAttribute("aria-label", "Moment of the simulated run");
     slider.addEventListener("input", () => { this.film.runs = false; this.turned = true; });
-    Object.assign(back, { textContent: "Critical mode", onclick: () => this.endFilm() });
     let most = 1e-9;
     for (const [points] of film.moved) for (const each of points) most = Math.max(most, Math.abs(each));
-    const large = [100, 50, 20, 10, 5, 2, 1].find((each) => each * most <= DRAWN * this.size) || 1, size = document.createElement("button");
+    const large = [100, 50, 20, 10, 5, 2, 1].find((each) => each * most <= DRAWN * this.size) || 1, size = made("button");
     const say = () => { size.textContent = this.film.larger > 1 ? `Motion drawn ${this.film.larger} × as large` : "Motion drawn as it is"; };
     size.onclick = () => { this.film.larger = this.film.larger > 1 ? 1 : large; this.turned = true; say(); };
-    bar.append(slider, time, ...(large > 1 ? [size] : []), back);
-    this.note.before(bar);
-    this.bar = bar;
+    this.bar = made("p", { className: "film" }, slider, time, ...(large > 1 ? [size] : []), made("button", { textContent: "Critical mode", onclick: () => this.endFilm() }));
+    this.note.before(this.bar);
     this.film = { ...film, slider, time, larger: large, runs: !this.still, began: performance.now() / 1000 };
     say();
     this.say();

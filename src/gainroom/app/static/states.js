@@ -2,6 +2,7 @@
 // @ts-check
 import { number } from "./gainmap.js";
 import { choice } from "./controls.js";
+import { by, made } from "./elements.js";
 
 /** Vermilion to blue around white, as in the report. @param {number | null} factor */
 function shade(factor) {
@@ -20,7 +21,7 @@ export class States {
     this.page = page;
     this.gesture = gesture;
     this.look = look;
-    const { opening } = page, place = /** @type {HTMLElement} */ (document.getElementById("controls"));
+    const { opening } = page, place = by("controls");
     this.selects = /** @type {[string, any][]} */ ([]);
     for (const [text, name, values] of /** @type {[string, string, string[]][]} */ ([[opening.space === "task" ? "direction" : "joint", "joint", opening.channels], ["contact", "contact", opening.contacts], ["posture", "posture", opening.postures]])) {
       const { label, select } = choice(text, name, values, (value) => this.choose({ [name]: value }));
@@ -28,13 +29,12 @@ export class States {
       if (name === "posture") this.presets(select, opening.keyframes);
       place.prepend(label);
     }
-    this.heat = /** @type {HTMLElement} */ (document.getElementById("states"));
+    this.heat = by("states");
     this.heat.hidden = false;
-    this.table = document.createElement("div");
-    this.table.id = "heat";
+    this.table = made("div", { id: "heat" });
     this.sliders = this.stand(opening);
     this.heat.append(this.table);
-    /** @type {HTMLElement} */ (document.getElementById("side")).append(this.sliders); // below the robot that they move
+    by("side").append(this.sliders); // below the robot that they move
     /** @type {any} */ this.part = null;
     this.shown = "";
     this.show();
@@ -42,8 +42,7 @@ export class States {
 
   /** The model's own keyframes stand below the postures: angles in place of the chosen one's. @param {any} select @param {any} frames */
   presets(select, frames) {
-    const group = document.createElement("optgroup");
-    group.label = "keyframes of the model";
+    const group = made("optgroup", { label: "keyframes of the model" });
     for (const [name, angles] of Object.entries(frames)) group.append(Object.assign(new Option(name, `keyframe ${name}`), { angles }));
     if (group.children.length) select.append(group);
     select.onchange = () => {
@@ -70,24 +69,17 @@ export class States {
 
   /** A slider for each joint. @param {any} opening */
   stand(opening) {
-    const box = document.createElement("details"), head = document.createElement("summary"), grid = document.createElement("div"), back = document.createElement("button");
-    head.textContent = "Posture: where the joints stand";
-    grid.className = "grid";
-    back.textContent = "Back to the posture";
-    back.onclick = () => this.choose({ angles: {} });
+    const grid = made("div", { className: "grid" });
     /** @type {[any, HTMLInputElement, HTMLOutputElement][]} */ this.angles = [];
     for (const joint of opening.joints) {
-      const label = document.createElement("label"), output = document.createElement("output"), input = document.createElement("input");
-      Object.assign(input, { type: "range", min: joint.low, max: joint.high, step: 0.01, id: `angle-${joint.name}` });
-      label.append(joint.name, output, input);
-      grid.append(label);
+      const output = made("output"), input = made("input", { type: "range", min: joint.low, max: joint.high, step: 0.01, id: `angle-${joint.name}` });
+      grid.append(made("label", {}, joint.name, output, input));
       this.angles.push([joint, input, output]);
       const put = (/** @type {boolean} */ final) => { this.page.view.angles = { ...this.page.view.angles, [joint.name]: Number(input.value) }; this.show(); this.look(final); };
       input.addEventListener("input", () => { if (!this.page.dragging) this.gesture(true); put(false); });
       input.addEventListener("change", () => { this.gesture(false); put(true); });
     }
-    box.append(head, grid, back);
-    return box;
+    return made("details", {}, made("summary", {}, "Posture: where the joints stand"), grid, made("button", { textContent: "Back to the posture", onclick: () => this.choose({ angles: {} }) }));
   }
 
   show() {
@@ -110,19 +102,17 @@ export class States {
   /** Joint × state: the factor on its gains until vibration, the other loops closed. @param {any} part */
   take(part) {
     this.part = part;
-    const title = document.createElement("p"), table = document.createElement("table"), head = table.createTHead().insertRow();
+    const title = made("p", { className: "legend" }), table = made("table"), head = table.createTHead().insertRow();
     const unknown = (/** @type {boolean} */ stable) => part.closed.some((/** @type {any[]} */ state, /** @type {number} */ k) => part.stable[k] === stable && state.includes(null));
-    title.className = "legend";
     title.textContent = `Factor on the gains until vibration: all together, then each with the others closed. ${unknown(true) ? "any: no factor makes it vibrate. " : ""}${unknown(false) ? "–: of an unstable state none is known. " : ""}Click a cell to look at it.`;
-    head.append(document.createElement("th"));
-    for (const state of part.states) head.append(Object.assign(document.createElement("th"), { textContent: state.join(" / "), scope: "col" }));
+    head.append(made("th"));
+    for (const state of part.states) head.append(made("th", { scope: "col" }, state.join(" / ")));
     const body = table.createTBody();
     const row = (/** @type {string} */ name, /** @type {(number | null)[]} */ values, /** @type {string | null} */ joint) => {
       const line = body.insertRow();
-      line.append(Object.assign(document.createElement("th"), { textContent: name, scope: "row" }));
+      line.append(made("th", { scope: "row" }, name));
       values.forEach((value, k) => {
-        const cell = document.createElement("button");
-        cell.textContent = value === null ? (part.stable[k] ? "any" : "–") : number(value, 3);
+        const cell = made("button", {}, value === null ? (part.stable[k] ? "any" : "–") : number(value, 3));
         cell.style.background = shade(value);
         cell.dataset.state = JSON.stringify(part.states[k]);
         if (joint) cell.dataset.part = joint;
