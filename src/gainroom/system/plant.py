@@ -27,6 +27,7 @@ from .modes import Modes, modes_of, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
 OFF_MODES = 1e-9  # relative: a sum over modes that is further off, as where two modes are as good as one, is not used
+FREE = 1e-13  # of the largest ω²: what is less may be a free motion, off 0 by round-off. Swings under gravity are mostly far above, but may be slow
 
 
 @dataclass(frozen=True)
@@ -372,7 +373,7 @@ def _per_joint(name: str, value: ArrayLike, size: int) -> Floats:
 def _modes(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
     """−δ + jω of each undamped mode that oscillates."""
     squares, shapes = undamped(mass, stiffness)
-    oscillates = squares > 1e-9 * np.abs(squares).max(initial=0.0)
+    oscillates = squares > FREE * np.abs(squares).max(initial=0.0)
     rates = np.einsum("im,ij,jm->m", shapes, damping, shapes)
     return -rates[oscillates] / 2 + 1j * np.sqrt(squares[oscillates])
 

@@ -1,0 +1,45 @@
+"""Gravity makes links swing as slowly as it likes, and where nothing resists that, the pole lies on the stability boundary.
+
+No pole may be taken for a free motion and passed unseen: roots are counted by independent/machine.py.
+"""
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from independent.machine import Machine, unstable
+from machines import between, paired
+
+
+def swinging(number: int, slow: float) -> Machine:
+    """Joints of which the links swing in one direction `slow` times as stiffly as in others, and topple in some."""
+    rng = np.random.default_rng([number, 11])
+    size = int(rng.integers(2, 5))
+    mixing = rng.normal(size=(size, size)) + 1.5 * np.eye(size)
+    directions = np.linalg.qr(rng.normal(size=(size, size)))[0]
+    pulls = rng.choice([-1.0, 1.0], size) * between(rng, 0.5, 3.0, size)
+    pulls[0] = slow
+    inertia, delay = between(rng, 0.05, 2.0, size), float(rng.uniform(1e-3, 4e-3))
+    kd = inertia * rng.uniform(0.05, 0.4, size) / (delay + 5e-4)
+    kp = kd * between(rng, 5.0, 60.0, size)
+    stiffness = between(rng, 2e3, 5e4, size)
+    return Machine(
+        mixing @ mixing.T, inertia, stiffness, between(rng, 0.01, 0.3, size) * np.sqrt(stiffness * inertia), np.zeros(size), np.zeros(size),
+        directions @ (pulls[:, None] * directions.T), None, np.full(size, 3000.0), np.full(size, 0.9), np.full(size, delay),
+        {(0, 0): np.diag(kp), (1, 0): np.diag(kd)}, None, None, "motor", 5e-4 if number % 2 else None,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("slow", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("number", [1, 2, 3, 8, 9])
+def test_roots_and_both_sides_of_the_limit(number, slow):
+    machine = swinging(number, slow)
+    kp, kd = (np.diagonal(machine.gains[powers, 0]) for powers in (0, 1))
+    pair = paired(machine, gr.PD(kp, kd), "swinging")
+    for factor in (0.05, 1.0, 20.0):
+        found, count = gr.joint_margins(pair.loop.scaled(factor)), unstable(machine.scaled(factor))
+        assert found.stable == (count == 0)
+        assert found.unstable_roots == count
+        if count == 0 and found.limit.gain < 1e3:
+            assert unstable(machine.scaled(factor * found.limit.gain * (1 - 1e-5))) == 0  # certified to 1e-6
+            assert unstable(machine.scaled(factor * found.limit.gain * (1 + 1e-5))) > 0
