@@ -33,6 +33,7 @@ class Search:
     polished: float = 1e-3  # relative width of a bracket from which on its crossing is polished
     shares: tuple[float, ...] = (1e-5, 1e-3, 0.1)  # of a bracket that are tried before it is halved
     halvings: int = 50  # of a bracket; more only chase round-off
+    leap: float = 1e-3  # by which a bracket from 0 is shortened instead: its end may lie many orders of magnitude below
     looks: int = 2  # times that samples are taken about a crossing that was not found
     dips: int = 8  # rounds of samples about what comes near the unit circle
     lowest: float = 1e-6  # factors on coupled loops below this count as none
@@ -138,6 +139,7 @@ class Family:
     def _between(self, stable: float, unstable: float) -> End:
         """The end by halving; polished as soon as its bracket is narrow."""
         way = math.copysign(1.0, unstable - stable)
+        least = abs(unstable - stable) * 0.5**SEARCH.halvings
         for share in SEARCH.shares:  # mostly the first crossing lies close before the one that was found
             inside = unstable - share * (unstable - stable)
             if self.count(inside) == 0:
@@ -145,7 +147,7 @@ class Family:
                 break
             unstable = inside
         for _ in range(SEARCH.halvings):
-            if abs(unstable - stable) <= SEARCH.nudge * abs(unstable):
+            if abs(unstable - stable) <= max(SEARCH.nudge * abs(unstable), least):
                 break
             low, high = sorted((stable, unstable))
             if high - low < SEARCH.polished * abs(unstable):
@@ -153,7 +155,7 @@ class Family:
                 for one in self.polish([*near, self.nearest(unstable)]):
                     if low <= one.at <= high and (certificate := self._certified(one, way)).holds:
                         return self._ended(one, certificate)
-            middle = math.sqrt(low * high) if 0 < 4 * low < high else 0.5 * (low + high)
+            middle = SEARCH.leap * unstable if stable == 0 else math.sqrt(low * high) if 0 < 4 * low < high else 0.5 * (low + high)
             stable, unstable = (middle, unstable) if self.count(middle) == 0 else (stable, middle)
         found = self.nearest(unstable)._replace(at=0.5 * (stable + unstable))
         return self._ended(found, Certificate(self.count(stable), self.count(unstable)))
