@@ -1,15 +1,20 @@
-"""Coupled loops whose gains act along directions, in the core: looked at again and again with other gains (loop_curves.hpp)."""
+"""Coupled loops whose gains act along directions, in the core: looked at again and again with other gains (loop_curves.hpp).
+
+Limbs on a fixed base do not feel each other: loops of joints that fall apart are looked at one by one, each on its own samples.
+"""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..native import _core
 from ..system.filters import integrator
-from ..system.linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Booleans, Floats, Integers
 from ..system.loop import Loop
 from ..system.mode_functions import mode_functions
+from .limbs import limbs_of
 from .loci import first_grid
 from .margin_record import GainLimit, Margins, OneLoop
 from .stability_boundary import LOCI, Boundary
@@ -49,12 +54,81 @@ WHOLE = Reach(100.0, math.pi, ((1.0, 0.0, 0.5),))
 """Every margin that people are told."""
 
 
-def look(loop: "_core.DirectedLoop", gains: Floats, reach: Reach) -> "_core.Look":
+@dataclass(frozen=True)
+class LoopsApart:
+    """Loops of joints that do not feel each other: which joints, (g,) each, of all `size`, and their loop."""
+
+    size: int
+    loops: tuple[tuple[Integers, "_core.DirectedLoop"], ...]
+
+
+class LooksApart:
+    """What is seen of each of `loops`, with gains (3, m) of all joints: methods as of native Look."""
+
+    def __init__(self, loops: LoopsApart, gains: Floats, reach: Reach) -> None:
+        self._size = loops.size
+        self._looks = [(joints, look(loop, gains[:, joints], reach)) for joints, loop in loops.loops]
+
+    @property
+    def followed(self) -> bool:
+        return all(one.followed for _, one in self._looks)
+
+    @property
+    def singular(self) -> bool:
+        return any(one.singular for _, one in self._looks)
+
+    @property
+    def unstable(self) -> int:
+        return sum(one.unstable for _, one in self._looks)
+
+    def least(self) -> tuple[float, float, float, float, float, float]:
+        found = [one.least() for _, one in self._looks]
+        peak, omega = max((each[4:] for each in found), key=lambda each: each[0])
+        factor, one_factor, phase, one_phase = np.min([each[:4] for each in found], axis=0).tolist()
+        return factor, one_factor, phase, one_phase, peak, omega
+
+    def peak(self, slope: float, offset: float) -> tuple[float, float]:
+        return max((one.peak(slope, offset) for _, one in self._looks), key=lambda each: each[0])
+
+    def delay(self) -> tuple[float, float]:
+        return min((one.delay() for _, one in self._looks), key=lambda each: each[0])
+
+    def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float) -> tuple[Floats, Floats]:
+        return self._of_all(gains, lambda one, own: one.crossings(own, locus, axis, reach))
+
+    def delays(self, gains: Floats, longest: float) -> tuple[Floats, Floats]:
+        return self._of_all(gains, lambda one, own: one.delays(own, longest))
+
+    def peaks(self, gains: Floats, least: float, slope: float, offset: float) -> tuple[Floats, Floats]:
+        return self._of_all(gains, lambda one, own: one.peaks(own, least, slope, offset))
+
+    def ends(self, gains: Floats, locus: bool, reach: float) -> tuple[Floats, Floats]:
+        return self._of_all(gains, lambda one, own: one.ends(own, locus, reach))
+
+    def _of_all(self, gains: Floats, seen: "Callable[[Seen, Floats], tuple[Floats, Floats]]") -> tuple[Floats, Floats]:
+        """Margins (c, 1), and their changes with the gains of all joints (c, 2 m)."""
+        margins, moves = [], []
+        for joints, one in self._looks:
+            margin, own = seen(one, np.ascontiguousarray(gains[:, joints]))
+            whole = np.zeros((len(own), 2, self._size))
+            whole[:, :, joints] = own.reshape(len(own), 2, len(joints))
+            margins.append(margin)
+            moves.append(whole.reshape(len(own), 2 * self._size))
+        return np.concatenate(margins), np.concatenate(moves)
+
+
+Directed = _core.DirectedLoop | LoopsApart
+Seen = _core.Look | LooksApart
+
+
+def look(loop: Directed, gains: Floats, reach: Reach) -> Seen:
     """The loop with gains (3, m), kp, kd and ki of every direction (kp, kv, ki of a P/PI), as far as `reach` asks."""
+    if isinstance(loop, LoopsApart):
+        return LooksApart(loop, gains, reach)
     return _core.Look(loop, np.ascontiguousarray(gains), reach.factor, reach.phase, reach.peak)
 
 
-def margins_seen(seen: "_core.Look", size: int) -> Margins:
+def margins_seen(seen: Seen, size: int) -> Margins:
     """The gain and phase margins and the peak sensitivity of `size` joints; the rest is NaN.
 
     Gains: the lesser of the factors up and down stands under both names, and the least over all loops for each. Nothing is known, so
@@ -71,8 +145,21 @@ def margins_seen(seen: "_core.Look", size: int) -> Margins:
     return Margins(limit, one_loop, phase_margin=phase, peak_sensitivity=peak, peak_sensitivity_frequency=omega)
 
 
-def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Booleans) -> "_core.DirectedLoop":
-    """Plant, drives and filters of a loop of parts, without its gains: L = P C e^{−sT} X Δ E, X (n, m) = torque, E (m, n) = jacobian."""
+def joint_loops(loop: Loop) -> Directed:
+    """directed_loop of a PD's joints; apart where some joints do not feel the others."""
+
+    def directed(loop: Loop, by_modes: bool) -> "_core.DirectedLoop":
+        return directed_loop(loop, np.eye(loop.size), np.eye(loop.size), np.zeros(loop.size, dtype=bool), by_modes)
+
+    apart = limbs_of(loop)
+    return LoopsApart(loop.size, tuple((joints, directed(limb, False)) for joints, limb in apart)) if apart else directed(loop, True)
+
+
+def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Booleans, by_modes: bool = True) -> "_core.DirectedLoop":
+    """Plant, drives and filters of a loop of parts, without its gains: L = P C e^{−sT} X Δ E, X (n, m) = torque, E (m, n) = jacobian.
+
+    by_modes   P as a sum over modes, where that is exact: worth finding them where the plant is large, or looked at many times
+    """
     assert loop.parts is not None
     plant, drives, time = loop.parts.plant, loop.parts.drives, loop.sample_time
     joints = torque.shape[0] == torque.shape[1] and np.array_equal(torque, np.eye(len(torque))) and np.array_equal(jacobian, torque)
@@ -96,7 +183,7 @@ def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Boolean
         fast = FAST * float(np.linalg.norm(held.a, 2))
         found.set_held(held.a, held.b, held.c, *_hessenberg(held.a, held.b, held.c), fast, loop.ticks * time, time)
     controller, boundary = loop.parts.controller, Boundary(loop)
-    if (modes := mode_functions(loop.parts)) is not None:
+    if by_modes and (modes := mode_functions(loop.parts)) is not None:
         found.set_modes(modes)
     shaping = controller.shaping(time)
     found.set_law(*controller.velocity(time), *integrator(time), shaping.zeros, shaping.poles, shaping.gain)

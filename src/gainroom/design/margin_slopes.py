@@ -13,11 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..analysis.look import WHOLE, Reach, directed_loop, look, margins_seen
+from ..analysis.look import WHOLE, Directed, Reach, Seen, directed_loop, joint_loops, look, margins_seen
 from ..analysis.margin_record import Margins
 from ..analysis.margins import margins
 from ..errors import GainroomError
-from ..native import _core
+from ..system.controller import PD
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirements import Requirement, Requirements
@@ -52,8 +52,8 @@ class Case:
     required: Requirements
     _known: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _whole: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
-    _last: list[tuple[bytes, "_core.Look"]] = field(default_factory=list, repr=False, compare=False)
-    _anchor: list[tuple[Gains, "_core.Look"]] = field(default_factory=list, repr=False, compare=False)
+    _last: list[tuple[bytes, Seen]] = field(default_factory=list, repr=False, compare=False)
+    _anchor: list[tuple[Gains, Seen]] = field(default_factory=list, repr=False, compare=False)
     _broke: list[str] = field(default_factory=list, repr=False, compare=False)
 
     @property
@@ -63,8 +63,11 @@ class Case:
         return np.array_equal(self.torque, eye) and np.array_equal(self.jacobian, eye)
 
     @cached_property
-    def _directed(self) -> "_core.DirectedLoop":
-        return directed_loop(self.loop(np.ones((3, len(self.cascade)))), self.torque, self.jacobian, self.cascade)
+    def _directed(self) -> Directed:
+        loop = self.loop(np.ones((3, len(self.cascade))))
+        assert loop.parts is not None
+        apart = self.joints and type(loop.parts.controller) is PD
+        return joint_loops(loop) if apart else directed_loop(loop, self.torque, self.jacobian, self.cascade)
 
     @cached_property
     def _asked(self) -> "_Asked":
@@ -93,7 +96,7 @@ class Case:
             self._whole[key] = self._judged(gains, look(self._directed, gains, WHOLE.wider(self._reach)))
         return self._whole[key]
 
-    def _judged(self, gains: Gains, seen: "_core.Look") -> Margins:
+    def _judged(self, gains: Gains, seen: Seen) -> Margins:
         found = margins_seen(seen, len(self.torque))
         if not found.stable or not seen.followed:
             return found
@@ -138,7 +141,7 @@ class Case:
         seen = self._looked_at(gains)
         return _Curves(self, gains, seen, NEAR).slopes() if seen.followed and seen.unstable == 0 else None
 
-    def _looked_at(self, gains: Gains) -> "_core.Look":
+    def _looked_at(self, gains: Gains) -> Seen:
         """The loop with these gains; kept where it is stable, until others are looked at."""
         key = gains.tobytes()
         if self._last and self._last[0][0] == key:
@@ -204,7 +207,7 @@ PEAKS, ENDS = 0, 3  # places; loci and return ratios are between
 class _Peaks:
     """What a requirement may ask of a look (system/judged_loop.py)."""
 
-    seen: "_core.Look"
+    seen: Seen
 
     def peak(self, slope: float = 1.0, offset: float = 0.0) -> tuple[float, float]:
         """The largest |slope S_ii + offset|, and its frequency [rad/s]."""
@@ -253,7 +256,7 @@ class _Curves:
 
     case: Case
     gains: Gains
-    seen: "_core.Look"
+    seen: Seen
     near: float
     followed: bool = False
 

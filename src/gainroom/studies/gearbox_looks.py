@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..analysis.limbs import limbs_of
 from ..analysis.proved_limit import proved_limit
 from ..design.judged_cases import judged_margins
 from ..system.linear.arrays import Booleans, Floats
@@ -122,10 +123,14 @@ def lowest_point(x: Sequence[float], limits: Sequence[float]) -> float | None:
 def first_factor(loop: Loop) -> float:
     """The smallest factor on all gains at which a loop vibrates; NaN where it is not known.
 
-    The proof begins at rest and ends at the first crossing, so that of a part of unstable gains is theirs.
+    The proof begins at rest and ends at the first crossing, so that of a part of unstable gains is theirs. Limbs that do not feel each
+    other are asked one by one.
     """
+    if limbs := limbs_of(loop):
+        return float(np.min([first_factor(limb) for _, limb in limbs]))
     for part in (1.0, FAR_BELOW):
-        if (proved := proved_limit(loop.scaled(part))) is not None:
+        proved = proved_limit(loop.scaled(part))
+        if proved is not None and (part == 1 or proved.gain < math.inf):  # a proof from far below ends not far above
             return part * proved.gain
     limit = limit_of(loop)
     return limit.gain if limit.stable or math.isnan(limit.gain) else min(limit.gain, 1.0)
