@@ -28,16 +28,8 @@ from .judged_cases import SearchedState, case_of, joint_state, task_state
 from .margin_slopes import Case, Gains
 from .mirror import EXACT, mirror_of
 from .side_by_side import Job, side_by_side
-from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, tasks_alike
+from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, stable_starts, tasks_alike
 
-SHARES = (0.5, 0.25, 0.12, 0.9, 0.05)
-"""Of the damping of each joint alone, with which a search may begin: what is stable is made to meet the requirements."""
-SOFT = (0.2, 0.05, 0.8, 0.01)
-"""Of its stiffness, times that: a robot without weight may be as soft as it likes. What begins very soft often ends so: requirements
-leave some joints a soft and a stiff range, with none between.
-"""
-WEIGHED = (0.2, 0.4, 0.1, 1.0, 3.0, 10.0, 30.0)
-"""The same where gravity asks for stiffness."""
 TRIED = 2
 """Beginnings, where one does not come to gains that meet the requirements."""
 ALIKE = 0.01
@@ -328,7 +320,8 @@ def _searched(
         if one.weighed == weighed and one.safe is safe and one.cases <= set(cases):
             found = [Raised(gains, tuple(case.all_margins(gains) for case in cases), False) for gains in one.reached]
             return min(found, key=lambda each: _most_missed(cases, each))
-    for start in itertools.islice(_starts(cases, beginning, weighed, progress, safe), TRIED):
+    known = None if safe is None else _gains_of(safe, math.nan)
+    for start in itertools.islice(stable_starts(cases, beginning, weighed, progress, known), TRIED):
         found = raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
         if best is None or _better(cases, found, best, softer):
             best = found
@@ -340,32 +333,14 @@ def _searched(
     if len(reached) == TRIED:
         missed = frozenset(cases[k] for one in reached for k in one.failed)
         failed.append(_Failed(weighed, safe, missed, tuple(one.gains for one in reached)))
-    first = beginning.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
+    first = beginning.first(weighed)
     return best or Raised(first, tuple(case.all_margins(first) for case in cases), False)
 
 
-def _starts(
-    cases: Sequence[Case], beginning: Beginning, weighed: bool, progress: Callable[[], None], safe: GainSet | None
-) -> Iterator[Gains]:
-    """Gains that are stable in every case: parts of what each joint alone is recommended; and those of `safe` after the first such."""
-
-    def stable(gains: Gains) -> bool:
-        progress()
-        return all(case.stable(gains) for case in cases) and all(case.known(gains) for case in cases)
-
-    first, *others = ([beginning.at(share, soft) for soft in (WEIGHED if weighed else SOFT)] for share in SHARES)
-    likely = filter(stable, first)
-    if safe is not None:
-        yield from itertools.islice(likely, 1)
-        yield from filter(stable, [_gains_of(safe, first[0])])
-    yield from likely
-    yield from filter(stable, itertools.chain.from_iterable(others))
-
-
-def _gains_of(found: GainSet, others: Gains | float = 0.0) -> Gains:
-    """(3, m); `others` where it has none."""
+def _gains_of(found: GainSet, where_none: float = 0.0) -> Gains:
+    """(3, m)."""
     whole = np.array([found.kp, found.kd, np.zeros(len(found.kp)) if found.ki is None else found.ki])
-    return np.where(np.isnan(whole), others, whole)
+    return np.where(np.isnan(whole), where_none, whole)
 
 
 def _groups(states: Sequence[SearchedState], beginning: Beginning, free: Integers) -> list[list[int]]:

@@ -1,7 +1,8 @@
 """Gains with which the search for a robot's recommended gains begins: those of each joint alone, and of tasks at its rates."""
 
+import itertools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -13,13 +14,21 @@ from ..system.linear.arrays import Booleans, Floats
 from ..system.plant import ElasticJoint, Plant
 from ..system.system import System
 from .joint_gains import recommend_pd
-from .margin_slopes import Gains
+from .margin_slopes import Case, Gains
 
 if TYPE_CHECKING:
     from ..robot.model import RobotModel
     from ..robot.tasks import Tasks
 
 UNLIMITED = 100.0
+SHARES = (0.5, 0.25, 0.12, 0.9, 0.05)
+"""Of the damping of each joint alone, with which a search may begin: what is stable is made to meet the requirements."""
+SOFT = (0.2, 0.05, 0.8, 0.01)
+"""Of its stiffness, times that: a robot without weight may be as soft as it likes. What begins very soft often ends so: requirements
+leave some joints a soft and a stiff range, with none between.
+"""
+WEIGHED = (0.2, 0.4, 0.1, 1.0, 3.0, 10.0, 30.0)
+"""The same where gravity asks for stiffness."""
 _JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
 IMMOBILE = 1e-12
 """Mobility of a joint, relative to the largest, below which the contacts hold it: they leave round-off."""
@@ -44,6 +53,10 @@ class Beginning:
         """A share of the damping, and that times `softness` of the stiffness."""
         kp, kd, ki = self.gains
         return np.array([np.where(self.cascade, softness, share * softness) * kp, share * kd, share * softness * ki])
+
+    def first(self, weighed: bool) -> Gains:
+        """With which a search begins, where that is stable."""
+        return self.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
 
 
 def joints_that_move(model: Plant, feedback: str) -> Booleans:
@@ -108,6 +121,33 @@ def tasks_alike(tasks: "Tasks", joints: Beginning) -> Beginning:
     outer = np.where(tasks.cascade, quotient, rate * quotient * (tasks.kp != 0))
     gains = np.where(given, np.array([outer, np.full(len(outer), rate), rate * inner]), 0.0)
     return Beginning(gains, tasks.weight, [], tasks.cascade)
+
+
+def stable_starts(
+    cases: Sequence[Case], beginning: Beginning, weighed: bool, progress: Callable[[], None], known: Gains | None
+) -> Iterator[Gains]:
+    """Gains that are stable in every case: parts of what each joint alone is recommended; and those that are `known` after the first such.
+
+    known   (3, m), NaN where there are none
+    """
+    order = list(cases)
+
+    def stable(gains: Gains) -> bool:
+        progress()
+        for case in order:
+            if not case.stable(gains):
+                order.remove(case)
+                order.insert(0, case)  # in which others fail, too, most likely
+                return False
+        return all(case.known(gains) for case in cases)
+
+    first, *others = ([beginning.at(share, soft) for soft in (WEIGHED if weighed else SOFT)] for share in SHARES)
+    likely = filter(stable, first)
+    if known is not None:
+        yield from itertools.islice(likely, 1)
+        yield from filter(stable, [np.where(np.isnan(known), first[0], known)])
+    yield from likely
+    yield from filter(stable, itertools.chain.from_iterable(others))
 
 
 def _alone(system: System, joint: ElasticJoint, drive) -> tuple[float, float]:
