@@ -3,8 +3,11 @@
 No pole may be taken for a free motion and passed unseen: roots are counted by independent/machine.py.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import scipy.linalg
 
 import gainroom as gr
 from independent.machine import Machine, unstable
@@ -43,3 +46,28 @@ def test_roots_and_both_sides_of_the_limit(number, slow):
         if count == 0 and found.limit.gain < 1e3:
             assert unstable(machine.scaled(factor * found.limit.gain * (1 - 1e-5))) == 0  # certified to 1e-6
             assert unstable(machine.scaled(factor * found.limit.gain * (1 + 1e-5))) > 0
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_what_topples_by_itself(number):
+    machine = replace(swinging(number, (-1.0) ** (number // 2) * 0.1), sample_time=None)
+    plant = paired(machine, gr.PD(1.0, 1.0), "swinging").loop.parts.plant
+    assert plant.toppling == unstable(machine.scaled(0.0))
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_sharp_resonances_are_exact(number):
+    """Equal limbs of which some joints hardly damp: their modes are not those of the undamped mechanism, by more than they are wide."""
+    rng = np.random.default_rng([number, 12])
+    mixing = rng.normal(size=(2, 2)) + 1.5 * np.eye(2)
+    inverse_inertia = np.kron(np.eye(2), mixing @ mixing.T) + 1e-3
+    inertia, stiffness = (np.tile(between(rng, low, high, 2), 2) for low, high in ((0.05, 2.0), (2e3, 5e4)))
+    damping = 0.01 * np.sqrt(stiffness * inertia) * rng.permutation([1.0, 1e-2, 1e-4, 1e-6])
+    plant = gr.Plant(inverse_inertia, inertia, stiffness, damping)
+    form = plant.mechanism()
+    joined = np.block([[np.zeros_like(form.mass), np.eye(len(form.mass))], [-form.stiffness, -form.damping]])
+    masses = np.block([[np.eye(len(form.mass)), np.zeros_like(form.mass)], [np.zeros_like(form.mass), form.mass]])
+    exact = scipy.linalg.eigvals(joined, masses)
+    found = plant.resonances()
+    for pole in exact[(exact.imag > 1.0) & (-exact.real < 0.01 * exact.imag)]:
+        assert np.abs(found - pole).min() < 0.5 * -pole.real  # a sample there is within the resonance

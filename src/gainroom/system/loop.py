@@ -310,8 +310,8 @@ def build_loop(
     delays = np.array([drive.delay for drive in drives]) if sample_time is None else np.zeros(plant.size)
     if plant.size > 1:
         loop = Loop(plant.size, sample_time, delays=delays, parts=parts)
-        if plant.gravity_stiffness is None and controller.shaping(sample_time).unstable_poles == 0:
-            return loop  # springs, dampers and masses alone are passive
+        if plant.toppling is not None and controller.shaping(sample_time).unstable_poles == 0:
+            return replace(loop, unstable_poles=plant.toppling)  # springs, dampers and masses alone are passive
         assert loop.open_loop is not None
         return replace(loop, unstable_poles=np.count_nonzero(_unstable(np.linalg.eigvals(loop.open_loop.a), sample_time)))
     unsampled, control = unsampled_scalar(parts), controller.transfer(sample_time)

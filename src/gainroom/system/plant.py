@@ -27,7 +27,8 @@ from .modes import Modes, modes_of, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
 OFF_MODES = 1e-9  # relative: a sum over modes that is further off, as where two modes are as good as one, is not used
-FREE = 1e-13  # of the largest ω²: what is less may be a free motion, off 0 by round-off. Swings under gravity are mostly far above, but may be slow
+FREE = 1e-13  # of the largest ω²: less may be a free motion, off 0 by round-off; swings under gravity are above, however slow they look
+SHARP = 0.1  # damping ratio of resonances that samples may miss
 
 
 @dataclass(frozen=True)
@@ -340,6 +341,21 @@ class Plant:
         inexact = float(off.max(initial=0.0))
         return replace(found, inexact=inexact) if inexact < OFF_MODES else None
 
+    @cached_property
+    def toppling(self) -> int | None:
+        """How many motions the weight topples, one pole each: as many as K_η has negative eigenvalues, since no damper drives anything.
+
+        (Thomson, Tait and Chetaev: Merkin 1997, Introduction to the Theory of Stability, chapter 6.) None for a G that is not symmetric.
+        """
+        gravity = self.gravity_stiffness
+        if gravity is None:
+            return 0
+        if not np.allclose(gravity, gravity.T, rtol=0, atol=1e-9 * np.abs(gravity).max()):
+            return None
+        form = self.mechanism()
+        squares = undamped(form.mass, form.stiffness)[0]
+        return int(np.count_nonzero(squares < -FREE * np.abs(squares).max(initial=0.0)))
+
     def resonances(self) -> Complexes:
         """Rough corner frequencies: poles with motors free, then with motors held (zeros of the motor's response), Im > 0.
 
@@ -371,11 +387,25 @@ def _per_joint(name: str, value: ArrayLike, size: int) -> Floats:
 
 
 def _modes(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
-    """−δ + jω of each undamped mode that oscillates."""
+    """−δ + jω of each mode that oscillates: of the undamped one with its own damping, and exact where that may miss a sharp resonance.
+
+    Damping that couples two modes moves both, by about c²/(4 |ω − ω'|): between joints of which some hardly damp by more than the width.
+    """
     squares, shapes = undamped(mass, stiffness)
+    coupling = shapes.T @ damping @ shapes
     oscillates = squares > FREE * np.abs(squares).max(initial=0.0)
-    rates = np.einsum("im,ij,jm->m", shapes, damping, shapes)
-    return -rates[oscillates] / 2 + 1j * np.sqrt(squares[oscillates])
+    omega, rate = np.sqrt(squares[oscillates]), np.diagonal(coupling)[oscillates] / 2
+    found = -rate + 1j * omega
+    apart = np.maximum(np.abs(found[:, None] - found), 1e-3 * rate)
+    moved = np.square(coupling[np.ix_(oscillates, oscillates)]) / np.where(apart > 0, 4 * apart, np.inf)
+    np.fill_diagonal(moved, 0.0)
+    sharp = rate < SHARP * omega
+    if not np.any(moved.sum(axis=1)[sharp] > 0.1 * rate[sharp]):
+        return found
+    inverse, size = np.linalg.inv(mass), len(mass)
+    exact = np.linalg.eigvals(np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness, -inverse @ damping]]))
+    exact = exact[(exact.imag > 0) & (np.abs(exact) ** 2 > FREE * np.abs(squares).max())]
+    return np.concatenate([exact, found[~sharp]])
 
 
 def _factor(inverse_inertia: Floats) -> Floats:
