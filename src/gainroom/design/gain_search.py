@@ -43,6 +43,7 @@ SLOW, LITTLE = 10, 2e-3  # so many steps that together made ln of what is made s
 NOTHING = 1e-4  # what a look sees missed by more than what was followed is something new
 ANEW = 0.05  # of the radius, from where something new was seen
 COARSE = 3e-2  # the same, while there may be cases that count and are not known yet
+FEW = 3  # cases that are all taken at once, when one of them is met
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class _Search:
         self._cascade = cases[0].cascade
 
     def descended(self, start: Gains) -> tuple[Gains, tuple[int, ...]]:
-        """Over few cases first, then with those that it misses too, until all are met or nothing more helps; and which were looked at."""
+        """Over one case first, then with those that it misses too, until all are met or nothing more helps; and which were looked at."""
         active, gains = [self._worst(start)], start
         little = COARSE if len(self._cases) > 1 else LITTLE
         while True:
@@ -138,7 +139,8 @@ class _Search:
                     return gains, tuple(active)
                 little = LITTLE
                 continue
-            active.append(worst)
+            active += sorted(set(range(len(self._cases))) - set(active)) if len(self._cases) <= FEW else [worst]
+            little = LITTLE if len(active) == len(self._cases) else little
             gains = start if there == math.inf else gains  # slopes are those of a loop that is stable
 
     def _worst(self, gains: Gains) -> int:

@@ -52,6 +52,7 @@ class Case:
     required: Requirements
     _known: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _whole: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
+    _stable: dict[bytes, bool] = field(default_factory=dict, repr=False, compare=False)
     _last: list[tuple[bytes, Seen]] = field(default_factory=list, repr=False, compare=False)
     _anchor: list[tuple[Gains, Seen]] = field(default_factory=list, repr=False, compare=False)
     _broke: list[str] = field(default_factory=list, repr=False, compare=False)
@@ -117,8 +118,10 @@ class Case:
         key = gains.tobytes()
         if key in self._known:
             return self._known[key].stable
-        seen = look(self._directed, gains, STABLE)
-        return seen.followed and seen.unstable == 0
+        if key not in self._stable:
+            seen = look(self._directed, gains, STABLE)
+            self._stable[key] = seen.followed and seen.unstable == 0
+        return self._stable[key]
 
     def follows(self, gains: Gains) -> bool:
         """Whether these gains are so near the anchor that what was seen there may be followed."""

@@ -23,11 +23,10 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
 from .linear.apart import eigensystem
 from .linear.arrays import Booleans, Complexes, Floats, distinct
-from .modes import Modes, modes_of, undamped
+from .modes import AT_REST, Modes, modes_of, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
-OFF_MODES = 1e-9  # relative: a sum over modes that is further off, as where two modes are as good as one, is not used
-FREE = 1e-13  # of the largest ω²: less may be a free motion, off 0 by round-off; swings under gravity are above, however slow they look
+OFF_MODES = 1e-7  # relative: a sum over modes that is further off, as where two modes are as good as one, is not used
 SHARP = 0.1  # damping ratio of resonances that samples may miss
 
 
@@ -354,7 +353,7 @@ class Plant:
             return None
         form = self.mechanism()
         squares = undamped(form.mass, form.stiffness)[0]
-        return int(np.count_nonzero(squares < -FREE * np.abs(squares).max(initial=0.0)))
+        return int(np.count_nonzero(squares < -AT_REST * np.abs(squares).max(initial=0.0)))
 
     def resonances(self) -> Complexes:
         """Rough corner frequencies: poles with motors free, then with motors held (zeros of the motor's response), Im > 0.
@@ -393,7 +392,7 @@ def _modes(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
     """
     squares, shapes = undamped(mass, stiffness)
     coupling = shapes.T @ damping @ shapes
-    oscillates = squares > FREE * np.abs(squares).max(initial=0.0)
+    oscillates = squares > AT_REST * np.abs(squares).max(initial=0.0)
     omega, rate = np.sqrt(squares[oscillates]), np.diagonal(coupling)[oscillates] / 2
     found = -rate + 1j * omega
     apart = np.maximum(np.abs(found[:, None] - found), 1e-3 * rate)
@@ -404,7 +403,7 @@ def _modes(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
         return found
     inverse, size = np.linalg.inv(mass), len(mass)
     exact = np.linalg.eigvals(np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness, -inverse @ damping]]))
-    exact = exact[(exact.imag > 0) & (np.abs(exact) ** 2 > FREE * np.abs(squares).max())]
+    exact = exact[(exact.imag > 0) & (np.abs(exact) ** 2 > AT_REST * np.abs(squares).max())]
     return np.concatenate([exact, found[~sharp]])
 
 
