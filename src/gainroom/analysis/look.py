@@ -79,7 +79,8 @@ class LooksApart:
 
     @property
     def unstable(self) -> int:
-        return sum(one.unstable for _, one in self._looks)
+        counts = [one.unstable for _, one in self._looks]
+        return sum(counts) if min(counts) >= 0 else min(counts)  # one that cannot be is not made up for by another
 
     def least(self) -> tuple[float, float, float, float, float, float]:
         found = [one.least() for _, one in self._looks]

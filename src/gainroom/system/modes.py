@@ -14,9 +14,7 @@ import numpy as np
 from .linear.apart import eigensystem
 from .linear.arrays import Complexes, Floats
 
-AT_REST = (
-    1e-13  # of the largest squared natural frequency: smaller ones may be motions without a spring, off 0 by round-off; swings are above
-)
+AT_REST = 1e-13  # of the largest squared natural frequency: smaller ones may be motions without a spring, off 0 by round-off
 ALONE = 1e-12  # of the dampers: less coupling between modes is round-off
 SAME = 1e-6  # of a pole: distance to one that is as good as equal
 ROUNDING = 4e-16  # of a matrix that is as good as its entries

@@ -358,7 +358,7 @@ class Plant:
     def resonances(self) -> Complexes:
         """Rough corner frequencies: poles with motors free, then with motors held (zeros of the motor's response), Im > 0.
 
-        Undamped modes with their modal damping: good for placing samples, not exact.
+        Undamped modes with their modal damping, where that is near enough: good for placing samples, not exact.
         """
         form = self.mechanism()
         held = np.flatnonzero(~np.any(form.force, axis=1))
