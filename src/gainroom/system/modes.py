@@ -16,6 +16,7 @@ from .linear.arrays import Complexes, Floats
 
 AT_REST = 1e-13  # of the largest squared natural frequency: smaller ones may be motions without a spring, off 0 by round-off
 ALONE = 1e-12  # of the dampers: less coupling between modes is round-off
+SHARP = 0.1  # damping ratio of resonances that samples may miss
 SAME = 1e-6  # of a pole: distance to one that is as good as equal
 ROUNDING = 4e-16  # of a matrix that is as good as its entries
 LIGHT = 0.1  # 2ζ: where damping is more, it does not count
@@ -147,6 +148,28 @@ def undamped(mass: Floats, stiffness: Floats) -> tuple[Floats, Floats]:
     half = np.linalg.solve(root, (stiffness + stiffness.T) / 2)
     squares, vectors = eigensystem(np.linalg.solve(root, half.T))
     return squares, np.linalg.solve(root.T, vectors)
+
+
+def oscillations(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
+    """−δ + jω of each mode that oscillates: of the undamped one with its own damping, and exact where that may miss a sharp resonance.
+
+    Damping that couples two modes moves both, by about c²/(4 |ω − ω'|): between joints of which some hardly damp by more than the width.
+    """
+    squares, shapes = undamped(mass, stiffness)
+    coupling = shapes.T @ damping @ shapes
+    oscillates = squares > AT_REST * np.abs(squares).max(initial=0.0)
+    omega, rate = np.sqrt(squares[oscillates]), np.diagonal(coupling)[oscillates] / 2
+    found = -rate + 1j * omega
+    apart = np.maximum(np.abs(found[:, None] - found), 1e-3 * rate)
+    moved = np.square(coupling[np.ix_(oscillates, oscillates)]) / np.where(apart > 0, 4 * apart, np.inf)
+    np.fill_diagonal(moved, 0.0)
+    sharp = rate < SHARP * omega
+    if not np.any(moved.sum(axis=1)[sharp] > 0.1 * rate[sharp]):
+        return found
+    inverse, size = np.linalg.inv(mass), len(mass)
+    exact = np.linalg.eigvals(np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness, -inverse @ damping]]))
+    exact = exact[(exact.imag > 0) & (np.abs(exact) ** 2 > AT_REST * np.abs(squares).max())]
+    return np.concatenate([exact, found[~sharp]])
 
 
 def _quadratic(squares: Floats, damping: Floats) -> tuple[Complexes, Complexes]:

@@ -23,11 +23,10 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
 from .linear.apart import eigensystem
 from .linear.arrays import Booleans, Complexes, Floats, distinct
-from .modes import AT_REST, Modes, modes_of, undamped
+from .modes import AT_REST, Modes, modes_of, oscillations, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
 OFF_MODES = 1e-7  # relative: a sum over modes that is further off, as where two modes are as good as one, is not used
-SHARP = 0.1  # damping ratio of resonances that samples may miss
 
 
 @dataclass(frozen=True)
@@ -364,7 +363,7 @@ class Plant:
         held = np.flatnonzero(~np.any(form.force, axis=1))
         parts = [np.arange(len(form.mass)), *([held] if len(held) else [])]
         return np.concatenate(
-            [_modes(*(matrix[np.ix_(part, part)] for matrix in (form.mass, form.damping, form.stiffness))) for part in parts]
+            [oscillations(*(matrix[np.ix_(part, part)] for matrix in (form.mass, form.damping, form.stiffness))) for part in parts]
         )
 
 
@@ -383,28 +382,6 @@ def _per_joint(name: str, value: ArrayLike, size: int) -> Floats:
         return np.broadcast_to(np.asarray(value, dtype=float), (size,)).copy()
     except (TypeError, ValueError) as error:
         raise GainroomError(f"plant: {name} of shape {np.shape(value)} must be a number or {size} numbers") from error
-
-
-def _modes(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
-    """−δ + jω of each mode that oscillates: of the undamped one with its own damping, and exact where that may miss a sharp resonance.
-
-    Damping that couples two modes moves both, by about c²/(4 |ω − ω'|): between joints of which some hardly damp by more than the width.
-    """
-    squares, shapes = undamped(mass, stiffness)
-    coupling = shapes.T @ damping @ shapes
-    oscillates = squares > AT_REST * np.abs(squares).max(initial=0.0)
-    omega, rate = np.sqrt(squares[oscillates]), np.diagonal(coupling)[oscillates] / 2
-    found = -rate + 1j * omega
-    apart = np.maximum(np.abs(found[:, None] - found), 1e-3 * rate)
-    moved = np.square(coupling[np.ix_(oscillates, oscillates)]) / np.where(apart > 0, 4 * apart, np.inf)
-    np.fill_diagonal(moved, 0.0)
-    sharp = rate < SHARP * omega
-    if not np.any(moved.sum(axis=1)[sharp] > 0.1 * rate[sharp]):
-        return found
-    inverse, size = np.linalg.inv(mass), len(mass)
-    exact = np.linalg.eigvals(np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness, -inverse @ damping]]))
-    exact = exact[(exact.imag > 0) & (np.abs(exact) ** 2 > AT_REST * np.abs(squares).max())]
-    return np.concatenate([exact, found[~sharp]])
 
 
 def _factor(inverse_inertia: Floats) -> Floats:
