@@ -228,3 +228,36 @@ def hard(seed: int, number: int) -> Pair:
     assert pair.loop.parts is not None
     found = paired(machine, pair.loop.parts.controller, f"hard: {pair.kind}")
     return next((one for one in (found.scaled(0.4**k) for k in range(8)) if unstable(one.machine) == 0), found)
+
+
+def harsh(seed: int, number: int) -> Pair:
+    """`chain` and `limbs` with what machines may have worst: no damping at some joints, rigid ones among elastic ones, gravity that hardly
+    holds or topples, motors a thousand times lighter than others, no delay or parts of a tick, current loops without lag or that ring.
+
+    Two in three have their gains lowered until they are stable, where that helps.
+    """
+    rng, pair = np.random.default_rng([seed, 77, number]), (chain, chain, limbs)[number % 3](seed, number)
+    machine, n = pair.machine, pair.machine.size
+    if rng.random() < 0.5:
+        machine = replace(machine, damping=machine.damping * rng.choice([1.0, 0.0, 1e-6, 1e-3], n))
+    if rng.random() < 0.3:
+        rigid = rng.random(n) < 0.5
+        machine = replace(machine, stiffness=np.where(rigid, np.inf, machine.stiffness), damping=np.where(rigid, 0.0, machine.damping))
+    if rng.random() < 0.4 and machine.ground is None:
+        directions = np.linalg.qr(rng.normal(size=(n, n)))[0]
+        least = max(float(np.abs(np.diagonal(machine.gains[0, 0])).min()), 1e-3)
+        pulls = least * rng.choice([-1.0, 1.0], n) * between(rng, 1e-4, 0.3, n)
+        machine = replace(machine, gravity=directions @ (pulls[:, None] * directions.T))
+    if rng.random() < 0.3:
+        machine = replace(machine, motor_inertia=machine.motor_inertia * np.where(rng.random(n) < 0.4, between(rng, 1e-3, 1e3, n), 1.0))
+    if rng.random() < 0.3:
+        part = 0.0 if machine.sample_time is None else machine.sample_time * rng.uniform(0, 1)
+        machine = replace(machine, delay=machine.delay * rng.choice([0.0, 0.3, 1.0, 4.0]) + part)
+    if rng.random() < 0.3:
+        bandwidth = np.full(n, np.inf) if rng.random() < 0.5 else 0.2 * machine.bandwidth
+        machine = replace(machine, bandwidth=bandwidth, damping_ratio=np.full(n, 0.15) if rng.random() < 0.5 else machine.damping_ratio)
+    assert pair.loop.parts is not None
+    found = paired(machine, pair.loop.parts.controller, f"{pair.kind}, harsh")
+    if rng.random() < 1 / 3:
+        return found
+    return next((one for one in (found.scaled(0.3**k) for k in range(8)) if unstable(one.machine) == 0), found)
