@@ -21,9 +21,14 @@ INSIDE = 1e-5  # relative distance from a limit at which roots are counted: ten 
 
 
 def grows(machine: Machine) -> bool:
-    """Whether a root grows by more than the boundary is tilted for poles that lie on it, and round-off moves roots at 0."""
+    """Whether a root grows by more than the boundary is tilted for poles that lie on it, and round-off moves roots at 0.
+
+    Of continuous loops roots that the delay turns by more than once are known to 3e-5 of themselves: one of 3,000 machines has such at
+    22,868 rad/s and 0.6 ms, where det(I + L) is 0 on the axis, not 0.3 1/s beside it.
+    """
     found = roots(machine)
-    return bool(np.any(found.real > 1e-6 + 1e-8 * np.abs(found)))
+    turned = machine.sample_time is None and np.abs(found) * machine.delay.max() > 2 * np.pi
+    return bool(np.any(found.real > 1e-6 + np.where(turned, 3e-5, 1e-8) * np.abs(found)))
 
 
 def wrong_of(pair: Pair, limits: bool) -> list[str]:
