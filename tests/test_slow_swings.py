@@ -13,6 +13,9 @@ import gainroom as gr
 from independent.machine import Machine, unstable
 from machines import between, paired
 
+EVERY_TIME = {(1, 1e-4), (2, 1e-4), (3, 1e-2), (9, 1e-6), (1, 1e-8), (2, 1e-10)}
+"""Of which four were called stable, or refused, while slow swings passed for free motions."""
+
 
 def swinging(number: int, slow: float) -> Machine:
     """Joints of which the links swing in one direction `slow` times as stiffly as in others, and topple in some."""
@@ -33,8 +36,14 @@ def swinging(number: int, slow: float) -> Machine:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("slow", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
-@pytest.mark.parametrize("number", [1, 2, 3, 8, 9])
+@pytest.mark.parametrize(
+    ("number", "slow"),
+    [
+        pytest.param(number, slow, marks=[] if (number, slow) in EVERY_TIME else pytest.mark.population)
+        for number in range(1, 10)
+        for slow in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
+    ],
+)
 def test_roots_and_both_sides_of_the_limit(number, slow):
     machine = swinging(number, slow)
     kp, kd = (np.diagonal(machine.gains[powers, 0]) for powers in (0, 1))
