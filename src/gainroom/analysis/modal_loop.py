@@ -26,7 +26,11 @@ NUDGE = 1e-6  # relative: how far below a crossing the proof goes
 FINEST, MOST, LOOKS = 1e-9, 200, 60  # where eigenvectors have to be looked at: relative width, samples, intervals
 MOST_TWOFOLD = 3  # channels whose gains are not symmetric: the loci of more are quicker than their proof
 COUPLED = 1e-9  # vᵀ v' of eigenvectors: less is round-off
-FACTOR = 3.0  # from end to end of the intervals that are begun with, at most: units are chosen in the middle of each
+FACTORS = (3.0, 2.7)
+"""From end to end of the intervals that are begun with, at most: units are chosen in the middle of each.
+
+Where the proof fails from the first, as by round-off it may, it is tried from the second.
+"""
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,11 @@ class ModalLoop:
 
         None where that could not be proved; no crossings where there are none, which is proved then.
         """
-        grid = self._grid(low, high)
+        tried = (self._crossings(self._grid(low, high, factor), start, stop, counting) for factor in FACTORS)
+        return next((found for found in tried if found is not None), None)
+
+    def _crossings(self, grid: Floats, start: float, stop: float, counting: bool) -> "Found | None":
+        """The same from intervals (k,) that are begun with."""
         bases = self._rigid_bases(np.sqrt(grid[1:] * grid[:-1]))
         proved, places, vectors, undecided, turns = self.core.limit(grid, start, stop, NUDGE, NARROWEST, self.passive, counting, bases)
         way = math.copysign(1.0, stop - start)
@@ -212,9 +220,9 @@ class ModalLoop:
         left, right = ((root[:, :, None] * one).swapaxes(1, 2) for one in (np.linalg.inv(right).swapaxes(1, 2), right))
         return _in_pairs(left, right)
 
-    def _grid(self, low: float, high: float) -> Floats:
-        """From `low` to `high` in steps no longer than FACTOR, with every corner."""
-        grid = np.geomspace(low, high, 2 + int(np.log(high / low) / np.log(FACTOR)))
+    def _grid(self, low: float, high: float, factor: float) -> Floats:
+        """From `low` to `high` in steps no longer than `factor`, with every corner."""
+        grid = np.geomspace(low, high, 2 + int(np.log(high / low) / np.log(factor)))
         grid = distinct(np.concatenate([grid, self.corners[(self.corners > low) & (self.corners < high)]]))
         grid = grid[np.append(np.diff(grid) > NARROWEST * grid[1:], True)]
         grid[0] = low
