@@ -1,5 +1,6 @@
 """The interactive page as a hand meets it: from the pointer to the redraw, in headless Chromium, while the dot is dragged."""
 
+import contextlib
 import os
 import tempfile
 import time
@@ -66,15 +67,16 @@ def run(seed: int) -> Table:
     table.notes.append(
         f"{MOVES} moves of the pointer at {1 / PACE:.0f} Hz over the gain map, without a graphics card. From the pointer's event to the "
         "frame in which the verdict of just these gains stands; a move that a later one overtakes has no frame of its own and is not "
-        f"counted. At rest: the server's processor time while the page is open, from {SETTLED:g} s after the gains were let go."
+        f"counted. At rest: the processor time of server and browser while the page is open and its robot held, from {SETTLED:g} s after "
+        "the gains were let go."
     )
     return table
 
 
 def _dragged(browser, file: Path) -> tuple[list[float], float]:
-    """Latencies [ms], and the server's processor time at rest [%]."""
+    """Latencies [ms], and the processor time at rest [%]."""
     with serving(file) as served:
-        page = browser.new_page(viewport={"width": 1400, "height": 1000})
+        page = browser.new_page(viewport={"width": 1400, "height": 1000}, reduced_motion="reduce")
         page.goto(served.address)
         page.wait_for_function(READY, timeout=60_000)
         page.wait_for_function(DONE, timeout=120_000)
@@ -92,14 +94,22 @@ def _dragged(browser, file: Path) -> tuple[list[float], float]:
         page.mouse.up()
         page.wait_for_function(DONE, timeout=120_000)
         time.sleep(SETTLED)
-        before = _used(served.process.pid)
+        before = _used()
         time.sleep(QUIET)
-        idle = 100 * (_used(served.process.pid) - before) / QUIET
+        idle = 100 * (_used() - before) / QUIET
         page.close()
     return latency, idle
 
 
-def _used(process: int) -> float:
-    """Processor time [s] of a process."""
-    words = Path(f"/proc/{process}/stat").read_text("ascii").rpartition(")")[2].split()
-    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+def _used() -> float:
+    """Processor time [s] of all that runs below this process: server, browser and its driver."""
+    parents, used = {}, {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended
+            words = stat.read_text("utf-8", "replace").rpartition(")")[2].split()
+            parents[int(stat.parent.name)], used[int(stat.parent.name)] = int(words[1]), int(words[11]) + int(words[12])
+
+    def below(process: int | None) -> bool:
+        return process is not None and (process == os.getpid() or below(parents.get(process)))
+
+    return sum(ticks for process, ticks in used.items() if below(parents[process])) / os.sysconf("SC_CLK_TCK")

@@ -37,12 +37,20 @@ def body():
 
 
 @pytest.fixture(scope="module")
-def browser():
-    """A browser without a window, for the tests of the interactive page."""
+def chromium():
+    """A browser without a window."""
     from app_pages import a_browser
 
     with a_browser() as found:
         yield found
+
+
+@pytest.fixture
+def browser(chromium):
+    """The same for one test of the interactive page: what it opened is closed behind it, as open pages go on drawing."""
+    yield chromium
+    for context in chromium.contexts:
+        context.close()
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,8 @@ OUTSIDE = """() => [...document.querySelectorAll('#controls *, header *, figure,
 LISTEN = """() => { window.said = []; for (const place of [document.querySelector('#sentence'), document.querySelector('#brief')])
     new MutationObserver(() => said.push([gainroom.certified, place.textContent]))
         .observe(place, { childList: true, subtree: true, characterData: true }); }"""
+FRAMES = """() => { window.frames_asked = 0; const ask = window.requestAnimationFrame;
+    window.requestAnimationFrame = (then) => { frames_asked += 1; return ask(then); }; }"""
 TELL = """(done) => gainroom.socket.onmessage({ data: JSON.stringify(
     { part: 'progress', lane: 'search', key: gainroom.key, done, total: 100 }) })"""
 
@@ -125,6 +127,22 @@ def test_ranges_are_stated_where_they_are_set(browser: Any, knee: Served):
     assert (unstable.count() == 0) == corner["stable"]
 
 
+def robot_rests_and_moves(tab: Tab) -> None:
+    """Held it is drawn where something about it changes, and no frame is asked for until then."""
+    tab.page.get_by_role("img", name="The robot in its critical mode").scroll_into_view_if_needed()
+    tab.page.wait_for_timeout(500)
+    tab.page.evaluate(FRAMES)
+    tab.page.wait_for_timeout(500)
+    assert tab.page.evaluate("() => frames_asked") == 0
+    tab.page.get_by_role("button", name="Move", exact=True).click()
+    tab.page.wait_for_function("() => frames_asked > 5")
+    tab.page.get_by_role("button", name="Hold", exact=True).click()
+    tab.page.wait_for_timeout(500)
+    held = tab.page.evaluate("() => frames_asked")
+    tab.page.wait_for_timeout(500)
+    assert tab.page.evaluate("() => frames_asked") == held
+
+
 @pytest.mark.parametrize("kind", ["knee", "biped"])
 def test_nothing_moves_while_answers_come_and_nothing_is_beside_the_page(browser: Any, kind: str, request: pytest.FixtureRequest):
     tab = open_tab(browser, request.getfixturevalue(kind).address)
@@ -138,6 +156,8 @@ def test_nothing_moves_while_answers_come_and_nothing_is_beside_the_page(browser
     tab.settle(CERTIFIED)
     assert len(tab.page.evaluate("() => [...tall]")) == 1
     assert tab.page.evaluate(OUTSIDE) == []
+    if kind == "biped":
+        robot_rests_and_moves(tab)
     tab.page.set_viewport_size({"width": 420, "height": 860})
     tab.page.wait_for_function("() => document.querySelector('#map svg').viewBox.baseVal.width < 420")
     assert tab.page.evaluate("() => document.documentElement.scrollWidth") <= 420

@@ -24,6 +24,9 @@ export class RobotView {
     this.key = "";
     this.place = place;
     this.shapes = shapes;
+    this.busy = busy;
+    this.stale = this.asked = false; // whether what is drawn has changed, and a frame is to come
+    this.drawn = 0;
     /** @type {any} */ this.part = null;
     /** @type {any} */ this.root = null;
     /** @type {any} */ this.film = null;
@@ -49,8 +52,7 @@ export class RobotView {
     const sun = new three.DirectionalLight(0xffffff, 1.6);
     sun.position.set(3, -2, 5);
     this.turn = new three.OrbitControls(this.camera, canvas);
-    this.turned = false; // since it was drawn
-    this.turn.addEventListener("change", () => { this.turned = true; });
+    this.turn.addEventListener("change", () => this.changed());
     this.turn.addEventListener("start", () => { this.placed = true; });
     canvas.style.touchAction = "pan-y"; // a finger across it turns the robot, along it scrolls the page
     this.axes = new three.AxesHelper(1);
@@ -60,24 +62,40 @@ export class RobotView {
     /** @type {any[]} */ this.joints = [];
     /** @type {any[]} */ this.pieces = [];
     this.placed = false;
-    this.wide = 0;
     this.seen = true;
-    new IntersectionObserver((entries) => { this.seen = entries[0].isIntersecting; }).observe(canvas);
+    new IntersectionObserver((entries) => { this.seen = entries[0].isIntersecting; this.changed(); }).observe(canvas);
+    new ResizeObserver(() => this.fit()).observe(place);
     const pause = made("button", { textContent: this.still ? "Move" : "Hold" });
-    pause.onclick = () => { this.still = !this.still; pause.textContent = this.still ? "Move" : "Hold"; };
+    pause.onclick = () => { this.still = !this.still; pause.textContent = this.still ? "Move" : "Hold"; this.changed(); };
     caption.append(pause);
     this.build();
-    let last = 0;
-    const frame = (/** @type {number} */ now) => {
-      const moving = this.turned || (this.film ? this.film.runs : Boolean(this.part && this.part.re) && !this.still);
-      if (this.seen && !document.hidden && now - last > (moving ? 33 : 250) && !busy()) { // while gains are dragged they go first
-        last = now;
-        this.turned = false;
+  }
+
+  /** As wide as its place, out of sight, too, as it would keep the page wide. */
+  fit() {
+    const wide = Math.max(260, this.place.clientWidth), high = Math.round(Math.min(440, 0.72 * wide));
+    this.renderer.setSize(wide, high);
+    this.camera.aspect = wide / high;
+    this.camera.updateProjectionMatrix();
+    this.changed();
+  }
+
+  /** Draws it anew. What does not move is not drawn again until then. */
+  changed() { this.stale = true; this.ask(); }
+
+  ask() {
+    if (this.asked || !this.renderer) return;
+    this.asked = true;
+    requestAnimationFrame((now) => {
+      this.asked = false;
+      if (!this.seen) return;
+      if (now - this.drawn > 33 && !this.busy()) { // while gains are dragged they go first
+        this.drawn = now;
+        this.stale = false;
         this.draw(now / 1000);
       }
-      requestAnimationFrame(frame);
-    };
-    requestAnimationFrame(frame);
+      if (this.stale || (this.film ? this.film.runs : this.part && this.part.re && !this.still)) this.ask();
+    });
   }
 
   build() {
@@ -94,6 +112,7 @@ export class RobotView {
         this.pieces.push(mesh);
         this.paint();
         if (this.nodes && !this.placed) this.frame(this.nodes);
+        this.changed();
       };
       if (shape.kind === "mesh") this.load(k).then(put);
       else put(forms[shape.kind]());
@@ -200,6 +219,7 @@ export class RobotView {
   takeRoot(root) { this.root = root; this.say(); }
 
   say() {
+    this.changed();
     const { part } = this, root = part && this.root && this.root.key === part.key ? this.root : null; // that of other gains says nothing of these
     this.title.data = this.film ? "Simulated run" : "Critical mode";
     if (!part) return;
@@ -219,12 +239,12 @@ export class RobotView {
     this.endFilm();
     const slider = made("input", { type: "range", min: "0", max: String(film.ms.length - 1), value: "0", id: "film" }), time = made("output");
     slider.setAttribute("aria-label", "Moment of the simulated run");
-    slider.addEventListener("input", () => { this.film.runs = false; this.turned = true; });
+    slider.addEventListener("input", () => { this.film.runs = false; this.changed(); });
     let most = 1e-9;
     for (const [points] of film.moved) for (const each of points) most = Math.max(most, Math.abs(each));
     const large = [100, 50, 20, 10, 5, 2, 1].find((each) => each * most <= DRAWN * this.size) || 1, size = made("button");
     const say = () => { size.textContent = this.film.larger > 1 ? `Motion drawn ${this.film.larger} × as large` : "Motion drawn as it is"; };
-    size.onclick = () => { this.film.larger = this.film.larger > 1 ? 1 : large; this.turned = true; say(); };
+    size.onclick = () => { this.film.larger = this.film.larger > 1 ? 1 : large; this.changed(); say(); };
     this.bar = made("p", { className: "film" }, slider, time, ...(large > 1 ? [size] : []), made("button", { textContent: "Critical mode", onclick: () => this.endFilm() }));
     this.note.before(this.bar);
     this.film = { ...film, slider, time, larger: large, runs: !this.still, began: performance.now() / 1000 };
@@ -253,13 +273,6 @@ export class RobotView {
 
   /** @param {number} now */
   draw(now) {
-    const wide = Math.max(260, this.place.clientWidth), high = Math.round(Math.min(440, 0.72 * wide));
-    if (wide !== this.wide) {
-      this.wide = wide;
-      this.renderer.setSize(wide, high);
-      this.camera.aspect = wide / high;
-      this.camera.updateProjectionMatrix();
-    }
     const { part } = this;
     if (!part) return;
     const angle = (2 * Math.PI * now) / PERIOD, hz = part.hz || 1;
