@@ -46,6 +46,16 @@ def case_of(state: StateCase, space: str) -> Case:
     return task_case(state.title, state.system, state.model, state.system.source.tasks(state.model, state.system.control.rotors))
 
 
+def own_case(title: str, system: System, model: Any) -> tuple[Case, Gains] | None:
+    """A robot's own PD gains of its joints; None where the core does not look at its controller."""
+    control, own, size = system.control, system.control.controller, model.size
+    if control.kd_path is not None or type(own) is not PD or size == 1 or np.ndim(own.kp) > 1 or np.ndim(own.kd) > 1:
+        return None
+    filters = replace(control, velocity_filter=own.velocity_filter, notches=own.notches)
+    gains = np.array([np.broadcast_to(gain, size) for gain in (own.kp, own.kd, 0.0)], dtype=float)
+    return joint_case(title, replace(system, control=filters), model), gains
+
+
 def judged_margins(state: StateCase, factor: float = 1.0, near: bool = False) -> Margins:
     """The margins that requirements bound, of `factor` on all of a robot's own gains in one case; others are NaN, frequencies mostly are.
 
@@ -61,12 +71,9 @@ def judged_margins(state: StateCase, factor: float = 1.0, near: bool = False) ->
         found = (case.margins if near else case.all_margins)(np.array([tasks.kp, tasks.kd, tasks.ki]))
         if _known(found, system):
             return found
-    own = control.controller
-    if control.kd_path is None and type(own) is PD and size > 1 and np.ndim(own.kp) < 2 and np.ndim(own.kd) < 2:
-        filters = replace(control, velocity_filter=own.velocity_filter, notches=own.notches)
-        gains = factor * np.array([np.broadcast_to(gain, size) for gain in (own.kp, own.kd, 0.0)], dtype=float)
-        case = joint_case(state.title, replace(system, control=filters), state.model)
-        found = (case.margins if near else case.all_margins)(gains)
+    if (joints := own_case(state.title, system, state.model)) is not None:
+        case, gains = joints
+        found = (case.margins if near else case.all_margins)(factor * gains)
         if _known(found, system):
             return found
     try:

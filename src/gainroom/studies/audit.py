@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..analysis.stability import is_stable
+from ..design.judged_cases import own_case
+from ..design.margin_slopes import Case, Gains
 from ..robot.gearbox_types import GearboxRange
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
@@ -201,7 +203,26 @@ class Audit(Analysis):
         if self.has_two_paths or not most > 0:
             return math.nan
         every = np.ones(len(self.system.source.joint_names), dtype=bool)
-        return largest_factor(lambda factor: self.holds_at(every, factor), most)
+        seen = self.seen_factor(every, most)
+        return seen if seen > 0 and self.holds_at(every, seen) else largest_factor(lambda factor: self.holds_at(every, factor), most)
+
+    def seen_factor(self, lowered: Booleans, most: float) -> float:
+        """The largest factor up to `most` on the gains of the joints `lowered` (n,) as the core's looks have it, not proved; NaN: none."""
+        cases = self._cases
+        if cases is None:
+            return math.nan
+
+        def holds(factor: float) -> bool:
+            factors = np.where(lowered, factor, 1.0)
+            return all(self.required.met_by(case.margins(factors * gains)) for case, gains in cases)
+
+        return largest_factor(holds, most)
+
+    @cached_property
+    def _cases(self) -> list[tuple[Case, Gains]] | None:
+        """Every state as the core looks at it; None where it does not look at this controller."""
+        cases = [own_case(state.title, self.system, state.model) for state in self.states]
+        return None if any(case is None for case in cases) else [case for case in cases if case is not None]
 
     def loops_at(self, lowered: Booleans, factor: float) -> Iterator[Loop]:
         """Every state's loop with the gains of the joints `lowered` (n,) times `factor`."""
@@ -337,7 +358,8 @@ def _lowered(result: Audit) -> Iterator[tuple[Booleans, float]]:
             lowered = lowered | np.isin(names, list(more))
         if most > 0 and lowered.any() and not lowered.all() and lowered.tolist() not in tried:
             tried.append(lowered.tolist())
-            yield lowered, largest_factor(lambda factor, lowered=lowered: result.holds_at(lowered, factor), most)
+            seen = result.seen_factor(lowered, most)
+            yield lowered, seen if seen > 0 else largest_factor(lambda factor, lowered=lowered: result.holds_at(lowered, factor), most)
     yield np.ones(len(names), dtype=bool), result.scale
 
 
