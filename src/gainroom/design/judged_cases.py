@@ -63,27 +63,30 @@ def judged_margins(state: StateCase, factor: float = 1.0, near: bool = False) ->
 
     PD gains of joints and gains of tasks are looked at in the core, in milliseconds; for other controllers it takes `margins`.
     """
-    system, control, size = state.system, state.system.control, state.model.size
+    system, control = state.system, state.system.control
     if control.space == "task":
         tasks = system.source.tasks(state.model, control.rotors)
         tasks = replace(tasks, torque=factor * tasks.torque)
-        case = task_case(state.title, system, state.model, tasks)
-        found = (case.margins if near else case.all_margins)(np.array([tasks.kp, tasks.kd, tasks.ki]))
-        if _known(found, system):
-            return found
+        return told(task_case(state.title, system, state.model, tasks), np.array([tasks.kp, tasks.kd, tasks.ki]), near)
     if (joints := own_case(state.title, system, state.model)) is not None:
         case, gains = joints
-        found = (case.margins if near else case.all_margins)(factor * gains)
-        if _known(found, system):
-            return found
+        return told(case, factor * gains, near)
+    return _exact(system.loop(state.model).scaled(factor))
+
+
+def told(case: Case, gains: Gains, near: bool) -> Margins:
+    """What a look says of a case's margins, as far as they are `near` what is asked for or all; where it leaves any open, `margins`."""
+    found = (case.margins if near else case.all_margins)(gains)
+    if found.stable and any(np.isnan(one.value(found)) for one, _ in case.required.asked_for):
+        return _exact(case.loop(gains))
+    return found
+
+
+def _exact(loop: Loop) -> Margins:
     try:
-        return margins(system.loop(state.model).scaled(factor))
+        return margins(loop)
     except GainroomError:
-        return Margins.unknown(GainLimit.unknown(size, stable=False))
-
-
-def _known(found: Margins, system: System) -> bool:
-    return not found.stable or not any(np.isnan(one.value(found)) for one, _ in system.requirements.asked_for)
+        return Margins.unknown(GainLimit.unknown(loop.size, stable=False))
 
 
 @dataclass(frozen=True)

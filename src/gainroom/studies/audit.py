@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.stability import is_stable
-from ..design.judged_cases import own_case
+from ..design.judged_cases import own_case, told
 from ..design.margin_slopes import Case, Gains
 from ..robot.gearbox_types import GearboxRange
 from ..system.linear.arrays import Booleans, Floats
@@ -204,17 +204,16 @@ class Audit(Analysis):
             return math.nan
         every = np.ones(len(self.system.source.joint_names), dtype=bool)
         seen = self.seen_factor(every, most)
-        return seen if seen > 0 and self.holds_at(every, seen) else largest_factor(lambda factor: self.holds_at(every, factor), most)
+        return seen if math.isnan(seen) or self.holds_at(every, seen) else largest_factor(lambda factor: self.holds_at(every, factor), most)
 
     def seen_factor(self, lowered: Booleans, most: float) -> float:
-        """The largest factor up to `most` on the gains of the joints `lowered` (n,) as the core's looks have it, not proved; NaN: none."""
-        cases = self._cases
-        if cases is None:
-            return math.nan
+        """The largest factor up to `most` on the gains of the joints `lowered` (n,); NaN: none. Seen in the core's looks, not proved."""
 
         def holds(factor: float) -> bool:
+            if self._cases is None:
+                return self.holds_at(lowered, factor)
             factors = np.where(lowered, factor, 1.0)
-            return all(self.required.met_by(case.margins(factors * gains)) for case, gains in cases)
+            return all(self.required.met_by(told(case, factors * gains, near=True)) for case, gains in self._cases)
 
         return largest_factor(holds, most)
 
@@ -358,8 +357,7 @@ def _lowered(result: Audit) -> Iterator[tuple[Booleans, float]]:
             lowered = lowered | np.isin(names, list(more))
         if most > 0 and lowered.any() and not lowered.all() and lowered.tolist() not in tried:
             tried.append(lowered.tolist())
-            seen = result.seen_factor(lowered, most)
-            yield lowered, seen if seen > 0 else largest_factor(lambda factor, lowered=lowered: result.holds_at(lowered, factor), most)
+            yield lowered, result.seen_factor(lowered, most)
     yield np.ones(len(names), dtype=bool), result.scale
 
 
