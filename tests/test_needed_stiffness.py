@@ -73,12 +73,12 @@ def of_joint(joint: gr.ElasticJoint, kp: float, kd: float, delay: float, step: f
     return needed_stiffness(system, [state], DAMPING_RATIO)
 
 
-def population() -> list[tuple]:
+def population(count: int) -> list[tuple]:
     """Joints that are safe with rigid gearboxes, in continuous time and at ticks of 1 and 2 ms."""
     random, found = np.random.default_rng(11), []
     dipping = gr.ElasticJoint(motor_inertia=0.022775422538024823, link_inertia=0.09776622198884694)
     found.append((dipping, 7.414983052977981, 1.1501975246093556, 3e-3, 1e-3))  # 1.989 between two looks with more than 2
-    while len(found) < 30:
+    while len(found) < count:
         step = (None, 1e-3, 2e-3)[len(found) % 3]
         inertia, load = 10 ** random.uniform(-2.5, 0.5), 10 ** random.uniform(-0.7, 1.5)
         delay = (step or 1e-3) * int(random.integers(0 if step else 1, 5))
@@ -95,10 +95,14 @@ def geared(rigid: gr.ElasticJoint, resonance: float) -> gr.ElasticJoint:
     return gr.ElasticJoint(inertia, rigid.link_inertia, inertia * resonance**2, 2 * DAMPING_RATIO * inertia * resonance)
 
 
-def test_what_is_needed_is_safe_all_stiffer_gearboxes_are_and_a_little_softer_is_not():
+SHARE = pytest.mark.parametrize("count", [13, pytest.param(30, marks=pytest.mark.population)])
+
+
+@SHARE
+def test_what_is_needed_is_safe_all_stiffer_gearboxes_are_and_a_little_softer_is_not(count: int):
     """Of a population, scanned in steps of 3.5 % of Ω, which no search knows of. The last digit of a limit may differ: 1e-3 of it."""
     softer_unsafe = 0
-    for rigid, kp, kd, delay, step in population():
+    for rigid, kp, kd, delay, step in population(count):
         found = of_joint(rigid, kp, kd, delay, step)
         assert found is not None
         assert found.least is not None
@@ -113,12 +117,13 @@ def test_what_is_needed_is_safe_all_stiffer_gearboxes_are_and_a_little_softer_is
             assert not has_margin(geared(rigid, found.unsafe.resonance), kp, kd, delay, step)
         else:
             assert least.stiffness[0] == pytest.approx(kp)  # as soft as the gains themselves
-    assert softer_unsafe >= 9  # or this shows nothing
+    assert softer_unsafe >= 0.3 * count  # or this shows nothing
 
 
-def test_every_look_is_right():
+@SHARE
+def test_every_look_is_right(count: int):
     """Each with its limit in closed form, safe or not, also where it is not stable."""
-    for rigid, kp, kd, delay, step in population():
+    for rigid, kp, kd, delay, step in population(count):
         if step is not None:
             continue
         found = of_joint(rigid, kp, kd, delay, step)

@@ -31,8 +31,12 @@ def laplace_inverse(value_at, time: float) -> float:
     return float(np.exp(shift * time) / span * (terms.sum() - terms[0] / 2))
 
 
-@pytest.mark.parametrize("delays", DELAYS)
-@pytest.mark.parametrize("joint", [0, 2])
+PLACES = [(delays, joint) for delays in DELAYS for joint in (0, 2)]
+
+
+@pytest.mark.parametrize(
+    ("delays", "joint"), [pair if k in (0, 3, 4) else pytest.param(*pair, marks=pytest.mark.population) for k, pair in enumerate(PLACES)]
+)
 def test_it_is_the_inverse_transform_of_the_closed_loop(delays: tuple[float, ...], joint: int):
     """x = (I + G D)⁻¹ G, with G and D from the formulas of one drive and one PD, not from states."""
     loop = coupled(delays)
