@@ -47,7 +47,7 @@ def chromium():
 
 @pytest.fixture
 def browser(chromium):
-    """The same for one test of the interactive page: what it opened is closed behind it, as open pages go on drawing."""
+    """The same for one test of the interactive page: what it opened is closed behind it, and takes no time from the next."""
     yield chromium
     for context in chromium.contexts:
         context.close()

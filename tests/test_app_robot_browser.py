@@ -10,9 +10,7 @@ import pytest
 from app_pages import CERTIFIED, Served, open_tab, serving
 from gainroom.app.messages import View
 from gainroom.files.robot_yaml import parse_robot
-from gainroom.report.robot_text import sentence
-from gainroom.studies.robot import study_robot
-from test_app_robot import CASCADES, LAWS, TYPED, bench_of, of_tasks
+from test_app_robot import CASCADES, LAWS, TYPED, bench_of, command, of_tasks
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("uvicorn", reason="the extra gainroom[app] is not installed")
@@ -139,7 +137,7 @@ def test_a_payload_is_slid_and_a_search_stopped(browser: Any, tmp_path: Path):
         assert other.view() == view
         typed = bench_of(of_tasks("pd kp: [50, 90, 200], kd: [5, 8, 15]")).text(View(payload=6.0, payload_at="right_foot"))
         assert "mass: 6" in typed
-        assert tab.text("#sentence") == sentence(study_robot(parse_robot(typed, "robot.yaml"), recommend=False))
+        assert tab.text("#sentence") == command(tmp_path, typed)["sentence"]
         find, stop = (tab.page.get_by_role("button", name=name) for name in ("Find gains", "Stop the search"))
         find.click()
         stop.click()

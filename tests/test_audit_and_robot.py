@@ -11,7 +11,8 @@ import gainroom as gr
 from gainroom.analysis.stability import is_stable
 from gainroom.cli import main
 from gainroom.files.audit_options import AuditOptions, audit_spec
-from gainroom.studies.audit import audit, largest_factor
+from gainroom.studies.audit import audit
+from gainroom.studies.factors import largest_factor
 
 LEG = """<mujoco model="leg">
   <worldbody>
@@ -130,11 +131,11 @@ def test_a_joint_that_vibrates_by_itself_is_named(capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize("seeds", [range(6), pytest.param(range(6, 80), marks=pytest.mark.population)], ids=["share", "rest"])
 def test_factors_that_looks_find_are_those_of_all_margins(seeds: range):
     """Of random gains, most of them unsafe, on all joints and on some: to 0.1 % of a factor, twice; or both find none."""
-    further, found = gr.Requirements(gain_margin=MARGIN, phase_margin=np.radians(20), peak_sensitivity=2.5, delay_margin=1.5e-3), []
+    required, found = gr.Requirements(gain_margin=MARGIN, phase_margin=np.radians(20), peak_sensitivity=2.5, delay_margin=1.5e-3), []
     for seed in seeds:
         draw(seed)
         system = audit_spec("leg.xml", Path("gains.yaml"), AuditOptions(3.0, rate_hz=1000.0))
-        audited = audit(system, further)
+        audited = audit(system, required)
         for lowered in np.array([[True, True, True], [True, False, False], [False, True, True]]):
             seen = audited.seen_factor(lowered, 1.0)
             exact = largest_factor(lambda factor, audited=audited, lowered=lowered: audited.holds_at(lowered, factor), 1.0)

@@ -61,7 +61,7 @@ def test_nothing_in_the_range_is_worse_than_what_was_found(count: int):
         assert over.worst.gain_limit == pytest.approx(continuous_limit(worst, kp, kd, delay), rel=1e-3)
         assert over.safe == all(look.gain_limit >= MARGIN for look in over.looks)
         unsafe += not over.safe
-    assert 2 <= unsafe < count - 1  # or this shows nothing
+    assert count / 7 < unsafe < 6 * count / 7  # or this shows nothing
 
 
 def test_sampled_ranges_that_are_safe_are():

@@ -223,9 +223,7 @@ def right(with_link) -> JointFit:
     return identify_joint(with_link)
 
 
-@pytest.mark.parametrize(
-    ("factor", "shown"), [(-1.0, "-1"), pytest.param(180 / np.pi, "57.3", marks=pytest.mark.population)], ids=["sign", "degrees"]
-)
+@pytest.mark.parametrize(("factor", "shown"), [(-1.0, "-1"), (180 / np.pi, "57.3")], ids=["sign", "degrees"])
 def test_a_link_encoder_of_another_sign_or_unit_is_named(with_link, right, factor, shown):
     """Refused, or left aside as noise: then the motor's encoder alone tells the joint, and rightly."""
     assert right.adequate

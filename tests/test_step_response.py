@@ -32,6 +32,7 @@ def laplace_inverse(value_at, time: float) -> float:
 
 
 PLACES = [(delays, joint) for delays in DELAYS for joint in (0, 2)]
+"""All with -m population; every time each set of delays, and both joints."""
 
 
 @pytest.mark.parametrize(
