@@ -7,8 +7,8 @@ import numpy as np
 
 from ..analysis.margin_record import PathMargins
 from ..errors import apart, beside, frequency_text, listed
-from ..studies.analysis import typed_factor
 from ..studies.audit import Audit, GainsToUse
+from ..studies.factors import typed_factor
 from ..studies.state import HELD, USUAL_RATE
 from ..system.excluded_sets import ROUND_OFF
 from ..system.requirements import REQUIREMENTS, to_db

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from ..errors import beside
-from ..studies.analysis import typed_factor
+from ..studies.factors import typed_factor
 from ..studies.sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
 from ..studies.swept_margins import Judged, WorstStates
 from ..system.requirements import to_db

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..studies.analysis import typed_factor
 from ..studies.audited_workspace import AuditedWorkspace
+from ..studies.factors import typed_factor
 from ..studies.sweep.summary import ContactSummary, SweepSummary
 from ..studies.swept_margins import WorstStates, worst_states
 from ..system.requirements import Requirements, to_db

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from ..design.joint_gains import rounded_down
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
@@ -166,11 +165,6 @@ class Analysis:
         """By how much each requirement is missed in its worst state, as Requirement.shortfall has it; empty for an unstable system."""
         asked = self.system.requirements.asked_for if self.stable_in_range else ()
         return {one.name: one.shortfall(needed, self.least(self.worst[one.name], one.name)) for one, needed in asked}
-
-
-def typed_factor(factor: float) -> float:
-    """A factor on gains as it is typed: three decimals, three digits where it is small, never rounded up; NaN where none is known."""
-    return math.floor(1000 * factor) / 1000 if factor > 0.01 else rounded_down(factor)
 
 
 def analyze(system: System, progress: Progress | None = None, numbers: tuple[str, ...] = ("margins",)) -> Analysis:

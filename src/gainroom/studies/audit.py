@@ -5,7 +5,7 @@ the other loops closed. A joint is safe where its own are enough and it takes no
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,8 +20,9 @@ from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirements import Requirement, Requirements, enough
 from ..system.system import System
-from .analysis import Analysis, analyze, typed_factor
+from .analysis import Analysis, analyze
 from .deciding_joints import joints_that_miss
+from .factors import largest_factor, typed_factor
 from .gearbox_range import RangeOfGearboxes, look_over
 from .needed_stiffness import NeededStiffness, needed_stiffness
 from .state import Progress, State, by_headroom, extra_delay, limit_of, limiting_joints, margins_of, state_of, unknown_first
@@ -36,8 +37,6 @@ BARE = 5.0
 """Ms above which gains hardly damp their motion: up to it at least 1.9 dB and 11.5° are left."""
 GROWTHS = 5
 """Times that joints are added to those whose gains are lowered."""
-LOWER = (0.99, 0.97, 0.9, 0.7, 0.5, 0.3, 0.1, 0.03)
-"""Of gains that have the gain margin and too little else: where lower ones are looked at."""
 NUMBERS = ("margins", "single_joint_limits", "delay_limit")
 
 
@@ -203,8 +202,12 @@ class Audit(Analysis):
         if self.has_two_paths or not most > 0:
             return math.nan
         every = np.ones(len(self.system.source.joint_names), dtype=bool)
+
+        def holds(factor: float) -> bool:
+            return self.holds_at(every, factor)
+
         seen = self.seen_factor(every, most)
-        return seen if math.isnan(seen) or self.holds_at(every, seen) else largest_factor(lambda factor: self.holds_at(every, factor), most)
+        return seen if math.isnan(seen) or holds(seen) else largest_factor(holds, most)
 
     def seen_factor(self, lowered: Booleans, most: float) -> float:
         """The largest factor up to `most` on the gains of the joints `lowered` (n,); NaN: none. Seen in the core's looks, not proved."""
@@ -359,18 +362,6 @@ def _lowered(result: Audit) -> Iterator[tuple[Booleans, float]]:
             tried.append(lowered.tolist())
             yield lowered, result.seen_factor(lowered, most)
     yield np.ones(len(names), dtype=bool), result.scale
-
-
-def largest_factor(holds: Callable[[float], bool], most: float) -> float:
-    """The largest factor up to `most` at which a test holds, within 0.1 %, where it holds below: at LOWER of it; NaN: nowhere there."""
-    if not most > 0 or holds(most):
-        return most
-    held = next((share * most for share in LOWER if holds(share * most)), math.nan)
-    lost = most
-    while lost > 1.001 * held:
-        middle = math.sqrt(held * lost)
-        held, lost = (middle, lost) if holds(middle) else (held, middle)
-    return held
 
 
 def required_of(
