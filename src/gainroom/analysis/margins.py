@@ -17,7 +17,7 @@ from .margin_record import GainCrossing, GainLimit, Margins, OneLoop, PhaseCross
 from .stability import scan_loop, unstable_roots
 from .two_paths import TwoPaths
 
-NOTHING, _, _, ENDLESS, FAILED = range(5)  # of Found in delay_margin.hpp
+NOTHING, _, HALVED, ENDLESS, FAILED = range(5)  # of Found in delay_margin.hpp
 
 
 def margins(loop: Loop) -> Margins:
@@ -58,9 +58,10 @@ def joint_margins(loop: Loop) -> Margins:
 
 def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
     """`found` with the extra delay that puts a root of a sampled loop on the boundary, confirmed on both sides of it (delay_margin.hpp)."""
-    plant, control = loop.unsampled, loop.control
+    plant, control, tick = loop.unsampled, loop.control, loop.sample_time
     assert plant is not None
     assert control is not None
+    assert tick is not None
     crossings = np.array(sorted((crossing.delay_margin, crossing.omega) for crossing in found.gain_crossings)).reshape(-1, 2)
     way, extra, omega = _core.delay_margin(
         plant.zeros,
@@ -70,7 +71,7 @@ def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
         control.zeros,
         control.poles,
         control.gain * loop.gain,
-        loop.sample_time or 0.0,
+        tick,
         loop.unstable_poles,
         crossings,
     )
@@ -78,7 +79,11 @@ def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
         raise GainroomError("loop: its turns about −1 cannot be computed: look for values that are many orders of magnitude off")
     if way == ENDLESS:
         return replace(found, certified=False)
-    return found if way == NOTHING else replace(found, delay_margin=extra, delay_crossover=omega)
+    if way == NOTHING:
+        return found
+    # Of tried delays no more is known than that those are stable: an unstable one before them would lie near the first crossing's.
+    tried = way == HALVED and extra > found.delay_margin + tick
+    return replace(found, delay_margin=extra, delay_crossover=omega, certified=found.certified and not tried)
 
 
 def margins_of(loop: Loop, scan: Scan) -> Margins:

@@ -1,8 +1,9 @@
 // The extra delay that puts a root of a sampled loop of one joint on the boundary of stability, confirmed on both sides of it.
 //
 // A fraction of a tick of delay in front of a hold is nearly, not quite, a phase ωT. So the first of the gain crossings, and those that
-// come about as soon, are followed with the plant sampled anew for each delay; where the count of roots does not confirm the first of
-// them, the delay is halved between stable and unstable.
+// come about as soon, are followed with the plant sampled anew for each delay. Where the count of roots does not confirm the first of
+// them, delays are tried one after the other, in steps that are short beside a tick and beside that first one, as a loop may be stable
+// again with more delay; and the first unstable one is halved.
 #pragma once
 
 #include "sampling.hpp"
@@ -55,12 +56,13 @@ class DelayedLoop {
         const bool latest = std::abs(now.at(kPi / step_)) > 1;  // within a tick L(−1) then comes to −1 from 1 or more
         if (failed_) return {Found::failed, extra, omega};
         if (!finite && crossings.empty() && !latest) return {Found::nothing, extra, omega};
-        return halved(std::min(extra, latest ? step_ : crossings.empty() ? kInfinite : crossings.back()[0] + step_));
+        return halved(crossings.empty() ? step_ : std::min(crossings[0][0], step_));
     }
 
    private:
     static constexpr std::size_t kMostFollowed = 4;
-    static constexpr int kMostSteps = 8, kMostDoublings = 40, kMostHalvings = 120, kMostNewton = 30;
+    static constexpr int kMostSteps = 40, kMostTries = 64, kMostDoublings = 40, kMostHalvings = 120, kMostNewton = 30;
+    static constexpr double kPace = 0.125;  // of the least extra delay that matters: from one try to the next
     static constexpr double kMostTicks = 1e15;  // of delay: beyond, a double holds no fraction of a tick
 
     const Sampler& plant_;
@@ -89,7 +91,7 @@ class DelayedLoop {
     double whole_ticks(double extra) const { return std::floor(extra / step_); }
 
     // Moves `omega` to the gain crossing nearby with `extra` more delay and `extra` to where its phase margin ends; gains about four
-    // digits a step.
+    // digits a step, near resonances less.
     bool followed(double& extra, double& omega) {
         if (!std::isfinite(extra)) return false;
         for (int step = 0; step < kMostSteps && !failed_; step++) {
@@ -144,13 +146,13 @@ class DelayedLoop {
         return unstable == 0;
     }
 
-    // By bisection below a delay at which, or just beyond which, the loop is unstable.
-    DelayMargin halved(double unstable) {
-        double stable = 0.0;
-        for (int doubling = 0; is_stable(unstable); doubling++) {
-            if (doubling == kMostDoublings) return {Found::endless, unstable, 0.0};
+    // By bisection below the first unstable delay of those tried, the first of them a share of `scale`.
+    DelayMargin halved(double scale) {
+        double stable = 0.0, unstable = kPace * scale;
+        for (int k = 0; is_stable(unstable); k++) {
+            if (k == kMostTries + kMostDoublings) return {Found::endless, unstable, 0.0};
             stable = unstable;
-            unstable *= 2;
+            unstable = k < kMostTries ? (k + 2) * kPace * scale : 2 * unstable;
         }
         for (int halving = 0; halving < kMostHalvings && unstable - stable > kDelayNudge * unstable && !failed_; halving++) {
             const double middle = 0.5 * (stable + unstable);
