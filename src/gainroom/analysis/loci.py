@@ -192,6 +192,17 @@ class Sweep:
             self.omega, self.loci, self._pairs, self._lowest = above
             self._bottom = True
 
+    @property
+    def _blurred(self) -> Booleans:
+        """(r,) loci whose fall at the lowest sample may be round-off.
+
+        Where gains take over from each other, zeros without much damping bend loci as steeply: there only what is small beside the
+        round-off of the largest one is lost.
+        """
+        size = np.abs(self.loci[0])
+        noise = float(self.loop.round_off(self.omega[:1])[0]) * size.max()
+        return (noise > LOCI.blurred * size) | (self.omega[0] < self._slowest)
+
     def _falls(self) -> Floats:
         """(r,) how each locus falls at the lowest sample, as 1/ωᵏ: k; 0 where it is lost in round-off."""
         if self._lowest[0] != self.omega[0]:
@@ -227,7 +238,7 @@ class Sweep:
             settled &= self._for_limit or not np.any((falls > 0.5) & (np.abs(self.loci[0]) < LOCI.outside))
             if settled or self._bottom or np.abs(self.loci[0]).max() > LOCI.huge or self.omega[0] < 1e3 * LOCI.lowest * self.omega[-1]:
                 break
-            self._further_down(lambda falls: np.abs(falls - 1) > LOCI.steepest)
+            self._further_down(lambda falls: (np.abs(falls - 1) > LOCI.steepest) & self._blurred)
         while self.last is None and np.abs(self.loci[-1]).max() * self.highest > 1 and self.omega[-1] < 1e12 * self.omega[0]:
             self.add(self.omega[-1] * np.array([1.5, 2.0]))
 

@@ -26,6 +26,7 @@ class Resolution:
     noise: float = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
     # of a fall, about 1: from two integrators and a memory, 3, to a velocity alone, -1; beyond is round-off
     steepest: float = 2.5
+    blurred: float = 0.01  # of a locus: round-off that makes 0.5 of its fall over a step of `beside`
     astray: float = 0.02  # deviation of the order of a fall from a whole number; more is round-off
     # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
     real: float = 0.3

@@ -242,7 +242,8 @@ private:
                 settled &= std::fabs(falling[i] - std::round(falling[i])) < 0.05 && !(falling[i] > 0.5 && size < kOutside);
             }
             if (settled || most > kHuge || samples_[0]->omega() < 1e3 * kLowest * samples_.back()->omega()) break;
-            further_down([](double fall) { return std::fabs(fall - 1) > kSteepest; });
+            // Where gains take over from each other, zeros without much damping bend loci as steeply as round-off does.
+            further_down([&](double fall) { return std::fabs(fall - 1) > kSteepest && samples_[0]->omega() < slowest; });
         }
         for (int round = 0; round < 20 && ok() && !bottom_; round++) {
             const std::vector<double> falling = falls();
