@@ -333,3 +333,33 @@ def test_mutated_files_are_read_or_refused_in_one_line(random: Any, text: str):
         message = str(error)
         assert message.startswith("r.py")
         assert "\n" not in message
+
+
+ISAAC_LAB = """\
+from isaaclab.actuators import ImplicitActuatorCfg
+from isaaclab.assets import ArticulationCfg
+
+LEGS = ImplicitActuatorCfg(joint_names_expr=[".*"], stiffness=25.0, damping=0.5)
+OTHER_INIT = ArticulationCfg.InitialStateCfg(joint_pos={".*_knee": -0.1, ".*_hip_pitch": 0.3})
+ONE = ArticulationCfg(
+    init_state=ArticulationCfg.InitialStateCfg(joint_pos={".*_knee": -1.5, ".*_hip_pitch": 0.8}), actuators={"legs": LEGS}
+)
+"""
+OTHER = """\
+OTHER = ArticulationCfg(
+    init_state=OTHER_INIT, actuators={"legs": ImplicitActuatorCfg(joint_names_expr=[".*"], stiffness=60.0, damping=1.0)}
+)
+BARE = ArticulationCfg(actuators={"legs": ImplicitActuatorCfg(joint_names_expr=[".*"], stiffness=70.0, damping=1.0)})
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "robot", "knee"), [(ISAAC_LAB, "", -1.5), (ISAAC_LAB + OTHER, "ONE", -1.5), (ISAAC_LAB + OTHER, "OTHER", -0.1)]
+)
+def test_a_robot_s_initial_state_is_its_own(text: str, robot: str, knee: float):
+    (angles,) = read_actuator_configs(text, "cfg.py", robot).postures_for(LEGS).values()
+    assert angles["left_knee"] == angles["right_knee"] == knee
+
+
+def test_a_robot_without_an_initial_state_does_not_take_another_s():
+    assert read_actuator_configs(ISAAC_LAB + OTHER, "cfg.py", "BARE").postures_for(LEGS) == {}

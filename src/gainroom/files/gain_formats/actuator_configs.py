@@ -131,7 +131,7 @@ def read_actuator_configs(text: str, source: str, chosen: str = "") -> GainFile:
     if not robots:
         raise GainroomError(f"{source}: holds no actuator configurations of mjlab or Isaac Lab{_inside_functions(values)}")
     name, found = _chosen(robots, source, chosen)
-    made = parts(values.names.get(name) if name else found)
+    made = list(parts(values.names.get(name) if name else found))
     changed = next((each.fields[SET_UP[0]] for each in made if isinstance(each, Record) and SET_UP[0] in each.fields), None)
     if changed is not None:
         raise GainroomError(f"{source}: line {changed.line}: {changed}; write its numbers into the configuration")
@@ -144,14 +144,17 @@ def read_actuator_configs(text: str, source: str, chosen: str = "") -> GainFile:
         raise GainroomError(f"{source}: {name}: {notes[0].removeprefix(source + ': ') if notes else 'has no actuators'}")
     imported = any(isinstance(value, Unknown) and "mjlab" in value.why for value in values.names.values())
     form = "mjlab" if imported else "Isaac Lab"
-    return GroupedGains(source, form, {}, groups=tuple(groups), notes=tuple(notes), postures=_postures(values, made))
+    return GroupedGains(source, form, {}, groups=tuple(groups), notes=tuple(notes), postures=_postures(values, made, len(robots) == 1))
 
 
-def _postures(values: PythonValues, robot: Iterable[Any]) -> dict[str, Mapping[str, float]]:
-    """The initial states of the parts of a `robot`, else of the file, by the name that holds each: those whose angles are all numbers."""
+def _postures(values: PythonValues, robot: Iterable[Any], alone: bool) -> dict[str, Mapping[str, float]]:
+    """The initial states of the parts of a `robot`, by the name that holds each: those whose angles are all numbers.
+
+    alone   whether it is the file's only one: without one of its own it has those of the file
+    """
     named = {name: each for name, each in values.names.items() if _is_posture(each)}
     titles = {id(each): name for name, each in named.items()}
-    found = {titles.get(id(each), "init_state"): each for each in robot if _is_posture(each)} or named
+    found = {titles.get(id(each), "init_state"): each for each in robot if _is_posture(each)} or (named if alone else {})
     return {name: dict(each.fields[POSTURE]) for name, each in found.items()}
 
 
