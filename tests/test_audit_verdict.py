@@ -150,3 +150,25 @@ def test_safe_rests_on_stiff_gearboxes(capsys: pytest.CaptureFixture[str]):
     assert levels[0]["gain_limit"] < 10 ** (6 / 20) < levels[1]["gain_limit"]
     out = audited(capsys, *known, "--rate-hz", f"{4 * slowest:.0f}")[1]
     assert out.startswith("Safe.\nDo this: These gains may stay.\n")
+
+
+def test_motors_without_inertia_are_named_before_gains_are_lowered(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """An inertia of 0 is not known to be one: it is asked for first, and what to multiply holds where it is really 0."""
+    robot, gains = tmp_path / "arm.urdf", tmp_path / "gains.yaml"
+    mass = '<mass value="1"/><origin xyz="0 0 -0.2"/>'
+    inertia = f'<inertial>{mass}<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joint = '<parent link="{}"/><child link="{}"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="9"/>'
+    parts = [f'<link name="{name}">{inertia}</link>' for name in ("base", "upper", "lower")]
+    for name, ends in (("j1", ("base", "upper")), ("j2", ("upper", "lower"))):
+        parts.append(f'<joint name="{name}" type="revolute">{joint.format(*ends)}</joint>')
+    robot.write_text(f'<robot name="arm">{"".join(parts)}</robot>', "utf-8")
+    call = ["audit", str(robot), "--delay-ms", "2", "--rate-hz", "1000", "--gains", str(gains)]
+    for given, says in (("", "The motors' inertias are not given and count as 0"), (", motor_inertia: 0.05", "")):
+        gains.write_text(f'".*": {{kp: 900, kd: 30{given}}}\n', "utf-8")
+        assert main(call) == 1
+        words = " ".join(capsys.readouterr().out.split())
+        assert (says or "not given and count") in words if says else "not given and count" not in words
+        assert ("Do this: Give the motors' inertias" in words) is bool(says)
+        assert ("Do this: Multiply" in words) is not bool(says)
+    assert main([*call, "--verbose"]) == 1
+    assert "motor_inertia: 0.05" in capsys.readouterr().out.partition("Do this:")[2]

@@ -271,6 +271,32 @@ def test_an_unsafe_audit_is_exported_as_the_gains_to_use(folder: Path, capsys: p
     assert told(capsys, "audit", "robot.xml", "--gains", "answer.json", *question)["safe"] is False  # what was audited, again
 
 
+@pytest.mark.parametrize("delay", ["2", "12"])
+def test_what_an_audit_was_given_of_gearboxes_goes_along(folder: Path, capsys: pytest.CaptureFixture[str], delay: str):
+    """Of safe gains and of those to use in place of unsafe ones; a form that has no place for it says so."""
+    given = {"stiffness": 900.0, "damping": 0.5}
+    plain = "".join(f"{name}: {{kp: {kp}, kd: {kd}, stiffness: 900, damping: 0.5}}\n" for name, kp, kd in (("hip", 40, 3), ("knee", 25, 1)))
+    (folder / "springs.yaml").write_text(plain, "utf-8")
+    call = ["audit", str(folder / "robot.xml"), "--gains", str(folder / "springs.yaml"), "--delay-ms", delay, "--rate-hz", "1000", "--json"]
+    main(call)
+    audit = json.loads(capsys.readouterr().out)
+    assert [{key: joint[key] for key in given} for joint in audit["joints"]] == [given, given]
+    answer = folder / "answer.json"
+    answer.write_text(json.dumps(audit), "utf-8")
+    file = read_gains(answer, to_use=True)
+    back = yaml.safe_load(export_gains(file, "yaml", None, None, "0", TODAY).text)["gains"]
+    assert all(values.items() >= given.items() for values in back.values())
+    assert any("stiffness" in note for note in export_gains(file, "arrays", None, None, "0", TODAY).notes)
+    again = folder / "again.yaml"
+    again.write_text(yaml.safe_dump({"gains": back}), "utf-8")
+    main([str(again) if word.endswith("springs.yaml") else word for word in call])
+    second = json.loads(capsys.readouterr().out)
+    assert second["rigid_gearboxes"] == []
+    assert second["safe"]
+    if audit["safe"]:
+        assert second["gain_limit"] == pytest.approx(audit["gain_limit"], rel=1e-9)
+
+
 def test_an_audits_answer_is_read(folder: Path, capsys: pytest.CaptureFixture[str]):
     question = ("audit", "robot.xml", "--delay-ms", "2", "--rate-hz", "1000")
     first = told(capsys, *question, "--gains", "gains.yaml")

@@ -210,7 +210,7 @@ def _terminal(
     verbose: bool,
 ) -> str:
     """`call`, `written`: see what_to_do; `verbose`: also every contact state and joint, and all that is assumed."""
-    from ..report.audit_text import audit_warnings, reason, unjudged, verdict, what_to_do
+    from ..report.audit_text import audit_warnings, in_few_lines, reason, unjudged, verdict, what_to_do
     from ..report.columns import definitions
     from ..report.gearboxes import CAPTION, gearbox_assumptions, look_columns, shown_looks
     from ..report.robot_columns import audited_joints, audited_states, joint_caption, legend
@@ -219,11 +219,15 @@ def _terminal(
     control = result.system.control
     title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
     columns = audited_states(result.enough_in)
-    said, assumed = _further_text(simulated, swept)
+    said, assumed = _further_text(simulated, swept, result.safe)
     assumed, warned = result.system.assumptions + gearbox_assumptions(result) + assumed, audit_warnings(result)
     needed, do = result.needed, what_to_do(result, call, written)
-    typed = do if len(do.lines) <= FEW_LINES else replace(do, lines=())
-    answer = [verdict(result), *do_this(typed), reason(result)]
+    answer = [verdict(result), *do_this(do if verbose else in_few_lines(do, FEW_LINES)), reason(result)]
+    if swept is not None and not swept.safe:
+        from ..report.workspace import advice_there, in_workspace
+
+        there = do_this(replace(advice_there(swept), remarks=())) if result.safe else answer[1:-1]
+        answer = [in_workspace(verdict(result), swept), *there, reason(result)]
     stiffness = [] if needed is None else ["", column_table(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     if not verbose:
         other = "gain_limit" if result.stable else "limit_others_closed"  # which is not what joints are judged by
@@ -293,8 +297,8 @@ def _further_facts(simulated: "SimulatorAudit | None", swept: "AuditedWorkspace 
     return found
 
 
-def _further_text(simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> tuple[list[str], tuple[str, ...]]:
-    """Its paragraphs, and what the simulator assumes; likewise."""
+def _further_text(simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", safe: bool) -> tuple[list[str], tuple[str, ...]]:
+    """Its paragraphs, and what the simulator assumes; likewise. `safe`: where it was audited, so that the workspace says what to do."""
     said, assumed = [], ()
     if simulated is not None:
         from ..report.simulator_text import simulator_assumptions, simulator_sentence
@@ -303,5 +307,5 @@ def _further_text(simulated: "SimulatorAudit | None", swept: "AuditedWorkspace |
     if swept is not None:
         from ..report.workspace import workspace_text
 
-        said += ["", workspace_text(swept)]
+        said += ["", workspace_text(swept, not safe)]
     return said, assumed

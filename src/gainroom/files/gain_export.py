@@ -10,13 +10,15 @@ from ..io.yaml_text import read_text, shown
 from ..robot.formats.model_files import load_model
 from .gain_files import gains_of, parse_file
 from .gain_formats.export_text import arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
-from .gain_formats.gain_record import Gain, GainFile
+from .gain_formats.gain_record import ACTUATOR, Gain, GainFile
 from .gain_formats.mjcf_export import mjcf_text
 from .gain_formats.ros2_control import ros2_control_onto
 
 AGREEMENT = 1e-8
 """Relative, of gains that are read back: written with ten digits, and through MuJoCo's compiler."""
 
+EXTRA = ("ki", "effort_limit", *ACTUATOR)
+"""Fields of Gain beside kp and kd."""
 Written = Callable[[Mapping[str, Gain], Sequence[str], float | None], str]
 
 
@@ -27,7 +29,7 @@ class Form:
     ending    of its files
     written   the text of a whole file; None: only an existing file can take them
     onto      whether an existing file can take them
-    keeps     fields of Gain that it holds, beside kp and kd
+    keeps     fields of EXTRA that it holds
     """
 
     ending: str
@@ -37,7 +39,7 @@ class Form:
 
 
 FORMS = {
-    "yaml": Form(".yaml", plain_text, keeps=("ki", "motor_inertia", "effort_limit")),
+    "yaml": Form(".yaml", plain_text, keeps=EXTRA),
     "ros2_control": Form(".yaml", ros2_control_text, True, ("ki",)),
     "mjcf": Form(".xml", None, True),
     "mjlab": Form(".py", mjlab_text, keeps=("motor_inertia", "effort_limit")),
@@ -70,7 +72,7 @@ def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | Non
     gains = _by_joint(file, names)
     notes = [*file.notes_for(names), *_left_out(gains, form, kind)]
     header = _header(file, version, today)
-    dropped = {key: 0.0 if key == "ki" else None for key in _EXTRA if key not in kind.keeps}
+    dropped = {key: 0.0 if key == "ki" else None for key in EXTRA if key not in kind.keeps}
     kept = {name: replace(gain, **dropped) for name, gain in gains.items()}
     before = "" if onto is None else read_text(onto) if form != "mjcf" else _model_text(onto)
     if onto is not None and form == "mjcf":
@@ -82,9 +84,6 @@ def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | Non
         text = kind.written(kept, header, file.origin.sample_rate_hz)
     _require_same(parse_file(text, onto or Path(f"export{kind.ending}")), kept, form)
     return Export(text, before, kept, tuple(notes))
-
-
-_EXTRA = ("ki", "motor_inertia", "effort_limit")
 
 
 def _form(form: str, onto: Path | None) -> Form:
@@ -122,9 +121,7 @@ def _by_joint(file: GainFile, names: Sequence[str]) -> dict[str, Gain]:
     gains = {}
     for k in range(len(names)):
         if found.given[k]:
-            inertia = float(found.motor_inertia[k])
-            known = inertia if inertia == inertia else None
-            gains[names[k]] = replace(matched[k][-1], motor_inertia=known)
+            gains[names[k]] = replace(matched[k][-1], **{key: found.actuators[k].get(key) for key in ACTUATOR})
     return gains
 
 
@@ -137,6 +134,8 @@ def _left_out(gains: Mapping[str, Gain], form: str, kind: Form) -> list[str]:
     notes = []
     if "motor_inertia" not in kind.keeps and any(gain.motor_inertia for gain in gains.values()):
         notes.append("the motors' inertia has no place in this form: audit takes it from the model's armature, or from --motor-inertia")
+    if "stiffness" not in kind.keeps and any(gain.stiffness for gain in gains.values()):
+        notes.append("the gearboxes' stiffness and damping have no place in this form: audit takes them from --stiffness and --damping")
     return notes
 
 

@@ -20,7 +20,7 @@ from .file_types import kind_of, wrong_kind
 from .gain_formats.actuator_configs import read_actuator_configs
 from .gain_formats.array_text import read_array_text
 from .gain_formats.gain_arrays import ArrayNames, has_arrays, read_arrays
-from .gain_formats.gain_record import GainFile, GainSection
+from .gain_formats.gain_record import ACTUATOR, GainFile, GainSection
 from .gain_formats.mjcf_actuators import read_mjcf
 from .gain_formats.moteus import is_dump, read_dump, read_moteus
 from .gain_formats.onnx_metadata import read_onnx
@@ -29,8 +29,6 @@ from .gain_formats.own_answers import answer_in, read_answer
 from .gain_formats.plain import is_plain, read_plain
 from .gain_formats.ros2_control import read_ros2_control
 
-ACTUATOR = ("motor_inertia", "stiffness", "damping", "link_viscous")
-"""What a file of gains may say of a joint's actuator, by its key in a robot.yaml."""
 XML = (".xml", ".mjcf", ".urdf")
 PYTHON = (".py", ".pyi")
 C_CODE = (".h", ".hh", ".hpp", ".hxx", ".c", ".cc", ".cpp", ".cxx", ".ino")

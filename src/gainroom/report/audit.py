@@ -14,7 +14,7 @@ from .columns import Column, definitions, tabulated, yes
 from .gearboxes import gearbox_assumptions, needed_table, rounded_up
 from .margin_columns import margin_value, requirement
 from .number_format import digits, hertz, model_kind, span
-from .page import Advice, Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
+from .page import Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_columns import asked, audited_joints, audited_states, joint_caption
 from .robot_drawing import hero, small
@@ -22,8 +22,8 @@ from .robot_headroom import coupling, heat_map, joint_factors
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs
 from .robot_units import joint_units
-from .sweep_text import counted, safe_share
-from .workspace import unmet_there, workspace_advice, workspace_card, workspace_section
+from .sweep_text import counted
+from .workspace import advice_there, in_workspace, workspace_card, workspace_section
 
 UNSAFE_STATES = 3
 """The place of that card."""
@@ -79,7 +79,7 @@ def audit_page(
     title = f"gainroom audit: gains of {count} joints, {model_kind(sample_time)} model"
     cards = _cards(result)
     if swept is not None:  # a workspace says more than whether one state is safe
-        cards[UNSAFE_STATES : UNSAFE_STATES + (len(result.states) == 1)] = [workspace_card(swept.found)]
+        cards[UNSAFE_STATES : UNSAFE_STATES + (len(result.states) == 1)] = [workspace_card(swept)]
     return page(title, _lead(result, simulated, swept, call), cards, sections, footer())
 
 
@@ -111,15 +111,13 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWork
     lost = simulated is not None and not simulated.limit.stable
     if lost:
         sentence = f"{sentence} These gains are unstable in the simulator: see below."
-    short = swept is not None and not swept.safe
+    sentence, short = in_workspace(sentence, swept), swept is not None and not swept.safe
     if swept is not None and short:
-        found = swept.found
-        sentence = f"In this posture: {sentence} In the workspace {safe_share(found)} of {counted(found.count)} limits are safe."
-        advice = " ".join(filter(None, (workspace_advice(found), unmet_there(swept))))
+        advice = advice_there(swept)
         if result.safe:
-            do = advice_box(Advice(advice))
+            do = advice_box(advice)
         else:
-            said.insert(0, advice)
+            said.insert(0, " ".join([*advice.remarks, advice.heading]))
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
     doubt = lost or short or result.hardly_damped or bool(result.assumed_rigid.any())

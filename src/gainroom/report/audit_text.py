@@ -1,14 +1,16 @@
 """The result of an audit in sentences: the verdict, what to do, why, and warnings with remedies."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ..analysis.margin_record import PathMargins
 from ..errors import apart, beside, frequency_text, listed
-from ..studies.audit import Audit, GainsToUse
+from ..studies.audit import Audit
 from ..studies.factors import typed_factor
+from ..studies.lowered_gains import GainsToUse
 from ..studies.state import HELD, USUAL_RATE
 from ..system.excluded_sets import ROUND_OFF
 from ..system.requirements import REQUIREMENTS, to_db
@@ -32,7 +34,9 @@ def verdict(result: Audit) -> str:
     """Whether the gains are safe, and what fails first, where, and in which joints. No number in it is one to use."""
     over, worst, count = over_range(result), result.tightest, sum(not joint.safe for joint in result.joints)
     if not worst.limit.stable:
-        return f"Not safe{over}: unstable with {_given(result)} of delay{_mainly(result)}. {_count(count, result)}"
+        return (
+            f"Not safe{over}: unstable with {_given(result)} of delay{_mainly(result)}. {_count(count, result)}{_without_inertia(result)}"
+        )
     unknown = [state.contact for state in result.states if math.isnan(state.limit.gain)]
     if unknown:
         return f"Not safe{over}: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
@@ -41,7 +45,16 @@ def verdict(result: Audit) -> str:
     besides = _besides(result)
     short = "; ".join([*([_short_of_gain(result)] if "gain_margin" in result.missed else []), *besides])
     less = "; any loop rate leaves less" if result.system.control.sample_time is None else ""
-    return f"Not safe{over}: {short}{less}. {_count(count, result)}{_hardly_damped(result)}"
+    return f"Not safe{over}: {short}{less}. {_count(count, result)}{_without_inertia(result)}{_hardly_damped(result)}"
+
+
+def _without_inertia(result: Audit) -> str:
+    """That unsafe gains are judged without a motor's inertia, a sentence; "" where all are known."""
+    names = [name for name, none in zip(result.system.source.joint_names, result.without_inertia.tolist(), strict=True) if none]
+    if not names:
+        return ""
+    joints = "The motors' inertias are" if len(names) == len(result.joints) else f"The motor inertia of {listed(names, most=3)} is"
+    return f" {joints} not given and count{'' if len(names) == len(result.joints) else 's'} as 0, which mostly lowers limits."
 
 
 def _safe_text(result: Audit, over: str) -> str:
@@ -167,12 +180,13 @@ def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS", 
         return _to_decide(result, call)
     if found is not None and found is not result.ready_to_use:
         return _not_yet(result, found, call, written)
+    if found is not None and result.without_inertia.any():
+        return _inertia_first(result, found)
     if found is not None:
         again = " Audit them over the range again, where other gearboxes may be the worst." if result.over is not None else ""
         rigid = ", with rigid gearboxes," if result.assumed_rigid.all() else ""
-        heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}.{again} As a file for `--gains` and `export`:"
-        own = bool(np.isfinite(result.system.source.actuators.stiffness).any()) and result.over is None
-        return Advice(heading, _gain_file(result, found), ["Gearboxes that your file of gains gives go beside them."] if own else [])
+        heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}.{again} {AS_A_FILE}"
+        return Advice(heading, _gain_file(result, found))
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
     none = "No common factor on the gains was found that gives all margins."
@@ -180,6 +194,27 @@ def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS", 
         measure = "Measure the gearboxes (`gainroom identify stiffness`), as a wide range may leave no gains; for one place in the range"
         return Advice(f"{none} {measure} search joint by joint:", _searched(call, written), [AGAIN])
     return Advice(f"{none} Search joint by joint:", _searched(call, written), [AGAIN])
+
+
+def _inertia_first(result: Audit, found: GainsToUse) -> Advice:
+    """Where gains with the required margins are known, as motors without inertia need them."""
+    how = "Give the motors' inertias (rotor inertia × gear ratio²), as `motor_inertia` of each joint in the file of gains or with"
+    multiply = _multiply(result, found)
+    without = f"Where they are really 0: {multiply[0].lower()}{multiply[1:]}; then {_required(result)}."
+    folded = f"With motor inertia 0, × {found.factor:.4g} on {_joints_of(result, found)}, the others as they are:"
+    return Advice(f"{how} `--motor-inertia`, and audit again.", (), [without], (folded, _gain_file(result, found)))
+
+
+AS_A_FILE = "As a file for `--gains` and `export`:"
+
+
+def in_few_lines(found: Advice, most: int) -> Advice:
+    """Where a file of gains to use has more lines than `most`, how to get them in their place."""
+    if len(found.lines) <= most:
+        return found
+    return replace(
+        found, heading=found.heading.replace(AS_A_FILE, "As a file: `--verbose`, or `gainroom export` of what `--json` prints."), lines=()
+    )
 
 
 def _searched(call: str, written: Path | None = None) -> list[str]:
@@ -193,7 +228,11 @@ AGAIN = "Then audit the gains that it finds, with `--gains` and the same options
 
 
 def _gain_file(result: Audit, found: GainsToUse) -> list[str]:
-    return gain_file(result.system.source.joint_names, found.gains)
+    """The gains to use, with all that is known of the joints' actuators but what the model says itself."""
+    source = result.system.source
+    inertia = source.actuators.motor_inertia
+    own = np.where((inertia > 0) & (inertia != source.body.armature), inertia, math.nan)
+    return gain_file(source.joint_names, {**found.gains, "motor_inertia": own, **result.given_gearboxes})
 
 
 def _to_decide(result: Audit, call: str) -> Advice:
@@ -217,7 +256,7 @@ def _to_decide(result: Audit, call: str) -> Advice:
 def _not_yet(result: Audit, found: GainsToUse, call: str, written: Path | None) -> Advice:
     """Where gains with the required margins are known, but not the loop's rate, or they hardly damp the motion."""
     damped, rate = not found.audited.hardly_damped, result.system.control.sample_time is not None
-    joints = "all joints" if len(found.joints) == len(result.joints) else listed(found.joints, most=3)
+    joints = _joints_of(result, found)
     options = "" if damped else f" --peak-sensitivity {USUAL_PEAK:g}"
     one, before, after = REQUIREMENTS["peak_sensitivity"], result.worst["peak_sensitivity"], found.audited.worst["peak_sensitivity"]
     omega = one.frequency(after.margins)
@@ -241,6 +280,11 @@ def _not_yet(result: Audit, found: GainsToUse, call: str, written: Path | None) 
         [text, AGAIN],
         (f"{folded}; {change}:", _gain_file(result, found)),
     )
+
+
+def _joints_of(result: Audit, found: GainsToUse) -> str:
+    """Those whose gains are lowered."""
+    return "all joints" if len(found.joints) == len(result.joints) else listed(found.joints, most=3)
 
 
 def _multiply(result: Audit, found: GainsToUse) -> str:

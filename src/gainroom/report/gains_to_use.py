@@ -1,5 +1,6 @@
 """Gains to use, as they are typed into the file that was read, and what they keep."""
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -39,10 +40,10 @@ def robot_gains(names: Sequence[str], own: Sequence[Any], space: str) -> list[st
 
 
 def gain_file(names: Sequence[str], columns: Mapping[str, Any]) -> list[str]:
-    """Lines of a file of gains: joint or pattern → {kp, kd}."""
+    """Lines of a file of gains: joint or pattern → {kp, kd, …}, without what is NaN."""
     groups: dict[str, list[str]] = {}
     for name, *values in zip(names, *columns.values(), strict=True):
-        text = ", ".join(f"{key}: {typed(value)}" for key, value in zip(columns, values, strict=True))
+        text = ", ".join(f"{key}: {typed(value)}" for key, value in zip(columns, values, strict=True) if not math.isnan(value))
         groups.setdefault(f"{{{text}}}", []).append(name)
     return [f"{quoted(pattern)}: {text}" for text, group in groups.items() for pattern in patterns(group, names)]
 

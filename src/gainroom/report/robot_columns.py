@@ -223,9 +223,10 @@ def worst_facts(study: "Analysis", name: str) -> dict[str, Any]:
 
 
 def actuator_facts(system: "System") -> list[dict[str, Any]]:
-    """Motor and delay of each joint in JSON."""
-    rows = zip(system.source.joint_names, system.source.quantities["motor_inertia"], system.drives, strict=True)
-    return [{"name": name, "motor_inertia": inertia, "delay_ms": 1e3 * drive.delay} for name, inertia, drive in rows]
+    """Motor, gearbox, friction and delay of each joint in JSON; None: a rigid gearbox, and no friction."""
+    columns = {"motor_inertia": system.source.quantities["motor_inertia"], **system.source.actuators.known}
+    rows = zip(system.source.joint_names, system.drives, *(column.tolist() for column in columns.values()), strict=True)
+    return [{"name": name, "delay_ms": 1e3 * drive.delay, **dict(zip(columns, values, strict=True))} for name, drive, *values in rows]
 
 
 AUDITED_JOINT = [
@@ -235,6 +236,7 @@ AUDITED_JOINT = [
     KD,
     Column("ki", "ki", lambda row: row.ki, shown=lambda row: digits(row.ki or math.nan)),
     Column("motor inertia", "motor_inertia", lambda row: row.motor_inertia, definition="on the joint side"),
+    *(Column("", key, lambda row, key=key: getattr(row, key)) for key in ("stiffness", "damping", "link_viscous")),
     Column("alone", "gain_limit", lambda row: row.gain_limit, definition=ALONE.definition),
     CLOSED,
     Column(

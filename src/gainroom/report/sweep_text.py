@@ -7,7 +7,7 @@ from ..errors import beside
 from ..studies.factors import typed_factor
 from ..studies.sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
 from ..studies.swept_margins import Judged, WorstStates
-from ..system.requirements import to_db
+from ..system.requirements import Requirements, to_db
 from .columns import Column, facts
 from .margin_columns import margin_value, requirement
 from .number_format import THIN, digits, gain_factor, hertz
@@ -95,11 +95,17 @@ def verdict(found: SweepSummary, worst: WorstStates) -> list[str]:
     return [text for text in said if text]
 
 
-def unmet_text(found: SweepSummary, worst: WorstStates, required: bool = True) -> str:
-    """Which other requirements fail in the sample of postures that were judged; "" where none does. Not `required`: they are usual."""
-    missed = [_missed(found, worst, one, "required" if required else "usual") for one in worst.unmet.values() if not math.isnan(one.value)]
-    heading = "Not met" if required else "Not required, and short of what is usual there"
-    return f"{heading}: {'; '.join(missed)}." if missed else ""
+def unmet_text(found: SweepSummary, worst: WorstStates, required: Requirements | None = None) -> str:
+    """Which other requirements fail in the sample of postures that were judged; "" where none does.
+
+    required   of those judged; the others are what is usual; None: all are
+    """
+    said = []
+    for usual, heading in ((False, "Not met"), (True, "Not required, and short of what is usual there")):
+        unmet = [one for name, one in worst.unmet.items() if usual is not (required is None or name in required.asked)]
+        missed = [_missed(found, worst, one, "usual" if usual else "required") for one in unmet if not math.isnan(one.value)]
+        said += [f"{heading}: {'; '.join(missed)}."] if missed else []
+    return " ".join(said)
 
 
 def _missed(found: SweepSummary, worst: WorstStates, one: Judged, bound: str) -> str:
@@ -221,9 +227,8 @@ def _mainly(found: SweepSummary, one: SweptPosture | None) -> str:
 
 def safe_share(found: SweepSummary) -> str:
     """How many limits keep the margin, are known and certified; never rounded up to all."""
-    unsafe = sum(one.unsafe for one in found.contacts)
-    share = 100 * (1 - unsafe / max(found.count, 1))
-    return "all" if not unsafe else "none" if unsafe == found.count else f"{min(share, 99.99):.4g} %"
+    share = 100 * (1 - found.unsafe / max(found.count, 1))
+    return "all" if not found.unsafe else "none" if found.unsafe == found.count else f"{min(share, 99.99):.4g} %"
 
 
 def worse_note(found: SweepSummary, one: SweptPosture, known: float) -> str:

@@ -13,7 +13,7 @@ from ..system.requirements import Requirements, to_db
 from . import style
 from .columns import tabulated
 from .number_format import digits
-from .page import Card, Html, Section, facts, figure, paragraph, table
+from .page import Advice, Card, Html, Section, facts, figure, paragraph, table
 from .page_parts import margin_card
 from .robot_drawing import hero
 from .robot_tables import MARKS
@@ -33,16 +33,43 @@ from .sweep_text import (
 )
 
 
-def workspace_text(swept: AuditedWorkspace) -> str:
-    """What an audit says of it in the terminal."""
+def workspace_text(swept: AuditedWorkspace, advised: bool) -> str:
+    """What an audit says of it in the terminal; `advised`: with the factor of advice_there."""
     found = swept.found
-    said = [sentence(found), *sureness(found, None), *warnings(found), workspace_advice(found), unmet_there(swept), judged_there(swept)]
-    return " ".join(["Workspace:", *filter(None, said)])
+    said = [sentence(found), *sureness(found, None), later_there(swept), *warnings(found)]
+    said += [workspace_advice(swept) if advised else "", unmet_there(swept)]
+    return " ".join(["Workspace:", *filter(None, said), judged_there(swept)])
+
+
+def in_workspace(verdict: str, swept: AuditedWorkspace | None) -> str:
+    """An audit's verdict, as that of the postures asked for alone where the workspace has others that are not safe."""
+    if swept is None or swept.safe:
+        return verdict
+    found = swept.tightest
+    if not found.unsafe:
+        return f"In this posture: {verdict} In the workspace not all that is required holds."
+    at_most = "at most " if swept.found.unsafe and found is swept.later else ""
+    return f"In this posture: {verdict} In the workspace {at_most}{safe_share(found)} of {counted(found.count)} limits are safe."
+
+
+def advice_there(swept: AuditedWorkspace) -> Advice:
+    """A common factor with which what is judged everywhere holds in the workspace, and what fails there."""
+    lower = "Lower the gains: what is required does not hold in all of the workspace."
+    return Advice(workspace_advice(swept) or lower, (), [*filter(None, (later_there(swept), unmet_there(swept)))])
+
+
+def later_there(swept: AuditedWorkspace) -> str:
+    """Whether all postures are stable with the extra delay that is required; "" where none is."""
+    if swept.later is None:
+        return ""
+    extra = f"With {digits(1e3 * (swept.asked.delay_margin or 0.0), 'ms', 3)} more delay, as required"
+    text = sentence(swept.later)
+    return f"{extra}, all are stable, too." if swept.later.margin_held else f"{extra}: {text[0].lower()}{text[1:]}"
 
 
 def unmet_there(swept: AuditedWorkspace) -> str:
     """What fails in the sample, besides the gain margin; "" where nothing does."""
-    return unmet_text(swept.found, swept.sample, swept.required)
+    return unmet_text(swept.found, swept.sample, swept.asked)
 
 
 def judged_there(swept: AuditedWorkspace) -> str:
@@ -51,23 +78,26 @@ def judged_there(swept: AuditedWorkspace) -> str:
 
 
 def audited_facts(swept: AuditedWorkspace) -> dict[str, Any]:
-    """As workspace_facts, with the sample in which other requirements were judged."""
-    found, sample = swept.found, swept.sample
-    return workspace_facts(found) | {
+    """As workspace_facts, with the extra delay, and the sample in which other requirements were judged."""
+    later, facts = swept.later, workspace_facts(swept.found)
+    return facts | {
         "safe": swept.safe,
-        "unmet": [*([] if found.margin_held else ["gain_margin"]), *(sample.unmet if swept.required else ())],
-        "judged": judged_facts(found, sample),
+        "safe_share": 1 - swept.tightest.unsafe / swept.found.count,
+        "scale": swept.scale,
+        "unmet": list(swept.unmet),
+        "extra_delay": None if later is None else {"extra_delay_ms": 1e3 * (swept.asked.delay_margin or 0.0), **workspace_facts(later)},
+        "judged": judged_facts(swept.found, swept.sample),
     }
 
 
-def workspace_advice(found: SweepSummary) -> str:
-    """Which common factor keeps the gain margin in the whole workspace; "" where these gains do."""
-    if found.margin_held:
+def workspace_advice(swept: AuditedWorkspace) -> str:
+    """Which common factor keeps the gain margin and survives the extra delay in the whole workspace; "" where these gains do."""
+    if swept.found.margin_held and (swept.later is None or swept.later.margin_held):
         return ""
-    scale = found.scale
-    if not math.isfinite(scale):
-        return "No common factor is known to keep the gain margin in every posture swept."
-    return f"All gains × {typed_factor(scale):.4g} keep the gain margin in every posture swept."
+    kept = "keep the gain margin" if swept.later is None else "keep the gain margin, and are stable with that extra delay,"
+    if not math.isfinite(swept.scale):
+        return "No common factor is known that does so in every posture swept."
+    return f"All gains × {typed_factor(swept.scale):.4g} {kept} in every posture swept."
 
 
 def workspace_facts(found: SweepSummary) -> dict[str, Any]:
@@ -78,7 +108,7 @@ def workspace_facts(found: SweepSummary) -> dict[str, Any]:
         "limits": found.count,
         "stable": found.stable,
         "gain_margin_met": found.margin_held,
-        "safe_share": 1 - sum(one.unsafe for one in found.contacts) / found.count,
+        "safe_share": 1 - found.unsafe / found.count,
         "unstable_share": sum(one.unstable for one in found.contacts) / found.count,
         "below_margin_share": sum(one.short for one in found.contacts) / found.count,
         "unknown": found.unknown,
@@ -102,11 +132,13 @@ def workspace_section(found: SweepSummary, title: str, said: str = "", audited: 
     """Everything about it in one section; `said`: the verdict, where it is not that of a sweep; `audited`: what else was judged there."""
     worst = found.worst
     states = () if worst is None else worst_states(found, 0).states if audited is None else audited.sample.states
-    parts: list[Html] = [paragraph(" ".join([said or sentence(found), *sureness(found, None), *warnings(found)]))]
+    later = "" if audited is None else later_there(audited)
+    parts: list[Html] = [paragraph(" ".join([said or sentence(found), *sureness(found, None), *filter(None, [later]), *warnings(found)]))]
     if worst is not None:
-        parts.append(facts(_numbers(found)))
+        parts.append(facts(_numbers(found, audited is not None and audited.later is not None)))
     if audited is not None and audited.sample.judged:
-        note = "" if audited.required else " Nothing of this is required of these gains: it is what is usual."
+        usual = [one.requirement.label for one in audited.sample.judged if one not in audited.judged]
+        note = f" Not required of these gains, but usual: {', '.join(usual)}." if usual else ""
         parts.append(judged_table(found, audited.sample, note))
     if any(len(one.spread) for one in found.contacts):
         parts.append(histogram(found))
@@ -117,10 +149,11 @@ def workspace_section(found: SweepSummary, title: str, said: str = "", audited: 
     return Section(title, parts)
 
 
-def workspace_card(found: SweepSummary) -> Card:
+def workspace_card(swept: AuditedWorkspace) -> Card:
     """The lowest gain margin of the workspace, beside what is required."""
+    found = swept.found
     worst, asked = found.worst, Requirements(gain_margin=found.margin if found.margin > 1 else None)
-    note = f"{safe_share(found)} of {counted(found.count)} limits are safe"
+    note = f"{safe_share(found)} of {counted(found.count)} limits have it"
     if worst is None:
         return Card("gain margin, workspace", "–", "", "", False, note)
     return margin_card(asked, "gain_margin", worst.gain, note, label="gain margin, workspace")
@@ -132,7 +165,7 @@ def judged_table(found: SweepSummary, sample: WorstStates, note: str = "") -> Ht
     return table(*tabulated(judged_columns(found, sample), sample.judged), caption, MARKS)
 
 
-def _numbers(found: SweepSummary) -> list[tuple[str, str]]:
+def _numbers(found: SweepSummary, later: bool) -> list[tuple[str, str]]:
     worst = found.worst
     assert worst is not None
     names = found.plan.robot.joint_names
@@ -144,7 +177,10 @@ def _numbers(found: SweepSummary) -> list[tuple[str, str]]:
     return [
         (f"postures with {margin}", f"{safe_share(found)} of {counted(found.count)} limits"),
         ("worst posture", f"{angles}; mainly {joint_name(found, worst)}"),
-        ("judged everywhere", "the gain margin alone: other requirements may fail in other postures"),
+        (
+            "judged everywhere",
+            f"the gain margin{' and the extra delay' if later else ' alone'}: other requirements may fail in other postures",
+        ),
     ]
 
 

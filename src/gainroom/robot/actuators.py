@@ -43,6 +43,12 @@ class Actuators:
         if np.any((self.motor_inertia == 0) & np.isfinite(self.stiffness)):
             raise GainroomError("actuators: motor_inertia 0 kg·m² must be > 0 on an elastic joint")
 
+    @property
+    def known(self) -> dict[str, Floats]:
+        """Stiffness, damping and link_viscous, (n,) each; NaN where a gearbox is rigid, and where a link has no friction."""
+        found = {key: np.where(np.isfinite(self.stiffness), getattr(self, key), math.nan) for key in ("stiffness", "damping")}
+        return found | {"link_viscous": np.where(self.link_viscous > 0, self.link_viscous, math.nan)}
+
 
 def merge_entries(entries: Mapping[str, ActuatorEntry], joint_names: Sequence[str]) -> tuple[ActuatorEntry, ...]:
     """One entry per joint, merged from those whose pattern matches its name.

@@ -22,21 +22,18 @@ from ..system.requirements import Requirement, Requirements, enough
 from ..system.system import System
 from .analysis import Analysis, analyze
 from .deciding_joints import joints_that_miss
-from .factors import largest_factor, typed_factor
+from .factors import largest_factor
 from .gearbox_range import RangeOfGearboxes, look_over
+from .lowered_gains import GainsToUse, gains_to_use
 from .needed_stiffness import NeededStiffness, needed_stiffness
-from .state import Progress, State, by_headroom, extra_delay, limit_of, limiting_joints, margins_of, state_of, unknown_first
+from .state import Progress, State, by_headroom, extra_delay, margins_of, state_of, unknown_first
 
 MARGIN = 2.0
 """The required factor on all gains by default: 6 dB."""
 EXTRA_DELAY = 0.5
 """Of the loop's delay: by so much it may be longer than was said, by default."""
-MOST_DIGITS = 7
-"""Of a gain that is typed."""
 BARE = 5.0
 """Ms above which gains hardly damp their motion: up to it at least 1.9 dB and 11.5° are left."""
-GROWTHS = 5
-"""Times that joints are added to those whose gains are lowered."""
 NUMBERS = ("margins", "single_joint_limits", "delay_limit")
 
 
@@ -47,6 +44,7 @@ class AuditedJoint:
     gain_limit          with all other joints switched off
     limit_others_closed with the other loops closed; NaN where a state is unstable
     limit               what is judged: the latter, up or down, in stable states, the former in others
+    stiffness, damping, link_viscous   of its gearbox [N m/rad], [N m s/rad] and of its link [N m s/rad], where they were given; else NaN
     needed_stiffness   of its gearbox, where none is known and the gains are safe on a rigid one [N m/rad]; else NaN
     """
 
@@ -59,6 +57,9 @@ class AuditedJoint:
     gain_limit: float
     limit_others_closed: float
     limit: float
+    stiffness: float = math.nan
+    damping: float = math.nan
+    link_viscous: float = math.nan
     needed_stiffness: float = math.nan
 
 
@@ -167,6 +168,7 @@ class Audit(Analysis):
             else np.where(self.needed.unknown, least.stiffness, math.nan)
         )
         vibrating = {name for state in self.states for name in self.joints_that_miss_in(state)}
+        gearboxes = self.given_gearboxes
         return tuple(
             AuditedJoint(
                 name=name,
@@ -176,10 +178,18 @@ class Audit(Analysis):
                 gain_limit=float(alone[k]),
                 limit_others_closed=float(closed[k]),
                 limit=float(judged[k]),
+                **{key: float(column[k]) for key, column in gearboxes.items()},
                 needed_stiffness=float(needed[k]),
             )
             for k, name in enumerate(system.source.joint_names)
         )
+
+    @property
+    def given_gearboxes(self) -> dict[str, Floats]:
+        """(n,) stiffness, damping and link_viscous of the joints of which they were given; NaN of others, and where they lie in a range."""
+        known = self.system.source.actuators.known
+        ranged = np.zeros(len(known["stiffness"]), dtype=bool) if self.over is None else ~np.isnan(self.over.range.softest)
+        return {key: values if key == "link_viscous" else np.where(ranged, math.nan, values) for key, values in known.items()}
 
     def joint_limits_in(self, state: State) -> Floats:
         """(n,) the factor, up or down, on each joint's gains, the other loops closed; switched off in a state that is not stable."""
@@ -256,7 +266,7 @@ class Audit(Analysis):
         return (self.delay_margin == 0 or enough(extra_delay(loop), self.delay_margin)) and self.required.met_by(margins_of(loop))
 
     @cached_property
-    def to_use(self) -> "GainsToUse | None":
+    def to_use(self) -> GainsToUse | None:
         """Gains to use in place of unsafe ones; None where none are known, and for safe gains."""
         return None if self.safe else gains_to_use(self)
 
@@ -267,7 +277,7 @@ class Audit(Analysis):
         return "peak_sensitivity" not in self.required.asked and value > BARE
 
     @property
-    def ready_to_use(self) -> "GainsToUse | None":
+    def ready_to_use(self) -> GainsToUse | None:
         """Those, unless the loop's rate is not known, which costs margin, or they hardly damp the motion."""
         found = self.to_use
         return None if found is None or self.system.control.sample_time is None or found.audited.hardly_damped else found
@@ -276,6 +286,12 @@ class Audit(Analysis):
     def assumed_rigid(self) -> Booleans:
         """(n,) the gearboxes whose stiffness was not given: a safe verdict is conditional on them."""
         return np.isinf(self.system.source.actuators.stiffness)
+
+    @property
+    def without_inertia(self) -> Booleans:
+        """(n,) rigid joints with gains whose motor inertia was not given and counts as 0."""
+        gains = np.array([max(joint.kp, joint.kd, joint.ki) for joint in self.joints])
+        return (gains > 0) & (self.system.source.actuators.motor_inertia == 0)
 
     @cached_property
     def delay_with_margin(self) -> float:
@@ -303,65 +319,6 @@ class Audit(Analysis):
         """Position of every joint of the model, locked ones too [rad; m for a prismatic joint]."""
         posture = self.system.source.postures[self.tightest.posture]
         return {name: posture.angles.get(name, 0.0) for name in posture.body.joint_names} | dict(posture.body.locked)
-
-
-@dataclass(frozen=True)
-class GainsToUse:
-    """Gains in place of unsafe ones, certified as they are typed.
-
-    factor   on the gains of `joints`; all others stay
-    gains    (n,) by name, rounded to the digits that are typed
-    audited  their audit: safe
-    """
-
-    factor: float
-    joints: tuple[str, ...]
-    gains: Mapping[str, Floats]
-    audited: Audit
-
-
-def gains_to_use(result: Audit) -> GainsToUse | None:
-    """The gains of some joints, or else of all, lowered by one factor; None where none are known to be safe.
-
-    The factor has three digits, the gains four or as many more as leave them safe.
-    """
-    names = result.system.source.joint_names
-    exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}
-    for lowered, found in _lowered(result):
-        factor = typed_factor(found)
-        for count in range(4, MOST_DIGITS + 1) if factor > 0 else ():
-            typed = {
-                name: np.array([float(f"{value:.{count}g}") for value in (np.where(lowered, factor, 1.0) * values).tolist()])
-                for name, values in exact.items()
-            }
-            audited = result.of_gains(typed)
-            if audited.safe:
-                return GainsToUse(factor, tuple(name for name, low in zip(names, lowered, strict=True) if low), typed, audited)
-            if not lowered.all():  # its factor was found, not proved: more digits would not mend it
-                break
-    return None
-
-
-def _lowered(result: Audit) -> Iterator[tuple[Booleans, float]]:
-    """Sets of joints (n,), each with the largest factor found on their gains alone; NaN: none was found.
-
-    First those that are short of the gain margin, then all unsafe ones, each with the joints that vibrate once they are lowered; last all.
-    """
-    names, limits = result.system.source.joint_names, np.array([joint.limit for joint in result.joints])
-    vibrating = {name for state in result.states if not result.enough_together_in(state) for name in state.limiting_joints}
-    short, tried = (limits < result.margin) | np.isin(names, list(vibrating)), []
-    for lowered in () if result.has_two_paths else (short, np.array([not joint.safe for joint in result.joints])):
-        most = min(1.0, float(np.min(limits[lowered], initial=math.inf)) / result.margin)
-        for _ in range(GROWTHS if most > 0 else 0):
-            found = map(limit_of, result.loops_at(lowered, most))
-            more = {name for limit in found if not enough(limit.gain, result.margin) for name in limiting_joints(limit, names)}
-            if not np.any(np.isin(names, list(more)) & ~lowered):
-                break
-            lowered = lowered | np.isin(names, list(more))
-        if most > 0 and lowered.any() and not lowered.all() and lowered.tolist() not in tried:
-            tried.append(lowered.tolist())
-            yield lowered, result.seen_factor(lowered, most)
-    yield np.ones(len(names), dtype=bool), result.scale
 
 
 def required_of(

@@ -1,4 +1,4 @@
-"""Gains of an audit in the whole workspace: the gain margin everywhere, what else is asked of them in a sample."""
+"""Gains of an audit in the whole workspace: the gain margin and the extra delay everywhere, what else is asked of them in a sample."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ from .audit import Audit
 from .state import Progress
 from .sweep.summary import SweepSummary
 from .sweep.workspace import over_workspace
-from .swept_margins import WorstStates, worst_states
+from .swept_margins import Judged, WorstStates, worst_states
 
 EACH = 20
 """Postures with the lowest gain limits, and as many at random, of each contact state."""
@@ -15,24 +15,61 @@ EACH = 20
 
 @dataclass(frozen=True)
 class AuditedWorkspace:
-    """Gain limits of a workspace, and the sample in which phase margin and Ms were judged.
+    """Gain limits of a workspace, and the sample in which all other margins were judged.
 
-    required   whether the audit asks for these; otherwise they are held against what is usual, and decide nothing
+    later      gain limits in the same postures with the extra delay that is required; None: none is
+    asked      what the audit requires; of other margins in the sample, what is usual, which decides nothing
     """
 
     found: SweepSummary
+    later: SweepSummary | None
     sample: WorstStates
-    required: bool
+    asked: Requirements
 
     @property
     def safe(self) -> bool:
         """All that is asked for holds, wherever it was judged."""
-        return self.found.margin_held and not (self.required and self.sample.unmet)
+        return not self.unmet
+
+    @property
+    def unmet(self) -> tuple[str, ...]:
+        """The names of what is asked for and missed in some posture."""
+        missed = [] if self.found.margin_held else ["gain_margin"]
+        missed += [] if self.later is None or self.later.margin_held else ["delay_margin"]
+        return tuple(dict.fromkeys([*missed, *(name for name in self.sample.unmet if name in self.asked.asked)]))
+
+    @property
+    def judged(self) -> list[Judged]:
+        """What is asked for besides the gain margin, as it is in the sample."""
+        return [one for one in self.sample.judged if one.requirement.name in self.asked.asked]
+
+    @property
+    def tightest(self) -> SweepSummary:
+        """The sweep with more postures that are not safe: with the given delay, or with the extra one."""
+        return max([self.found, *([] if self.later is None else [self.later])], key=lambda one: one.unsafe)
+
+    @property
+    def scale(self) -> float:
+        """The factor on all gains with which the gain margin holds and the extra delay is survived in every posture; NaN: none is known."""
+        if self.later is None:
+            return self.found.scale
+        scale = min(self.found.scale, self.later.scale)
+        return scale if scale >= max(self.found.lower * self.found.margin, self.later.lower) else float("nan")
 
 
 def audited_workspace(result: Audit, samples: int, progress: Progress | None = None) -> AuditedWorkspace:
-    """`samples` postures within the joints' limits in every contact state. Raises as over_workspace does."""
-    asked = result.required.only("phase_margin", "peak_sensitivity")
-    system = replace(result.system, requirements=asked if asked.asked else Requirements.usual())
-    found = over_workspace(system, samples, result.margin, progress)
-    return AuditedWorkspace(found, worst_states(found, EACH, progress), bool(asked.asked))
+    """`samples` postures within the joints' limits in every contact state. Raises as over_workspace does.
+
+    Gains that are unstable with the extra delay that is required miss the delay margin; that those which are stable with it are so with
+    every shorter one, too, is judged in the sample.
+    """
+    asked = result.required
+    shapes = asked.only("phase_margin", "peak_sensitivity")
+    judged = {**(shapes if shapes.asked else Requirements.usual().only("phase_margin", "peak_sensitivity")).needed}
+    judged |= asked.only("delay_margin").needed
+    system = replace(result.system, requirements=Requirements(**judged))
+    found, later = over_workspace(system, samples, result.margin, progress), None
+    if result.delay_margin > 0:
+        delays = [drive.delay + result.delay_margin for drive in system.drives]
+        later = over_workspace(system.with_values(delay=delays), samples, 1.0, progress)
+    return AuditedWorkspace(found, later, worst_states(found, EACH, progress), asked)

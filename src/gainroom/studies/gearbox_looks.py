@@ -18,12 +18,12 @@ import numpy as np
 
 from ..analysis.limbs import limbs_of
 from ..analysis.proved_limit import proved_limit
-from ..design.judged_cases import judged_margins
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirements import enough
 from ..system.system import StateCase, System
-from .state import State, extra_delay, limit_of
+from .judged_states import judged
+from .state import State, limit_of
 
 FAR_BELOW = 0.01
 """Of gains that are not stable themselves: there the proof of their limit begins, if it can."""
@@ -37,7 +37,6 @@ class Steps:
     factor: float = 1.3  # of Ω, at most
     most: float = 40.0  # Ω by the step from one to the next
     near: float = 1.5  # times what is required: a dip of the limit below that is followed to its lowest point
-    late: float = 1.5  # times what is required: a delay margin below that is certified
     dips: int = 3  # looks at most
     settled: float = 2e-3  # of the limit
     mixed: int = 6  # looks at gearboxes that differ
@@ -97,14 +96,8 @@ class Looks:
         return Gearboxes(float(omega) if np.ndim(omega) == 0 else math.nan, stiffness, damping, least, safe)
 
     def holds(self, state: State) -> bool:
-        """Whether a state has what is required, by samples; a delay margin near what is needed as it is certified.
-
-        Of two crossings that are close, as equal limbs have them, samples may see the later one alone.
-        """
-        case = StateCase(state.posture, state.contact, "", state.system, state.model)
-        found, needed = judged_margins(case, near=True), self.required.delay_margin
-        near = needed is not None and found.delay_margin < STEPS.late * needed
-        return self.required.met_by(found) and (not near or enough(extra_delay(state.loop), needed or 0.0))
+        """Whether a state has what is required, by samples; a delay margin near what is needed as it is certified."""
+        return self.required.met_by(judged(StateCase(state.posture, state.contact, "", state.system, state.model), near=True))
 
     def states_with(self, stiffness: Floats, damping: Floats) -> list[State]:
         """All states with these gearboxes, (n,) each."""

@@ -11,10 +11,10 @@ from functools import cached_property
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..design.judged_cases import judged_margins
 from ..errors import GainroomError
 from ..system.requirements import Requirement
 from ..system.system import StateCase
+from .judged_states import judged
 from .state import State, moves, state_of
 from .sweep.plan import SweepPlan
 from .sweep.summary import SweepSummary, SweptPosture
@@ -141,7 +141,7 @@ def _looked_at(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPostu
         try:
             model = system.source.linearize(one.name, contact)
             if moves(system.loop(model)):
-                yield one, judged_margins(StateCase(one.name, contact, "", system, model))
+                yield one, judged(StateCase(one.name, contact, "", system, model))
         except GainroomError:
             continue
     progress(len(every), len(every), "margins")

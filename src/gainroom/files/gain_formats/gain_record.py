@@ -13,6 +13,8 @@ from ...robot.name_patterns import DEFAULT, assign
 from ..system_sections import Stiffness
 
 NOT_NEGATIVE = number(least=0)
+ACTUATOR = ("motor_inertia", "stiffness", "damping", "link_viscous")
+"""What a file of gains may say of a joint's actuator, by its key in a robot.yaml."""
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,14 @@
 """What `gainroom robot --json` and `gainroom audit --json` wrote: gains that are recommended, audited, or to be used instead."""
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from ...errors import GainroomError, first_of_many
 from ...io.validation import checked, number
 from ...io.yaml_text import shown
-from .gain_record import NOT_NEGATIVE, Gain, GainFile, Origin
+from .gain_record import ACTUATOR, NOT_NEGATIVE, Gain, GainFile, Origin
 
 EVERYWHERE = "everywhere"
 MOST_BYTES = 16 << 20
@@ -60,8 +61,8 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
                     "damp the motion; do what `gainroom audit` says first, then export its new answer"
                 )
             for name, entry in _named(instead, "joints", f"{source}: to_use").items():
-                inertia = gains[name].motor_inertia if name in gains else None
-                gains[name] = _gain({**entry, "motor_inertia": inertia}, f"{source}: to_use.joints.{shown(name)}")
+                actuator = {key: getattr(gains[name], key) if name in gains else None for key in ACTUATOR}
+                gains[name] = _gain({**entry, **actuator}, f"{source}: to_use.joints.{shown(name)}")
             margins = f"safe by the audit of {_required_text(data)}, in place of unsafe gains"
             if data.get("gearbox_range") is not None:
                 margins += "; with one gearbox of the audited range: audit them over the range again"
@@ -73,9 +74,8 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
     if data.get("delay_ms") is not None:
         delays.append(checked(f"{source}: delay_ms", data["delay_ms"], NUMBER))
     for name in gains.keys() & actuators.keys():
-        inertia = actuators[name].get("motor_inertia")
-        gain = _gain({**vars(gains[name]), "motor_inertia": inertia}, f"{source}: actuators.{shown(name)}")
-        gains[name] = gain
+        actuator = {key: actuators[name].get(key) for key in ACTUATOR}
+        gains[name] = _gain({**vars(gains[name]), **actuator}, f"{source}: actuators.{shown(name)}")
     origin = Origin(str(data.get("robot") or ""), max(delays, default=None), with_rate, margins)
     return GainFile(source, form, gains, origin=origin)
 
@@ -128,5 +128,5 @@ def _named(data: Mapping[str, Any], key: str, source: str) -> dict[str, dict[str
 
 def _gain(values: Mapping[str, Any], owner: str) -> Gain:
     kp, kd, ki = (checked(f"{owner}.{key}", values.get(key) or 0.0, NOT_NEGATIVE) for key in ("kp", "kd", "ki"))
-    inertia = values.get("motor_inertia")
-    return Gain(kp, kd, ki, None if inertia is None else checked(f"{owner}.motor_inertia", inertia, NOT_NEGATIVE) or None)
+    given = {key: value for key in ACTUATOR if (value := values.get(key)) is not None and value != math.inf}
+    return Gain(kp, kd, ki, **{key: checked(f"{owner}.{key}", value, NOT_NEGATIVE) or None for key, value in given.items()})

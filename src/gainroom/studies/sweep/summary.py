@@ -134,6 +134,11 @@ class SweepSummary:
         return sum(one.uncertified for one in self.contacts)
 
     @property
+    def unsafe(self) -> int:
+        """Limits without the margin that is asked for, without a certificate, or not known."""
+        return sum(one.unsafe for one in self.contacts)
+
+    @property
     def stable(self) -> bool:
         """In every posture that was looked at, known there."""
         return not self.unknown and not any(one.unstable for one in self.contacts)

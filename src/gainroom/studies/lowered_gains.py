@@ -1,0 +1,80 @@
+"""Gains in place of unsafe ones: those of some joints, or of all, lowered by one factor, and certified as they are typed."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..system.linear.arrays import Booleans, Floats
+from ..system.requirements import enough
+from .factors import typed_factor
+from .state import limit_of, limiting_joints
+
+if TYPE_CHECKING:
+    from .audit import Audit
+
+MOST_DIGITS = 7
+"""Of a gain that is typed."""
+GROWTHS = 5
+"""Times that joints are added to those whose gains are lowered."""
+
+
+@dataclass(frozen=True)
+class GainsToUse:
+    """Gains in place of unsafe ones, certified as they are typed.
+
+    factor   on the gains of `joints`; all others stay
+    gains    (n,) by name, rounded to the digits that are typed
+    audited  their audit: safe
+    """
+
+    factor: float
+    joints: tuple[str, ...]
+    gains: Mapping[str, Floats]
+    audited: "Audit"
+
+
+def gains_to_use(result: "Audit") -> GainsToUse | None:
+    """The gains of some joints, or else of all, lowered by one factor; None where none are known to be safe.
+
+    The factor has three digits, the gains four or as many more as leave them safe.
+    """
+    names = result.system.source.joint_names
+    exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}
+    for lowered, found in _lowered(result):
+        factor = typed_factor(found)
+        for count in range(4, MOST_DIGITS + 1) if factor > 0 else ():
+            typed = {
+                name: np.array([float(f"{value:.{count}g}") for value in (np.where(lowered, factor, 1.0) * values).tolist()])
+                for name, values in exact.items()
+            }
+            audited = result.of_gains(typed)
+            if audited.safe:
+                return GainsToUse(factor, tuple(name for name, low in zip(names, lowered, strict=True) if low), typed, audited)
+            if not lowered.all():  # its factor was found, not proved: more digits would not mend it
+                break
+    return None
+
+
+def _lowered(result: "Audit") -> Iterator[tuple[Booleans, float]]:
+    """Sets of joints (n,), each with the largest factor found on their gains alone; NaN: none was found.
+
+    First those that are short of the gain margin, then all unsafe ones, each with the joints that vibrate once they are lowered; last all.
+    """
+    names, limits = result.system.source.joint_names, np.array([joint.limit for joint in result.joints])
+    vibrating = {name for state in result.states if not result.enough_together_in(state) for name in state.limiting_joints}
+    short, tried = (limits < result.margin) | np.isin(names, list(vibrating)), []
+    for lowered in () if result.has_two_paths else (short, np.array([not joint.safe for joint in result.joints])):
+        most = min(1.0, float(np.min(limits[lowered], initial=math.inf)) / result.margin)
+        for _ in range(GROWTHS if most > 0 else 0):
+            found = map(limit_of, result.loops_at(lowered, most))
+            more = {name for limit in found if not enough(limit.gain, result.margin) for name in limiting_joints(limit, names)}
+            if not np.any(np.isin(names, list(more)) & ~lowered):
+                break
+            lowered = lowered | np.isin(names, list(more))
+        if most > 0 and lowered.any() and not lowered.all() and lowered.tolist() not in tried:
+            tried.append(lowered.tolist())
+            yield lowered, result.seen_factor(lowered, most)
+    yield np.ones(len(names), dtype=bool), result.scale
