@@ -9,7 +9,7 @@ import typer
 from ..report.number_format import as_typed, model_kind, model_text
 from .model_options import ModelCall, audited_text
 from .options import AsJson, Number, Report, Verbose, number_option, report_stream, text_output, typed_command, with_options
-from .output import closing, column_table, do_this, few, folded_parts, render, show
+from .output import closing, column_table, do_this, few, folded_parts, headings, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -243,7 +243,7 @@ def _terminal(
                 *answer,
                 *said,
                 joints,
-                others + legend(result, [str(column.header) for column in joints.columns]),
+                others + legend(result, headings(joints)),
                 *closing({"Report": report, "Robot": written}, few(warned, MOST_WARNINGS)),
                 *filter(None, [unjudged(result)]),
                 f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
@@ -252,15 +252,17 @@ def _terminal(
 
         screens = (screen(count) for count in range(FEW_JOINTS, 0, -1))
         return next((text for text in screens if text.count("\n") <= SCREEN_LINES), screen(1))
+    states = column_table(title, columns, result.states + result.immobile)
+    joints = column_table("Joint by joint, in the worst state", audited_joints(result), result.joints, ("motor inertia", "one loop"))
     return render(
         *answer,
         *said,
         "",
-        column_table(title, columns, result.states + result.immobile),
-        definitions(columns),
+        states,
+        definitions(columns, headings(states)),
         "",
-        column_table("Joint by joint, in the worst state", audited_joints(result), result.joints, ("motor inertia", "one loop")),
-        joint_caption(result),
+        joints,
+        joint_caption(result, headings(joints)),
         *stiffness,
         *folded_parts(do),
         *filter(None, [unjudged(result)]),

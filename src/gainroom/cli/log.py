@@ -38,7 +38,7 @@ def _terminal(survey: Any, most: int | None) -> str:
     parts: list[Any] = [
         sentence(survey),
         "",
-        table("Channels", CHANNEL_TITLES, channel_rows(survey, most), wrapped=2),
+        table("Channels", CHANNEL_TITLES, channel_rows(survey, most)),
         *([f"and {digits(more)} more joints (--verbose)", ""] if more > 0 else []),
         table("What it has channels for", ("", "", "has them"), questions),
         "Whether their motion is enough, each command says.",

@@ -11,6 +11,7 @@ from ..errors import printable
 from ..io.strict_json import strict
 from ..report.number_format import THIN, UNITS
 from .streams import give_up
+from .table_widths import KEPT, shared
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 WIDTH = 80
 """Columns, where no terminal says otherwise."""
 WIDEST = 100
-UNBROKEN, KEPT = "\ue000", "\ue001"
-"""Stand for THIN, and for the spaces of UNITS, while lines are broken: rich would break a number there."""
 """Columns, at most."""
+UNBROKEN = "\ue000"
+"""Stands for THIN while lines are broken, as KEPT for spaces: rich would break a number there."""
 NARROWEST = 40
 """Columns, at least: on fewer a table says nothing, and a terminal that does not know its width may say 0 or 1."""
 
@@ -66,41 +67,36 @@ def columns_wide() -> int:
     return min(WIDEST, max(NARROWEST, int(told))) if told.isdecimal() and len(told) < 6 else WIDTH
 
 
-def table(
-    title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], wrapped: int = 0, drops: Sequence[str] = (), wide: bool = False
-) -> "Table":
-    """A quiet table: words to the left, numbers to the right; yes and no are coloured.
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], drops: Sequence[str] = (), wide: bool = False) -> "Table":
+    """A quiet table: words to the left, numbers to the right; yes and no are coloured. Where it has no room: see table_widths.
 
-    wrapped   the column that is broken into lines where there is no room for all
-    drops     headings of columns that are left out before that, the first first
+    drops     headings of columns that may be left out, the first first
     wide      as wide as what is read at leisure
     """
     from rich import box
+    from rich.cells import cell_len
     from rich.table import Table
     from rich.text import Text
 
-    title, columns = printable(title), [*map(printable, columns)]
-    rows = [tuple(map(printable, row)) for row in rows]
-    across, drops = WIDEST if wide else columns_wide(), list(drops)
-
-    def width(gap: int) -> int:
-        return sum(max(map(len, cells)) for cells in zip(columns, *rows, strict=True)) + gap * (len(columns) - 1) + 2
-
-    while width(2) > across and drops:
-        dropped = drops.pop(0)
-        if dropped in columns:
-            place = columns.index(dropped)
-            columns = [name for k, name in enumerate(columns) if k != place]
-            rows = [tuple(cell for k, cell in enumerate(row) if k != place) for row in rows]
-    tight = width(3) > across  # closer together before anything is broken into lines
-    look = {"title_justify": "left", "title_style": "bold", "box": box.SIMPLE_HEAD, "pad_edge": False, "collapse_padding": tight}
-    result = Table(title=title or None, min_width=min(len(title), across), **look)
-    for index, column in enumerate(columns):
-        result.add_column(column, justify="right" if index else "left", no_wrap=index != wrapped, overflow="fold")
+    title, across = printable(title), WIDEST if wide else columns_wide()
+    cells = [[*map(printable, column)] for column in zip(columns, *rows, strict=True)]
+    places = [columns.index(name) for name in drops if name in columns]
+    left, cells, gap = shared(cells, across, places, cell_len)
+    lines = [max(cell_len(line) for text in column for line in text.split("\n")) for column in cells]
+    total = sum(lines) + gap * (len(left) - 1) + 2
+    look = {"title_justify": "left", "title_style": "bold", "box": box.SIMPLE_HEAD, "pad_edge": False, "collapse_padding": gap < 3}
+    result = Table(title=title or None, min_width=max(min(len(title), across), total if total > across else 0), **look)
+    for place, (heading, *_) in zip(left, cells, strict=True):
+        result.add_column(heading, justify="right" if place else "left", no_wrap=True)
     styles = {"yes": "bold blue", "no": "bold yellow"}  # never red against green
-    for row in rows:
+    for row in zip(*(column[1:] for column in cells), strict=True):
         result.add_row(*(Text(cell, style=styles.get(cell, "")) for cell in row))
     return result
+
+
+def headings(table: "Table") -> list[str]:
+    """The columns that a table shows."""
+    return [" ".join(str(column.header).split()) for column in table.columns]
 
 
 def column_table(title: str, columns: Sequence["Column"], rows: Iterable[Any], drops: Sequence[str] = ()) -> "Table":
@@ -166,10 +162,10 @@ def render(*parts: Any, wide: bool = False) -> str:
 
     buffer = StringIO()
     terminal = sys.stdout is not None and sys.stdout.isatty()
-    probe = Console(file=sys.stdout)
+    probe, across = Console(file=sys.stdout), WIDEST if wide else columns_wide()
     console = Console(
         file=buffer,
-        width=WIDEST if wide else columns_wide(),
+        width=across,
         force_terminal=terminal,
         no_color=probe.no_color or None,
         highlight=False,
@@ -179,5 +175,6 @@ def render(*parts: Any, wide: bool = False) -> str:
     for part in parts:
         if isinstance(part, str):
             part = UNITS.sub(KEPT, "\n".join(map(printable, part.split("\n"))).replace(THIN, UNBROKEN))
+        console.width = max(across, getattr(part, "min_width", None) or 0)  # of a table whose numbers need more
         console.print(part, soft_wrap=bool(getattr(part, "no_wrap", False)))
     return "\n".join(line.rstrip() for line in buffer.getvalue().replace(UNBROKEN, THIN).replace(KEPT, " ").splitlines()) + "\n"

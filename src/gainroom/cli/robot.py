@@ -9,7 +9,7 @@ import typer
 from ..report.number_format import model_kind, model_text
 from ..report.robot_units import judged
 from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
-from .output import closing, column_table, few, folded_parts, render, show, verdict_parts
+from .output import closing, column_table, few, folded_parts, headings, render, show, verdict_parts
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -145,19 +145,17 @@ def _terminal(study: "RobotStudy", call: str, report: Path | None, verbose: bool
 
 def _all_there_is(study: "RobotStudy") -> list[Any]:
     from ..report.columns import definitions
-    from ..report.robot_columns import state_columns
+    from ..report.robot_columns import JOINT, state_columns
     from ..report.robot_tables import joint_legend
 
     title = f"All joints together ({model_text(study.system.control.sample_time)})"
     columns = state_columns()
-    parts: list[Any] = [
-        column_table(title, columns, study.states + study.immobile, ("delay", "one loop", "disk")),
-        definitions(columns),
-        "",
-    ]
-    for state in study.tightest_by_contact:
-        parts += _contact_tables(state)
-    parts.append(joint_legend(study.system.source.body))
+    states = column_table(title, columns, study.states + study.immobile, ("delay", "one loop", "disk"))
+    parts: list[Any] = [states, definitions(columns, headings(states)), ""]
+    joints = {state: column_table(f"Joints, {state.title}", JOINT, state.joints) for state in study.tightest_by_contact}
+    for state, shown in joints.items():
+        parts += [shown, *_task_parts(state)]
+    parts.append(joint_legend(study.system.source.body, {title for shown in joints.values() for title in headings(shown)}))
     if len(study.system.source.postures) > 1:
         parts.append("Of several postures, these tables show the tightest; --json has them all.")
     parts.append("")
@@ -166,14 +164,13 @@ def _all_there_is(study: "RobotStudy") -> list[Any]:
     return [*parts, judged(study.system)]
 
 
-def _contact_tables(state: "State") -> list[Any]:
-    from ..report.robot_columns import JOINT, TASK
+def _task_parts(state: "State") -> list[Any]:
+    from ..report.robot_columns import TASK
     from ..report.robot_tables import TASK_UNITS, tasks_together
 
-    parts: list[Any] = [column_table(f"Joints, {state.title}", JOINT, state.joints)]
-    if state.tasks is not None and state.tasks.moves:
-        parts += [column_table(f"Tasks, {state.title}; together {tasks_together(state.tasks)}", TASK, state.tasks.rows), TASK_UNITS, ""]
-    return parts
+    if state.tasks is None or not state.tasks.moves:
+        return []
+    return [column_table(f"Tasks, {state.title}; together {tasks_together(state.tasks)}", TASK, state.tasks.rows), TASK_UNITS, ""]
 
 
 def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:

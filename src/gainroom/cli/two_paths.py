@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import GainroomError
-from .output import closing, column_table, render, show, table
+from .output import closing, column_table, headings, render, show, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -35,11 +35,13 @@ def _terminal(study: "PathStudy") -> str:
 
     control = study.system.control
     columns = COLUMNS if study.nominal[0].title else COLUMNS[1:]
+    title = f"Nominal ({model_text(control.sample_time, control.kd_path)})"
+    nominal = column_table(title, columns, study.nominal, ("at", "phase"))
     return render(
         sentence(study),
         "",
-        column_table(f"Nominal ({model_text(control.sample_time, control.kd_path)})", columns, study.nominal, ("at", "phase")),
-        definitions(columns),
+        nominal,
+        definitions(columns, headings(nominal)),
         "",
         table("Requirements, at their worst", ("", "value", "at", "required", "met"), requirement_rows(study)),
         *closing({}, warnings(study), assumptions(study), [NOT_MADE]),

@@ -55,7 +55,8 @@ def audit_page(
     if swept is not None:
         title = f"The workspace: {counted(swept.found.plan.postures.count)} postures"
         workspace = [workspace_section(swept.found, title, audited=swept)]
-    joints = table(*tabulated(audited_joints(result), result.joints), joint_caption(result), MARKS)
+    headings, texts = tabulated(audited_joints(result), result.joints)
+    joints = table(headings, texts, joint_caption(result, headings), MARKS)
     sections = [
         *_reasons(result),
         *workspace,
@@ -191,7 +192,8 @@ def _vibrations(result: Audit) -> list[Html]:
 
 def _state_table(result: Audit) -> Html:
     columns = audited_states(result.enough_in)
-    return table(*tabulated(columns, result.states + result.immobile), f"{definitions(columns)} Safe: {asked(result)} or more.", MARKS)
+    headings, texts = tabulated(columns, result.states + result.immobile)
+    return table(headings, texts, f"{definitions(columns, headings)} Safe: {asked(result)} or more.", MARKS)
 
 
 def _simulator(result: "SimulatorAudit") -> list[Html]:

@@ -4,7 +4,7 @@ Margins are in margin_columns.py, states, joints and tasks of a robot in robot_c
 recommended_gains.py. A further column is one more entry in one of those lists; nothing else has to know it.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,9 +65,14 @@ def tabulated(columns: Sequence[Column], rows: Iterable[Any]) -> tuple[list[str]
     return [placed[k].title for k in filled], [*zip(*(texts[k] for k in filled), strict=True)]
 
 
-def definitions(columns: Sequence[Column]) -> str:
-    """The definitions of columns, below a table."""
-    return "; ".join(f"{column.title}: {column.definition}" for column in columns if column.title and column.definition) + "."
+def definitions(columns: Sequence[Column], shown: Collection[str]) -> str:
+    """The definitions of columns, below a table that shows those with these titles."""
+    return "; ".join(f"{column.title}: {column.definition}" for column in columns if column.title in shown and column.definition) + "."
+
+
+def units_of(shown: Collection[str], units: Mapping[str, str]) -> str:
+    """The units of the columns that a table shows, by their titles: "kp [N·m/rad], kd [N·m·s/rad]"."""
+    return ", ".join(f"{title} [{unit}]" for title, unit in units.items() if title in shown)
 
 
 def yes(value: bool | None) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import listed
 from ..system.requirements import REQUIREMENTS, to_db
-from .columns import Column, definitions, facts, yes
+from .columns import Column, definitions, facts, units_of, yes
 from .margin_columns import margin_facts
 from .number_format import digits, hertz
 from .robot_units import joint_units
@@ -271,25 +271,22 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
     """What the columns with these titles are, in a line or two."""
     units = joint_units(result.system.source.body)
     parts = {
-        "kp": f"kp [{units['kp']}]",
-        "kd": f"kd [{units['kd']}]",
-        "ki": f"ki [{units['ki']}]",
         "use": f"use: {USE}",
         "alone": "alone: factor on a joint's gains until vibration, the others switched off",
         "one loop": "one loop: the factor on one joint's gains until vibration, the other loops closed",
         "K needed": f"K needed [{units['kp']}]: of every gearbox",
     }
-    gains = ", ".join(parts.pop(title) for title in ("kp", "kd", "ki") if title in shown)
+    gains = units_of(shown, {name: units[name] for name in ("kp", "kd", "ki")})
     return f"{gains}; {'; '.join(text for title, text in parts.items() if title in shown)}. safe: {asked(result)} or more."
 
 
-def joint_caption(result: "Audit") -> str:
-    """What the columns of AUDITED_JOINT are, with their units."""
+def joint_caption(result: "Audit", shown: Collection[str]) -> str:
+    """What the columns of AUDITED_JOINT with these titles are, with their units."""
     units = joint_units(result.system.source.body)
-    units_told = f"kp [{units['kp']}], kd [{units['kd']}], ki [{units['ki']}], motor inertia [{units['load']}].{units['prismatic']}"
+    by_title = {**{name: units[name] for name in ("kp", "kd", "ki")}, "motor inertia": units["load"]}
     return (
-        f"In the worst state. {definitions(audited_joints(result))} {units_told} Safe: {asked(result)} or more with the other "
-        "loops closed, and no part in the vibration of a state with too little of a margin."
+        f"In the worst state. {definitions(audited_joints(result), shown)} {units_of(shown, by_title)}.{units['prismatic']} Safe: "
+        f"{asked(result)} or more with the other loops closed, and no part in the vibration of a state with too little of a margin."
     )
 
 

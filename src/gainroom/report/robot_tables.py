@@ -1,7 +1,7 @@
 """The tables of a robot's page, and its inputs as text."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from html import escape
 from typing import Any
 
@@ -13,7 +13,7 @@ from ..robot.robot import Posture
 from ..studies.robot import RobotStudy
 from ..studies.state import State, TaskStudy
 from ..system.system import System
-from .columns import Column, definitions, tabulated
+from .columns import Column, definitions, tabulated, units_of
 from .number_format import digits, hertz, span
 from .page import Html, facts, paragraph, table
 from .page_parts import filters, uncertainty_text
@@ -45,30 +45,34 @@ def state_table(study: RobotStudy) -> Html:
     """Every state: the factor on all gains together, and the margins."""
     columns = state_columns()
     rows = study.states + study.immobile
-    caption = f"{definitions(columns)} Margins of an unstable robot are meaningless.{_cut(len(rows))}"
-    return table(*tabulated(columns, rows[:MOST_ROWS]), caption, MARKS)
+    headings, texts = tabulated(columns, rows[:MOST_ROWS])
+    caption = f"{definitions(columns, headings)} Margins of an unstable robot are meaningless.{_cut(len(rows))}"
+    return table(headings, texts, caption, MARKS)
 
 
 def joint_table(states: Sequence[State], caption: str = "") -> Html:
     """Every joint in the given states."""
     rows = [(state, row) for state in states for row in state.joints]
-    return _several(JOINT, rows, len(states) > 1, f"{caption} {joint_legend(states[0].model.body)}")
+    return _several(JOINT, rows, len(states) > 1, lambda shown: f"{caption} {joint_legend(states[0].model.body, shown)}")
 
 
-def joint_legend(body: Any) -> str:
-    """What the columns of JOINT are, with their units."""
+def joint_legend(body: Any, shown: Collection[str]) -> str:
+    """What the columns of JOINT with these titles are, with their units."""
     units = joint_units(body)
-    return f"{definitions(JOINT)} load [{units['load']}], kp [{units['kp']}], kd [{units['kd']}].{units['prismatic']}"
+    return f"{definitions(JOINT, shown)} {units_of(shown, {name: units[name] for name in ('load', 'kp', 'kd')})}.{units['prismatic']}"
 
 
 def task_table(states: Sequence[State]) -> Html:
     """Every task direction in the given states."""
     found = [(state, state.tasks) for state in states if state.tasks is not None]
     together = [f"{state.title}: {tasks_together(tasks)}" for state, tasks in found]
-    caption = (
-        f"{definitions(TASK)} {TASK_UNITS} Factors are on the gains, until the robot vibrates. Gains act on accelerations of the task: the "
-        f"controller's model takes the inertia out. All directions together: {'; '.join(together)}."
-    )
+
+    def caption(shown: Collection[str]) -> str:
+        return (
+            f"{definitions(TASK, shown)} {TASK_UNITS} Factors are on the gains, until the robot vibrates. Gains act on accelerations of "
+            f"the task: the controller's model takes the inertia out. All directions together: {'; '.join(together)}."
+        )
+
     return _several(TASK, [(state, row) for state, tasks in found for row in tasks.rows], True, caption)
 
 
@@ -78,12 +82,15 @@ def tasks_together(tasks: TaskStudy) -> str:
     return f"{digits(tasks.limit.gain)}{at}{'' if tasks.limit.stable else ', UNSTABLE'}"
 
 
-def _several(columns: Sequence[Column], rows: Sequence[tuple[State, Any]], named: bool, caption: str) -> Html:
-    """Rows of states, whose first cell has the state's name behind it where there are several."""
+def _several(columns: Sequence[Column], rows: Sequence[tuple[State, Any]], named: bool, caption: Callable[[Collection[str]], str]) -> Html:
+    """Rows of states, whose first cell has the state's name behind it where there are several. `caption`: of the titles shown."""
     headings, texts = tabulated(columns, [row for _, row in rows[:MOST_ROWS]])
     names = [f", {state.title}" if named else "" for state, _ in rows]
     return table(
-        headings, [(first + name, *rest) for (first, *rest), name in zip(texts, names, strict=False)], caption + _cut(len(rows)), MARKS
+        headings,
+        [(first + name, *rest) for (first, *rest), name in zip(texts, names, strict=False)],
+        caption(headings) + _cut(len(rows)),
+        MARKS,
     )
 
 

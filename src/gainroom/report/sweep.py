@@ -193,7 +193,8 @@ def _limiting(found: SweepSummary) -> Html:
 
 def _margins(states: list[State]) -> Html:
     shown = state_columns()
-    return table(*tabulated(shown, states), f"{definitions(shown)} Nominal values.", MARKS)
+    headings, texts = tabulated(shown, states)
+    return table(headings, texts, f"{definitions(shown, headings)} Nominal values.", MARKS)
 
 
 def _sure(found: SweepSummary, near: SweptPosture | None) -> list[tuple[str, str]]:
