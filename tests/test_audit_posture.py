@@ -136,6 +136,18 @@ def test_a_base_that_was_said_is_not_assumed(tmp_path: Path, capsys: pytest.Capt
     assert f"Posture: zero; {told} base" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("posture", "name"), [((), "zero"), (("home",), "home"), (("home", "knee=1.2"), "given"), ((".*e=0.3", "ankle=-0.2"), "given")]
+)
+def test_a_posture_has_a_short_name(leg: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], posture: tuple[str, ...], name: str):
+    """Patterns are no name: they would stand in every sentence and table, and as a key in the file to go on from."""
+    written = tmp_path / "robot.yaml"
+    typed = [f"--posture={text}" for text in posture]
+    main(["audit", str(leg), "--delay-ms", "2", "--rate-hz", "1000", *typed, "--write-robot", str(written)])
+    assert f"Posture: {name};" in capsys.readouterr().out
+    assert gr.load_robot(written).system.source.states == ((name, "free"),)
+
+
 def test_a_urdf_has_no_keyframes(tmp_path: Path):
     gains = tmp_path / "gains.yaml"
 

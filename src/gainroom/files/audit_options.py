@@ -57,6 +57,8 @@ PATHS = {
 """Where they stand instead, by --gains-run."""
 JOINT_DAMPING = ("controller", "friction")
 GAINS_RUN = ("host", "drive", "split")
+GIVEN = "given"
+"""The name of a posture whose angles are typed."""
 SLIGHT_DAMPING = 0.01
 """Of kd: the joints' own damping, where it is less, is reported among what is assumed."""
 ANGLE = number(least=-1e4, most=1e4)
@@ -136,6 +138,13 @@ class AuditOptions:
         """Whether the gearboxes are elastic."""
         return self.stiffness is not None and math.isfinite(self.stiffness)
 
+    @property
+    def posture_name(self) -> str:
+        """A keyframe's own name; a short one for angles, which would be no name."""
+        if not self.posture:
+            return "zero"
+        return self.posture[0] if len(self.posture) == 1 and "=" not in self.posture[0] else GIVEN
+
     def sections(self, file: str, body: RigidBody, gains: JointGains) -> dict[str, Any]:
         """The sections of a robot.yaml that say the same, for the model in `file`; joints without gains are locked, or passive in loops."""
         names = body.every_joint
@@ -154,7 +163,7 @@ class AuditOptions:
             "drive": {"bandwidth": math.inf},
             "control": {"type": "pid" if "ki" in columns else "pd", "feedback": "motor"}
             | {name: {names[k]: float(column[k]) for k in given} for name, column in columns.items()},
-            "postures": {first_of_many(self.posture) or "zero": _angles(self.posture, Path(file), names, gains.postures)},
+            "postures": {self.posture_name: _angles(self.posture, Path(file), names, gains.postures)},
             "contacts": {"flight" if body.base == "floating" else "free": []}
             | ({"contact": [_contact(text) for text in self.contacts]} if self.contacts else {}),
         }
