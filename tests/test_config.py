@@ -122,7 +122,7 @@ def test_only_the_margins_that_are_named_are_required():
         ("delay_ticks: 4.5", "sample_rate_hz: 2000", "drive: give either delay_ms", ""),
         ("delay_ticks: 4.5", "delay_ms: 0.002 s", "drive.delay_ms: '0.002 s' is text", ""),
         ("delay_ticks: 4.5", "delay_ms: 1e9", "drive.delay_ms: 1000000000.0 must be <= 10000", ""),
-        ("delay_ticks: 4.5", "delay_ms: 9000", "drive: the delay of 18000 ticks must be <= 1000", ""),
+        ("delay_ticks: 4.5", "delay_ms: 9000", "drive.delay_ms: 9000 ms must be <= 500 ms, 1000 ticks at 2000 Hz", ""),
         ("delay_ticks: 4.5", "delay_ticks: 4, sample_rate_hz: 1000", "drive.sample_rate_hz: 1000.0 must equal", "2000"),
         ("  sample_rate_hz: 2000\n", "", "drive.delay_ticks: 4.5 needs sample_rate_hz", ""),
         ("link_inertia: 16.0", "link_inertia: true", "joint.link_inertia: true is not a number", ""),

@@ -301,7 +301,7 @@ def test_load_robot_carries_its_file(folder: Path):
         ("drive: {", "  locked: arm\ndrive: {", "joints.locked: 'arm' must be a list", ""),
         ("drive: {", "  locked: [1]\ndrive: {", "joints.locked[0]: 1 must be a name", ""),
         ("delay_ms: 2}", "delay_s: 2}", "drive.delay_s: unknown key", "did you mean delay_ms?"),
-        ("delay_ms: [2, 4]", "delay_ms: [2, 600]", "joint 'l_hip': the delay of 1200 ticks must be <= 1000", ""),
+        ("delay_ms: [2, 4]", "delay_ms: [2, 600]", "delay_ms of joint 'l_hip': 600 ms must be <= 500 ms, 1000 ticks at 2000 Hz", ""),
         ("l_hip: -0.2", "l_hp: -0.2", "postures.flat.'l_hp' matches no joint", "did you mean 'l_hip'?"),
         ("l_hip: -0.2", "l_hip: .inf", "postures.flat.l_hip: inf must be <= 10000", ""),
         ("l_hip: -0.2", "l_hip: 30°", "postures.flat.l_hip: '30°' is text", ""),

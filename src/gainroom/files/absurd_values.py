@@ -38,7 +38,7 @@ def _refuse_absurd(system: System) -> None:
 def _refuse_long_delays(names: Sequence[str], delays: Sequence[float], sample_time: float | None) -> None:
     """Each tick of delay is a state of a sampled robot; `sample_time` None: continuous."""
     for name, delay in zip(names, delays, strict=True):
-        refuse_long_delay(delay, sample_time, f"joint {name!r}")
+        refuse_long_delay(delay, sample_time, f"delay_ms of joint {name!r}")
     if sample_time is not None and sum(delays) > MOST_TICKS * sample_time:
         raise GainroomError(
             f"the delays of all {len(names)} joints together, {sum(delays) / sample_time:g} ticks, must be <= {MOST_TICKS} ticks: take a "

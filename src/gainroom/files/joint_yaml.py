@@ -139,7 +139,7 @@ class JointFile(SystemFile[JointControlSection, JointUncertaintySection]):
         """In SI units. Raises GainroomError where sections contradict each other."""
         joint, tick, sample_time = self.joint.joint(), self.tick(), self.sample_time()
         drive = self.drive.drive(tick)
-        refuse_long_delay(drive.delay, sample_time, "drive")
+        refuse_long_delay(drive.delay, sample_time, "drive.delay_ticks" if self.drive.delay_ms is None else "drive.delay_ms")
         _refuse_seized_gearbox(joint)
         nominal = {"delay": drive.delay, **vars(joint)}
         found = System.of_joint(

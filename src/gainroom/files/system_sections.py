@@ -360,6 +360,10 @@ def refuse_two_paths(control: ControlSection, two_paths: bool) -> None:
 
 
 def refuse_long_delay(delay: float, sample_time: float | None, owner: str) -> None:
-    """Raise GainroomError where a sampled loop would carry too many ticks of delay; `sample_time` None: continuous."""
+    """Raise GainroomError where a sampled loop would carry too many ticks of delay; `sample_time` None: continuous.
+
+    owner   the key or option that says so, and of which joint
+    """
     if sample_time is not None and delay > MAX_TICKS * sample_time:
-        raise GainroomError(f"{owner}: the delay of {delay / sample_time:g} ticks must be <= {MAX_TICKS} ticks")
+        most = f"{1e3 * MAX_TICKS * sample_time:g} ms, {MAX_TICKS} ticks at {1 / sample_time:g} Hz"
+        raise GainroomError(f"{owner}: {1e3 * delay:g} ms must be <= {most}")
