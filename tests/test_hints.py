@@ -115,3 +115,34 @@ def test_a_list_is_asked_for_by_what_it_lists(old: str, new: str, words: list[st
 )
 def test_gains_in_no_known_form_are_shown(text: str, words: list[str]):
     assert_refused(lambda: parse_gains(text, "gains.yaml"), ["gains.yaml: holds no gains in a known form", *words])
+
+
+@pytest.mark.parametrize("text", ["gains: {}", "gains:", "gains: []", "{rate: 5, gains: {}}"])
+def test_empty_gains_are_told_and_not_guessed_at(text: str):
+    assert_refused(lambda: parse_gains(text, "gains.yaml"), ["gains.yaml: gains: is empty", "joint or pattern → {kp, kd}"])
+
+
+@pytest.mark.parametrize(
+    ("call", "command"),
+    [
+        ("audit model.urdf", "gainroom audit"),
+        ("audit model.urdf --delay-ms 2 --postur home", "gainroom audit"),
+        ("audit model.urdf --delay-ms two", "gainroom audit"),
+        ("identify delay", "gainroom identify delay"),
+        ("robot robot.yaml --samples 5", "gainroom robot"),
+        ("robots robot.yaml", "gainroom"),
+    ],
+)
+def test_a_wrong_call_is_sent_to_the_help_of_its_command(folder: Path, capsys: pytest.CaptureFixture[str], call: str, command: str):
+    assert line(capsys, call).endswith(f"(see {command} --help)\n")
+
+
+def test_an_option_is_named_by_its_own_name(folder: Path, capsys: pytest.CaptureFixture[str]):
+    said = line(capsys, "audit model.urdf --delay-ms 2 --gains gains.yaml --workspace 0")
+    assert "--workspace: 0 postures; from 1 to" in said
+
+
+def test_missing_motor_inertia_may_be_given_joint_by_joint(folder: Path, capsys: pytest.CaptureFixture[str]):
+    (folder / "gains.yaml").write_text('".*_knee": {kp: 100, kd: 3}\n', "utf-8")
+    said = line(capsys, "audit gainroom:biped.urdf --delay-ms 2 --gains gains.yaml --gearbox harmonic")
+    assert "--motor-inertia, one value for all joints, or motor_inertia of each joint in gains.yaml" in said

@@ -316,13 +316,13 @@ def test_a_damaged_store_is_told(undisturbed, tmp_path):
 
 
 REFUSED = {
-    ("--samples", "0"): "0 postures; from 1 to",
+    ("--samples", "0"): "--samples: 0 postures; from 1 to",
     ("--range", "elbow=1:1"): "'elbow=1:1': low must be below high",
     ("--range", "elbow=1"): "must be JOINT=LOW:HIGH, in rad",
     ("--range", "wrist=0:1"): "'wrist' matches no joint",
     ("--grid", "elbow=0:1:1"): "1 points must be a whole number, 2 or more",
     ("--grid", "elbow=0:1:5", "--samples", "5"): "--samples and --grid: only one of them",
-    ("--grid", "elbow=0:1:40000", "--grid", "shoulder=0:1:40000"): "1600000000 postures; from 1 to",
+    ("--grid", "elbow=0:1:40000", "--grid", "shoulder=0:1:40000"): "--grid: 1600000000 postures; from 1 to",
     ("--contact", "hands"): "--contact: 'hands' is not one of this robot's",
     ("--posture", "lying"): "--posture: 'lying' is not one of this robot's",
     ("--draws", "-1"): "-1 draws; from 0",

@@ -69,7 +69,8 @@ def _run(arguments: Sequence[str] | None) -> int:
         say(str(stop))
         return stop.status
     except typer.TyperException as error:
-        return _complain(f"{error.format_message()} (see gainroom --help)")
+        context = getattr(error, "ctx", None)  # of the command that was called wrongly, where it was found
+        return _complain(f"{error.format_message()} (see {'gainroom' if context is None else context.command_path} --help)")
     except typer.Abort as error:  # what typer makes of an EOFError, wherever that came from
         raise error.__cause__ or error from None
     except SystemExit:  # typer's way out where the reader of a help text has left

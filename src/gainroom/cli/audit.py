@@ -95,6 +95,10 @@ def audit(
     from ..studies.audit import audit as run_audit
     from ..studies.audit import required_of
 
+    if workspace is not None:
+        from ..studies.sweep.postures import require_postures
+
+        require_postures(workspace, "--workspace")
     options, margin = given.options(delay_ms, damping_ratio=damping_ratio), margin_factor(given.margin_db)
     asked = {"timestep": timestep, "integrator": integrator, "pd": pd, "decimation": decimation, "armature": armature}
     extra, further = delay_of_margin(delay_margin_ms), further_requirements(phase_margin_deg, peak_sensitivity)

@@ -274,7 +274,9 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     ]
     motors, ranges = spec.source.actuators, None
     if options.gearboxes:
-        ranges = gearbox_range(options.gearboxes, spec.source.joint_names, motors.stiffness, motors.motor_inertia, "--gearbox")
+        ranges = gearbox_range(
+            options.gearboxes, spec.source.joint_names, motors.stiffness, motors.motor_inertia, "--gearbox", _inertia_from(source)
+        )
     elastic = bool(np.isfinite(motors.stiffness).any()) or ranges is not None
     taken = [text for text in spec.warnings if text.startswith(ASSUMED)]
     slight = _slight_damping(body, found, options)
@@ -288,6 +290,12 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     )
     warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings if text not in taken]
     return Audited(replace(spec, assumptions=assumptions, warnings=(*found.notes, *_damping_asked(warnings, options))), sections, ranges)
+
+
+def _inertia_from(source: Path) -> str:
+    """How motors' inertias are given, alike and joint by joint; `source`: of the gains."""
+    key = "armature" if source.suffix.lower() in (".xml", ".mjcf") or ".py" in source.name else "motor_inertia"
+    return f"--motor-inertia, one value for all joints, or {key} of each joint in {source}"
 
 
 def _padded(column: Floats, size: int) -> Floats:

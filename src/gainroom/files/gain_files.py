@@ -114,6 +114,8 @@ def parse_gains(text: str, source: str) -> GainFile:
         raise GainroomError(f"{source}: {'is empty' if data is None else UNKNOWN}")
     if "drive" in data and (found := kind_of(data)) != "other":
         raise wrong_kind(source, "file of gains", found)
+    if "gains" in data and not data["gains"]:
+        raise GainroomError(f"{source}: gains: is empty; must hold joint or pattern → {{kp, kd}}, one or more")
     if "moteus" in data:
         return read_moteus(data, source)
     arrays = {key: each for key, each in {"": data, **data}.items() if isinstance(each, dict) and has_arrays(each)}

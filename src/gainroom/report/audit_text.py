@@ -223,7 +223,7 @@ def _searched(call: str, written: Path | None = None) -> list[str]:
     return [*found, f"gainroom robot {written or 'robot.yaml'}"]
 
 
-AGAIN = "Then audit the gains that it finds, with `--gains` and the same options."
+AGAIN = "Then audit the gains that `gainroom robot` finds, with `--gains` and the same options."
 """After a search."""
 
 

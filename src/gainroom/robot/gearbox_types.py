@@ -61,10 +61,13 @@ class GearboxRange:
     types: tuple[str, ...]
 
 
-def gearbox_range(typed: Sequence[str], joint_names: Sequence[str], stiffness: Floats, motor_inertia: Floats, option: str) -> GearboxRange:
+def gearbox_range(
+    typed: Sequence[str], joint_names: Sequence[str], stiffness: Floats, motor_inertia: Floats, option: str, inertia_from: str
+) -> GearboxRange:
     """What TYPE and PATTERN=TYPE say of joints, the later winning; a joint with a finite stiffness (n,) keeps that.
 
     motor_inertia (n,) [kg m²]
+    inertia_from  how it is given, for a message
 
     Raises GainroomError, which names the `option`, for an unknown type, a pattern that matches nothing and a motor without inertia.
     """
@@ -77,7 +80,7 @@ def gearbox_range(typed: Sequence[str], joint_names: Sequence[str], stiffness: F
             types[k] = "" if name == DIRECT or math.isfinite(stiffness[k]) else name
     bare = [name for name, kind, inertia in zip(joint_names, types, motor_inertia.tolist(), strict=True) if kind and inertia <= 0]
     if bare:
-        raise GainroomError(f"{option}: the gearbox of joint {bare[0]!r} needs its motor's inertia: give --motor-inertia")
+        raise GainroomError(f"{option}: the gearbox of joint {bare[0]!r} needs its motor's inertia: give {inertia_from}")
     ends = [(*TYPES[kind].resonance, *TYPES[kind].damping_ratio) if kind else (math.nan,) * 4 for kind in types]
     return GearboxRange(*np.array(ends).reshape(-1, 4).T, types=tuple(types))
 

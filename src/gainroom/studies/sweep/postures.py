@@ -131,7 +131,7 @@ def sampled(body: RigidBody, base: Floats, count: int, ranges: "Mapping[str, tup
     A joint whose limits leave it nothing stands as in `base` (n,). Raises GainroomError for unknown joints, empty ranges, and joints that
     slide without limits.
     """
-    require_postures(count)
+    require_postures(count, "--samples")
     low, high = body.lower.copy(), body.upper.copy()
     for name, (one, other) in (ranges or {}).items():
         at = _joint(body, name, "range")
@@ -157,7 +157,7 @@ def gridded(body: RigidBody, base: Floats, axes: Mapping[str, tuple[float, float
             raise GainroomError(f"grid: joint {name!r}: {count} points must be 2 or more")
         low[at], high[at] = ranged(name, one, other)
         points[at] = count
-    require_postures(math.prod(points))
+    require_postures(math.prod(points), "--grid")
     return Grid(low, high, tuple(points))
 
 
@@ -171,7 +171,7 @@ def followed(body: RigidBody, base: Floats, columns: Mapping[str, Floats], owner
     angles = np.tile(base, (len(next(iter(columns.values()))), 1))
     for name, values in columns.items():
         angles[:, body.joint_names.index(name)] = values
-    require_postures(len(angles))
+    require_postures(len(angles), owner)
     return Trajectory(angles)
 
 
@@ -182,10 +182,10 @@ def ranged(name: str, low: float, high: float) -> tuple[float, float]:
     return low, high
 
 
-def require_postures(count: int) -> None:
-    """Raise GainroomError where there are none, or too many."""
+def require_postures(count: int, owner: str) -> None:
+    """Raise GainroomError where there are none, or too many; `owner`: the option or file that says how many."""
     if not 1 <= count <= MOST_POSTURES:
-        raise GainroomError(f"sweep: {count} postures; from 1 to {MOST_POSTURES} are possible")
+        raise GainroomError(f"{owner}: {count} postures; from 1 to {MOST_POSTURES} are possible")
 
 
 def _joint(body: RigidBody, name: str, what: str) -> int:
