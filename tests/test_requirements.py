@@ -13,6 +13,7 @@ from gainroom.system.excluded_sets import Arc, Disk, ExcludedSet, Segment
 from gainroom.system.requirements import REQUIREMENTS, Requirement, Requirements, SensitivityBound
 from independent import margins as grid
 from independent.joint import PDJoint
+from refusals import assert_refused
 
 JOINT = PDJoint(1.0, 16.0, 1e4, 1.0, 0.0, 0.0, delay=2e-3, bandwidth=4000.0)
 COMPLEMENTARY = SensitivityBound("peak_complementary", "peak complementary sensitivity", "peak_complementary", slope=-1.0, offset=1.0)
@@ -189,3 +190,17 @@ def test_the_frequency_of_a_gain_margin_is_that_of_its_nearer_end(ki: float, way
 def found(**values: float) -> Any:
     """Margins that tell these alone."""
     return type("Found", (), {"stable": True, **values})()
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"phase_margin": 30}, ["phase_margin 30", "> 0 and < 3.142 rad", "numpy.radians(30) is 30°"]),
+        ({"gain_margin": 0.5}, ["gain_margin 0.5", "> 1, a factor", "10**(6 / 20) is 6 dB"]),
+        ({"delay_margin": 0.0}, ["delay_margin 0.0", "> 0 s"]),
+    ],
+)
+def test_a_value_that_cannot_be_asked_for_is_told_in_its_unit(asked: dict[str, float], words: list[str]):
+    assert_refused(lambda: gr.Requirements(**asked), words)
+    for name in (*asked, "factor", "[rad]", "[s]"):
+        assert name in (gr.Requirements.__doc__ or "")

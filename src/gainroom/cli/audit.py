@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import as_typed, model_kind, model_text
+from ..io.as_typed import as_typed
+from ..report.number_format import model_kind, model_text
 from .model_options import ModelCall, audited_text
 from .options import AsJson, Number, Report, Verbose, number_option, report_stream, text_output, typed_command, with_options
 from .output import closing, column_table, do_this, few, folded_parts, headings, render, show

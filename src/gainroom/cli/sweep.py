@@ -134,8 +134,9 @@ def _run(store: "Store", workers: int | None, scheduler: str, output: Path | Non
 def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstStates", output: Path | None) -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
+    from ..io.as_typed import as_typed
     from ..report.columns import facts
-    from ..report.number_format import as_typed, model_kind
+    from ..report.number_format import model_kind
     from ..report.robot_columns import state_columns
     from ..report.sweep_text import columns, judged_facts, posture_facts, sentence, warnings
     from ..system.requirements import to_db

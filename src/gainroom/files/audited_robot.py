@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from ..errors import GainroomError
+from ..io.as_typed import as_typed
 from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS, Requirements
 from .robot_yaml import parse_robot
@@ -25,10 +26,13 @@ def with_gearboxes(
 
 
 class _Dumper(yaml.SafeDumper):
-    """Numbers, words and sections alone: equal lists are written out each time, as a robot.yaml has no references."""
+    """Numbers as typed, words and sections alone: equal lists are written out each time, as a robot.yaml has no references."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
+
+
+_Dumper.add_representer(float, lambda dumper, value: dumper.represent_float(as_typed(value)))
 
 
 def audited_robot_text(sections: Mapping[str, Any], model: str, required: Requirements, heading: Sequence[str], target: Path) -> str:
@@ -43,7 +47,7 @@ def audited_robot_text(sections: Mapping[str, Any], model: str, required: Requir
     """
     file = os.path.relpath(model, target.parent) if Path(model).exists() else model
     asked = {**Requirements.usual().only("phase_margin", "peak_sensitivity").needed, **required.needed}
-    limits = {one.key: float(f"{one.in_unit(asked[one.name]):.12g}") for one in REQUIREMENTS.values() if one.name in asked}
+    limits = {one.key: one.in_unit(asked[one.name]) for one in REQUIREMENTS.values() if one.name in asked}
     data = {**sections, "model": {**sections["model"], "file": file}, "limits": limits}
     body = yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
     text = "".join(f"# {' '.join(line.split())}\n" for line in heading) + body

@@ -6,9 +6,10 @@ from typing import Any
 
 from ..analysis.margin_record import Margins
 from ..errors import apart
+from ..io.as_typed import as_typed
 from ..system.requirements import REQUIREMENTS, Requirement, Requirements, to_db
 from .columns import Column, yes
-from .number_format import as_typed, digits, frequency
+from .number_format import digits, frequency
 
 
 def _lower(margins: Margins) -> str:

@@ -62,11 +62,6 @@ def gain_factor(gain: float, significant: int = 4) -> str:
     return digits(gain, significant=apart(gain, 1.0, significant))
 
 
-def as_typed(value: float) -> float:
-    """A requirement in dB or degrees, without the round-off of the way to a factor or radians and back: 6, not 5.999999999999998."""
-    return float(f"{value:.12g}")
-
-
 def hertz(omega: float) -> str:
     """`omega` [rad/s] in Hz."""
     return digits(omega / (2 * math.pi), "Hz", 3)

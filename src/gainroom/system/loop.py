@@ -290,7 +290,8 @@ def build_loop(
     kd_path      for a sampled PD or PID whose kd closes at a rate and delay of its own; None: with the other gains. Its margins come from
                  the eigenvalues over a common period (period_map.py); it has no frequency response
 
-    Raises GainroomError for input that does not fit together.
+    Raises GainroomError for input that does not fit together, and for a negative gain on one of several joints. Of one joint it is taken as
+    it is, for a verdict on signs that are wrong: kp < 0 is unstable. Files refuse both.
     """
     plant = joint.plant() if isinstance(joint, ElasticJoint) else joint
     if not isinstance(plant, Plant):

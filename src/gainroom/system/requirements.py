@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import GainroomError
 from .excluded_sets import ROUND_OFF, Arc, Disk, ExcludedSet, Segment
 from .judged_loop import Curves, Judged, Sampled
+from .margin_units import IN_SI, from_db, to_db
 
 
 def enough(value: float, needed: float) -> bool:
@@ -89,7 +90,7 @@ class Requirement:
         number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
         if not (number and self.low < value < self.high):  # type: ignore[operator]
             below = f" and < {self.high:.4g}" if self.high < math.inf else ""
-            raise GainroomError(f"requirements: {self.name} {value!r} must be > {self.low:g}{below}")
+            raise GainroomError(f"requirements: {self.name} {value!r} must be > {self.low:g}{below}{IN_SI.get(self.unit, '')}")
 
     def value(self, found: Judged) -> float:
         """What is held against the requirement: the worst over all loops together and one at a time; NaN where it is not known."""
@@ -147,16 +148,6 @@ class Requirement:
     def slopes(self, curves: Curves, needed: float) -> Any:
         """By how much coupled loops miss it, wherever they may, and how that changes with every gain."""
         return curves.by_differences(self, needed)
-
-
-def to_db(factor: float) -> float:
-    """A gain factor in decibels; −inf for 0."""
-    return 20 * math.log10(factor) if factor > 0 else -math.inf if factor == 0 else math.nan
-
-
-def from_db(level: float) -> float:
-    """Decibels as a gain factor."""
-    return 10 ** (level / 20)
 
 
 @dataclass(frozen=True)
@@ -318,9 +309,16 @@ def title_of(name: str) -> str:
 
 @dataclass(frozen=True, init=False, repr=False)
 class Requirements:
-    """What is asked for of a loop: a value by the name of each requirement, as an attribute; None: not asked for.
+    """What is asked for of a loop, in SI: a value by the name of each requirement, as an attribute; None: not asked for.
 
-    asked_for   those that are, each with its value
+    gain_margin        a factor > 1: 2 is 6.02 dB; files have `gain_margin_db`
+    phase_margin       [rad], > 0 and < π: numpy.radians(30) is 30°; files have `phase_margin_deg`
+    peak_sensitivity   Ms > 1, at most; without a unit
+    delay_margin       [s], > 0; files have `delay_margin_ms`
+    asked_for          those that are, each with its value
+
+    Requirements() asks for stability alone, Requirements.usual() for 6 dB, 30° and Ms 2. Raises GainroomError for an unknown name, and for
+    what cannot be asked for.
     """
 
     asked_for: tuple[tuple[Requirement, float], ...]
