@@ -14,7 +14,7 @@ from scipy.linalg import expm
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.audit_options import AuditOptions, audit_spec
-from gainroom.report.gearboxes import rounded_up
+from gainroom.report.number_format import rounded_up
 from gainroom.studies.needed_stiffness import NeededStiffness, needed_stiffness
 from gainroom.studies.state import State
 

@@ -11,9 +11,9 @@ from ..system.requirements import REQUIREMENTS, Requirement, enough
 from .audit_headroom import PATHS, deciding, headroom, headroom_rows
 from .audit_text import audit_sentence, audit_warnings, reason, verdict, what_to_do
 from .columns import Column, definitions, tabulated, yes
-from .gearboxes import gearbox_assumptions, needed_table, rounded_up
+from .gearboxes import gearbox_assumptions, needed_table
 from .margin_columns import margin_value, requirement
-from .number_format import digits, hertz, model_kind, span
+from .number_format import digits, hertz, model_kind, rounded_up, span
 from .page import Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_columns import asked, audited_joints, audited_states, joint_caption

@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import listed
 from ..robot.gearbox_types import sources
 from .columns import Column, facts, tabulated, yes
-from .number_format import digits, hertz
+from .number_format import digits, hertz, rounded_up
 from .page import Html, table
 from .robot_units import joint_units
 
@@ -88,14 +88,6 @@ def _types(over: "RangeOfGearboxes") -> list[str]:
 def _spread(values: Any) -> str:
     first, last = (digits(float(end), "", 3) for end in (values.min(), values.max()))
     return first if first == last else f"{first} to {last}"
-
-
-def rounded_up(value: float, significant: int = 3) -> float:
-    """To so many digits, never down: what is read off it is enough."""
-    if not (math.isfinite(value) and value > 0):
-        return value
-    unit = 10.0 ** (math.floor(math.log10(value)) - significant + 1)
-    return float(f"{unit * math.ceil(value / unit * (1 - 1e-12)):.{significant}g}")
 
 
 def needed_text(result: "Audit") -> tuple[str, str]:

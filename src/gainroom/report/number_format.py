@@ -128,3 +128,11 @@ def span(values: Iterable[float], unit: str = "") -> str:
         return "none"
     low, high = min(found), max(found)
     return digits(low, unit) if low == high else f"{digits(low)} to {digits(high, unit)}"
+
+
+def rounded_up(value: float, significant: int = 3) -> float:
+    """To so many digits, never down: what is read off it is enough."""
+    if not (math.isfinite(value) and value > 0):
+        return value
+    unit = 10.0 ** (math.floor(math.log10(value)) - significant + 1)
+    return float(f"{unit * math.ceil(value / unit * (1 - 1e-12)):.{significant}g}")

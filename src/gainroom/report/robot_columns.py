@@ -8,7 +8,7 @@ from ..errors import listed
 from ..system.requirements import REQUIREMENTS, to_db
 from .columns import Column, definitions, facts, units_of, yes
 from .margin_columns import margin_facts
-from .number_format import digits, hertz
+from .number_format import digits, hertz, rounded_up
 from .robot_units import joint_units
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ AUDITED_JOINT = [
     Column(
         "K needed",
         "",
-        lambda row: row.needed_stiffness,
+        lambda row: rounded_up(row.needed_stiffness),
         definition="the stiffness of every gearbox with which the gains are safe",
         significant=3,
     ),

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +12,8 @@ from ..system.requirements import enough
 from .factors import typed_factor
 from .state import limit_of, limiting_joints
 
-if TYPE_CHECKING:
-    from .audit import Audit
-
+Audit = Any
+"""An audit of audit.py, which asks for these gains."""
 MOST_DIGITS = 7
 """Of a gain that is typed."""
 GROWTHS = 5
@@ -33,10 +32,10 @@ class GainsToUse:
     factor: float
     joints: tuple[str, ...]
     gains: Mapping[str, Floats]
-    audited: "Audit"
+    audited: Audit
 
 
-def gains_to_use(result: "Audit") -> GainsToUse | None:
+def gains_to_use(result: Audit) -> GainsToUse | None:
     """The gains of some joints, or else of all, lowered by one factor; None where none are known to be safe.
 
     The factor has three digits, the gains four or as many more as leave them safe.
@@ -58,7 +57,7 @@ def gains_to_use(result: "Audit") -> GainsToUse | None:
     return None
 
 
-def _lowered(result: "Audit") -> Iterator[tuple[Booleans, float]]:
+def _lowered(result: Audit) -> Iterator[tuple[Booleans, float]]:
     """Sets of joints (n,), each with the largest factor found on their gains alone; NaN: none was found.
 
     First those that are short of the gain margin, then all unsafe ones, each with the joints that vibrate once they are lowered; last all.
