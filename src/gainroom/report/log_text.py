@@ -13,6 +13,9 @@ READ = {"given": "stated", "file": "the file", "name": "name", "values": "number
 COARSE = 0.05
 """Jitter in ticks from which on it is mentioned: a twentieth of a tick is what a delay is asked to be known to, within a factor of two."""
 
+UNSURE, UNKNOWN = 0.18, 0.27
+"""Ticks by which stamps miss theirs (root mean square) from which on a gap is not certain, and from which on no gap is."""
+
 
 def sentence(survey: Survey) -> str:
     """What the log is, in one sentence."""
@@ -90,6 +93,11 @@ def _cuts(quality: Quality) -> list[str]:
     if quality.gaps:
         longest = digits(1e3 * quality.longest_gap, "ms")
         found.append(f"{quality.dropped} ticks are missing in {quality.gaps} gaps, the longest of {longest}.")
+    if quality.off_ticks > UNSURE and (quality.gaps or quality.off_ticks > UNKNOWN):
+        found.append(
+            f"Time stamps lie {digits(quality.off_ticks, significant=2)} ticks off their ticks: which rows are missing is not certain. If none is, "
+            f"give the rate of the rows, as --rate-hz {digits(1 / quality.sample_time, significant=3)}."
+        )
     return found
 
 

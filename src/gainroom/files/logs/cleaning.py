@@ -1,13 +1,14 @@
 """Rows of a log put in order as they come: what is not finite, doubled or late is cut and counted, and the clock's evenness measured."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import GainroomError
 from ...system.linear.arrays import Floats
+from .clock import LEAST_ROWS, PAUSE, tick_of, ticks_of
 from .record import Quality
 
 MOST_MISSING = 0.5
@@ -17,8 +18,8 @@ MOST_BACKWARDS = 0.2
 exchange a few rows; more, and it is another column, two logs in one file, or a clock that is too coarse."""
 JUDGED = 20
 """Rows from which on these shares say something."""
-GAP = 1.5
-"""Ticks between two rows from which on at least one is missing."""
+BLOCK = 8192
+"""Stamps that are looked at together; smaller blocks of rows wait for each other."""
 
 
 class Cleaner:
@@ -94,38 +95,64 @@ class Cleaner:
 
 
 class _Clock:
-    """How even the time stamps of the good rows are."""
+    """How even the time stamps of the good rows are; block by block, each with the last row of the one before."""
 
     def __init__(self) -> None:
-        self._nominal = 0.0
-        self._last = np.nan
-        self._span = self._square = 0.0
-        self._ticks = self._neighbours = self._gaps = self._dropped = 0
-        self._longest = 0.0
+        self._waiting: list[Floats] = []
+        self._found, self._tick = _Counted(), 0.0
 
     def tick(self, time: Floats) -> None:
-        steps = np.diff(time if np.isnan(self._last) else np.concatenate([[self._last], time]))
         if len(time):
-            self._last = float(time[-1])
-        if not len(steps):
-            return
-        if self._nominal == 0:
-            self._nominal = float(np.median(steps))
-        gap = steps > GAP * self._nominal
-        self._gaps += int(gap.sum())
-        if gap.any():
-            self._dropped += int((np.maximum(np.rint(steps[gap] / self._nominal), 2) - 1).sum())
-            self._longest = max(self._longest, float(steps[gap].max()))
-        near = steps[~gap]
-        self._neighbours += len(near)
-        self._span += float(near.sum())
-        self._square += float(((near - self._nominal) ** 2).sum())
+            self._waiting.append(time)
+        if sum(len(block) for block in self._waiting) >= BLOCK:
+            stamps = np.concatenate(self._waiting)
+            self._found, self._tick = self._with(stamps)
+            self._waiting = [stamps[-1:]]
+
+    def _with(self, stamps: Floats) -> "tuple[_Counted, float]":
+        """What is counted with further stamps, and their tick."""
+        if len(stamps) < 2:
+            return self._found, self._tick
+        tick = tick_of(stamps) if len(stamps) >= LEAST_ROWS or not self._tick else self._tick
+        return self._found.with_steps(stamps, tick), tick
 
     def quality(self, counted: Quality) -> Quality:
-        if not self._neighbours:
+        found, _ = self._with(np.concatenate(self._waiting) if self._waiting else np.zeros(0))
+        if not found.neighbours:
             return counted
-        mean = self._span / self._neighbours
-        variance = max(self._square / self._neighbours - (mean - self._nominal) ** 2, 0.0)
+        mean = found.near / found.neighbours
+        jitter = float(np.sqrt(max(found.square / found.neighbours - (mean - found.about) ** 2, 0.0)))
         return replace(
-            counted, gaps=self._gaps, dropped=self._dropped, longest_gap=self._longest, jitter=float(np.sqrt(variance)), sample_time=mean
-        )
+            counted, gaps=found.gaps, dropped=found.dropped, longest_gap=found.longest, jitter=jitter, sample_time=found.span / found.ticks,
+            off_ticks=float(np.sqrt(found.off / found.rows)),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Counted:
+    """Sums over the steps so far: between neighbours (their span, squares about `about`), over ticks, in gaps; and of stamps off their tick."""
+
+    neighbours: int = 0
+    near: float = 0.0
+    square: float = 0.0
+    about: float = 0.0
+    ticks: int = 0
+    span: float = 0.0
+    gaps: int = 0
+    dropped: int = 0
+    longest: float = 0.0
+    rows: int = 0
+    off: float = 0.0
+
+    def with_steps(self, stamps: Floats, tick: float) -> "_Counted":
+        """With those between stamps (m,) of this tick [s]."""
+        found = ticks_of(stamps, tick)
+        passed, steps, about = np.diff(found.numbers), np.diff(stamps), self.about or tick
+        gap, bridged = passed > 1, passed <= PAUSE  # a longer one is no measure of the tick
+        near = steps[~gap]
+        return _Counted(
+            self.neighbours + len(near), self.near + float(near.sum()), self.square + float(((near - about) ** 2).sum()), about,
+            self.ticks + int(passed[bridged].sum()), self.span + float(steps[bridged].sum()),
+            self.gaps + int(gap.sum()), self.dropped + int((passed[gap] - 1).sum()), max(self.longest, float(steps[gap].max(initial=0.0))),
+            self.rows + len(stamps), self.off + float(np.sum(found.off**2)),
+        )  # fmt: skip

@@ -11,6 +11,7 @@ from ...errors import GainroomError, nearest
 from ...identification.record import SHORTEST, SIGNALS, Record
 from ...system.linear.arrays import Floats
 from .channels import CHANNELS, ONE_JOINT
+from .clock import Ticks, ticks_of
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,9 @@ class Quality:
     not_finite       rows cut since a number was missing or not finite; `missing`: how often by column
     duplicate        rows cut since their time stamp was there already
     backwards        rows cut since their time stamp was earlier than one before
-    gaps             where more than 1.5 sample times passed; `dropped` ticks are missing in them, the longest lasts `longest_gap` [s]
+    gaps             where ticks are without a row; `dropped` ticks are missing in them, the longest lasts `longest_gap` [s]
     jitter           standard deviation of the time between neighbouring rows [s], gaps apart
+    off_ticks        root mean square distance of a stamp from its tick [ticks]
     sample_time      [s] mean time per tick; 0 where fewer than two rows are
     """
 
@@ -58,6 +60,7 @@ class Quality:
     longest_gap: float = 0.0
     jitter: float = 0.0
     sample_time: float = 0.0
+    off_ticks: float = 0.0
 
     @property
     def cut(self) -> int:
@@ -86,25 +89,23 @@ class JointLog:
         longest_gap   so many ticks that are missing one after the other are filled in; a longer gap ends a part
         least         rows of the shortest part
 
-        Rows whose stamps lie within a quarter tick of even ones keep their numbers; others are interpolated: linearly what is measured,
-        and what is commanded holds until the next one.
+        Rows keep their numbers at the ticks that their stamps tell, whatever these jitter (see clock.py), and where a tick is missing, or
+        the stamps are of no even clock, it is interpolated: linearly what is measured, and what is commanded holds until the next one.
         """
         if len(self.time) < least:
             return []
-        ticks = np.diff(self.time) / self.sample_time
-        edges = [0, *(np.flatnonzero(ticks > longest_gap + 1.5) + 1).tolist(), len(self.time)]
-        return [self._even(first, last) for first, last in pairwise(edges) if last - first >= least]
+        ticks = ticks_of(self.time, self.sample_time)
+        edges = [0, *(np.flatnonzero(np.diff(ticks.numbers) > longest_gap + 1) + 1).tolist(), len(self.time)]
+        return [self._even(ticks, first, last) for first, last in pairwise(edges) if last - first >= least]
 
-    def _even(self, first: int, last: int) -> "JointLog":
-        time = self.time[first:last]
-        count = round((time[-1] - time[0]) / self.sample_time)
-        offset = (time - time[0]) / self.sample_time
-        even = time[0] + self.sample_time * np.arange(count + 1)
-        if count + 1 == len(time) and np.max(np.abs(offset - np.arange(count + 1))) < NEAR:
-            channels = {name: values[first:last] for name, values in self.channels.items()}
-        else:
-            channels = {name: aligned(even, time, values[first:last], CHANNELS[name].commanded) for name, values in self.channels.items()}
-        return replace(self, time=even, channels=channels)
+    def _even(self, ticks: Ticks, first: int, last: int) -> "JointLog":
+        stamps = self.time[first:last]
+        places = (ticks.numbers[first:last] - ticks.numbers[first]).astype(float) if ticks.even else (stamps - stamps[0]) / self.sample_time
+        count = np.arange(round(places[-1]) + 1, dtype=float)
+        if len(count) == len(places) and np.max(np.abs(places - count)) < NEAR:
+            places = count
+        channels = {name: aligned(count, places, values[first:last], CHANNELS[name].commanded) for name, values in self.channels.items()}
+        return replace(self, time=stamps[0] + self.sample_time * count, channels=channels)
 
     def record(self) -> Record:
         """What identification starts from: the even parts on one grid of ticks, a gap between two. Raises GainroomError where too short."""
