@@ -80,6 +80,41 @@ def test_share_of_the_population():
         assert found.kd.value == pytest.approx(case.truth["kd"], rel=0.02)
 
 
+def pd_loop(step: int, count: int = 8000) -> Record:
+    """Every `step`th row of a 1 kHz PD of 800 and 20 on an inertia of 0.5 kg m² that is moved exactly from tick to tick, 2 ticks late."""
+    rng, inertia, friction = np.random.default_rng(1), 0.5, 0.8
+    decay = math.exp(-friction / inertia * TICK)
+    time, frequencies = TICK * np.arange(count), np.array([0.5, 1.3, 2.9, 5.3, 9.1, 14.0])
+    reference = (0.2 / frequencies * np.sin(2 * np.pi * np.outer(time, frequencies) + np.arange(6))).sum(axis=1) * np.clip(time, 0, 1)
+    position, torque, x, v, before = np.zeros(count), np.zeros(count), 0.0, 0.0, 0.0
+    for k in range(count):
+        position[k] = x + 2e-6 * rng.standard_normal()
+        error = reference[k] - position[k]
+        torque[k] = 800 * error + 20 * (error - before) / TICK
+        before, ahead = error, (torque[k - 2] if k >= 2 else 0.0) / friction
+        x, v = x + ahead * TICK + (v - ahead) * (1 - decay) * inertia / friction, ahead + (v - ahead) * decay
+    rows = slice(None, None, step)
+    columns = {"reference": reference[rows], "motor_position": position[rows], "target_torque": torque[rows]}
+    return Record(time[rows], columns, step * TICK)
+
+
+@pytest.mark.parametrize("step", [1, 2, 4])
+def test_gains_of_a_log_that_is_slower_than_its_loop_are_warned_of(step):
+    """Every second row says kd = 19.624 ± 0.001 for 20, half a tick ahead of the positions: the difference over two ticks is another."""
+    found = identify_gains(pd_loop(step))
+    warned = [text for text in found.warnings if f"rows come every {step} ms" in text]
+    assert bool(warned) == (step > 1)
+    assert step > 1 or holds(found.kd, 20)
+    assert all("kd" in text and "log every tick" in text for text in warned)
+
+
+def test_a_log_without_torque_is_told_which_ones_there_could_be():
+    log = pd_loop(1)
+    still = Record(log.time, {name: log.channels[name] for name in ("reference", "motor_position")}, TICK)
+    assert_refused(lambda: identify_gains(still), ["needs target_torque, demand_torque or actual_torque"])
+    assert identify_gains(log).torque == "target_torque"
+
+
 @pytest.mark.population
 @pytest.mark.timeout(3600)
 def test_whole_population(capsys):

@@ -15,9 +15,10 @@ import numpy as np
 from ..errors import GainroomError
 from ..system.linear.arrays import Complexes, Floats
 from .estimate import FREEDOM, Estimate, covariance, interval, quantile
-from .record import Record, resolution
+from .record import Record, resolution, slow_rows
 
 DAMPING_RATIO = 0.8  # of a current loop
+AHEAD = 0.1  # ticks of a torque ahead of its positions: more, and positions between the rows made it
 LONGEST_LAG = 0.02  # [s] of a torque behind the positions that it was made from
 LAW, LAW_BEHIND = 1e-6, 7e-4  # of the gains: what rounding leaves, and what a current loop of assumed damping leaves
 FASTEST_BEHIND = 0.4  # radians per tick: faster, what a current loop does between ticks is not in the log
@@ -81,8 +82,9 @@ def identify_gains(record: Record, kp: float | None = None, kd: float | None = N
     """
     record = record.longest_run()
     side = "motor_position" if record.has("motor_position") or not record.has("link_position") else "link_position"
-    name = next((name for name in ("target_torque", "demand_torque", "actual_torque") if record.has(name)), "actual_torque")
-    reference, position, torque = record.need("gains", "reference", side, name)
+    reference, position = record.need("gains", "reference", side)
+    name = record.first_of("gains", "target_torque", "demand_torque", "actual_torque")
+    torque = record.channels[name]
     if np.ptp(torque) == 0:
         raise GainroomError(f"gains: {name} does not change: record while the joint moves")
     step = resolution(position)
@@ -222,7 +224,15 @@ def _result(spectra: _Spectra, best: _Fit, name: str, asked: tuple[float | None,
     floor = (LAW_BEHIND if best.slow > 0 else LAW) * np.array([*np.abs(best.gains), *np.zeros(len(slopes))])
     errors = np.sqrt(np.diag(variance) + floor**2)
     kp, kd = (interval(float(value), float(error), FREEDOM) for value, error in zip(best.gains, errors, strict=False))
-    warnings = []
+    warnings, lag, tick = [], best.lag + 2 * DAMPING_RATIO * best.slow, 1e3 * spectra.tick
+    if lag < -AHEAD * spectra.tick:
+        between = f"{name} is {-1e3 * lag:.3g} ms ahead of the positions it was made from: the controller runs faster"
+        warnings += slow_rows(spectra.tick, f"{between}, and its kd is not the one found here, whatever the interval", certain=True)
+    else:
+        between = (
+            f"velocity is a difference over {tick:.3g} ms: of a controller that runs faster kd and lag are others, whatever the interval"
+        )
+        warnings += slow_rows(spectra.tick, between) if best.velocity != "motor_velocity" else []
     explained = 1 - best.cost
     if explained < MOST_EXPLAINED:
         warnings.append(f"kp and kd explain {100 * explained:.1f} % of {name}: the rest is feed-forward, a filter, a limit or noise")
@@ -234,7 +244,7 @@ def _result(spectra: _Spectra, best: _Fit, name: str, asked: tuple[float | None,
     offset = float(np.mean(spectra.torque) - best.gains[0] * np.mean(spectra.error))
     follows = best.follows if spectra.reference_moves else None
     return GainsFit(
-        kp, kd, best.lag + 2 * DAMPING_RATIO * best.slow, follows, best.velocity, offset, name, explained, spectra.band,
+        kp, kd, lag, follows, best.velocity, offset, name, explained, spectra.band,
         _unit_errors(kp, kd, *asked), tuple(warnings),
     )  # fmt: skip
 

@@ -117,8 +117,7 @@ def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
             "make them"
         )
     record.need("joint", "motor_position")
-    if not record.has("target_torque") and not record.has("actual_torque"):
-        record.need("joint", "actual_torque")
+    record.first_of("joint", "actual_torque", "target_torque")
     warnings: list[str] = []
     source = _source(record, drive, warnings)
     _require_motion(record, source.torque)

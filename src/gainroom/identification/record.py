@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import GainroomError, first_of_many, require_finite, require_positive
+from ..errors import GainroomError, first_of_many, listed, require_finite, require_positive
 from ..simulation.run_record import REFERENCE_SIGNAL
 from ..system.linear.arrays import Booleans, Floats, Integers
 
@@ -24,6 +24,7 @@ SIGNALS = {
     "current": "motor current, torque-producing",
 }
 """What a log may hold of a joint, by name: torques [N m], positions [rad], velocities [rad/s] on the joint side, and a current [A]."""
+SLOW_TICK = 1.25e-3  # [s] between rows from which on the controller may well run faster than its log
 SHORTEST = 50  # ticks: less is not a log
 
 
@@ -94,6 +95,13 @@ class Record:
             raise GainroomError(f"{owner}: needs {missing[0]}; the record has {first_of_many(sorted(self.channels)) or 'no channel'}")
         return [self.channels[name] for name in names]
 
+    def first_of(self, owner: str, *names: str) -> str:
+        """The first of the channels `names` that there is. Raises GainroomError that names them all."""
+        if found := [name for name in names if name in self.channels]:
+            return found[0]
+        there = first_of_many(sorted(self.channels)) or "no channel"
+        raise GainroomError(f"{owner}: needs {listed(names, 'or')}; the record has {there}")
+
 
 def resolution(values: Floats) -> float:
     """The step of a quantised signal (m,): the smallest difference of two of its values, 0 where nothing repeats."""
@@ -102,3 +110,9 @@ def resolution(values: Floats) -> float:
         return 0.0
     steps = np.diff(different)
     return float(steps[steps > 1e-9 * max(abs(different[0]), abs(different[-1]))].min(initial=np.inf))
+
+
+def slow_rows(sample_time: float, consequence: str, certain: bool = False) -> list[str]:
+    """The warning of a log that may be slower than its controller, or is so for `certain`; empty where it is fast enough."""
+    slow = certain or sample_time > SLOW_TICK
+    return [f"rows come every {1e3 * sample_time:.3g} ms, and {consequence}; log every tick"] if slow else []

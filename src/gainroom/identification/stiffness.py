@@ -58,7 +58,7 @@ def identify_stiffness(record: Record, motor_inertia: float = 0.0) -> StiffnessF
     Raises GainroomError where channels are missing, where the joint hardly moves, where it turns one way only, and where a spring and
     friction do not explain the torque, as when the link moves.
     """
-    torque_name = next((name for name in ("actual_torque", "demand_torque", "target_torque") if record.has(name)), "actual_torque")
+    torque_name = record.first_of("stiffness", "actual_torque", "demand_torque", "target_torque")
     torque, motor = record.need("stiffness", torque_name, "motor_position")
     deflection = motor - record.channels["link_position"] if record.has("link_position") else motor
     step = max((resolution(record.channels[name]) for name in ("motor_position", "link_position") if record.has(name)), default=0.0)
