@@ -11,7 +11,7 @@ import numpy as np
 
 from ..system.linear.arrays import Floats
 from .arrival_fit import ArrivalLikelihood, Fit
-from .estimate import CONFIDENCE
+from .estimate import CONFIDENCE, FREEDOM, quantile
 
 UNLIKELY = 12.0  # of minus twice the log likelihood, below the best
 MOST_POINTS = 24  # to each side of a top
@@ -35,18 +35,18 @@ class Allowed:
 def allowed_delays(likelihood: ArrivalLikelihood, tops: list[Fit]) -> Allowed:
     """From each of several tops outwards, as far as no more than UNLIKELY worse than the best."""
     points: dict[float, tuple[Floats, float]] = {}
-    temper = _temper(min(tops, key=lambda fit: fit.cost))
+    spread = temper(min(tops, key=lambda fit: fit.cost))
     for top in sorted(tops, key=lambda fit: fit.cost):
         first = float(np.clip(top.point[0], *likelihood.law.bounds))
         least = min((cost for _, cost in points.values()), default=np.inf)
-        if top.evidence > least + UNLIKELY * temper or (points and min(points) <= first <= max(points)):
+        if top.evidence > least + UNLIKELY * spread or (points and min(points) <= first <= max(points)):
             continue
         points[first] = likelihood.pinned(top.point, first)
         for side in (-1.0, 1.0):
-            _march(likelihood, points, first, side, temper, top)
+            _march(likelihood, points, first, side, spread, top)
     places = np.array(sorted(points))
     values = np.array([likelihood.law.means(points[place][0][:2])[:2] for place in places])
-    costs = np.array([points[place][1] for place in places]) / temper
+    costs = np.array([points[place][1] for place in places]) / spread
     return Allowed(values, costs, np.gradient(places) if len(places) > 1 else np.ones(1))
 
 
@@ -57,13 +57,13 @@ def gaussian(fit: Fit) -> Allowed:
     return Allowed(fit.means[:2] + places[:, None] * errors, fit.evidence + places**2, np.full(len(places), 0.125 * fit.sharp[0, 0] ** 0.5))
 
 
-def _temper(fit: Fit) -> float:
+def temper(fit: Fit) -> float:
     """How much less the log knows of the delay than if the noise were as modelled."""
     return max((fit.error(fit.slopes[0]) ** 2) / float(fit.slopes[0] @ fit.sharp @ fit.slopes[0]), 1.0)
 
 
 def _march(
-    likelihood: ArrivalLikelihood, points: dict[float, tuple[Floats, float]], first: float, side: float, temper: float, top: Fit
+    likelihood: ArrivalLikelihood, points: dict[float, tuple[Floats, float]], first: float, side: float, spread: float, top: Fit
 ) -> None:
     """Adds points to one side of `first`, until one is too unlikely or no delay."""
     low, high = likelihood.law.bounds
@@ -72,7 +72,7 @@ def _march(
     slope = np.zeros(len(point))
     for _ in range(MOST_POINTS):
         new = float(np.clip(place + side * step, low, high))
-        if new in points or cost > min(each for _, each in points.values()) + UNLIKELY * temper:
+        if new in points or cost > min(each for _, each in points.values()) + UNLIKELY * spread:
             return
         try:
             found, worse = likelihood.pinned(point + slope * (new - place), new)
@@ -86,7 +86,10 @@ def _march(
 
 
 def spread_over(allowed: list[Allowed], which: int, late: float) -> tuple[float, float, float]:
-    """Mean, low and high end of the 95 % interval over all laws, each delay with a further standard error `late` [ticks]."""
+    """Mean, low and high end of the 95 % interval over all laws, each delay with a further standard error `late` [ticks].
+
+    Delays at an end that are hardly less likely than the best are in it: many are whole ticks, where the likelihood falls to one side only.
+    """
     values = np.concatenate([each.values[:, which] for each in allowed])
     costs = np.concatenate([each.costs for each in allowed])
     weights = np.concatenate([each.widths for each in allowed]) * np.exp(-0.5 * (costs - costs.min()))
@@ -96,4 +99,6 @@ def spread_over(allowed: list[Allowed], which: int, late: float) -> tuple[float,
     line = np.linspace(values.min() - 4 * late, values.max() + 4 * late, FINE)
     total = ndtr((line[:, None] - values) / late) @ weights
     tail = (1 - CONFIDENCE) / 2
-    return float(weights @ values), float(np.interp(tail, total, line)), float(np.interp(1 - tail, total, line))
+    alike = values[costs < costs.min() + quantile(FREEDOM) ** 2]
+    low, high = np.interp([tail, 1 - tail], total, line)
+    return float(weights @ values), float(min(low, alike.min())), float(max(high, alike.max()))

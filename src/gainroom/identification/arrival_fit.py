@@ -1,5 +1,6 @@
 """Current loop and moments of arrival by maximum likelihood."""
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,13 +9,14 @@ from ..native import _core
 from ..system.linear.arrays import Booleans, Floats, Integers
 from .arrival_law import Law
 from .current_loop import DAMPING, SPEED, Data, Response, held
-from .likelihood import maximize
+from .likelihood import MOST_ITERATIONS, maximize
 
 UNKNOWN = 3.0  # times the torque's deviation: what is known of the current loop behind a gap
 AGES = 2  # ticks to either side of the usual age that a decoded command may have
 UNUSUAL = 1.0  # squared errors that one tick from the usual age costs: decides where the command rests
 PINNED, PINNED_STEPS = 1e12, 6
 FASTEST = 10.0  # radians per tick, of a current loop that a search starts from
+QUIETEST, LAW = -16.0, 1e-3  # log of the least noise over the torque's deviation; and what no law of a current loop is better than
 MOVED = 1e-5  # of the law's parameters, for differences
 
 
@@ -62,9 +64,24 @@ class ArrivalLikelihood:
     def __init__(self, data: Data, law: Law, used: Booleans) -> None:
         """`data` has the measured torque, the law the commands; `used` (m,) counts: the same rows for all fits that are compared."""
         self.data, self.law, self.used = data, law, used
-        self.scale = float(np.std(data.torque)) or 1.0
+        self.scale, self.quietest = float(np.std(data.torque)) or 1.0, QUIETEST
         mean, deviation = np.array([SPEED, DAMPING, (1.0, np.inf), (0.0, np.inf), (0.0, np.inf)]).T
         self.prior = np.hstack([law.prior, np.stack([mean, 1 / deviation**2])])
+
+    def of_any_speed(self, error: float = 0.0) -> "ArrivalLikelihood":
+        """Without what is known of speeds and jitter, for delays that only that would tell apart.
+
+        error   of the law, over the torque's deviation
+        """
+        free = copy(self)
+        free.prior, free.quietest = self.prior.copy(), float(np.log(error)) if error else QUIETEST
+        free.prior[1, 1:3] = 0.0
+        return free
+
+    def uneven(self, point: Floats) -> float:
+        """As Fit.uneven."""
+        errors, variances = self.predict(point)
+        return _uneven(self.law.known(point[:2]).changes, errors**2 / variances, self.used)
 
     def start(self, near: Response) -> Floats:
         """Parameters of a response, whose delay is D's mean; where the law cannot have that, of one with the same lag."""
@@ -75,7 +92,7 @@ class ArrivalLikelihood:
     def loop(self, point: Floats) -> tuple[float, float, float, float, float]:
         """Speed, damping, gain, offset, noise."""
         speed, damping = np.exp(np.clip(point[2:4], [-4, -2.5], [4.5, 2.0]))
-        offset, noise = self.scale * point[5], self.scale * np.exp(np.clip(point[6], -16, 3))
+        offset, noise = self.scale * point[5], self.scale * np.exp(np.clip(point[6], self.quietest, 3))
         return float(speed), float(damping), float(point[4]), float(offset), float(noise)
 
     def predict(self, point: Floats) -> tuple[Floats, Floats]:
@@ -83,7 +100,8 @@ class ArrivalLikelihood:
         speed, damping, gain, offset, noise = self.loop(point)
         read, windows = self.law.windows(point[:2])
         known = self.law.known(point[:2])
-        moments = [window.moments(speed, damping) for window in windows]
+        with np.errstate(over="ignore", invalid="ignore"):  # an arrival far beyond its row, which no search accepts
+            moments = [window.moments(speed, damping) for window in windows]
         error, variance = np.empty(len(self.data.torque)), np.empty(len(self.data.torque))
         _core.predict_torque(
             *(known.data.command, known.changes, self.data.torque, known.data.run_length == 0, _tick(speed, damping, read)),
@@ -114,6 +132,15 @@ class ArrivalLikelihood:
             found.cost * float(used.sum()) + self._sharpness(found.information),
             _uneven(self.law.known(law_point).changes, found.errors**2 / found.variances, used),
         )
+
+    def maximum(self, start: Floats, held: tuple[int, float] | None = None, iterations: int = MOST_ITERATIONS) -> tuple[Floats, float]:
+        """The best point near `start`, and its cost; `held`: a parameter's place and value."""
+        prior, start = self.prior.copy(), start.copy()
+        if held is not None:
+            place, value = held
+            prior[:, place], start[place] = (value, PINNED), value
+        found = maximize(self.predict, start, self.used.astype(float), prior, iterations)
+        return found.parameters, found.cost * float(self.used.sum())
 
     def pinned(self, point: Floats, value: float) -> tuple[Floats, float]:
         """The best point near `point` whose first parameter is `value`, and its evidence."""

@@ -18,6 +18,8 @@ from .current_loop import Data, held
 
 NODES, WEIGHTS = (values for values in np.polynomial.legendre.leggauss(6))
 DEVIATION = (np.log(0.02), 2.0)  # of log σ: mean and deviation
+STILLEST = -14.0  # log of the least deviation: a loop that is faster than its rows makes torque of a ten-thousandth of a tick
+BESIDE = 0.1  # ticks before a row: as soon behind the row before, as far as noise lets a log say
 PLACE = (0.5, 0.5)  # of φ
 EVEN = 0.07  # of the law's width: where the share of the commands that arrived in one tick puts its edge, for an even, Gaussian or skew law
 START = 0.1, 0.9  # widths from which the search for a law over two ticks starts
@@ -72,6 +74,17 @@ class Law(Protocol):
         """When within its tick a row is read, 0 to 1, and the arrivals by kind."""
         ...
 
+    def edges(self, point: Floats) -> list[tuple[float, float]]:
+        """First parameters near `point` with which commands arrive at a row's very moment, and the sign of those that arrive before it.
+
+        Empty where no parameter says so.
+        """
+        ...
+
+    def rows(self, point: Floats) -> Floats:
+        """(2,) the mean of D and of the age of the command that comes to act if all arrived at a row's very moment [ticks]."""
+        ...
+
     def means(self, point: Floats) -> Floats:
         """(4,) mean of D, mean age of the command that comes to act, standard deviation of D, and that within its tick [ticks]."""
         ...
@@ -99,7 +112,7 @@ class Unseen:
         return np.array([delay, DEVIATION[0]])
 
     def _half(self, point: Floats) -> float:
-        return float(min(ROOT * np.exp(np.clip(point[1], -9, 1)), WIDEST))
+        return float(min(ROOT * np.exp(np.clip(point[1], STILLEST, 1)), WIDEST))
 
     def _whole(self, point: Floats) -> int:
         return max(int(np.floor(point[0] + self._half(point))), 0)
@@ -120,6 +133,13 @@ class Unseen:
         sizes = np.array([middle - first, last - middle]) / (last - first)
         weights = np.concatenate([size * weights for size, (_, weights) in zip(sizes, parts, strict=True)])
         return whole - last + 1, [Window(last - delays, np.maximum(whole - delays, 0.0), weights)]
+
+    def rows(self, point: Floats) -> Floats:
+        return np.full(2, max(float(np.ceil(point[0])), 1.0))
+
+    def edges(self, point: Floats) -> list[tuple[float, float]]:
+        row = max(float(np.ceil(point[0])), 1.0)
+        return [(row, -1.0), (row + 1, -1.0)][: 2 if row - point[0] < BESIDE else 1]
 
     def means(self, point: Floats) -> Floats:
         deviation = self._half(point) / ROOT
@@ -145,12 +165,18 @@ class Phase:
         return self._known
 
     def _half(self, point: Floats) -> float:
-        return float(min(ROOT * np.exp(np.clip(point[1], -9, 1)), WIDEST))
+        return float(min(ROOT * np.exp(np.clip(point[1], STILLEST, 1)), WIDEST))
 
     def windows(self, point: Floats) -> tuple[float, list[Window]]:
         half = self._half(point)
         laws = {True: _even(point[0] - half, point[0] + half), False: _even(0.0, 1.0)}
         return 1.0, [Window(laws[usual][0], *laws[usual]) for usual in self.usual.tolist()]
+
+    def edges(self, point: Floats) -> list[tuple[float, float]]:
+        return [(0.0, 1.0)]
+
+    def rows(self, point: Floats) -> Floats:
+        return np.array([self.seen.mean, self.seen.ticks.mean()])
 
     def means(self, point: Floats) -> Floats:
         seen, within = self.seen, self._half(point) / ROOT
@@ -222,6 +248,12 @@ class Spread:
         nodes, weights = self._arriving(point)
         places = np.arange(1, len(nodes) + 1)[:, None] - nodes
         return 1.0, [Window(place, place, weight) for place, weight in zip(places, weights, strict=True)]
+
+    def edges(self, point: Floats) -> list[tuple[float, float]]:
+        return []  # where in its ticks it is the shares tell, with the loop's help
+
+    def rows(self, point: Floats) -> Floats:
+        return np.array([self.seen.mean, self.seen.ticks.mean()])
 
     def means(self, point: Floats) -> Floats:
         seen, bounds = self.seen, self._bounds(point)

@@ -23,13 +23,14 @@ from .arrivals import Arrivals, arrivals, arrivals_of_ages
 from .current_loop import DAMPING, Data, Response, rough_response
 from .estimate import FREEDOM, Estimate, covariance, interval, log_interval, quantile
 from .excited_part import most_excited
-from .record import Record
+from .fast_loop import FAST, FastLoop, fast_loop
+from .record import Record, slow_rows
 
 LONGEST = 0.1  # [s] that a delay is looked for
 ACTIVE, BEYOND, LIMITED = 0.02, 1.05, 0.02  # of the largest command; of the largest torque; of the rows: overshoot and noise take 0.5 %
-SLOW_TICK = 1.25e-3  # [s] between rows from which on the controller may well run faster than its log
 LEAST_CHANGES = 8  # of the target
 UNKNOWN_TICKS = 0.15  # half-width of the delay's interval: more, and the log does not tell it from the current loop's lag
+WHOLE_TICK = 1.5  # ticks between the ends of a delay that a fast loop hides: more, and it is slow excitation that does
 UNKNOWN_LAG = 0.5  # ticks of half-width: more, and the log tells nothing
 DECODINGS = 8
 SETTLED = 3  # rows behind a gap before errors count: the current loop's state is unknown there
@@ -102,8 +103,7 @@ def identify_delay(record: Record, longest: float = LONGEST) -> TorqueDelay:
     record.need("delay", "target_torque")
     record = most_excited(record, FITTED_ROWS)
     target = record.channels["target_torque"]
-    if not record.has("demand_torque") and not record.has("actual_torque"):
-        record.need("delay", "demand_torque")
+    record.first_of("delay", "demand_torque", "actual_torque")
     most = int(np.ceil(longest / record.sample_time))
     changes = int(np.count_nonzero(np.abs(np.diff(target)) > 1e-6 * np.ptp(target)))
     if changes < LEAST_CHANGES:
@@ -111,12 +111,8 @@ def identify_delay(record: Record, longest: float = LONGEST) -> TorqueDelay:
             f"delay: target_torque changes {changes} times; at least {LEAST_CHANGES} changes are needed: record torque steps or a multisine"
         )
     seen = arrivals(record, most) if record.has("demand_torque") else None
-    warnings = []
-    if record.sample_time > SLOW_TICK:
-        warnings.append(
-            f"rows come every {1e3 * record.sample_time:.3g} ms, and a command is taken as held from row to row: of a controller that runs "
-            f"faster the delay is up to {500 * record.sample_time:.3g} ms longer; log every tick"
-        )
+    late = f"of a controller that runs faster the delay is up to {500 * record.sample_time:.3g} ms longer"
+    warnings = slow_rows(record.sample_time, f"a command is taken as held from row to row: {late}")
     if record.has("demand_torque") and seen is None:
         warnings.append("demand_torque is not target_torque some ticks later (filtered, limited or scaled): it is left out")
     if not record.has("actual_torque"):
@@ -185,7 +181,13 @@ class _Found:
 
     fit: Fit
     allowed: Allowed | None
+    likelihood: ArrivalLikelihood
     seen: Arrivals | None = None
+
+    def fast(self) -> FastLoop | None:
+        """What the log allows whatever current loops usually are, where that may be more than the fit does."""
+        sharp = self.allowed is None
+        return None if sharp and self.fit.speed < FAST else fast_loop(self.likelihood, self.fit, sharp)
 
 
 def _with_arrivals(record: Record, seen: Arrivals, data: Data, used: Booleans | None = None) -> list[_Found]:
@@ -206,12 +208,12 @@ def _fitted(likelihood: ArrivalLikelihood, start: Response, seen: Arrivals | Non
     """The likeliest of searches from several speeds with the same lag; and beside it, where it is not sharp, what else is likely."""
     best = likelihood.best(start)
     if quantile(FREEDOM) * best.error(best.slopes[0]) < SHARP and abs(best.means[0] - np.rint(best.means[0])) > EDGE:
-        return _Found(best, None, seen)
+        return _Found(best, None, likelihood, seen)
     lag = start.delay + 2 * start.damping / start.speed
     others = [likelihood.best(Response(lag - 2 * start.damping / speed, speed, start.damping)) for speed in SPEEDS]
     tops = [best, *others]
     best = min(tops, key=lambda fit: fit.cost)
-    return _Found(best, allowed_delays(likelihood, tops), seen)
+    return _Found(best, allowed_delays(likelihood, tops), likelihood, seen)
 
 
 def _without_demand(record: Record, data: Data, most: int) -> list[_Found]:
@@ -249,27 +251,38 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
     towards = np.array(fit.slopes[0])
     towards[2:4] += -current, current
     lag = interval(float(fit.means[0]) + current, float(np.hypot(fit.error(towards), sampled)), FREEDOM)
-    _require_told(fit, lag, record)
+    alike = [each for each in fits if each.fit.evidence < fit.evidence + UNLIKELY]
+    fast = [each for each in (other.fast() for other in alike) if each is not None]
+    any_speed = any(math.isinf(each.speeds[1]) for each in fast)
+    _require_told(fit, None if any_speed else lag, record)
     # What is certain without any fit: a command arrives in the tick before the demand shows it, and not before it leaves.
     certain = seen is not None and "demand_torque" in channels
     low, high = (seen.mean - 1 - 2 * late, seen.mean + 2 * late) if certain and seen is not None else (0.0, max(lag.high, fit.means[0]))
-    ticks, effective = (_within(_over_laws(fits, k, late), low, high) for k in (0, 1))
+    if fast:
+        lag, high = _lag_of_fast(lag, fast, sampled), max([high, *(each.high[0] + 2 * late for each in fast)])
+    ticks, effective = (_within(_of_fast(fast, k, late) if fast else _over_laws(alike, k, late), low, high) for k in (0, 1))
     strange = abs(math.log(fit.damping) - DAMPING[0]) > STRANGE * DAMPING[1]
-    wrong = fit.uneven >= UNEVEN or strange or (seen is None and deviation > JITTER)
+    wrong = min([fit.uneven, *(each.uneven for each in fast)]) >= UNEVEN or strange or (seen is None and deviation > JITTER)
     told = ticks.half_width < UNKNOWN_TICKS and not wrong
-    if wrong or ticks.half_width > UNKNOWN_LAG:  # what is left would rest on how fast current loops usually are
+    if wrong or (ticks.half_width > UNKNOWN_LAG and not any_speed):  # what is left would rest on how fast current loops usually are
         ticks, effective = (Estimate(each.value, low, high, np.inf) for each in (ticks, effective))
-    if not told:
+    if any_speed and ticks.high - ticks.low < WHOLE_TICK:
+        warnings.append(
+            f"the current loop may be faster than the log's rows show: every delay from {ticks.low:.3g} to {ticks.high:.3g} ticks makes "
+            "the same torques; take the longest, or log more often than once per tick"
+        )
+    elif not told:
         warnings.append(
             f"the log does not tell the delay from the current loop's lag: it is between {ticks.low:.3g} and {ticks.high:.3g} ticks; "
             "record torque steps, or a multisine up to a tenth of the tick rate"
         )
+    errors = [fit.error(direction) for direction in np.eye(6)]
+    speeds = _speeds(fit, errors[2], fast)
     if guessed:
         warnings.append(
             f"the delays of single commands differ by {deviation:.2g} ticks (standard deviation) and no demand_torque says which; "
             "record demand_torque for a sharper delay"
         )
-    errors = [fit.error(direction) for direction in np.eye(6)]
     return TorqueDelay(
         delay=ticks.scaled(tick),
         ticks=ticks,
@@ -278,7 +291,7 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
             deviation * tick, *((seen.values, seen.probability) if seen is not None else (np.zeros(0, dtype=np.int64), np.zeros(0)))
         ),
         lag=lag.scaled(tick),
-        bandwidth=log_interval(fit.speed / tick, math.hypot(errors[2], LOOP_FLOOR), FREEDOM),
+        bandwidth=speeds.scaled(1 / tick),
         damping_ratio=log_interval(fit.damping, math.hypot(errors[3], LOOP_FLOOR), FREEDOM),
         gain=interval(fit.gain, errors[4], FREEDOM),
         told=told,
@@ -289,10 +302,29 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
     )
 
 
-def _over_laws(fits: list[_Found], which: int, late: float) -> Estimate:
+def _speeds(fit: Fit, error: float, fast: list[FastLoop]) -> Estimate:
+    """Of ω_c T_s; high inf where the log does not bound it."""
+    usual = log_interval(fit.speed, math.hypot(error, LOOP_FLOOR), FREEDOM)
+    if not fast:
+        return usual
+    low, high = min(usual.low, *(each.speeds[0] for each in fast)), max(usual.high, *(each.speeds[1] for each in fast))
+    return Estimate(usual.value, low, high, usual.standard_error)
+
+
+def _of_fast(fast: list[FastLoop], which: int, late: float) -> Estimate:
+    """One of Fit.means, over all that the laws allow whatever the current loop."""
+    low, high = min(each.low[which] for each in fast) - 2 * late, max(each.high[which] for each in fast) + 2 * late
+    return Estimate(float(np.mean([each.mean[which] for each in fast])), low, high, (high - low) / 2 / quantile(FREEDOM))
+
+
+def _lag_of_fast(lag: Estimate, fast: list[FastLoop], late: float) -> Estimate:
+    low, high = min(each.lag[0] for each in fast) - 2 * late, max(each.lag[1] for each in fast) + 2 * late
+    return Estimate(float(np.clip(lag.value, low, high)), low, high, lag.standard_error)
+
+
+def _over_laws(alike: list[_Found], which: int, late: float) -> Estimate:
     """One of Fit.means: of the likeliest law where its fit is sharp, else over all that the laws allow."""
-    best = min(fits, key=lambda each: each.fit.evidence)
-    alike = [each for each in fits if each.fit.evidence < best.fit.evidence + UNLIKELY]
+    best = min(alike, key=lambda each: each.fit.evidence)
     if len(alike) == 1 and best.allowed is None:
         return interval(float(best.fit.means[which]), float(np.hypot(best.fit.error(best.fit.slopes[which]), late)), FREEDOM)
     allowed = [each.allowed or gaussian(each.fit) for each in alike]
@@ -308,14 +340,14 @@ def _within(estimate: Estimate, low: float, high: float) -> Estimate:
     return Estimate(value, lower, upper, estimate.standard_error)
 
 
-def _require_told(fit: Fit, lag: Estimate, record: Record) -> None:
+def _require_told(fit: Fit, lag: Estimate | None, record: Record) -> None:
     """Raise GainroomError where the fit does not determine the delay."""
     if fit.explained < 0.5:
         raise GainroomError(
             f"delay: a delay and a current loop explain {100 * max(fit.explained, 0):.0f} % of actual_torque's variance, less than half: "
             "look at signs, units and joint of the columns"
         )
-    if not lag.half_width < UNKNOWN_LAG:
+    if lag is not None and not lag.half_width < UNKNOWN_LAG:
         raise GainroomError(
             f"delay: the log tells it to ± {lag.half_width:.2g} ticks only; record torque steps or a multisine with frequencies up to a "
             f"tenth of the tick rate, {0.1 / record.sample_time:.4g} Hz"

@@ -2,15 +2,16 @@
 
 A firmware turns a set-point that is T_c old into torque, and the torque reaches the motor T_l after the position that it was made from:
 
-    J θ̈ = kp (x_d(t − T_c − T_l) − θ(t − T_l)) − kd θ̇(t − T_l) [+ kd ẋ_d] − b θ̇ − friction + constant
+    J θ̈ = kp (x_d(t − T_c − T_l) − θ(t − T_l)) − kd θ̇(t − T_l) [+ kd ẋ_d(t − T_c − T_l)] − b θ̇ − friction + constant
 
-Only T_l costs stability. Both delay the answer alike; what tells them apart is how T_l bends the response near the loop's bandwidth. The
-position is simulated from the set-point (an output-error fit): noise and friction then do not matter for bias, whatever their colour, as
-the set-point does not know of them (Ljung, System Identification, sec. 13.4).
+Only T_l costs stability. Both delay the answer alike; what tells them apart is how T_l bends the response near the loop's bandwidth.
+Viscous friction b is in the law, as kd may act on ẋ_d − θ̇ and b never does: left out, it looks like a tick of either delay. The position is
+simulated from the set-point (an output-error fit): noise and friction then do not matter for bias, whatever their colour, as the set-point
+does not know of them (Ljung, System Identification, sec. 13.4).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,9 @@ UNKNOWN_TICKS = 1.0  # half-width of an interval: more, and the delays are confo
 LAW_ERROR = 0.04  # ticks of either delay
 UNKNOWN_TOTAL = 2.0  # ticks
 LEAST_EXPLAINED = 0.8
+UNLIKELY = 12.0  # of minus twice the log likelihood: a law so much worse than the other is not the log's
 LEAST_POWER = 1e-3  # of the reference's, above the frequency at which it counts as ending
+VISCOUS = 0.3  # of √(kp J): deviation of viscous friction, of which kd is 2ζ
 SLOW = 0.3  # of the natural frequency
 SMOOTH = 0.05  # of the root mean square velocity, over which friction's direction changes
 
@@ -83,8 +86,11 @@ def identify_setpoint_delay(record: Record, loop_sample_time: float | None = Non
             "record larger set-points"
         )
     fits = [_Simulation(record, reference, position, follows, loop_sample_time) for follows in (False, True)]
-    best = min(fits, key=lambda fit: fit.found.cost)
-    return best.result()
+    best, other = sorted(fits, key=lambda fit: fit.found.cost)
+    found = best.result()
+    if not best.likely(other):
+        return found
+    return _over_both(found, other.delays())
 
 
 class _Simulation:
@@ -119,13 +125,14 @@ class _Simulation:
         return np.fft.rfft(np.concatenate([values, ramp]))
 
     def _simulated(self, point: Floats) -> Floats:
-        """(m,) position at a point: log kp/J, log kd/J over √(kp/J), delays [ticks], friction/(kp · scale), constant."""
+        """(m,) position at: log kp/J, log kd/J over √(kp/J), delays [ticks], friction/(kp scale), constant, log noise, b/√(kp J)."""
         stiffness, loop, command = math.exp(2 * point[0]), point[2] * self.tick, point[3] * self.tick
         rate = 2 * math.exp(point[1]) * math.exp(point[0])
         s = 1j * self.omega
         late = np.exp(-s * loop) * self.hold
         given = (stiffness + (rate * self.rate if self.follows else 0.0)) * late
-        inverse = 1 / (s * s + (stiffness + rate * self.rate) * late)
+        viscous = point[7] * math.exp(point[0]) * s
+        inverse = 1 / (s * s + viscous + (stiffness + rate * self.rate) * late)
         back = stiffness * self.scale * inverse
         total = inverse * given * np.exp(-s * command) * self.reference - back * (point[4] * self.along - point[5] * self.constant)
         return np.fft.irfft(total, self.size)[: self.count]
@@ -140,7 +147,7 @@ class _Simulation:
         starts = []
         for natural in (4.0, 10.0, 25.0, 60.0, 150.0):
             for delay in (1.0, 8.0):
-                start = np.array([math.log(natural), math.log(0.6), delay, delay, 0.0, 0.0, -1.0])
+                start = np.array([math.log(natural), math.log(0.6), delay, delay, 0.0, 0.0, -1.0, 0.0])
                 starts.append((float(np.mean(self._errors(start)[0][self.used > 0] ** 2)), len(starts), start))
         first = self._maximum(min(starts)[2], None)
         found, total = [first], float(max(first.parameters[2] + first.parameters[3], 0.0))
@@ -148,7 +155,7 @@ class _Simulation:
             start = first.parameters.copy()
             start[2:4] = share * total, (1 - share) * total
             found.append(self._maximum(start, None))
-        inside = [fit for fit in found if min(fit.parameters[2:4]) >= 0]
+        inside = [fit for fit in found if np.all(fit.parameters[2:4] > -quantile(FREEDOM) * _errors(fit)[:2])]
         self.at_bound = not inside
         if self.at_bound:  # no delay is negative: the best with one of them at 0, which is then not known
             inside = [self._maximum(_with(first.parameters, held), held) for held in (2, 3)]
@@ -156,11 +163,21 @@ class _Simulation:
 
     def _maximum(self, start: Floats, held: int | None) -> Maximum:
         """Near `start`, with the parameter `held` at 0."""
-        mean = np.array([start[0], math.log(0.6), 2.0, 2.0, 0.0, 0.0, -3.0])
-        deviation = np.array([2.0, 1.0, 20.0, 20.0, 0.5, 1.0, np.inf])
+        mean = np.array([start[0], math.log(0.6), 2.0, 2.0, 0.0, 0.0, -3.0, 0.0])
+        deviation = np.array([2.0, 1.0, 20.0, 20.0, 0.5, 1.0, np.inf, VISCOUS])
         if held is not None:
             mean[held], deviation[held] = 0.0, 1e-3
         return maximize(self._errors, start, self.used, np.stack([mean, deviation**-2.0]), 40)
+
+    def likely(self, other: "_Simulation") -> bool:
+        """Whether another law is not much less likely, where the noise is as coloured as it is."""
+        coloured = max(float(self.found.variance[2, 2] / np.linalg.pinv(self.found.information, hermitian=True)[2, 2]), 1.0)
+        return float((other.found.cost - self.found.cost) * self.used.sum()) < UNLIKELY * coloured
+
+    def delays(self) -> tuple[Estimate, Estimate]:
+        """T_l and T_c [ticks]."""
+        errors = _errors(self.found)
+        return _bounded(self.found.parameters[2], errors[0], math.inf), _bounded(self.found.parameters[3], errors[1], math.inf)
 
     def result(self) -> SetpointDelay:
         """With intervals; confounded delays are bounded by their sum."""
@@ -179,11 +196,7 @@ class _Simulation:
                 f"delay: the reference's power ends at {fastest / 2 / math.pi:.2g} Hz and the loop's natural frequency is about "
                 f"{math.exp(point[0]) / 2 / math.pi:.2g} Hz: so slow a motion shows no delay; record steps or a multisine up to there"
             )
-        # Friction and torque limits are not in the model to the last: they trade one delay for the other before they change the sum.
-        floor = np.zeros_like(variance)
-        floor[2:4, 2:4] = LAW_ERROR**2 * np.array([[1.0, -0.9], [-0.9, 1.0]])
-        variance = variance + floor
-        sum_error = float(np.sqrt(variance[2, 2] + variance[3, 3] + 2 * variance[2, 3]))
+        sum_error = float(_errors(self.found)[2])
         total = _bounded(point[2] + point[3], sum_error, math.inf)
         if not total.high > 0:
             raise GainroomError(
@@ -195,8 +208,7 @@ class _Simulation:
                 f"delay: set-point and position tell the sum of the delays to ± {total.half_width:.2g} ticks only: record steps or a "
                 "multisine up to the loop's natural frequency and beyond, or the torque"
             )
-        errors = np.sqrt(np.diag(variance))
-        loop, command = _bounded(point[2], errors[2], math.inf), _bounded(point[3], errors[3], math.inf)
+        loop, command = (replace(each, value=min(each.value, total.value)) for each in self.delays())
         confounded = self.at_bound or max(loop.half_width, command.half_width) > UNKNOWN_TICKS
         warnings = []
         if confounded:
@@ -208,9 +220,29 @@ class _Simulation:
         tick = self.tick
         return SetpointDelay(
             command.scaled(tick), loop.scaled(tick), total.scaled(tick), confounded,
-            interval(math.exp(point[0]), math.exp(point[0]) * float(errors[0]), FREEDOM), math.exp(point[1]), self.follows, explained, tick,
-            self.loop_tick, tuple(warnings),
+            interval(math.exp(point[0]), math.exp(point[0]) * float(variance[0, 0] ** 0.5), FREEDOM), math.exp(point[1]), self.follows,
+            explained, tick, self.loop_tick, tuple(warnings),
         )  # fmt: skip
+
+
+def _errors(fit: Maximum) -> Floats:
+    """(3,) standard errors of T_l, T_c and their sum [ticks]."""
+    # Friction and torque limits are not in the model to the last: they trade one delay for the other before they change the sum.
+    variance = fit.variance[2:4, 2:4] + LAW_ERROR**2 * np.array([[1.0, -0.9], [-0.9, 1.0]])
+    return np.sqrt([variance[0, 0], variance[1, 1], variance.sum()])
+
+
+def _over_both(found: SetpointDelay, other: tuple[Estimate, Estimate]) -> SetpointDelay:
+    """With intervals over another law, too, that the log allows: kd on the error's rate or on the velocity."""
+    if found.confounded:
+        return found
+    loop, command = (
+        Estimate(mine.value, min(mine.low, theirs.low), max(mine.high, theirs.high), mine.standard_error)
+        for mine, theirs in zip((found.loop, found.command), (each.scaled(found.sample_time) for each in other), strict=True)
+    )
+    told = max(loop.half_width, command.half_width) <= UNKNOWN_TICKS * found.sample_time
+    warning = "the log does not tell whether kd acts on the velocity or on that of the error: the intervals hold for both"
+    return replace(found, loop=loop, command=command, confounded=not told, warnings=(*found.warnings, warning))
 
 
 def _with(point: Floats, held: int) -> Floats:

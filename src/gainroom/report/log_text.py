@@ -95,8 +95,8 @@ def _cuts(quality: Quality) -> list[str]:
         found.append(f"{quality.dropped} ticks are missing in {quality.gaps} gaps, the longest of {longest}.")
     if quality.off_ticks > UNSURE and (quality.gaps or quality.off_ticks > UNKNOWN):
         found.append(
-            f"Time stamps lie {digits(quality.off_ticks, significant=2)} ticks off their ticks: which rows are missing is not certain. If none is, "
-            f"give the rate of the rows, as --rate-hz {digits(1 / quality.sample_time, significant=3)}."
+            f"Time stamps lie {digits(quality.off_ticks, significant=2)} ticks off their ticks: which rows are missing is not certain. "
+            f"If none is, give the rate of the rows, as --rate-hz {digits(1 / quality.sample_time, significant=3)}."
         )
     return found
 

@@ -130,7 +130,7 @@ class _Clock:
 
 @dataclass(frozen=True)
 class _Counted:
-    """Sums over the steps so far: between neighbours (their span, squares about `about`), over ticks, in gaps; and of stamps off their tick."""
+    """Sums over the steps so far: between neighbours (`near`, squares about `about`), over ticks, in gaps; and of stamps off their tick."""
 
     neighbours: int = 0
     near: float = 0.0

@@ -1,13 +1,14 @@
 """The tick of a log, and which tick each row is, from time stamps that jitter, with rows missing or not.
 
-Rows come from a loop that runs once per tick, and their stamps are read a little sooner or later. So stamps t_k = T n_k + phase + jitter, with
-whole numbers n_k that rise. The mean of e^{2πj t/T} over some rows tells their phase whatever rows are missing; how it turns from there to
+Rows come from a loop that runs once per tick, and their stamps are read a little sooner or later: t_k = T n_k + phase + jitter, with whole
+numbers n_k that rise. The mean of e^{2πj t/T} over some rows tells their phase whatever rows are missing; how it turns from there to
 the next rows tells how far T is off, and that it is short that T is none (Rayleigh's test). Then n_k − k, the rows that are missing so far,
 is what t_k/T − phase − k scatters about: a sequence that never falls, found by isotonic regression. A late stamp before an early one is
 evened out by it, where each step by itself would be taken for a gap.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,7 +22,8 @@ ROWS = (8, 32, 128)
 """Over which the phase is taken, one after the other: the tick is known ever better."""
 PHASE_ROWS = 64
 EVEN = 0.25
-"""Length of the mean of e^{2πj t/T}: 1 of an even clock, 0.64 with a jitter of 0.15 ticks, 0.29 with 0.25; less, and stamps do not tell ticks."""
+"""Length of the mean of e^{2πj t/T}: 1 of an even clock, 0.64 with a jitter of 0.15 ticks, 0.29 with 0.25; below it
+stamps do not tell ticks."""
 LEAST_ROWS = 32
 
 
@@ -56,7 +58,7 @@ def tick_of(time: Floats) -> float:
 def ticks_of(time: Floats, tick: float) -> Ticks:
     """Of stamps (m,) rising; pauses part them, as a clock may begin anew behind one."""
     edges = [0, *(np.flatnonzero(np.diff(time) > PAUSE * tick) + 1).tolist(), len(time)]
-    parts = [_without_pause(time[first:last], tick) for first, last in zip(edges[:-1], edges[1:], strict=True) if last > first]
+    parts = [_without_pause(time[first:last], tick) for first, last in pairwise(edges)]
     numbers, end = [], 0
     for part, first in zip(parts, edges[:-1], strict=True):
         end += int(np.rint((time[first] - time[first - 1]) / tick)) if first else 0
