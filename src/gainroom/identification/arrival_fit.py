@@ -7,7 +7,7 @@ import numpy as np
 
 from ..native import _core
 from ..system.linear.arrays import Booleans, Floats, Integers
-from .arrival_law import Law
+from .arrival_law import STILL, Law
 from .current_loop import DAMPING, SPEED, Data, Response, held
 from .likelihood import MOST_ITERATIONS, maximize
 
@@ -74,6 +74,8 @@ class ArrivalLikelihood:
         error   of the law, over the torque's deviation
         """
         free = copy(self)
+        free.law = copy(self.law)
+        free.law.stillest = STILL
         free.prior, free.quietest = self.prior.copy(), float(np.log(error)) if error else QUIETEST
         free.prior[1, 1:3] = 0.0
         return free

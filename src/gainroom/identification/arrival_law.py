@@ -18,7 +18,7 @@ from .current_loop import Data, held
 
 NODES, WEIGHTS = (values for values in np.polynomial.legendre.leggauss(6))
 DEVIATION = (np.log(0.02), 2.0)  # of log σ: mean and deviation
-STILLEST = -14.0  # log of the least deviation: a loop that is faster than its rows makes torque of a ten-thousandth of a tick
+STILLEST, STILL = -9.0, -14.0  # log of the least deviation; beside a fast loop, where a ten-thousandth of a tick makes torque
 BESIDE = 0.1  # ticks before a row: as soon behind the row before, as far as noise lets a log say
 PLACE = (0.5, 0.5)  # of φ
 EVEN = 0.07  # of the law's width: where the share of the commands that arrived in one tick puts its edge, for an even, Gaussian or skew law
@@ -61,6 +61,7 @@ class Law(Protocol):
 
     prior: Floats
     bounds: tuple[float, float]  # of the first parameter
+    stillest: float  # log of the least deviation
 
     def start(self, delay: float) -> Floats:
         """Near a mean delay [ticks], as near as the arrivals that are seen allow."""
@@ -107,12 +108,13 @@ class Unseen:
         self.target = target
         self.prior, self.bounds = _prior((0.0, np.inf), DEVIATION), (0.0, np.inf)
         self._known: dict[int, Known] = {}
+        self.stillest = STILLEST
 
     def start(self, delay: float) -> Floats:
         return np.array([delay, DEVIATION[0]])
 
     def _half(self, point: Floats) -> float:
-        return float(min(ROOT * np.exp(np.clip(point[1], STILLEST, 1)), WIDEST))
+        return float(min(ROOT * np.exp(np.clip(point[1], self.stillest, 1)), WIDEST))
 
     def _whole(self, point: Floats) -> int:
         return max(int(np.floor(point[0] + self._half(point))), 0)
@@ -156,7 +158,7 @@ class Phase:
         self.seen = seen
         self._known = Known(acting, seen.changes(target, acting.command))
         self.usual = seen.shares >= HICCUP
-        self.prior, self.bounds = _prior(PLACE, DEVIATION), (0.0, 1.0)
+        self.prior, self.bounds, self.stillest = _prior(PLACE, DEVIATION), (0.0, 1.0), STILLEST
 
     def start(self, delay: float) -> Floats:
         return np.array([self.seen.mean - delay, DEVIATION[0]])
@@ -165,7 +167,7 @@ class Phase:
         return self._known
 
     def _half(self, point: Floats) -> float:
-        return float(min(ROOT * np.exp(np.clip(point[1], STILLEST, 1)), WIDEST))
+        return float(min(ROOT * np.exp(np.clip(point[1], self.stillest, 1)), WIDEST))
 
     def windows(self, point: Floats) -> tuple[float, list[Window]]:
         half = self._half(point)
@@ -195,7 +197,7 @@ class Spread:
     def __init__(self, seen: Arrivals, target: Floats, acting: Data) -> None:
         self.seen = seen
         self._known = Known(acting, seen.changes(target, acting.command))
-        self.shares, self.bounds = seen.shares, (-0.5, 0.5)
+        self.shares, self.bounds, self.stillest = seen.shares, (-0.5, 0.5), STILLEST
         inner = float(self.shares[1:-1].sum())
         self.between = len(self.shares) - 2
         sampled = (self.shares[0] * self.shares[-1] / len(seen.ticks)) ** 0.5

@@ -175,8 +175,11 @@ def _source(record: Record, drive: Drive | None, warnings: list[str]) -> _Source
     warnings.extend(told.warnings)
     assert told.bandwidth is not None
     assert told.damping_ratio is not None
-    found = Drive(told.bandwidth.value, told.damping_ratio.value, told.effective.value)
-    prior = told.effective.value / tick, math.hypot(told.lag.standard_error / tick, DELAY_FLOOR)
+    delay = told.effective.value
+    if math.isinf(told.bandwidth.high):  # any of a tick: the one that with this bandwidth has the lag that is measured
+        delay = max(delay - told.delay.value + told.lag.value - 2 * told.damping_ratio.value / told.bandwidth.value, 0.0)
+    found = Drive(told.bandwidth.value, told.damping_ratio.value, delay)
+    prior = delay / tick, math.hypot(told.lag.standard_error / tick, DELAY_FLOOR)
     return _Source("target_torque", target, False, found, prior, np.array([told.lag.value + tick / 2]), told)
 
 

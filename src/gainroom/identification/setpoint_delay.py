@@ -32,8 +32,10 @@ LEAST_EXPLAINED = 0.8
 UNLIKELY = 12.0  # of minus twice the log likelihood: a law so much worse than the other is not the log's
 LEAST_POWER = 1e-3  # of the reference's, above the frequency at which it counts as ending
 VISCOUS = 0.3  # of √(kp J): deviation of viscous friction, of which kd is 2ζ
+NO_VISCOUS = 1e-5  # its deviation where there is none
 SLOW = 0.3  # of the natural frequency
 SMOOTH = 0.05  # of the root mean square velocity, over which friction's direction changes
+EITHER_LAW = "the log does not tell whether kd acts on the velocity or on that of the error: the intervals hold for both"
 
 
 @dataclass(frozen=True)
@@ -85,22 +87,26 @@ def identify_setpoint_delay(record: Record, loop_sample_time: float | None = Non
             f"delay: {side} moves by {np.ptp(position):.3g} rad, {LEAST_STEPS} steps of its encoder ({step:.3g} rad) are needed: "
             "record larger set-points"
         )
-    fits = [_Simulation(record, reference, position, follows, loop_sample_time) for follows in (False, True)]
+    sampled = loop_sample_time is not None
+    fits = [_Simulation(record, reference, position, follows, loop_sample_time, sampled) for follows in (False, True)]
     best, other = sorted(fits, key=lambda fit: fit.found.cost)
     found = best.result()
+    if not sampled:  # what hold and velocity difference may add is like viscous friction: the intervals hold with it, too
+        found = _over_both(found, _Simulation(record, reference, position, best.follows, None, True).delays())
     if not best.likely(other):
         return found
-    return _over_both(found, other.delays())
+    return _over_both(found, other.delays(), EITHER_LAW)
 
 
 class _Simulation:
     """The position from the set-point, in the frequency domain: delays are exact, and no stability is asked of the trial's parameters."""
 
-    def __init__(self, record: Record, reference: Floats, position: Floats, follows: bool, loop_tick: float | None) -> None:
+    def __init__(self, record: Record, reference: Floats, position: Floats, follows: bool, loop_tick: float | None, viscous: bool) -> None:
         from scipy.fft import next_fast_len
 
         self.tick, self.follows, self.count = record.sample_time, follows, len(position)
         self.loop_tick, held = loop_tick, loop_tick or 0.0
+        self.viscous = VISCOUS if viscous else NO_VISCOUS
         self.mean, self.scale = float(position[0]), float(np.std(position))
         pad = min(self.count, int(4.0 / self.tick))
         self.size: Any = next_fast_len(self.count + pad, real=True)
@@ -164,7 +170,7 @@ class _Simulation:
     def _maximum(self, start: Floats, held: int | None) -> Maximum:
         """Near `start`, with the parameter `held` at 0."""
         mean = np.array([start[0], math.log(0.6), 2.0, 2.0, 0.0, 0.0, -3.0, 0.0])
-        deviation = np.array([2.0, 1.0, 20.0, 20.0, 0.5, 1.0, np.inf, VISCOUS])
+        deviation = np.array([2.0, 1.0, 20.0, 20.0, 0.5, 1.0, np.inf, self.viscous])
         if held is not None:
             mean[held], deviation[held] = 0.0, 1e-3
         return maximize(self._errors, start, self.used, np.stack([mean, deviation**-2.0]), 40)
@@ -232,8 +238,8 @@ def _errors(fit: Maximum) -> Floats:
     return np.sqrt([variance[0, 0], variance[1, 1], variance.sum()])
 
 
-def _over_both(found: SetpointDelay, other: tuple[Estimate, Estimate]) -> SetpointDelay:
-    """With intervals over another law, too, that the log allows: kd on the error's rate or on the velocity."""
+def _over_both(found: SetpointDelay, other: tuple[Estimate, Estimate], *warnings: str) -> SetpointDelay:
+    """With intervals over another law, too, that the log allows."""
     if found.confounded:
         return found
     loop, command = (
@@ -241,8 +247,7 @@ def _over_both(found: SetpointDelay, other: tuple[Estimate, Estimate]) -> Setpoi
         for mine, theirs in zip((found.loop, found.command), (each.scaled(found.sample_time) for each in other), strict=True)
     )
     told = max(loop.half_width, command.half_width) <= UNKNOWN_TICKS * found.sample_time
-    warning = "the log does not tell whether kd acts on the velocity or on that of the error: the intervals hold for both"
-    return replace(found, loop=loop, command=command, confounded=not told, warnings=(*found.warnings, warning))
+    return replace(found, loop=loop, command=command, confounded=not told, warnings=(*found.warnings, *warnings))
 
 
 def _with(point: Floats, held: int) -> Floats:
