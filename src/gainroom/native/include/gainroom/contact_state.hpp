@@ -81,7 +81,7 @@ struct ContactState {
     bool certified() const {
         if (count == 0 || counted == 0.0) return false;
         const TrackedCrossing& lowest = *order[0];
-        return lowest.converged && lowest.seen_at == path && holds(counted, counted_from) && slow_holds();
+        return lowest.converged && lowest.clear && lowest.seen_at == path && holds(counted, counted_from) && slow_holds();
     }
 
     // The same of the slow count, which does not outlast kFar of the path, however high its factor was: crossings may come from infinity and from 0.

@@ -58,6 +58,14 @@ public:
     // The matrix at a place of its own, until the next crossing is followed.
     const SymmetricFactor& at(const double* w, double omega, double gain) { return fresh(w, omega, gain).factor; }
 
+    // The matrix of a crossing, at its place or nearly, as it has been followed.
+    const SymmetricFactor& beside(const double* w, TrackedCrossing& crossing, double& work) {
+        if (const Factors* own = factors_of(crossing)) return own->factor;
+        near_ = current_ = false;
+        work += kFactor;
+        return refactored(w, crossing).factor;
+    }
+
 private:
     static constexpr std::size_t kKept = 4;
     static constexpr double kBalance = 0.3, kFactor = 0.7;  // work

@@ -15,7 +15,7 @@ namespace gainroom {
 class CrossingSet {
 public:
     // Strides: see `approach`.
-    CrossingSet(TrackedLoop& loop, double stride) : loop_(loop), stride_(stride) {}
+    CrossingSet(TrackedLoop& loop, double stride) : loop_(loop), stride_(stride), trial_(loop.mode_size()) {}
 
     TrackedLoop& loop() { return loop_; }
     double stride() const { return stride_; }
@@ -46,7 +46,9 @@ public:
                 follow_late(state, state.count, 0.0, work);
             }
             arrange(state, work);
-            if (there) return true;
+            if (!there) continue;
+            look_below(state, work);
+            return true;
         }
         return false;
     }
@@ -93,12 +95,47 @@ private:
     static constexpr double kLate = 0.06;    // a path along which a crossing is left; twice as long at most
     static constexpr double kStride = 0.1;   // work of a further stride, also where no crossing is known
     static constexpr double kRough = 0.01;  // a gain that has been followed roughly is nearer than this
+    static constexpr int kBelow = 3;        // looks below the lowest, which is another one then
     static constexpr std::size_t kFew = 2;  // of these that are followed at a tick
 
     static bool begins(const double* posture, ContactState& state) {
         if (state.begun) return false;
         std::copy_n(posture, state.posture.size(), state.posture.begin());
         return state.begun = true;
+    }
+
+    // Whether the loop is unstable below the lowest crossing, beside it; what crosses there is known from now on.
+    void look_below(ContactState& state, double& work) {
+        for (int k = 0; k < kBelow && state.count > 0 && state.order[0]->converged; k++) {
+            TrackedCrossing& lowest = *state.order[0];
+            lowest.clear = loop_.clear_below(state.posture.data(), lowest, work);
+            if (lowest.clear || !found_below(state, work)) return;
+        }
+    }
+
+    bool found_below(ContactState& state, double& work) {
+        const double counted = state.counted;
+        double balance = 0.0;
+        int found = 0;
+        for (int which = 0; which < 2; which++) {
+            if (!loop_.start_below(which, trial_) || !is_new(state, work)) continue;
+            balance += trial_.rising > 0.0 ? 1.0 : -1.0;
+            found += trial_.gain < counted;
+            keep(state, trial_);
+        }
+        if (found == 2 && balance == 0.0) state.counted = counted;  // a pair that comes and goes: the count is that of before
+        return found > 0;
+    }
+
+    bool is_new(ContactState& state, double& work) {
+        if (!loop_.follow(state.posture.data(), trial_, 10, work, false)) return false;
+        if (!(trial_.gain > 0.0 && trial_.omega > loop_.lowest() && trial_.omega < highest_omega())) return false;
+        trial_.seen_at = state.path;
+        trial_.speed = 0.0;  // not known: as the others
+        for (std::size_t k = 0; k < state.count; k++) trial_.speed = std::max(trial_.speed, state.order[k]->speed);
+        for (std::size_t k = 0; k < state.count; k++)
+            if (doubles(state, *state.order[k], trial_, work)) return false;
+        return true;
     }
 
     // Towards `posture`, which is `far`, by `most`; true where it is there.
@@ -217,6 +254,7 @@ private:
 
     TrackedLoop& loop_;
     double stride_;
+    TrackedCrossing trial_;
 };
 
 }  // namespace gainroom

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "crossing_follower.hpp"
+#include "neighbours.hpp"
 #include "posture_change.hpp"
 
 namespace gainroom {
@@ -18,7 +19,7 @@ class JointLoop final : public TrackedLoop {
 public:
     // sample_time 0: continuous.
     JointLoop(const JointData* joints, std::size_t count, double sample_time)
-        : laws_(joints, count, sample_time), lowest_(laws_.passive_end()), follower_(laws_), change_(count), values_(count), factor_(count),
+        : laws_(joints, count, sample_time), lowest_(laws_.passive_end()), follower_(laws_), neighbours_(laws_), change_(count), values_(count), factor_(count),
           work_(2 * count * count) {}
     JointLoop(const JointLoop&) = delete;  // parts refer to each other
 
@@ -41,6 +42,12 @@ public:
     bool follow(const double* w, TrackedCrossing& crossing, int steps, double& work, bool rough) override {
         return follower_.follow(w, crossing, steps, work, rough);
     }
+
+    bool clear_below(const double* w, TrackedCrossing& crossing, double& work) override {
+        work += kBeside;
+        return neighbours_.clear(w, crossing, follower_.beside(w, crossing, work));
+    }
+    bool start_below(int which, TrackedCrossing& trial) override { return neighbours_.start(which, trial); }
 
     double phase(const double* w, double omega, double gain, Complex* slope) override {
         laws_.at(omega, gain, values_.data());
@@ -84,6 +91,7 @@ public:
     double resolution(double omega) const override { return laws_.resolution(omega, kWidest); }
 
 private:
+    static constexpr double kBeside = 0.5;    // work of clear_below
     static constexpr double kSlices = 600.0;  // over n²: with 12 joints 4 slices, which is 5 µs
 
     // arg in [0, π] of what is in the upper half plane but for round-off; elsewhere arg in (−π, 0).
@@ -95,6 +103,7 @@ private:
     JointLaws laws_;
     double lowest_;
     CrossingFollower follower_;
+    Neighbours neighbours_;
     PostureChange change_;
     std::vector<JointValue> values_;
     SymmetricFactor factor_;

@@ -15,7 +15,7 @@ namespace gainroom {
 
 // A gain factor g and a frequency ω at which the closed loop has a root jω, followed as the posture changes.
 struct TrackedCrossing {
-    explicit TrackedCrossing(std::size_t size) : mode(size), before(size) {}
+    explicit TrackedCrossing(std::size_t size) : mode(size), before(size), beside(2 * size) {}
 
     double omega = 0.0, gain = 0.0;
     double rising = 0.0;   // > 0: a pair of roots becomes unstable as the factor rises past `gain`
@@ -26,6 +26,9 @@ struct TrackedCrossing {
     std::uint64_t factored = 0;  // which factors of the CrossingFollower are its own, if they are still there
     double omega_before = 0.0, gain_before = 0.0, stride = 0.0;  // where it was one step before, and the path of that step; 0: not known
     std::vector<Complex> mode, before;
+    bool clear = false;  // nothing beside it is unstable at factors a little below it, see `clear_below`
+    bool has_beside = false;
+    std::vector<Complex> beside;  // other modes about its frequency, where they are known
 
     // A start at a place, with a mode that is to be filled in.
     void begin(double at, double factor) {
@@ -33,6 +36,7 @@ struct TrackedCrossing {
         gain = factor;
         factored = 0;
         stride = 0.0;
+        clear = has_beside = false;
     }
 
     // To where it will be after `ahead` more of the path, if it goes on as before.
@@ -89,6 +93,11 @@ public:
     // Follows `crossing` to a posture; `work` is counted in slices. True where it has converged: `converged` says so too. Where it need only be
     // `rough`, true as soon as its mode is within that, and gain and frequency within the square.
     virtual bool follow(const double* posture, TrackedCrossing& crossing, int steps, double& work, bool rough) = 0;
+
+    // Whether no root beside the crossing's own, which has just been followed, is unstable at factors a little below it. After a no: starts for
+    // the crossing at which one becomes so (0), and for that at which it is stable again (1).
+    virtual bool clear_below(const double*, TrackedCrossing&, double&) { return true; }
+    virtual bool start_below(int, TrackedCrossing&) { return false; }
 
     // At jω and a factor: the phase up to turns of a function of the closed loop that has its unstable roots and no others, and, where
     // asked for, the slope of its logarithm along ω.

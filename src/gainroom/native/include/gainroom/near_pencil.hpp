@@ -1,0 +1,219 @@
+// Roots near a crossing in the span of few modes: M + δω D + δg G (k, k), symmetric, with a root j(ω + δω) at the factor g + δg where it is
+// singular. δω = 0 is one at δg = 0: the crossing's own. A root is unstable where Im δω < 0.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "complex.hpp"
+
+namespace gainroom {
+
+class NearPencil {
+public:
+    static constexpr std::size_t kMost = 3;
+    using Square = Complex[kMost][kMost];
+
+    // Where something is the least stable at a factor below the crossing.
+    struct Peak {
+        double by = 0.0;     // δg
+        Complex root = 0.0;  // δω
+        double below = 0.0, above = 0.0;  // δg on either side, towards which roots are stable again; above 0: not before the crossing
+    };
+
+    // False where D is singular. `size` k >= 2; roots farther from the crossing than `radius` do not count.
+    bool set(const Square& m, const Square& d, const Square& g, std::size_t size, double radius) {
+        size_ = size;
+        radius_ = radius;
+        Square inverse{};
+        if (!invert(d, inverse)) return false;
+        multiply(inverse, m, fixed_);
+        multiply(inverse, g, turning_);
+        return true;
+    }
+
+    // The distance of the root next to the crossing's own, and how far roots may move per unit of δg.
+    double distance() const {
+        Complex roots[kMost];
+        roots_at(0.0, roots);
+        double own = 1e300, next = 1e300;
+        for (std::size_t k = 0; k < size_; k++) {
+            const double off = std::abs(roots[k]);
+            next = std::min(next, std::max(own, off));
+            own = std::min(own, off);
+        }
+        return next;
+    }
+    double speed() const {
+        double sum = 0.0;
+        for (std::size_t i = 0; i < size_; i++)
+            for (std::size_t j = 0; j < size_; j++) sum += std::norm(turning_[i][j]);
+        return std::sqrt(sum);
+    }
+
+    // Where roots are the least stable between δg = −most and −least, apart from the rise towards the crossing itself; false: everywhere −Im δω of
+    // all of them is below −slack. Steps are in proportion to the distance from the crossing, as what roots do there is.
+    bool peak(double most, double least, double slack, Peak& found) const {
+        double at[3] = {most, most / kStep, most / (kStep * kStep)}, height[3];
+        for (int k = 0; k < 3; k++) height[k] = growth(-at[k]);
+        double highest = -1e300;
+        if (height[0] > 0.0) consider({-at[0], least_stable(-at[0]), -kStep * at[0], -at[1]}, highest, found);
+        while (true) {
+            const double drop = std::max(height[1] - height[0], height[1] - height[2]);
+            if (height[1] >= height[0] && height[1] >= height[2] && height[1] > -kSharp * drop - slack)
+                consider(refined(at[0], at[2]), highest, found);
+            if (at[2] <= least) break;
+            step(at, height);
+        }
+        if (height[2] > 0.0) consider({-at[2], least_stable(-at[2]), -at[1], 0.0}, highest, found);
+        return highest > -slack;
+    }
+
+    // δg between one at which roots are stable and one at which some are not, where that changes.
+    double change(double stable, double unstable) const {
+        for (int k = 0; k < 30; k++) {
+            const double middle = 0.5 * (stable + unstable);
+            (growth(middle) > 0.0 ? unstable : stable) = middle;
+        }
+        return unstable;
+    }
+
+    // −Im δω of the least stable root; that root.
+    double growth(double by) const { return -least_stable(by).imag(); }
+    Complex least_stable(double by) const {
+        Complex roots[kMost];
+        roots_at(by, roots);
+        Complex least(0.0, radius_);
+        for (std::size_t k = 0; k < size_; k++)
+            if (std::norm(roots[k]) < radius_ * radius_ && roots[k].imag() < least.imag()) least = roots[k];
+        return least;
+    }
+
+    // Combination of the modes at a root: what the rows of M + δω D + δg G have in common.
+    void mode(double by, Complex root, Complex* parts) const {
+        Square a;
+        at(by, a);
+        for (std::size_t k = 0; k < size_; k++) a[k][k] -= root;
+        if (size_ == 2) {
+            const std::size_t row = std::norm(a[0][0]) + std::norm(a[0][1]) > std::norm(a[1][0]) + std::norm(a[1][1]) ? 0 : 1;
+            parts[0] = a[row][1];
+            parts[1] = -a[row][0];
+            return;
+        }
+        double best = -1.0;
+        for (std::size_t i = 0; i < 3; i++) {
+            const Complex *p = a[i], *q = a[(i + 1) % 3];
+            const Complex cross[3] = {times(p[1], q[2]) - times(p[2], q[1]), times(p[2], q[0]) - times(p[0], q[2]),
+                                      times(p[0], q[1]) - times(p[1], q[0])};
+            const double size = std::norm(cross[0]) + std::norm(cross[1]) + std::norm(cross[2]);
+            if (size <= best) continue;
+            best = size;
+            std::copy_n(cross, 3, parts);
+        }
+    }
+
+private:
+    static constexpr double kStep = 1.5, kSharp = 2.0;  // a peak between two steps is no higher than so many times what they fall
+    static constexpr int kRefined = 14;
+
+    void step(double* at, double* height) const {
+        for (int k = 0; k < 2; k++) at[k] = at[k + 1], height[k] = height[k + 1];
+        at[2] /= kStep;
+        height[2] = growth(-at[2]);
+    }
+
+    static void consider(const Peak& one, double& highest, Peak& found) {
+        if (!(-one.root.imag() > highest)) return;
+        highest = -one.root.imag();
+        found = one;
+    }
+
+    // The peak between two distances by golden sections.
+    Peak refined(double far, double near) const {
+        constexpr double kGolden = 0.6180339887498949;
+        double a = far, b = near, c = b + kGolden * (a - b), d = a + kGolden * (b - a), at_c = growth(-c), at_d = growth(-d);
+        for (int k = 0; k < kRefined; k++) {
+            if (at_c > at_d) {
+                b = d;
+                d = c, at_d = at_c;
+                c = b + kGolden * (a - b), at_c = growth(-c);
+            } else {
+                a = c;
+                c = d, at_c = at_d;
+                d = a + kGolden * (b - a), at_d = growth(-d);
+            }
+        }
+        const double best = at_c > at_d ? c : d;
+        return {-best, least_stable(-best), -far, -near};
+    }
+
+    // −D⁻¹(M + δg G), whose eigenvalues are δω.
+    void at(double by, Square& a) const {
+        for (std::size_t i = 0; i < size_; i++)
+            for (std::size_t j = 0; j < size_; j++) a[i][j] = -(fixed_[i][j] + by * turning_[i][j]);
+    }
+
+    void roots_at(double by, Complex* roots) const {
+        Square a;
+        at(by, a);
+        const Complex middle = size_ == 2 ? 0.5 * (a[0][0] + a[1][1]) : (a[0][0] + a[1][1] + a[2][2]) / 3.0;
+        for (std::size_t k = 0; k < size_; k++) a[k][k] -= middle;
+        if (size_ == 2) {
+            const Complex apart = std::sqrt(times(a[0][1], a[1][0]) - times(a[0][0], a[1][1]));
+            roots[0] = middle + apart;
+            roots[1] = middle - apart;
+            return;
+        }
+        // x³ + 3 p x + 2 q without a square: Cardano.
+        Complex p = 0.0;
+        for (std::size_t i = 0; i < 3; i++)
+            for (std::size_t j = 0; j < 3; j++) p -= times(a[i][j], a[j][i]);
+        p /= 6.0;
+        const Complex q = -0.5 * determinant(a), apart = std::sqrt(times(q, q) + times(p, times(p, p)));
+        const Complex cube = std::norm(apart - q) > std::norm(apart + q) ? apart - q : -apart - q;
+        if (cube == Complex(0.0)) {
+            roots[0] = roots[1] = roots[2] = middle;
+            return;
+        }
+        Complex u = std::polar(std::cbrt(std::abs(cube)), std::arg(cube) / 3.0);
+        const Complex third(-0.5, 0.8660254037844386);
+        for (std::size_t k = 0; k < 3; k++, u = times(u, third)) roots[k] = middle + u - over(p, u);
+    }
+
+    static Complex determinant(const Square& a) {
+        return times(a[0][0], times(a[1][1], a[2][2]) - times(a[1][2], a[2][1])) - times(a[0][1], times(a[1][0], a[2][2]) - times(a[1][2], a[2][0])) +
+               times(a[0][2], times(a[1][0], a[2][1]) - times(a[1][1], a[2][0]));
+    }
+
+    bool invert(const Square& a, Square& inverse) const {
+        if (size_ == 2) {
+            const Complex whole = times(a[0][0], a[1][1]) - times(a[0][1], a[1][0]);
+            inverse[0][0] = over(a[1][1], whole), inverse[0][1] = over(-a[0][1], whole);
+            inverse[1][0] = over(-a[1][0], whole), inverse[1][1] = over(a[0][0], whole);
+            return std::norm(whole) > 0.0 && std::isfinite(std::norm(whole));
+        }
+        const Complex whole = determinant(a);
+        for (std::size_t i = 0; i < 3; i++)
+            for (std::size_t j = 0; j < 3; j++) {
+                const std::size_t r = (j + 1) % 3, s = (j + 2) % 3, c = (i + 1) % 3, e = (i + 2) % 3;
+                inverse[i][j] = over(times(a[r][c], a[s][e]) - times(a[r][e], a[s][c]), whole);
+            }
+        return std::norm(whole) > 0.0 && std::isfinite(std::norm(whole));
+    }
+
+    void multiply(const Square& a, const Square& b, Square& product) const {
+        for (std::size_t i = 0; i < size_; i++)
+            for (std::size_t j = 0; j < size_; j++) {
+                product[i][j] = 0.0;
+                for (std::size_t k = 0; k < size_; k++) product[i][j] += times(a[i][k], b[k][j]);
+            }
+    }
+
+    std::size_t size_ = 0;
+    double radius_ = 0.0;
+    Square fixed_{}, turning_{};  // D⁻¹M, D⁻¹G
+};
+
+}  // namespace gainroom
