@@ -43,7 +43,7 @@ public:
         double by = peak_.by;
         if (pencil_.growth(by) > 0.0) by = pencil_.growth(end) > 0.0 ? end : pencil_.change(end, by);
         const Complex root = pencil_.least_stable(by);
-        combine(by, root);
+        combine(pencil_, by, root);
         trial.begin(at_->omega + root.real(), at_->gain + by);
         trial.mode = moved_;
         return trial.gain > 0.0 && trial.omega > 0.0 && trial.normalize();
@@ -55,6 +55,8 @@ private:
     static constexpr double kLeast = 1e-6;               // of the factor: a pair that is nearer is within what safe_gain leaves
     static constexpr double kDoubt = 1e-4, kCertain = 1e-7;  // of ω: the span's error; round-off
     static constexpr int kPasses = 4, kThere = 3;        // of the iteration where no modes are known, and at a peak
+    static constexpr int kSettling = 8;                  // steps to a root, each of which squares its error
+    static constexpr double kSettled = 0.01;             // of its distance to the boundary
     static constexpr double kNear = 0.05;                // of ω: roots farther away are none that the span tells of
 
     Complex* mode(std::size_t k) { return &modes_[k * size_]; }
@@ -132,9 +134,9 @@ private:
     }
 
     // moved_: the mode of a root.
-    void combine(double by, Complex root) {
+    void combine(const NearPencil& pencil, double by, Complex root) {
         Complex parts[NearPencil::kMost] = {};
-        pencil_.mode(by, root, parts);
+        pencil.mode(by, root, parts);
         std::fill(moved_.begin(), moved_.end(), Complex(0.0));
         for (std::size_t k = 0; k < used_; k++)
             for (std::size_t i = 0; i < size_; i++) moved_[i] += times(parts[k], mode(k)[i]);
@@ -151,8 +153,39 @@ private:
         std::swap(span_, pencil_);
         known = known && project(w, false);
         std::swap(span_, pencil_);
+        const Complex root = span_.least_stable(0.0);
+        if (known) combine(span_, 0.0, root);
         modes_.swap(kept_);
-        return known && span_.growth(0.0) < -kCertain * at_->omega;
+        return known && (root.imag() > kCertain * at_->omega || is_stable(w, at_->omega + peak_.root.real(), root));
+    }
+
+    // The same of the root at `omega` + `off` by the span, whose mode is in moved_: the span may tell of one that the loop does not have, and what it
+    // has instead is found by inverse iteration, with laws at the frequency where that leads. Where it leads far away there is nothing here.
+    bool is_stable(const double* w, double omega, Complex off) {
+        std::vector<Complex>& x = kept_;  // the first of them
+        std::copy(moved_.begin(), moved_.end(), x.begin());
+        for (int k = 0; k < kSettling; k++) {
+            omega += off.real();
+            if (!(std::fabs(omega - at_->omega) < kNear * at_->omega)) return std::isfinite(omega);
+            off = Complex(0.0, off.imag());
+            laws_.at(omega, at_->gain + peak_.by, values_.data());
+            for (std::size_t i = 0; i < size_; i++) values_[i].beta += times(off, values_[i].beta_omega);
+            factor_.factor(w, values_.data());
+            for (std::size_t i = 0; i < size_; i++) x[i] = times(values_[i].beta_omega, x[i]);
+            factor_.solve(x.data());
+            const double size = 1.0 / std::sqrt(norm(x.data()));
+            for (std::size_t i = 0; i < size_; i++) x[i] *= size;
+            multiply(w, x.data());
+            Complex f = 0.0, slope = 0.0;
+            for (std::size_t i = 0; i < size_; i++) {
+                f += times(x[i], moved_[i]);
+                slope += times(times(x[i], x[i]), values_[i].beta_omega);
+            }
+            const Complex step = over(f, slope);
+            off -= step;
+            if (std::abs(step) < kSettled * std::fabs(off.imag())) return off.imag() > kCertain * at_->omega;
+        }
+        return false;
     }
 
     bool sharpen(std::size_t k, const SymmetricFactor& factor) {
