@@ -91,6 +91,36 @@ public:
         return least;
     }
 
+    void narrow(double radius) { radius_ = radius; }
+
+    // All of them, in no order.
+    void roots_at(double by, Complex* roots) const {
+        Square a;
+        at(by, a);
+        const Complex middle = size_ == 2 ? 0.5 * (a[0][0] + a[1][1]) : (a[0][0] + a[1][1] + a[2][2]) / 3.0;
+        for (std::size_t k = 0; k < size_; k++) a[k][k] -= middle;
+        if (size_ == 2) {
+            const Complex apart = std::sqrt(times(a[0][1], a[1][0]) - times(a[0][0], a[1][1]));
+            roots[0] = middle + apart;
+            roots[1] = middle - apart;
+            return;
+        }
+        // x³ + 3 p x + 2 q without a square: Cardano.
+        Complex p = 0.0;
+        for (std::size_t i = 0; i < 3; i++)
+            for (std::size_t j = 0; j < 3; j++) p -= times(a[i][j], a[j][i]);
+        p /= 6.0;
+        const Complex q = -0.5 * determinant(a), apart = std::sqrt(times(q, q) + times(p, times(p, p)));
+        const Complex cube = std::norm(apart - q) > std::norm(apart + q) ? apart - q : -apart - q;
+        if (cube == Complex(0.0)) {
+            roots[0] = roots[1] = roots[2] = middle;
+            return;
+        }
+        Complex u = std::polar(std::cbrt(std::abs(cube)), std::arg(cube) / 3.0);
+        const Complex third(-0.5, 0.8660254037844386);
+        for (std::size_t k = 0; k < 3; k++, u = times(u, third)) roots[k] = middle + u - over(p, u);
+    }
+
     // Combination of the modes at a root: what the rows of M + δω D + δg G have in common.
     void mode(double by, Complex root, Complex* parts) const {
         Square a;
@@ -153,33 +183,6 @@ private:
     void at(double by, Square& a) const {
         for (std::size_t i = 0; i < size_; i++)
             for (std::size_t j = 0; j < size_; j++) a[i][j] = -(fixed_[i][j] + by * turning_[i][j]);
-    }
-
-    void roots_at(double by, Complex* roots) const {
-        Square a;
-        at(by, a);
-        const Complex middle = size_ == 2 ? 0.5 * (a[0][0] + a[1][1]) : (a[0][0] + a[1][1] + a[2][2]) / 3.0;
-        for (std::size_t k = 0; k < size_; k++) a[k][k] -= middle;
-        if (size_ == 2) {
-            const Complex apart = std::sqrt(times(a[0][1], a[1][0]) - times(a[0][0], a[1][1]));
-            roots[0] = middle + apart;
-            roots[1] = middle - apart;
-            return;
-        }
-        // x³ + 3 p x + 2 q without a square: Cardano.
-        Complex p = 0.0;
-        for (std::size_t i = 0; i < 3; i++)
-            for (std::size_t j = 0; j < 3; j++) p -= times(a[i][j], a[j][i]);
-        p /= 6.0;
-        const Complex q = -0.5 * determinant(a), apart = std::sqrt(times(q, q) + times(p, times(p, p)));
-        const Complex cube = std::norm(apart - q) > std::norm(apart + q) ? apart - q : -apart - q;
-        if (cube == Complex(0.0)) {
-            roots[0] = roots[1] = roots[2] = middle;
-            return;
-        }
-        Complex u = std::polar(std::cbrt(std::abs(cube)), std::arg(cube) / 3.0);
-        const Complex third(-0.5, 0.8660254037844386);
-        for (std::size_t k = 0; k < 3; k++, u = times(u, third)) roots[k] = middle + u - over(p, u);
     }
 
     static Complex determinant(const Square& a) {

@@ -22,7 +22,8 @@ namespace gainroom {
 class Neighbours {
 public:
     explicit Neighbours(const JointLaws& laws)
-        : laws_(laws), size_(laws.size()), used_(std::min(NearPencil::kMost, size_)), values_(size_), modes_(used_ * size_), kept_(modes_), moved_(size_), factor_(size_) {}
+        : laws_(laws), size_(laws.size()), used_(std::min(NearPencil::kMost, size_)), values_(size_), modes_(used_ * size_), kept_(modes_), moved_(size_), trial_(size_),
+          factor_(size_) {}
 
     // Whether nothing beside `crossing`, which has been followed to W, is unstable at factors a little below it. `factor`: of its matrix, nearly.
     bool clear(const double* w, TrackedCrossing& crossing, const SymmetricFactor& factor) {
@@ -33,8 +34,12 @@ public:
         const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
         if (next > kApart * far) return true;
         const double least = std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain;
-        if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_)) return true;
-        return is_stable(w);
+        for (int look = 0; look < kLooks; look++) {
+            if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_)) return true;
+            if (!is_stable(w)) return false;
+            pencil_.narrow(kCloser * std::abs(peak_.root));  // it may have hidden one that is nearer
+        }
+        return true;
     }
 
     // Where the loop loses stability below the crossing (0) and where it has it back (1), after `clear` has said no: a start.
@@ -55,6 +60,8 @@ private:
     static constexpr double kLeast = 1e-6;               // of the factor: a pair that is nearer is within what safe_gain leaves
     static constexpr double kDoubt = 1e-4, kCertain = 1e-7;  // of ω: the span's error; round-off
     static constexpr int kPasses = 4, kThere = 3;        // of the iteration where no modes are known, and at a peak
+    static constexpr int kLooks = 3;                     // for peaks, each nearer to the crossing's frequency than the one before by
+    static constexpr double kCloser = 0.9;
     static constexpr int kSettling = 8;                  // steps to a root, each of which squares its error
     static constexpr double kSettled = 0.01;             // of its distance to the boundary
     static constexpr double kNear = 0.05;                // of ω: roots farther away are none that the span tells of
@@ -153,17 +160,23 @@ private:
         std::swap(span_, pencil_);
         known = known && project(w, false);
         std::swap(span_, pencil_);
-        const Complex root = span_.least_stable(0.0);
-        if (known) combine(span_, 0.0, root);
+        const double omega = at_->omega + peak_.root.real();
+        Complex roots[NearPencil::kMost];
+        span_.roots_at(0.0, roots);
+        for (std::size_t k = 0; k < used_ && known; k++) {
+            if (roots[k].imag() > kCertain * at_->omega) continue;
+            combine(span_, 0.0, roots[k]);
+            known = is_stable(w, omega, roots[k]);
+        }
         modes_.swap(kept_);
-        return known && (root.imag() > kCertain * at_->omega || is_stable(w, at_->omega + peak_.root.real(), root));
+        return known;
     }
 
     // The same of the root at `omega` + `off` by the span, whose mode is in moved_: the span may tell of one that the loop does not have, and what it
     // has instead is found by inverse iteration, with laws at the frequency where that leads. Where it leads far away there is nothing here.
     bool is_stable(const double* w, double omega, Complex off) {
-        std::vector<Complex>& x = kept_;  // the first of them
-        std::copy(moved_.begin(), moved_.end(), x.begin());
+        std::vector<Complex>& x = trial_;
+        x = moved_;
         for (int k = 0; k < kSettling; k++) {
             omega += off.real();
             if (!(std::fabs(omega - at_->omega) < kNear * at_->omega)) return std::isfinite(omega);
@@ -198,7 +211,7 @@ private:
     const JointLaws& laws_;
     std::size_t size_, used_;
     std::vector<JointValue> values_;
-    std::vector<Complex> modes_, kept_, moved_;  // modes by rows, the crossing's own first
+    std::vector<Complex> modes_, kept_, moved_, trial_;  // modes by rows, the crossing's own first
     SymmetricFactor factor_;
     NearPencil pencil_, span_;  // at the crossing, and at the peak
     NearPencil::Peak peak_;
