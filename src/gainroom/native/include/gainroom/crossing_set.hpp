@@ -108,6 +108,9 @@ private:
     void look_below(ContactState& state, double& work) {
         for (int k = 0; k < kBelow && state.count > 0 && state.order[0]->converged; k++) {
             TrackedCrossing& lowest = *state.order[0];
+            if (lowest.clear && state.path - lowest.clear_at < lowest.clear_for) return;
+            lowest.clear_at = state.path;
+            lowest.clear_for = 0.0;
             lowest.clear = loop_.clear_below(state.posture.data(), lowest, work);
             if (lowest.clear || !found_below(state, work)) return;
         }

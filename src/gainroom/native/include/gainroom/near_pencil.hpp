@@ -46,6 +46,8 @@ public:
         }
         return next;
     }
+    // How stable the least stable root is beside the crossing's own, at its factor and at peaks below: right after `peak`.
+    double margin() const { return std::max(0.0, margin_); }
     double speed() const {
         double sum = 0.0;
         for (std::size_t i = 0; i < size_; i++)
@@ -55,12 +57,14 @@ public:
 
     // Where roots are the least stable between δg = −most and −least, apart from the rise towards the crossing itself; false: everywhere −Im δω of
     // all of them is below −slack. Steps are in proportion to the distance from the crossing, as what roots do there is.
-    bool peak(double most, double least, double slack, Peak& found) const {
+    bool peak(double most, double least, double slack, Peak& found) {
         double at[3] = {most, most / kStep, most / (kStep * kStep)}, height[3];
         for (int k = 0; k < 3; k++) height[k] = growth(-at[k]);
         double highest = -1e300;
+        margin_ = beside();
         if (height[0] > 0.0) consider({-at[0], least_stable(-at[0]), -kStep * at[0], -at[1]}, highest, found);
         while (true) {
+            if (height[1] >= height[0] && height[1] >= height[2]) margin_ = std::min(margin_, -height[1]);
             const double drop = std::max(height[1] - height[0], height[1] - height[2]);
             if (height[1] >= height[0] && height[1] >= height[2] && height[1] > -kSharp * drop - slack)
                 consider(refined(at[0], at[2]), highest, found);
@@ -145,13 +149,26 @@ public:
     }
 
 private:
-    static constexpr double kStep = 1.5, kSharp = 2.0;  // a peak between two steps is no higher than so many times what they fall
-    static constexpr int kRefined = 14;
+    static constexpr double kStep = 1.8, kSharp = 1.0;  // a peak between two steps is no higher than so many times what they fall
+    static constexpr int kRefined = 9;
 
     void step(double* at, double* height) const {
         for (int k = 0; k < 2; k++) at[k] = at[k + 1], height[k] = height[k + 1];
         at[2] /= kStep;
         height[2] = growth(-at[2]);
+    }
+
+    // Im δω of the least stable root at the crossing, but for its own.
+    double beside() const {
+        Complex roots[kMost];
+        roots_at(0.0, roots);
+        std::size_t own = 0;
+        for (std::size_t k = 1; k < size_; k++)
+            if (std::norm(roots[k]) < std::norm(roots[own])) own = k;
+        double least = radius_;
+        for (std::size_t k = 0; k < size_; k++)
+            if (k != own) least = std::min(least, roots[k].imag());
+        return least;
     }
 
     static void consider(const Peak& one, double& highest, Peak& found) {
@@ -215,7 +232,7 @@ private:
     }
 
     std::size_t size_ = 0;
-    double radius_ = 0.0;
+    double radius_ = 0.0, margin_ = 0.0;
     Square fixed_{}, turning_{};  // D⁻¹M, D⁻¹G
 };
 

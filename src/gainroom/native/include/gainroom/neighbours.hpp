@@ -32,10 +32,10 @@ public:
         at_ = &crossing;
         if (!find_modes(crossing, factor) || !project(w, true)) return false;
         const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
-        if (next > kApart * far) return true;
+        if (next > kApart * far) return clear_for(crossing, next - kApart * far);
         const double least = std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain;
         for (int look = 0; look < kLooks; look++) {
-            if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_)) return true;
+            if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_)) return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin());
             if (!is_stable(w)) return false;
             pencil_.narrow(kCloser * std::abs(peak_.root));  // it may have hidden one that is nearer
         }
@@ -60,6 +60,7 @@ private:
     static constexpr double kLeast = 1e-6;               // of the factor: a pair that is nearer is within what safe_gain leaves
     static constexpr double kDoubt = 1e-4, kCertain = 1e-7;  // of ω: the span's error; round-off
     static constexpr int kPasses = 4, kThere = 3;        // of the iteration where no modes are known, and at a peak
+    static constexpr double kMoves = 3.0, kLongest = 0.02;  // what roots move at most, in ω along the path; of the path
     static constexpr int kLooks = 3;                     // for peaks, each nearer to the crossing's frequency than the one before by
     static constexpr double kCloser = 0.9;
     static constexpr int kSettling = 8;                  // steps to a root, each of which squares its error
@@ -81,6 +82,12 @@ private:
             std::copy(modes_.begin() + long(size_), modes_.end(), crossing.beside.begin());
             crossing.has_beside = true;
         }
+        return true;
+    }
+
+    // How long it holds that a root beside it is stable by `margin`: while what posture does to roots is much less.
+    static bool clear_for(TrackedCrossing& crossing, double margin) {
+        crossing.clear_for = std::min(margin / (kMoves * crossing.omega), kLongest);
         return true;
     }
 

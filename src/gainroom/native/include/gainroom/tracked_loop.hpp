@@ -27,6 +27,7 @@ struct TrackedCrossing {
     double omega_before = 0.0, gain_before = 0.0, stride = 0.0;  // where it was one step before, and the path of that step; 0: not known
     std::vector<Complex> mode, before;
     bool clear = false;  // nothing beside it is unstable at factors a little below it, see `clear_below`
+    double clear_at = 0.0, clear_for = 0.0;  // the path at which that was seen, and for how much more of it that is taken to hold
     bool has_beside = false;
     std::vector<Complex> beside;  // other modes about its frequency, where they are known
 
