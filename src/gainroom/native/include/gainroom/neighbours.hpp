@@ -22,8 +22,8 @@ namespace gainroom {
 class Neighbours {
 public:
     explicit Neighbours(const JointLaws& laws)
-        : laws_(laws), size_(laws.size()), used_(std::min(NearPencil::kMost, size_)), values_(size_), modes_(used_ * size_), kept_(modes_), moved_(size_), trial_(size_),
-          factor_(size_) {}
+        : laws_(laws), size_(laws.size()), used_(std::min(NearPencil::kMost, size_)), values_(size_), modes_(used_ * size_), kept_(modes_),
+          moved_(size_), trial_(size_), factor_(size_) {}
 
     // Whether nothing beside `crossing`, which has been followed to W, is unstable at factors a little below it. `factor`: of its matrix, nearly.
     bool clear(const double* w, TrackedCrossing& crossing, const SymmetricFactor& factor) {
@@ -35,11 +35,12 @@ public:
         if (next > kApart * far) return clear_for(crossing, next - kApart * far);
         const double least = std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain;
         for (int look = 0; look < kLooks; look++) {
-            if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_)) return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin());
+            if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_))
+                return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin());
             if (!is_stable(w)) return false;
             pencil_.narrow(kCloser * std::abs(peak_.root));  // it may have hidden one that is nearer
         }
-        return true;
+        return false;
     }
 
     // Where the loop loses stability below the crossing (0) and where it has it back (1), after `clear` has said no: a start.
@@ -61,8 +62,8 @@ private:
     static constexpr double kDoubt = 1e-4, kCertain = 1e-7;  // of ω: the span's error; round-off
     static constexpr int kPasses = 4, kThere = 3;        // of the iteration where no modes are known, and at a peak
     static constexpr double kMoves = 3.0, kLongest = 0.02;  // what roots move at most, in ω along the path; of the path
-    static constexpr int kLooks = 3;                     // for peaks, each nearer to the crossing's frequency than the one before by
-    static constexpr double kCloser = 0.9;
+    static constexpr int kLooks = 12;                    // for peaks, each nearer to the crossing's frequency than the one before by
+    static constexpr double kCloser = 0.8;
     static constexpr int kSettling = 8;                  // steps to a root, each of which squares its error
     static constexpr double kSettled = 0.01;             // of its distance to the boundary
     static constexpr double kNear = 0.05;                // of ω: roots farther away are none that the span tells of
@@ -72,13 +73,13 @@ private:
     // The crossing's mode and those beside it, orthonormal.
     bool find_modes(TrackedCrossing& crossing, const SymmetricFactor& factor) {
         std::copy(crossing.mode.begin(), crossing.mode.end(), modes_.begin());
-        const bool known = crossing.beside.size() == modes_.size() - size_ && crossing.has_beside;
+        const bool known = crossing.beside.size() >= modes_.size() - size_ && crossing.has_beside;
         for (std::size_t k = size_; k < modes_.size(); k++) modes_[k] = known ? crossing.beside[k - size_] : scattered(k);
         for (int pass = known ? 1 : kPasses; pass > 0; pass--)
             for (std::size_t k = 1; k < used_; k++) {
                 if (!sharpen(k, factor)) return crossing.has_beside = false;
             }
-        if (crossing.beside.size() == modes_.size() - size_) {
+        if (crossing.beside.size() >= modes_.size() - size_) {
             std::copy(modes_.begin() + long(size_), modes_.end(), crossing.beside.begin());
             crossing.has_beside = true;
         }
