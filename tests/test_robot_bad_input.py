@@ -127,7 +127,7 @@ EDITS = {
         "type: pd, sample_rate_hz: 500, notches: [{frequency_hz: 250}],",
         ["control.notches[0].frequency_hz: 250 Hz"],
     ),
-    "ticks of one joint": ("type: pd,", "type: pd, sample_rate_hz: 1e6,", ["joint 'hip': the delay of 2000 ticks"]),
+    "ticks of one joint": ("type: pd,", "type: pd, sample_rate_hz: 1e6,", ["delay_ms of joint 'hip': 2 ms must be <= 1 ms, 1000 ticks"]),
     "ticks of all joints": ("type: pd,", "type: pd, sample_rate_hz: 4e5,", ["all 2 joints together, 1600 ticks, must be <= 600"]),
     "anchors": ("bent: {hip", "a: &a {hip: 1}, b: *a, bent: {hip", ["line 4", "anchors and aliases"]),
     "backtracking": ("joints: {", 'joints: {"(h+)+p": {damping: 1}, ', ["'(h+)+p' can match in too many ways"]),

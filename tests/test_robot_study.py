@@ -332,7 +332,7 @@ def test_audit_json_and_status(folder: Path, capsys: pytest.CaptureFixture[str])
         ({"delay_ms": -1.0}, ["--delay-ms: -1.0 must be >= 0"]),
         ({"delay_ms": float("nan")}, ["--delay-ms: nan is not a number"]),
         ({"rate_hz": 0.0}, ["--rate-hz: 0.0 must be >= 1"]),
-        ({"rate_hz": 1e6, "delay_ms": 5.0}, ["--delay-ms", "5000 ticks"]),
+        ({"rate_hz": 1e6, "delay_ms": 5.0}, ["--delay-ms", "5 ms must be <= 1 ms, 1000 ticks"]),
         ({"stiffness": 0.0}, ["--stiffness: 0.0 must be > 0"]),
         ({"motor_inertia": -1.0}, ["--motor-inertia: -1.0 must be > 0"]),
         ({"bandwidth": 0.0}, ["--bandwidth: 0.0 must be > 0"]),
