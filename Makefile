@@ -10,7 +10,7 @@ DEMO := build/demo
 # Every command that a test starts would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test tests docs bench lint format lock wheels clean
+.PHONY: demo test test-all tests docs bench lint format lock wheels clean
 
 demo: $(NATIVE)
 	@mkdir -p $(DEMO)
@@ -19,12 +19,19 @@ demo: $(NATIVE)
 	$(BIN)/gainroom example testbed > $(DEMO)/testbed.yaml
 	$(BIN)/gainroom joint $(DEMO)/testbed.yaml --report $(DEMO)/testbed.html
 
+# Of the slow tests an eighth, with the next commit the next one: as many commits run all of them. `make test SHARE=K` runs share K.
+SHARE = $(or $(shell git rev-list --count HEAD 2>/dev/null),0)
+
 # Side by side, as types and documentation take one core half a minute.
 test: $(NATIVE)
+	@$(MAKE) --no-print-directory --jobs=2 tests lint docs SLOW="--share $(SHARE)"
+
+# Every test but the populations, which `pytest -m population` runs.
+test-all: $(NATIVE)
 	@$(MAKE) --no-print-directory --jobs=2 tests lint docs
 
 tests: $(NATIVE)
-	$(BIN)/pytest -n 2 --dist worksteal -q
+	$(BIN)/pytest -n 2 --dist worksteal -q $(SLOW)
 
 lint: $(STAMP) $(TYPES)
 	$(BIN)/ruff check .

@@ -2,6 +2,7 @@
 
 import gc
 import os
+from zlib import crc32
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -71,17 +72,26 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-LONG = (
-    "tutorial_humanoid", "delay.md", "tutorial_policy", "tutorial_joint", "the_wheel_alone", "native_headers", "test_share", "sweep.md",
-    "split_audit", "of_a_population", "talos-knee", "app_browser", "app_robot", "written_robot_is_the_audited", "simulator.md",
-)  # fmt: skip
-"""In the names of tests that take longest. They come first, so that no process is left with one of them alone at the end."""
+SHARES = 8
+"""Into as many the slow tests are divided."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--share", type=int, metavar="K", help=f"of the tests that are marked slow run share K modulo {SHARES} alone")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Populations run where `-m` names them; long tests first."""
-    if not wants_populations(config):
-        for item in items:
-            if item.get_closest_marker("population"):
-                item.add_marker(pytest.mark.skip(reason="runs with -m population"))
-    items.sort(key=lambda item: next((k for k, name in enumerate(LONG) if name in item.nodeid), len(LONG)))
+    """Populations run where `-m` names them; slow tests first, so that no process is left with one of them alone at the end."""
+    if wants_populations(config):
+        return
+    share = config.getoption("share")
+    slow, quick, left = [], [], []
+    for item in items:
+        if item.get_closest_marker("population"):
+            item.add_marker(pytest.mark.skip(reason="runs with -m population"))
+        is_slow = item.get_closest_marker("slow") is not None
+        of_another = is_slow and share is not None and (crc32(item.nodeid.encode()) - share) % SHARES != 0
+        (left if of_another else slow if is_slow else quick).append(item)
+    if left:
+        config.hook.pytest_deselected(items=left)
+    items[:] = slow + quick

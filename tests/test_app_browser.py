@@ -38,6 +38,7 @@ def with_gains(kp: float, kd: float, delay: float = 2.0) -> str:
     return text.replace("delay_ms: 2.0", f"delay_ms: {delay!r}")
 
 
+@pytest.mark.slow
 def test_it_opens_with_the_verdict_of_the_command_line(tab: Tab, capsys, tmp_path: Path):
     tab.settle(CERTIFIED)
     said = said_by_command(capsys, EXAMPLES["fig9"], tmp_path)
@@ -48,6 +49,7 @@ def test_it_opens_with_the_verdict_of_the_command_line(tab: Tab, capsys, tmp_pat
     assert tab.page.locator("[data-area=required]").count() == 1
 
 
+@pytest.mark.slow
 def test_a_quick_verdict_behind_the_certified_one_changes_no_word(tab: Tab):
     """They come from two threads: on a busy machine the quick one may be the slower."""
     tab.settle(CERTIFIED)
@@ -59,6 +61,7 @@ def test_a_quick_verdict_behind_the_certified_one_changes_no_word(tab: Tab):
     assert tab.page.evaluate(CERTIFIED)
 
 
+@pytest.mark.slow
 def test_dragged_gains_are_judged_as_the_command_line_judges_them(tab: Tab, capsys, tmp_path: Path):
     tab.drag((0.6, 0.3), (0.45, 0.8))
     tab.settle(CERTIFIED)
@@ -69,6 +72,7 @@ def test_dragged_gains_are_judged_as_the_command_line_judges_them(tab: Tab, caps
     assert tab.text("[data-name=gain_margin] b").split()[0] == f"{said['gain_margin_db']:.3g}"
 
 
+@pytest.mark.slow
 def test_far_up_it_says_unstable(tab: Tab):
     tab.drag((0.5, 0.97))
     tab.settle(CERTIFIED)
@@ -77,6 +81,7 @@ def test_far_up_it_says_unstable(tab: Tab):
     tab.page.get_by_text("do not run these gains").wait_for()
 
 
+@pytest.mark.slow
 def test_keys_move_the_dot_and_undo_brings_it_back(tab: Tab):
     page = tab.page
     page.locator("#dot").focus()
@@ -93,6 +98,7 @@ def test_keys_move_the_dot_and_undo_brings_it_back(tab: Tab):
     assert page.locator("#undo").is_disabled()
 
 
+@pytest.mark.slow
 def test_the_delay_slider_shrinks_the_region(tab: Tab, capsys, tmp_path: Path):
     def top() -> float:
         return tab.page.evaluate("() => document.querySelector('[data-area=stable]').getBBox().height")
@@ -105,6 +111,7 @@ def test_the_delay_slider_shrinks_the_region(tab: Tab, capsys, tmp_path: Path):
     assert tab.text("#sentence") == said["sentence"]
 
 
+@pytest.mark.slow
 def test_as_stiff_as_it_may_be_at_four_milliseconds_and_taken_away(tab: Tab, capsys, tmp_path: Path):
     """What the page is for, from the first look to the clipboard."""
     tab.page.locator("#delay_ms").fill("4")
@@ -123,6 +130,7 @@ def test_as_stiff_as_it_may_be_at_four_milliseconds_and_taken_away(tab: Tab, cap
     assert said_by_command(capsys, with_gains(kp, kd, 4.0), tmp_path)["requirements_met"] is True
 
 
+@pytest.mark.slow
 def test_the_address_holds_the_view(tab: Tab, served: Served):
     tab.drag((0.4, 0.3))
     tab.page.locator("#delay_ms").fill("3.5")
@@ -136,6 +144,7 @@ def test_the_address_holds_the_view(tab: Tab, served: Served):
     assert not other.said
 
 
+@pytest.mark.slow
 def test_two_tabs_do_not_disturb_each_other(tab: Tab, served: Served):
     other = tab_in(tab.page.context, served.address)
     tab.drag((0.3, 0.2))
@@ -146,6 +155,7 @@ def test_two_tabs_do_not_disturb_each_other(tab: Tab, served: Served):
     assert tab.text("#sentence") != other.text("#sentence")
 
 
+@pytest.mark.slow
 def test_saving_shows_the_difference_first(browser: Any, tmp_path: Path):
     file = tmp_path / "joint.yaml"
     file.write_text(EXAMPLES["testbed"], "utf-8")
@@ -164,6 +174,7 @@ def test_saving_shows_the_difference_first(browser: Any, tmp_path: Path):
         assert not tab.said
 
 
+@pytest.mark.slow
 def test_a_server_that_comes_back_finds_the_page_as_it_was(browser: Any, tmp_path: Path):
     file = tmp_path / "joint.yaml"
     file.write_text(EXAMPLES["fig9"], "utf-8")
@@ -189,6 +200,7 @@ def test_a_server_that_comes_back_finds_the_page_as_it_was(browser: Any, tmp_pat
         second.process.wait()
 
 
+@pytest.mark.slow
 def test_on_a_phone_everything_is_within_its_width(browser: Any, served: Served):
     tab = open_tab(browser, served.address, 420, 800)
     tab.settle(CERTIFIED)
@@ -199,6 +211,7 @@ def test_on_a_phone_everything_is_within_its_width(browser: Any, served: Served)
     assert not tab.said
 
 
+@pytest.mark.slow
 def test_on_a_phone_one_line_of_verdict_stays(browser: Any, served: Served):
     """The word and what the cards say, at the top of the screen wherever the page is scrolled to."""
     context = browser.new_context(viewport={"width": 420, "height": 860}, is_mobile=True, has_touch=True, reduced_motion="reduce")
@@ -215,6 +228,7 @@ def test_on_a_phone_one_line_of_verdict_stays(browser: Any, served: Served):
     context.close()
 
 
+@pytest.mark.slow
 def test_gains_beyond_the_map_widen_it(tab: Tab):
     tab.page.locator("#gain-kd").fill("2000")
     tab.page.keyboard.press("Tab")
@@ -223,6 +237,7 @@ def test_gains_beyond_the_map_widen_it(tab: Tab):
     assert tab.view()["gains"]["kd"] == 2000.0
 
 
+@pytest.mark.slow
 def test_the_slider_of_the_sample_rate_ends_in_continuous_time(tab: Tab):
     """Rates have two digits; the last step is no rate, which an empty number with the sign of infinity shows, and typing 0 is the same."""
     slider, typed = tab.page.locator("#sample_rate_hz"), tab.page.locator("#sample_rate_hz-typed")
@@ -242,6 +257,7 @@ def test_the_slider_of_the_sample_rate_ends_in_continuous_time(tab: Tab):
         assert tab.view()["sample_rate_hz"] == float(rate)
 
 
+@pytest.mark.slow
 def test_the_keyboard_alone_reaches_everything(tab: Tab):
     tab.settle(CERTIFIED)
     wanted = {"snap", "copy", "save", "gain-kp", "delay_ms", "stiffness", "link_inertia", "sample_rate_hz", "dot"}
@@ -256,6 +272,7 @@ def test_the_keyboard_alone_reaches_everything(tab: Tab):
     assert tab.text("#sentence").startswith("Not decided: the file has no rate, ")
 
 
+@pytest.mark.slow
 def test_a_run_is_simulated_and_can_be_stopped(tab: Tab):
     tab.page.get_by_role("button", name="Shake it").click()
     tab.page.get_by_text("control.sample_rate_hz: is missing").wait_for()  # a run goes tick by tick

@@ -44,6 +44,7 @@ def choose(tab: Tab, name: str) -> None:
     tab.settle()
 
 
+@pytest.mark.slow
 def test_any_example_is_chosen_and_its_numbers_are_the_command_lines(browser: Any, bare: Served, capsys, tmp_path: Path):
     tab = open_tab(browser, bare.address)
     assert tab.page.locator("#example option").all_inner_texts() == list(TEXTS)
@@ -60,6 +61,7 @@ def test_any_example_is_chosen_and_its_numbers_are_the_command_lines(browser: An
     assert not tab.said
 
 
+@pytest.mark.slow
 def test_the_knee_as_stiff_as_it_may_be_at_four_milliseconds(browser: Any, capsys, tmp_path: Path):
     """A first user's job: from `gainroom example talos-knee` to gains that the command line calls safe, by hand and by Save."""
     main(["example", "talos-knee"])
@@ -99,6 +101,7 @@ def test_the_knee_as_stiff_as_it_may_be_at_four_milliseconds(browser: Any, capsy
         assert (found["unmet"], found["sentence"]) == ([], said)  # in the worst of the stated ranges, as far as it was examined
 
 
+@pytest.mark.slow
 def test_a_card_leads_to_where_its_margin_is_worst(browser: Any, bare: Served):
     """To the state and the joint of which the verdict speaks, in the posture as it is posed."""
     tab = open_tab(browser, bare.address + "?example=biped")
@@ -119,6 +122,7 @@ def test_a_card_leads_to_where_its_margin_is_worst(browser: Any, bare: Served):
     assert not tab.said
 
 
+@pytest.mark.slow
 def test_two_tabs_on_different_examples(browser: Any, bare: Served):
     """The address holds which, with the view: a copy of the tab is the same."""
     tab = open_tab(browser, bare.address + "?example=fig9")
@@ -173,6 +177,7 @@ def with_token(token: str) -> Iterator[str]:
         listener.close()
 
 
+@pytest.mark.slow
 def test_the_token_stays_when_another_example_is_chosen(browser: Any):
     with with_token("secret") as address:
         assert get(address + "?example=fig9")[0] == 403
@@ -193,6 +198,7 @@ def put(tab: Tab, name: str, text: str) -> None:
     tab.page.keyboard.press("Enter")
 
 
+@pytest.mark.slow
 def test_typed_values(browser: Any, bare: Served, capsys, tmp_path: Path):
     """No delay, and more than the slider shows, are the command line's; what is no such number is put back and said."""
     tab = open_tab(browser, bare.address + "?example=fig9")

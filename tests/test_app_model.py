@@ -80,6 +80,7 @@ def test_keyframes_of_the_model_and_of_its_scene_are_presets(leg: Path):
     assert frames == {"squat": {"hip": -0.6, "knee": 1.2}, "kneel": {"hip": -0.2, "knee": 2.0}}
 
 
+@pytest.mark.slow
 def test_a_keyframe_is_taken_in_the_browser(browser: Any, leg: Path):
     with serving(leg, *OPTIONS) as own:
         tab = open_tab(browser, own.address)
@@ -118,6 +119,7 @@ def test_calls_that_mean_nothing_are_refused(words: tuple[str, ...], message: st
     assert not Path("page.html").exists()
 
 
+@pytest.mark.slow
 def test_gains_are_found_and_the_view_exported(browser: Any, leg: Path):
     """What a search finds meets every requirement, and the page that is taken away says so without a server."""
     with serving(leg, *OPTIONS) as own:
@@ -144,6 +146,7 @@ def colours(canvas: Any) -> int:
     return len(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB").getcolors(1 << 24))
 
 
+@pytest.mark.slow
 def test_the_robot_is_drawn_and_can_be_held(browser: Any, leg: Path):
     with serving(leg, *OPTIONS) as own:
         tab = open_tab(browser, own.address, moving=True)
@@ -160,6 +163,7 @@ def test_the_robot_is_drawn_and_can_be_held(browser: Any, leg: Path):
         assert not tab.said
 
 
+@pytest.mark.slow
 def test_a_robot_whose_meshes_come_late_is_in_view(browser: Any, tmp_path: Path):
     """All of it, with white around: the camera follows what comes."""
     (tmp_path / "part.stl").write_text(TETRAHEDRON, "utf-8")
@@ -187,6 +191,7 @@ def test_a_robot_whose_meshes_come_late_is_in_view(browser: Any, tmp_path: Path)
         context.close()
 
 
+@pytest.mark.slow
 def test_a_run_is_played_on_the_robot_and_can_be_stopped(browser: Any, leg: Path):
     with serving(leg, *OPTIONS) as own:
         tab = open_tab(browser, own.address, moving=True)

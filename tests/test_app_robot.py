@@ -62,6 +62,7 @@ LAWS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "count"),
     [("pd", 3), ("ppi", 3), pytest.param("pd", 25, marks=pytest.mark.population), pytest.param("ppi", 25, marks=pytest.mark.population)],
@@ -93,6 +94,7 @@ def test_every_number_is_the_command_lines(tmp_path: Path, law: str, count: int)
         assert quick["mode"]["gain"] == pytest.approx(said["states"][0]["gain_limit"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_page_opens_on_the_joint_that_vibrates_first(tmp_path: Path):
     """In the file's first state; what `gainroom robot` calls its limiting joint."""
     text = TEXT.partition("limits:")[0] + "limits: {}\n"  # no gains to be recommended
@@ -142,6 +144,7 @@ def test_a_payload_of_the_file_is_taken_off_and_moved():
         list(bench.quick(View(payload=1.0, payload_at="nobody"), None, ""))
 
 
+@pytest.mark.slow
 def test_copies_state_the_worst_of_all_states(tmp_path: Path):
     """Whichever state is shown: the least gain limit that `gainroom robot` prints, and where; unstable in one, not to be run."""
     bench = bench_of(TEXT.partition("limits:")[0] + "limits: {}\n")
@@ -165,6 +168,7 @@ def test_copies_state_the_worst_of_all_states(tmp_path: Path):
     assert "UNSTABLE in " in bench.copied(view, "mjcf")
 
 
+@pytest.mark.slow
 def test_what_is_computed_of_every_state_says_what_follows_and_can_be_ended():
     bench, view = bench_of(TYPED.format(delay=2.0, gains="kp: 2000.0, kd: 100.0", rate="").replace("limits: {}", LIMITS)), View()
     maps = [part for name, part in bench.curves(view, None, "", True) if name == "map"]
@@ -186,6 +190,7 @@ def test_what_is_computed_of_every_state_says_what_follows_and_can_be_ended():
             list(bench.curves(view, None, "", True, told))
 
 
+@pytest.mark.slow
 def test_task_gains_are_edited_in_their_lists():
     bench = bench_of(TASKS)
     view = View.model_validate({"gains": {"com z": {"kp": 210.0, "kd": 14.0}}})
@@ -235,6 +240,7 @@ STEPS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("text", "name", "rate"), STEPS)
 def test_a_step_is_the_inverse_transform_of_the_closed_loop(text: str, name: str, rate: int):
     """x = rᵀ (I + G D)⁻¹ G l c, with D of all gains, put together from responses and not from states; sampled: on the ticks."""
@@ -266,6 +272,7 @@ def test_a_step_is_the_inverse_transform_of_the_closed_loop(text: str, name: str
     assert changed["before"]["reference"] != changed["step"]["reference"]
 
 
+@pytest.mark.slow
 def test_recommended_gains_of_a_cascade_are_gains_that_it_has():
     """They are found as PD; typed into a P/PI file as kp = kp/kd, kv = kd, ki = 0 they are the same loop."""
     laws = {}
@@ -293,6 +300,7 @@ def of_tasks(com: str) -> str:
     return text.replace("limits: {}", f"tasks: {tasks}\n{LIMITS}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "com", ["pd kp: [50, 90, 200], kd: [5, 8, 15]", "ppikp: [10, 10, 14], kv: [6, 8, 15], ki: [3, 4, 5]"], ids=["pd", "ppi"]
 )
@@ -320,6 +328,7 @@ def test_recommended_gains_of_tasks_stay_the_recommended_ones(com: str):
         assert np.abs(single).max() < 2.5 * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_the_pictures_of_a_run_are_its_postures():
     """Of a robot that a step moves: the skeleton of the first picture is the posture's, and bones keep their length."""
     text = TYPED.format(delay=1.0, gains="kp: 2000.0, kd: 100.0", rate=", sample_rate_hz: 1000")

@@ -29,6 +29,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield found
 
 
+@pytest.mark.slow
 def test_states_are_chosen_in_the_heat_map_and_joints_posed(browser: Any, served: Served):
     tab = open_tab(browser, served.address)
     tab.settle(CERTIFIED)
@@ -58,6 +59,7 @@ def test_states_are_chosen_in_the_heat_map_and_joints_posed(browser: Any, served
     assert not tab.said
 
 
+@pytest.mark.slow
 def test_names_out_of_a_file_stay_text(browser: Any, tmp_path: Path):
     """A joint, posture and contact whose names would be script if they were ever put into markup."""
     evil = "<img src=x onerror=window.broken=1>"
@@ -79,6 +81,7 @@ def test_names_out_of_a_file_stay_text(browser: Any, tmp_path: Path):
         assert not tab.said
 
 
+@pytest.mark.slow
 def test_a_cascade_is_dragged_undone_copied_and_saved(browser: Any, tmp_path: Path):
     file, text = tmp_path / "robot.yaml", TYPED.replace("type: pd", "type: ppi").replace("[left_sole]}", "[left_sole], flight: []}")
     file.write_text(text.format(delay=2.0, gains=LAWS["ppi"][0], rate=""), "utf-8")
@@ -121,6 +124,7 @@ SAID = """() => { window.said = []; new MutationObserver(() => said.push(documen
     .observe(document.querySelector('#map .legend'), { childList: true, subtree: true }); }"""
 
 
+@pytest.mark.slow
 def test_a_payload_is_slid_and_a_search_stopped(browser: Any, tmp_path: Path):
     """What is shown with a payload is what the file with it says; a search ends at a press, and where it would be of another robot."""
     (tmp_path / "robot.yaml").write_text(of_tasks("pd kp: [50, 90, 200], kd: [5, 8, 15]"), "utf-8")
@@ -159,6 +163,7 @@ def test_a_payload_is_slid_and_a_search_stopped(browser: Any, tmp_path: Path):
         assert not tab.said + other.said
 
 
+@pytest.mark.slow
 def test_the_step_of_a_task_direction_has_its_unit(browser: Any, tmp_path: Path):
     text = CASCADES.replace("  left: [left_sole]\n  right: [right_sole]\n  flight: []\n", "")  # one state to certify behind it
     (tmp_path / "robot.yaml").write_text(text.partition("limits:")[0] + "limits: {}\n", "utf-8")
@@ -171,6 +176,7 @@ def test_the_step_of_a_task_direction_has_its_unit(browser: Any, tmp_path: Path)
         assert not tab.said
 
 
+@pytest.mark.slow
 def test_recommended_gains_of_tasks_are_found_and_taken(browser: Any, tmp_path: Path):
     (tmp_path / "robot.yaml").write_text(of_tasks("pd kp: [50, 90, 200], kd: [5, 8, 15]"), "utf-8")
     with serving(tmp_path / "robot.yaml") as own:

@@ -78,6 +78,7 @@ NUMBERS = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "limits"), [(50, "{}"), pytest.param(200, "{}", marks=pytest.mark.population), (4, USUAL)])
 def test_every_number_is_the_command_lines(tmp_path: Path, count: int, limits: str):
     """The file is typed anew for the command line, so an edit that went wrong shows. Equal to the last bit: it is the same computation."""
@@ -99,6 +100,7 @@ def test_every_number_is_the_command_lines(tmp_path: Path, count: int, limits: s
     assert 0.2 * count < stable < 0.95 * count or count < 10
 
 
+@pytest.mark.slow
 def test_over_ranges_it_says_what_the_command_line_says(tmp_path: Path):
     """Nominal while dragging, and marked so; then the worst case."""
     text = EXAMPLES["fig9"] + "uncertainty: {stiffness: 20%, delay_ms: [2.0, 2.3]}\n"

@@ -67,6 +67,7 @@ def starred(tab: Tab) -> list[str]:
     return [text for text in tab.page.locator(".row").all_inner_texts() if "★" in text]
 
 
+@pytest.mark.slow
 def test_a_star_of_other_values_is_neither_taken_nor_shown_as_theirs(browser: Any, knee: Served):
     tab = open_tab(browser, knee.address)
     tab.settle(CERTIFIED)
@@ -103,6 +104,7 @@ def test_a_star_of_other_values_is_neither_taken_nor_shown_as_theirs(browser: An
     assert not tab.said
 
 
+@pytest.mark.slow
 def test_ranges_are_stated_where_they_are_set(browser: Any, knee: Served):
     """As the file has them, 4 to 6 ticks of 0.5 ms, and as they are widened."""
     tab = open_tab(browser, knee.address)
@@ -151,6 +153,7 @@ def robot_rests_and_moves(tab: Tab) -> None:
     assert comes_to_rest(tab)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["knee", "biped"])
 def test_nothing_moves_while_answers_come_and_nothing_is_beside_the_page(browser: Any, kind: str, request: pytest.FixtureRequest):
     tab = open_tab(browser, request.getfixturevalue(kind).address)
@@ -172,6 +175,7 @@ def test_nothing_moves_while_answers_come_and_nothing_is_beside_the_page(browser
     assert not tab.said
 
 
+@pytest.mark.slow
 def test_the_first_words_claim_no_more_than_is_known(browser: Any, biped: Served):
     """One of two states is not known to be more than that one, on the phone's line, too."""
     tab = open_tab(browser, biped.address)
@@ -195,6 +199,7 @@ def test_the_first_words_claim_no_more_than_is_known(browser: Any, biped: Served
     assert not tab.said
 
 
+@pytest.mark.slow
 def test_an_unstable_state_is_said_as_soon_as_it_is_known():
     """Before the others are examined, which it says, too; whether a state is stable is told by the roots of its loop."""
     pytest.importorskip("pinocchio")
@@ -224,6 +229,7 @@ def test_an_unstable_state_is_said_as_soon_as_it_is_known():
     assert seen == {1, 2}  # among them gains that are stable in some states alone, the one that is looked at among those
 
 
+@pytest.mark.slow
 def test_a_run_on_the_drawing_is_called_one(browser: Any, biped: Served):
     """In title and caption, until the critical mode is back; and no root of other gains is told."""
     tab = open_tab(browser, biped.address)
@@ -245,6 +251,7 @@ def test_a_run_on_the_drawing_is_called_one(browser: Any, biped: Served):
     assert not tab.said
 
 
+@pytest.mark.slow
 def test_a_menu_closes_and_a_search_never_goes_back(browser: Any, knee: Served):
     tab = open_tab(browser, knee.address)
     tab.settle(CERTIFIED)

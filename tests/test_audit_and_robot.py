@@ -81,6 +81,7 @@ def test_a_joint_is_judged_with_the_other_loops_closed(capsys: pytest.CaptureFix
             assert is_stable(system.loop(model, gr.PD(factor * law.kp, factor * law.kd))) is stable
 
 
+@pytest.mark.slow
 def test_both_miss_the_same(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """Random gains and gearboxes: the same requirements, with the same values, are missed or met."""
     monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # gains to use take longest
@@ -101,6 +102,7 @@ def test_both_miss_the_same(capsys: pytest.CaptureFixture[str], monkeypatch: pyt
     assert seen == {True, False, "gain_margin", "phase_margin", "peak_sensitivity", "delay_margin"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [("--stiffness", "900", "--damping", "0.4"), ("--stiffness", "200", "--damping", "0.05")])
 def test_the_way_that_an_unsafe_audit_names_ends_in_safe(capsys: pytest.CaptureFixture[str], options: tuple[str, ...]):
     """--write-robot, robot, and audit again."""

@@ -49,6 +49,7 @@ def closed_form(joint: gr.ElasticJoint, kp: float, kd: float, delay: float) -> t
     return float(np.abs(phase).min()), float(np.min((phase % (2 * math.pi)) / crossings)), float(peak)
 
 
+@pytest.mark.slow
 def test_safe_is_both_margins_of_a_population(capsys: pytest.CaptureFixture[str]):
     """One joint on an elastic gearbox; the audit's verdict by the formulas. None lies within 1 % of an edge."""
     random, kinds = np.random.default_rng(2), {"safe": 0, "delay alone": 0, "gain": 0}
@@ -85,6 +86,7 @@ def test_safe_is_both_margins_of_a_population(capsys: pytest.CaptureFixture[str]
             assert [joint["safe"] for joint in told["joints"]] == [False]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [(), ("--rate-hz", "2000")])
 def test_the_delay_margin_is_the_delay_that_is_survived(capsys: pytest.CaptureFixture[str], rate: tuple[str, ...]):
     _, told = asked(capsys, "--delay-ms", "0.5", *rate)
@@ -97,6 +99,7 @@ def test_the_delay_margin_is_the_delay_that_is_survived(capsys: pytest.CaptureFi
         assert again["unmet"] == ([] if stable else ["delay_margin"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "key"), [("phase_margin", "phase_margin_deg"), ("peak_sensitivity", "peak_sensitivity")])
 def test_other_margins_are_judged_where_they_are_asked_for(capsys: pytest.CaptureFixture[str], name: str, key: str):
     _, told = asked(capsys, "--delay-ms", "0.5")
@@ -121,6 +124,7 @@ def test_every_requirement_that_fails_is_named(capsys: pytest.CaptureFixture[str
         assert name in asked(capsys, "--delay-ms", delay, "--margin-db", "0.001", "--delay-margin-ms", "0", *words)[1]["unmet"]
 
 
+@pytest.mark.slow
 def test_the_factor_to_use_has_every_margin(capsys: pytest.CaptureFixture[str]):
     """Typed with that factor gains are safe, and with 1 % more they are not."""
     options = ("--delay-ms", "0.5", "--rate-hz", "2000", "--delay-margin-ms", "3")

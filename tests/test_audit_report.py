@@ -162,6 +162,7 @@ def test_safe_is_told_as_it_was_asked(folder: Path, capsys: pytest.CaptureFixtur
     assert without_library(page).count("1.995 (6 dB) or more") == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options", [["--delay-ms", "20"], ["--delay-ms", "6", "--rate-hz", "500"], ["--delay-ms", "4", "--margin-db", "12"]]
 )
@@ -263,6 +264,7 @@ def test_patterns_match_their_group_alone_and_once():
     assert patterns(["a", "b"], ["a", "b", "ab"]) == ["a", "b"]
 
 
+@pytest.mark.slow
 def test_the_command_on_the_page_makes_it_again(folder: Path, capsys: pytest.CaptureFixture[str]):
     options = [
         "--delay-ms",
@@ -301,6 +303,7 @@ def test_the_terminal_names_the_page_and_inputs_stay(folder: Path, capsys: pytes
         assert (folder / name).read_bytes() == before
 
 
+@pytest.mark.slow
 def test_models_by_a_packages_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert locate("example-robot-data:solo12.urdf") == locate({"package": "example-robot-data", "file": "solo12.urdf"})
     assert load_model("gainroom:biped.urdf").size == 12

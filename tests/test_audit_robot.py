@@ -35,6 +35,7 @@ control: {{type: pd, kp: {{default: 900, ".*_knee": 700}}, kd: {{default: 40, ".
     return gr.load_robot(write(folder, text, "hand.yaml")).system
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["flat", "line", "point"])
 def test_contacts_have_types_and_joints_their_own_gearbox(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str):
     gains = write(tmp_path, GAINS, "gains.yaml")
@@ -48,6 +49,7 @@ def test_contacts_have_types_and_joints_their_own_gearbox(tmp_path: Path, capsys
     assert any("flat" in text for text in found["assumptions"]) == (kind == "flat")
 
 
+@pytest.mark.slow
 def test_the_written_robot_is_the_audited_one(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """Its limits, with and without contact, its rate and its joints; the model is named from where the file is."""
     monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # which take longest
@@ -67,6 +69,7 @@ def test_the_written_robot_is_the_audited_one(tmp_path: Path, capsys: pytest.Cap
     assert system.control.sample_time == 1e-3
 
 
+@pytest.mark.slow
 def test_the_written_robot_keeps_loops_and_its_model_beside_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     model, out = write(tmp_path, FOUR_BAR, "bars.xml"), tmp_path / "robot.yaml"
     _, found = asked(capsys, "audit", str(model), "--delay-ms", "2", "--write-robot", str(out))

@@ -24,6 +24,7 @@ def audited(capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, str
     return status, capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--stiffness", "8000", "--damping", "2"), ("--rate-hz", "1000", "--margin-db", "12")])
 def test_the_first_lines_name_joint_and_remedy(capsys: pytest.CaptureFixture[str], options: tuple[str, ...]):
     status, out = audited(capsys, *options)
@@ -52,6 +53,7 @@ def test_the_first_lines_name_joint_and_remedy(capsys: pytest.CaptureFixture[str
     assert "Assumed: " not in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", ["2", "4"])
 def test_scaled_gains_are_safe_and_hardly_more_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str], delay: str):
     """Of gains that are stable (2 ms) and that are not (4 ms), typed again with the factor that is said, and with 1 % more."""
@@ -69,6 +71,7 @@ def test_scaled_gains_are_safe_and_hardly_more_is_not(tmp_path: Path, capsys: py
         assert math.isclose(again["joints"][0]["kp"], factor * told["joints"][0]["kp"], rel_tol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", ["2", "4"])
 def test_gains_on_the_page_have_four_digits_and_are_safe(tmp_path: Path, capsys: pytest.CaptureFixture[str], delay: str):
     """Read off the page, and audited again."""
@@ -88,6 +91,7 @@ def test_gains_on_the_page_have_four_digits_and_are_safe(tmp_path: Path, capsys:
     assert json.loads(audited(capsys, "--delay-ms", delay, "--gains", str(path), "--json")[1])["safe"] is True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", ["2", "4"])
 def test_only_joints_that_need_it_are_lowered(tmp_path: Path, capsys: pytest.CaptureFixture[str], delay: str):
     """All others keep their gains; the set is safe, and with half a percent more on the lowered joints it is not."""
@@ -127,6 +131,7 @@ def test_safe_gains_that_hardly_damp_say_so(tmp_path: Path, capsys: pytest.Captu
     assert audited(capsys, *options, "--peak-sensitivity", "2")[0] == 1
 
 
+@pytest.mark.slow
 def test_safe_rests_on_stiff_gearboxes(capsys: pytest.CaptureFixture[str]):
     """The headline says so, and says nothing of it where a stiffness is given."""
     status, out = audited(capsys, "--delay-ms", "0.5")

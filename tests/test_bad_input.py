@@ -178,6 +178,7 @@ def mutated_file(random: Random) -> bytes:
     return raw
 
 
+@pytest.mark.slow
 @settings(max_examples=1000, deadline=None, suppress_health_check=list(HealthCheck))
 @given(random=RANDOMS)
 def test_mutated_files_are_read_or_refused_in_one_line(random: Random):

@@ -13,6 +13,7 @@ from identified import multisine, soft_loop
 TICK = 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weight", [0.0, 3.0])
 def test_sysid_finds_a_joint_without_friction_and_noise(weight: float):
     """From 30 % off, in windows over all of the log; the current loop is slow beside the tick, so that the torque is known in between."""

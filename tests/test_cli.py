@@ -77,6 +77,7 @@ def strict_json(text: str) -> dict:
     return json.loads(text, parse_constant=reject_constant)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
 def test_joint_json(said: Callable[..., Said], name: str):
     status, out, err = said(name, "--json")
@@ -133,6 +134,7 @@ def test_a_gain_that_may_hardly_fall_has_no_gain_margin(tmp_path: Path, capsys: 
     assert "≥ 6 dB    no" in row
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beyond", [False, True])
 def test_gains_are_judged_over_the_stated_ranges(tmp_path: Path, capsys: pytest.CaptureFixture[str], beyond: bool):
     """The delay margin says exactly which longest delay is still stable: a range that ends a thousandth before or after it."""
@@ -190,6 +192,7 @@ def test_recommended_controller_can_be_typed_back(tmp_path: Path, capsys: pytest
         assert typed[name] == pytest.approx(best["margins"][name], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_uncertain_rows_keep_cases_apart(said: Callable[..., Said]):
     out = said("talos-knee", "--verbose").out
     assert "recommended (worst case)" in out

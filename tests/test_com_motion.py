@@ -8,6 +8,7 @@ from gainroom.paper.biped import MOVE
 from gainroom.paper.com_motion import LAWS, motion, pd_rows, ppi_rows, setup
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", LAWS)
 def test_it_stays_balanced(controller):
     found = motion(controller)

@@ -61,6 +61,7 @@ def test_limits_of_the_population(draw: Draw):
     assert np.mean(proved) > (0.7 if draw is hard else 0.9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", DRAWS)
 def test_they_are_the_limits_from_loci(draw: Draw):
     """To 1e-7, as in test_proved_limit.py, where loci have not taken the next crossing, which may be as far as roots are counted: 1e-6.
@@ -99,6 +100,7 @@ def test_modes_are_eigenvectors(draw: Draw):
     assert seen > 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [30, pytest.param(60, marks=pytest.mark.population)])
 @pytest.mark.parametrize("draw", DRAWS)
 def test_the_turns_of_the_determinant_count_the_unstable_roots(draw: Draw, count: int):
@@ -119,6 +121,7 @@ def test_the_turns_of_the_determinant_count_the_unstable_roots(draw: Draw, count
     assert len(set(counts)) > 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", DRAWS)
 def test_at_rest(draw: Draw):
     """Below `low` no factor on the way puts a root at jω, and det F turns as is said, up to 2 % for what lies below the first sample."""
@@ -157,6 +160,7 @@ def held(numerator: float, poles: list[complex], late: float, step: float, z: np
     return (1 - 1 / z) * total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [holding, directed, hard])
 def test_nothing_grows_about_rest_by_more_than_is_said(draw: Draw):
     """On the circle |s| = R/2, where analytic functions are largest: every mode's response and every 1/c, against MOST of those at 0."""

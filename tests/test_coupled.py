@@ -72,6 +72,7 @@ def test_delay_margin_is_the_delay_that_can_be_added(seed):
         assert (unstable(gr.build_loop(parts.plant, later, parts.controller)) == 0) is stays
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample_time", [None, 1e-3])
 @pytest.mark.parametrize("seed", seeds(3, 6))
 def test_each_loop_with_the_others_closed(seed, sample_time):

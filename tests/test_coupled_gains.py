@@ -35,6 +35,7 @@ def test_one_joint_keeps_its_margins(gains):
     assert kept.peak_sensitivity == pytest.approx(exact.peak_sensitivity, rel=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample_time", [None, 5e-4])
 @pytest.mark.parametrize("seed", seeds(2, 3))
 def test_coupled_joints_keep_the_least_of_all_their_margins(seed, sample_time):
@@ -62,6 +63,7 @@ def test_coupled_joints_keep_the_least_of_all_their_margins(seed, sample_time):
     assert kept.peak_sensitivity >= np.abs(sensitivity).max() * (1 - 1e-9)
 
 
+@pytest.mark.slow
 def test_close_crossings_of_near_equal_limbs_are_not_lost():
     """Against the certified margins of all loops together: two loci meet the unit circle, or the axis, side by side."""
     seen = 0
@@ -258,6 +260,7 @@ def test_slopes_are_the_changes_of_margins(seed, across, sample_time):
 TWINS = 14  # the seed of two crossings that are close
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample_time", [None, 5e-4])
 @pytest.mark.parametrize("seed", seeds(4, 40))
 def test_delay_margins_and_their_slopes(seed, sample_time):

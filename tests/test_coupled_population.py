@@ -157,6 +157,7 @@ def confirm(draw: Callable[[int, int], Pair], numbers: range) -> None:
     assert found["refused"] <= max(1, 2 * REFUSED * len(numbers))  # of so few, twice the share is no evidence of more
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [limbs, chain])
 def test_share(draw):
     confirm(draw, range(SHARE))
@@ -202,6 +203,7 @@ def least_peaks(sensitivities, count):
     return tuple(map(list, zip(*found, strict=True)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [807, 1642, 1809])
 def test_joints_that_no_gain_holds_take_no_disk_margin(number):
     """They drift at 0, where rounding makes L infinite in directions in which it is not. With gains K = K V Vᵀ no such motion is left:
@@ -234,6 +236,7 @@ def test_joints_that_no_gain_holds_take_no_disk_margin(number):
         assert gr.joint_margins(loop).stable == (unstable(pair.machine) == 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [114, 147, 148, 368])
 def test_loops_whose_integrators_drown_the_rest(number):
     """I + L is singular to the last digit at rest: no disk margin is known there, all else is."""

@@ -24,6 +24,7 @@ JOINTS = {
 SHIFT = 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JOINTS)
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_gain_margin_is_continuous_and_true(name, ticks):

@@ -45,6 +45,7 @@ SECTIONS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", docs_output.documents(), ids=lambda path: path.name)
 def test_blocks_run_and_print_what_is_shown(path: Path, tmp_path: Path):
     text = path.read_text("utf-8")

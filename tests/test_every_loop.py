@@ -45,6 +45,7 @@ def system_and_models(text: str, states: list[tuple[str, str]] | None) -> tuple[
     return system, [system.source.linearize(*place) for place in states or system.source.states]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "states"), [SHARE, pytest.param(*WHOLE, marks=pytest.mark.population)], ids=["share", "all"])
 @pytest.mark.parametrize(("text", "joint", "window"), CASES)
 def test_random_gains_are_good_in_every_state_where_the_outlines_say_so(
@@ -82,6 +83,7 @@ def test_random_gains_are_good_in_every_state_where_the_outlines_say_so(
     assert 2 <= counts[1] <= counts[0] < looked
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "states"), [SHARE, pytest.param(*WHOLE, marks=pytest.mark.population)], ids=["share", "all"])
 @pytest.mark.parametrize(("text", "joint", "window"), CASES[:2])
 def test_the_sensitivity_of_every_loop_in_every_state(
@@ -133,6 +135,7 @@ ALONE = [("phase_margin", 0), ("gain_margin", 1), *(pytest.param(*pair, marks=py
 """One requirement by itself, and a case: each in one case every time."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "case"), [("", 0), ("", 1), ("", 2), *ALONE])
 def test_every_requirement_of_every_loop_and_of_all_together(name: str, case: int):
     """The truth: Nyquist's criterion on a dense grid at factors and phases, of L's eigenvalues and of each loop's own return ratio."""

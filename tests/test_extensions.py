@@ -238,6 +238,7 @@ def test_what_a_new_requirement_proves_over_ranges(monkeypatch: pytest.MonkeyPat
     assert not proof.broken
 
 
+@pytest.mark.slow
 def test_a_requirement_of_a_robot_is_the_same_object(tmp_path, capsys, monkeypatch):
     """All loops of an arm: the recommended gains keep Mt of each loop, the others closed, and would not without it."""
     monkeypatch.setitem(REQUIREMENTS, COMPLEMENTARY.name, COMPLEMENTARY)

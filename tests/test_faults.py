@@ -135,6 +135,7 @@ def limited(size: int):
     return prepare
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["joint", "simulate csv"])
 def test_a_full_disk_costs_the_report_and_not_the_answer(folder: Path, command: str):
     """The page is beyond 3 MB; the answer is the same as without a report."""
@@ -159,6 +160,7 @@ def test_a_full_disk_leaves_the_older_log(folder: Path):
 CALLS = (["joint", "joint.yaml"], ["joint", "joint.yaml", "--json"], ["example"], ["--help"], ["joint", "-h"], ["--version"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", CALLS, ids=" ".join)
 @pytest.mark.parametrize("number", [1, 2])
 def test_a_closed_stream_changes_nothing_else(folder: Path, call: list[str], number: int):
@@ -171,6 +173,7 @@ def test_a_closed_stream_changes_nothing_else(folder: Path, call: list[str], num
     assert run.stdout == ("" if number == 1 else undisturbed(*call)[0].stdout)
 
 
+@pytest.mark.slow
 def test_with_streams_closed_nothing_is_written_into_the_report(folder: Path):
     """A file takes the lowest number that is free, and what others print to standard output would go there."""
 
@@ -186,6 +189,7 @@ def test_with_streams_closed_nothing_is_written_into_the_report(folder: Path):
     assert (wrong.returncode, wrong.stdout, wrong.stderr) == (2, "", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", CALLS, ids=" ".join)
 def test_a_reader_that_has_left_and_a_full_disk_behind_the_answer(folder: Path, call: list[str]):
     read, write = os.pipe()
@@ -222,6 +226,7 @@ def disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", place], check=True)
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_and_then_read_only(folder: Path, disk: Path):
     furnish(disk, old=True)
     before = contents(disk)
@@ -242,6 +247,7 @@ def test_a_folder_that_takes_no_files(folder: Path, capsys: pytest.CaptureFixtur
     assert "takes no new files" in refused(["simulate", folder / "played.yaml", *words], capsys)
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_gone(folder: Path):
     """Full paths still work; a name alone is refused in one line."""
     gone = folder / "gone"
@@ -259,6 +265,7 @@ def test_a_folder_that_is_gone(folder: Path):
     assert read_log(folder / "run.csv").complete
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["robot.yaml", str(BIPED)])
 def test_no_place_for_temporary_files_is_needed(folder: Path, command: str):
     write_arm(folder)
@@ -269,6 +276,7 @@ def test_no_place_for_temporary_files_is_needed(folder: Path, command: str):
     assert run.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [0, 1, 39])
 @pytest.mark.parametrize("told", ["by the environment", "by the terminal"])
 def test_a_narrow_terminal_still_gets_the_answer(folder: Path, columns: int, told: str):
@@ -307,6 +315,7 @@ sys.exit(main())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
     "module", ["typer", "gainroom.cli.robot", "numpy", "gainroom.studies.joint", "pydantic", "gainroom.report.joint", "plotly"]

@@ -117,6 +117,7 @@ def told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     return run
 
 
+@pytest.mark.slow
 def test_the_three_cases_of_one_robot(told):
     """The same gains, the same 4 ms of bus: lost on the host, safe where kd or both run on the drive."""
     (host, bad), (split, good), (drive, fine) = (told("--delay-ms", "4", *options) for options in (("--rate-hz", "500"), SPLIT, ON_DRIVE))
@@ -275,6 +276,7 @@ def test_a_robot_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.Capture
     assert "kp alone" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "said"),
     [

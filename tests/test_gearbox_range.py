@@ -45,6 +45,7 @@ def population(step: float | None, seed: int, count: int) -> list[tuple]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [7, pytest.param(14, marks=pytest.mark.population)])
 def test_nothing_in_the_range_is_worse_than_what_was_found(count: int):
     """A population, 40 resonances with three dampings each by the loop's closed form. Between looks the limit may lie 1 % lower."""
@@ -158,6 +159,7 @@ def test_what_is_refused(
     assert all(word in line for word in words), line
 
 
+@pytest.mark.slow
 def test_a_range_is_safe_at_its_corners_where_it_is_called_safe(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """Every gearbox at an end of its own, by certified limits: one that differs from all others may be the worst."""
     gains, verdicts = tmp_path / "gains.yaml", set()

@@ -99,6 +99,7 @@ def uneven(tmp_path: Path, text: str) -> Outcome:
     return simulate_study(RobotSimulation.of(spec))
 
 
+@pytest.mark.slow
 def test_a_sloping_sole_and_feet_at_two_heights_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Half a radian of pelvis against soles: -0.5 + 1.0 with the ankles at 0."""
     example = (

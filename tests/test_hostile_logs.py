@@ -170,6 +170,7 @@ def population(name: str, indices: range, folder: Path) -> None:
     assert not wrong, f"{len(wrong)} of {len(indices)} ({dict(counts)}):\n" + "\n".join(wrong[:5])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_share_of_the_damaged_logs(name: str, tmp_path: Path):
     population(name, range(min(SHARES.get(name, SHARE), SHARE)), tmp_path)
@@ -182,6 +183,7 @@ def test_all_damaged_logs(name: str, tmp_path: Path):
     population(name, range(WHOLE), tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_file_that_ends_too_early(name: str, tmp_path: Path):
     """Wherever it ends: one line, or the rows up to there, and then it is said that the file is not complete."""
@@ -369,6 +371,7 @@ BOMBS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BOMBS)
 def test_bombs(name: str, tmp_path: Path):
     """Files that unpack to more than there is, or announce it."""
@@ -448,6 +451,7 @@ def test_a_filter_that_would_load_code(tmp_path: Path):
     assert "filter 32015" in log.notes[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [

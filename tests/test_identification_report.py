@@ -61,6 +61,7 @@ def traces(picture: dict) -> dict[str, dict]:
     return {trace["name"]: trace for trace in picture["data"] if trace.get("name")}
 
 
+@pytest.mark.slow
 def test_the_page_of_a_joint(moved, tmp_path, capsys):
     text, pictures, out = page_of(tmp_path, capsys, "joint", str(moved))
     assert out.splitlines()[0][:40] in text  # the headline is the terminal's
@@ -82,6 +83,7 @@ def test_the_page_of_a_joint(moved, tmp_path, capsys):
     assert "gainroom identify joint" in text
 
 
+@pytest.mark.slow
 def test_the_page_of_a_delay_shows_the_log_s_own_rows(moved, tmp_path, capsys):
     _, pictures, _ = page_of(tmp_path, capsys, "delay", str(moved))
     shown = traces(pictures[0])

@@ -36,6 +36,7 @@ def vibrates(system: System, found: GainSet, gain: float = 1.0) -> bool:
     return simulate_study(RobotSimulation.of(system.with_controller(gr.PD(found.kp, found.kd))), gain).vibrates
 
 
+@pytest.mark.slow
 def test_share_of_the_draws(tmp_path):
     """One kind of joint for all twelve; damping and inertia are taken as exact, which leaves a quarter of the corners."""
     kinds = [bench(0, 0, tmp_path, 5.0)]

@@ -118,6 +118,7 @@ def followed(reference: np.ndarray, natural: float, damping: float, loop: int, c
     return positions
 
 
+@pytest.mark.slow
 def test_a_sampled_loop_s_hold_is_no_delay_once_its_rate_is_given(tmp_path: Path):
     """Hold and backward difference are half a tick each; the rate is on the page's command line, and refused where torques tell."""
     case, log = setpoint_case(3), tmp_path / "log.csv"
@@ -145,6 +146,7 @@ def truth() -> Truth:
     return DelayedTruth()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_the_delay_from_every_format(name: str, tmp_path: Path, truth: Truth):
     """Where a format's log has torques, the four ticks; the others tell set-point and position."""
@@ -174,6 +176,7 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str
     return folder, json.loads(out), case.truth
 
 
+@pytest.mark.slow
 def test_the_joint_and_its_file(identified: tuple[Path, dict[str, Any], dict[str, Any]]):
     """A wrong unit or channel would be off by a factor; how exact the numbers are is test_identify_joint's affair."""
     folder, facts, truth = identified

@@ -97,6 +97,7 @@ def test_an_independent_simulation_gives_its_delay_back():
     assert found.bandwidth.value == pytest.approx(2000, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [0, 777])
 def test_what_was_sent_before_the_log_began_does_no_harm(first):
     """Without noise a delay is known to a thousandth of a tick; the commands of the ticks before the log are unknown."""
@@ -165,6 +166,7 @@ def test_what_is_no_log_is_refused(time, columns, words):
     assert_refused(lambda: Record(time, columns, TICK), words)
 
 
+@pytest.mark.slow
 def test_set_point_and_position_tell_both_delays():
     """Within 0.15 tick: friction, which the model smooths, moves one delay against the other."""
     for index in (1, 3):
@@ -177,6 +179,7 @@ def test_set_point_and_position_tell_both_delays():
             assert abs(getattr(found, name).value / case.record.sample_time - case.truth[name]) < 0.15
 
 
+@pytest.mark.slow
 def test_delays_that_trade_against_each_other_are_looked_for_from_several_starts():
     """Draw 37: 10 ticks of command delay were once taken for the loop's."""
     case = setpoint_case(37)
@@ -185,6 +188,7 @@ def test_delays_that_trade_against_each_other_are_looked_for_from_several_starts
     assert abs(found.command.value / tick - case.truth["command"]) < 0.1
 
 
+@pytest.mark.slow
 def test_a_log_slower_than_its_controller_is_warned_of():
     """Of 2.5 kHz every fifth row: commands between rows are not seen, and the delay comes out shorter by up to half a row."""
     tick, count = 4e-4, 20_000
@@ -201,6 +205,7 @@ def test_a_log_slower_than_its_controller_is_warned_of():
         assert -0.5 * step * tick < found.delay.value - drive.delay < 0.1 * tick
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [30.0, 22.0, 15.0, 9.0])
 def test_a_torque_limit_makes_no_wrong_delay(limit):
     """From 0.01 % of the commands beyond it to 17 %: the delay is right, its interval holds, or the log is refused; never a wrong one."""
@@ -220,6 +225,7 @@ def test_a_torque_limit_makes_no_wrong_delay(limit):
         assert found.told == (limit == 30.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("index", "within"),
     [(82, 0.03), (109, 0.03), (31, 0.03), (23, 0.15)],  # two tops of the likelihood, three; just beyond a tick; a log that hardly tells
@@ -233,6 +239,7 @@ def test_the_likeliest_of_several_delays_is_found(index, within):
     assert holds(found.ticks, true)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [16, 74, 131])
 def test_jitter_that_carries_arrivals_over_a_tick_s_edge_is_told(index):
     """Jitter of 0.3 ticks; without a demand torque (16) no row says which command has arrived, with one 4 % arrive a tick early."""
@@ -244,6 +251,7 @@ def test_jitter_that_carries_arrivals_over_a_tick_s_edge_is_told(index):
     assert found.told
 
 
+@pytest.mark.slow
 def test_a_log_that_hardly_tells_the_delay_says_so():
     """At a whole number of ticks the likelihood falls steeply to one side and hardly to the other: 0.02 ticks were promised, 0.16 off."""
     found = identify_delay(joint_case(142).record)
@@ -251,6 +259,7 @@ def test_a_log_that_hardly_tells_the_delay_says_so():
     assert found.ticks.half_width > 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("delay", "jitter"), [(1.05, 0.3), (2.9, 0.45), (3.4, 0.2)])
 def test_predictions_without_a_demand_are_right_on_average(delay, jitter):
     """At the truth e²/v is 1 on average, and errors are not correlated: a third of the power is what unknown moments of arrival do."""
@@ -296,6 +305,7 @@ def test_what_comes_to_act_under_overtaking_is_that_of_sampled_delays():
     assert abs(deviation - (high - low) / 12**0.5) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_position_ahead_of_its_set_point_tells_no_delay():
     """20 ticks too early: no delay that is not negative explains it, where both were said to be 0.00 ± 0.00 ticks."""
     case = setpoint_case(1)
@@ -304,6 +314,7 @@ def test_a_position_ahead_of_its_set_point_tells_no_delay():
     assert_refused(lambda: identify_setpoint_delay(early, case.record.sample_time), ["ahead of what set-points", "record the torque"])
 
 
+@pytest.mark.slow
 def test_slow_set_points_are_refused():
     case = setpoint_case(1)
     time = case.record.time
@@ -317,6 +328,7 @@ def examined(case: Case) -> tuple[float, bool, bool]:
     return found.ticks.value - case.truth["ticks"], holds(found.ticks, case.truth["ticks"]), found.told
 
 
+@pytest.mark.slow
 def test_share_of_the_population():
     results = [examined(delay_case(index)) for index in range(SHARE)]
     assert all(abs(error) < 0.1 for error, _, told in results if told)

@@ -34,6 +34,7 @@ def test_an_exact_law_gives_its_gains_back():
     assert found.offset == pytest.approx(0.4, abs=0.05)  # of some 10 N m; velocity's mean over the record is not quite 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kp", "kd", "names"),
     [
@@ -71,6 +72,7 @@ def test_what_says_nothing_is_refused():
         assert_refused(lambda columns=columns: identify_gains(Record(time, columns, TICK)), words)
 
 
+@pytest.mark.slow
 def test_share_of_the_population():
     """Within 2 %."""
     for index in range(SHARE):
@@ -168,6 +170,7 @@ def test_a_progressive_spring_is_called_one():
     assert found.hardening.value > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [0, 3, 8, 12])
 def test_a_link_that_moves_is_not_a_locked_output(index):
     """Torque goes into its inertia; with its encoder, its motion is seen, and without, that no spring explains the torque."""

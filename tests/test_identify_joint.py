@@ -84,6 +84,7 @@ def test_the_stationary_filter_is_scipy_s():
         assert np.allclose(found, solve_discrete_are(a.T, c.T, process, np.diag(readings)), rtol=1e-9, atol=1e-9 * np.abs(found).max())
 
 
+@pytest.mark.slow
 def test_an_independent_simulation_gives_its_joint_back(one_encoder):
     """With friction on both sides and an encoder; 8 s in closed loop. The intervals hold and are within the accuracy wanted."""
     found = one_encoder
@@ -109,6 +110,7 @@ def test_the_fitted_response_goes_through_the_measured_one(one_encoder):
     assert np.median(np.abs(ratio - 1)) < 0.1
 
 
+@pytest.mark.slow
 def test_two_encoders_agree_with_one(two, one_encoder):
     one, both = one_encoder, identify_joint(two)
     for name in ("motor_inertia", "link_inertia", "stiffness"):
@@ -116,6 +118,7 @@ def test_two_encoders_agree_with_one(two, one_encoder):
     assert both.parameters["link_inertia"].half_width <= 1.2 * one.parameters["link_inertia"].half_width
 
 
+@pytest.mark.slow
 def test_a_third_mass_is_seen_in_the_residuals():
     three = Chain(np.array([0.2, 0.3, 0.5]), np.array([1e4, 6e3]), np.array([2.0, 2.0]), 1.0, 0.2, bandwidth=2000.0, resolution=7.7e-6)
     assert not identify_joint(without(chained(three, 6, 70), "link_position")).adequate
@@ -146,6 +149,7 @@ def test_a_measured_response_is_the_joint_s_and_not_the_controller_s_inverse(exc
         assert not seen.excited.any()
 
 
+@pytest.mark.slow
 def test_a_wrong_delay_is_seen_in_the_residuals(two):
     assert not identify_joint(without(two, "link_position", "actual_torque"), gr.Drive(2000.0, 0.9, 2 * 3 * TICK)).adequate
 
@@ -166,6 +170,7 @@ def motor_side(run: Run) -> Record:
     return Record(run.time, {name: column[:, 0] for name, column in columns.items()}, TICK)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("added", "friction", "reference", "words"),
     [
@@ -177,6 +182,7 @@ def test_a_log_that_friction_rules_is_refused(added, friction, reference, words)
     assert_refused(lambda: identify_joint(on_testbed(added, friction, reference)), words)
 
 
+@pytest.mark.slow
 def test_a_joint_without_noise_is_adequate():
     """What is left is round-off, and follows the torque."""
     joint, drive = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(2500.0, 0.8, 2.3 * TICK)
@@ -190,6 +196,7 @@ def test_a_joint_without_noise_is_adequate():
     assert not found.warnings
 
 
+@pytest.mark.slow
 def test_a_search_that_goes_astray_begins_again():
     """With the least noise that its encoders allow, the search from this joint's rough fit once ended at a motor of 0.2 kg m² (2.3)."""
     case = joint_case(160)
@@ -223,6 +230,7 @@ def right(with_link) -> JointFit:
     return identify_joint(with_link)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "shown"), [(-1.0, "-1"), (180 / np.pi, "57.3")], ids=["sign", "degrees"])
 def test_a_link_encoder_of_another_sign_or_unit_is_named(with_link, right, factor, shown):
     """Refused, or left aside as noise: then the motor's encoder alone tells the joint, and rightly."""
@@ -241,6 +249,7 @@ def test_a_link_encoder_of_another_sign_or_unit_is_named(with_link, right, facto
     assert "sign, the unit and the gear ratio" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("every", "words"), [(8, ["columns"]), (12, ["above half the tick rate", "columns"])])
 def test_a_log_without_most_of_its_rows_is_refused(every, words):
     """Its controller changes its command in between: what fits has a resonance above half the tick rate, or motion before its torque."""
@@ -255,6 +264,7 @@ def test_torques_of_the_wrong_sign_are_refused():
     assert_refused(lambda: identify_joint(Record(log.time, turned, TICK)), ["sign"])
 
 
+@pytest.mark.slow
 def test_a_rigid_joint_is_rigid():
     joint, drive = gr.ElasticJoint(0.3, 0.7), gr.Drive(2000.0, 0.9, 2e-3)
     time = np.arange(COUNT) * TICK
@@ -310,6 +320,7 @@ def examined(case: Case) -> dict[str, tuple[float, bool]]:
     return results
 
 
+@pytest.mark.slow
 def test_share_of_the_population():
     for index in range(SHARE):
         results = examined(joint_case(index))

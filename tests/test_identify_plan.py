@@ -113,6 +113,7 @@ def test_the_delay_s_error_is_that_of_the_current_loop_s_transfer_function():
     assert delay_error(target, speed, damping, delay, noise) == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.slow
 def test_more_time_tells_more():
     """Half the interval in four times the time, but for what identification adds whatever the time is."""
     short, long = (
@@ -132,6 +133,7 @@ def errors(plan: Plan, seed: int) -> list[float]:
     return [(found.parameters[name].value / truth[name] - 1) / (plan.expected[name] / quantile(FREEDOM)) for name in PROMISED]
 
 
+@pytest.mark.slow
 def test_share_of_the_promised_accuracy(plan):
     """No error beyond 4 promised standard errors: of 8 normal ones that happens once in 2000 times."""
     assert np.abs([errors(plan, seed) for seed in range(SHARE)]).max() < 4.0
@@ -152,6 +154,7 @@ def test_the_promised_accuracy_is_that_of_estimates(plan, capsys):
     assert np.all(spread > 0.4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [(0.3, 0.0), (0.3, 0.15)], ids=["motor", "both sides"])
 def test_the_damping_s_promise_beside_friction_is_what_identification_says(friction):
     """The interval of a log's damping holds the truth and reaches as far up as promised, to a quarter of it: friction's part hangs on the
@@ -205,6 +208,7 @@ def test_a_damping_that_friction_hides_is_not_promised(tmp_path, capsys):
     assert "friction hides the damping" in shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("system", "bounds", "options", "words"),
     [
@@ -230,6 +234,7 @@ def written(folder: Path, more: str = "") -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_from_plan_to_joint_on_the_command_line(tmp_path, capsys):
     """plan → simulate → identify: what comes out is what the virtual testbed was made of, to 1 %."""
     file = written(tmp_path, "scenario: {torque_limit: 20, motor_resolution: 1.0e-5, friction: {motor: {coulomb: 0.3}}}\n")
@@ -278,6 +283,7 @@ def test_torque_files_that_do_not_fit_are_refused(tmp_path, capsys, text, words)
         assert word in error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [

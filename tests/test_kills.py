@@ -94,6 +94,7 @@ def assert_nothing_lost(indices: range, names: tuple[str, ...], folder: Path) ->
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.slow
 def test_share_of_the_kills(tmp_path: Path):
     assert_nothing_lost(range(SHARE), QUICK, tmp_path)
 
@@ -149,6 +150,7 @@ def test_every_file_operation_can_be_the_last(tmp_path: Path, name: str, number:
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_share_of_the_file_operations(tmp_path: Path, number: int):
     rng = np.random.default_rng([SEED, number])
@@ -161,6 +163,7 @@ def test_share_of_the_file_operations(tmp_path: Path, number: int):
 # Several at once
 
 
+@pytest.mark.slow
 def test_eight_threads_get_what_one_gets():
     """Compiled kernels, robots' files and answers: the same numbers from all, as from one alone."""
     import json

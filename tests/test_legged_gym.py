@@ -67,6 +67,7 @@ def test_the_last_key_in_a_joints_name_counts(tmp_path: Path):
     assert gains_of(read_gains(write(tmp_path, swapped)), names).kp.tolist() == [150, 150, 200, 40, 0]
 
 
+@pytest.mark.slow
 def test_the_audit_is_that_of_the_same_numbers_in_the_default_posture(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     told = audited(capsys, write(tmp_path, CONFIG))
     plain = write(
@@ -137,6 +138,7 @@ def test_nothing_is_run(tmp_path: Path):
     assert not mark.exists()
 
 
+@pytest.mark.slow
 def test_the_export_is_read_back_with_the_same_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     source, out = write(tmp_path, CONFIG), tmp_path / "again.py"
     assert main(["export", str(source), "--to", "legged_gym", "--output", str(out), "--write"]) == 0

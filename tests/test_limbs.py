@@ -44,6 +44,7 @@ def together(loop):
     return directed_loop(loop, eye, eye, np.zeros(loop.size, dtype=bool))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(12))
 def test_margins_and_roots(number):
     for factor in (1.0, 60.0):

@@ -214,6 +214,7 @@ def test_a_bag_that_reaches_out_of_its_folder(tmp_path: Path):
     assert_refused(lambda: read_log(tmp_path / "bag"), [file.name, "no such file"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packing", ["NONE", "LZ4", "ZSTD"])
 @pytest.mark.parametrize("chunk", [1 << 30, 20_000], ids=["one chunk", "several"])
 def test_an_mcap_that_is_cut_is_read_up_to_there(packing: str, chunk: int, tmp_path: Path):

@@ -171,6 +171,7 @@ def test_a_group_s_time_is_that_of_what_stands_beside_it(tmp_path: Path):
     assert not both.notes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [TRUTH.time + 0.3, TRUTH.time[:400]], ids=["another clock", "fewer rows"])
 def test_groups_with_clocks_of_their_own_are_not_read_as_one(time: np.ndarray, tmp_path: Path):
     """The second is left out, with what to type for it; a position on another's clock would be late."""

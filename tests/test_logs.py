@@ -155,6 +155,7 @@ def test_an_empty_run_that_ends_well_is_an_empty_log(form, tmp_path: Path):
         assert read_log(path).time.shape == (0,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 def test_a_full_disk_leaves_the_older_log(form, tmp_path: Path):
     """No file of the process may grow beyond 20 kB, which some way into the run is reached."""

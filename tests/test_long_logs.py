@@ -120,6 +120,7 @@ def test_a_log_in_blocks_gives_the_same_part_to_a_block():
     assert np.array_equal(channels["motor_position"], -channels["target_torque"])
 
 
+@pytest.mark.slow
 def test_a_long_log_says_which_part_was_used(tmp_path):
     """Ten minutes with 20 s of motion; 0.6 GiB are enough, most of which are libraries."""
     answer = measured(written(tmp_path / "log.parquet", excited(20.0), 300.0, 280.0))

@@ -216,6 +216,7 @@ def test_margins_of_several_joints_are_one_record():
     assert found.one_loop.phase_margin == pytest.approx([abs(one.phase_margin) for one in alone], rel=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "make", [lambda s: 25 / (s**3 + 10 * s**2 + 10 * s + 10), lambda s: 2 * np.exp(-0.1 * s) / (s + 1), lambda s: 30 / (s * (s + 3))]
 )

@@ -56,6 +56,7 @@ def test_what_is_not_the_same_is_no_mirror_image(biped: System):
     assert mirror_of(left, []) is None
 
 
+@pytest.mark.slow
 def test_mirrored_states_get_the_same_gains_in_the_other_order(biped: System):
     """And every margin of the image is looked at in its own state."""
     found = recommend_robot(biped, "task").per_contact

@@ -68,6 +68,7 @@ def test_a_robot_yaml_takes_it(chain: Path):
     assert_allclose(np.linalg.inv(model.link_inverse_inertia), expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_its_robot_is_analysed_recommended_for_and_shown(chain: Path, capsys: pytest.CaptureFixture[str]):
     """The gain limit of one joint alone is that of the joint that it is; gains to use are found; terminal and page name its joints."""
     file, page = chain.parent / "robot.yaml", chain.parent / "robot.html"

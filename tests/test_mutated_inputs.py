@@ -255,10 +255,12 @@ def population(indices: range, folder: Path, report: Callable[[str], None] = pri
     assert not wrong, f"{len(wrong)} of {len(indices)} ({dict(counts)}):\n" + "\n".join(wrong[:MOST_SHOWN])
 
 
+@pytest.mark.slow
 def test_a_share_of_the_damaged_inputs(tmp_path: Path):
     population(range(SHARE), tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [617, 1936, 4402, 4961, 8008, 8201])
 def test_draws_that_once_failed(index: int, tmp_path: Path):
     """A gearbox damped a million times too much, a task to be done ten thousand times per delay, loops that cannot be followed."""

@@ -25,24 +25,28 @@ def program() -> Path:
     return compiled("scans")
 
 
+@pytest.mark.slow
 def test_limits_of_random_and_hostile_coupled_loops_end():
     """Loops of 0 to 60 joints; NaN, infinite, zero, huge and tiny values in every kind of place."""
     ordinary, _ = output(compiled("limits")).split()
     assert int(ordinary) > 10
 
 
+@pytest.mark.slow
 def test_looks_at_random_and_hostile_coupled_loops_end():
     """Joints and directions, gravity, soft contacts, sampled; NaN, infinite, zero, huge and tiny values everywhere; 20 joints."""
     ordinary, _ = output(compiled("looks")).split()
     assert int(ordinary) > 60
 
 
+@pytest.mark.slow
 def test_disk_margins_of_random_and_hostile_modes_end():
     """1 to 8 loops; none that is not finite is called bounded, all ordinary ones are."""
     ordinary, _ = output(compiled("disks")).split()
     assert int(ordinary) == 24
 
 
+@pytest.mark.slow
 def test_boxes_of_random_and_hostile_joints_end():
     """Rigid, locked and elastic joints, sampled or not: nothing that is not finite has a bounded phase, most that is narrow has."""
     ordinary, all_boxes, outside = output(compiled("boxes")).split()
@@ -87,6 +91,7 @@ def delayed(program: Path, plant: list[Factored], control: list[Factored], cross
     return answers(program, lines)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_digits(program: Path, kind: str):
     loops = [KINDS[kind](np.random.default_rng([7, k])).reduced for k in range(25)]
@@ -96,6 +101,7 @@ def test_the_same_digits(program: Path, kind: str):
         assert found == pytest.approx([*expected, *own.peaks.ravel()], rel=0, abs=0, nan_ok=True)
 
 
+@pytest.mark.slow
 def test_delay_margins_with_the_same_digits(delays: Path):
     loops = [loop for k in range(40) if gr.is_stable(loop := draw_setup(np.random.default_rng([9, k]), True).loop())]
     found = [gr.margins(loop) for loop in loops]
@@ -129,6 +135,7 @@ def test_hostile_sampled_loops_end(delays: Path):
         assert len(delayed(delays, plants, laws, [starts] * len(plants))) == len(plants)
 
 
+@pytest.mark.slow
 def test_hostile_loops_end(program: Path):
     """Numbers that are none, infinite, vast and minute, nothing at all, and hundreds of roots; none of it is called certified and wrong."""
     none, one = np.zeros(0, complex), np.array([-1.0 + 0j])
@@ -149,6 +156,7 @@ def test_hostile_loops_end(program: Path):
             assert numbers[0] == 0.0, loop
 
 
+@pytest.mark.slow
 def test_trees_and_matrices_of_any_rank_end():
     """Joints of every kind, quaternions of any size, masses of 0; pseudo-inverses of any rank solve A A⁺ A = A."""
     ordinary, wrong = output(compiled("trees")).split()

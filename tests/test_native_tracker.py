@@ -17,6 +17,7 @@ def example_joints():
     return np.array([[0.3 if i % 2 else 0.5, 0.2, 0, 8e3, 2.0, 4000.0, 0.9, 2e-3, 1800.0, 80.0 if i % 2 else 90.0] for i in range(4)])
 
 
+@pytest.mark.slow
 def test_control_loop():
     """Every tick of the example gives what Python gives for its matrices, and some of its limits are compared with gain_limit."""
     program = compiled(TESTS.parent / "examples" / "control_loop.cpp")
@@ -83,6 +84,7 @@ def hostile_ticks(rng: np.random.Generator, count: int):
         yield (int(rng.integers(-2, 4)) if kind == 6 else int(rng.integers(0, 2))), mass, held
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.population)], ids=["share", "all"])
 def test_ticks_take_no_memory_and_hostile_ones_end(every: bool):
     """No tick takes memory; whatever comes in, an answer comes out, and none of it that is no number is called certified or safe.

@@ -98,6 +98,7 @@ def geared(rigid: gr.ElasticJoint, resonance: float) -> gr.ElasticJoint:
 SHARE = pytest.mark.parametrize("count", [13, pytest.param(30, marks=pytest.mark.population)])
 
 
+@pytest.mark.slow
 @SHARE
 def test_what_is_needed_is_safe_all_stiffer_gearboxes_are_and_a_little_softer_is_not(count: int):
     """Of a population, scanned in steps of 3.5 % of Ω, which no search knows of. The last digit of a limit may differ: 1e-3 of it."""
@@ -120,6 +121,7 @@ def test_what_is_needed_is_safe_all_stiffer_gearboxes_are_and_a_little_softer_is
     assert softer_unsafe >= 0.3 * count  # or this shows nothing
 
 
+@pytest.mark.slow
 @SHARE
 def test_every_look_is_right(count: int):
     """Each with its limit in closed form, safe or not, also where it is not stable."""
@@ -150,6 +152,7 @@ def asked(capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, dict]
     return status, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_typed_again_what_is_needed_is_safe_and_the_next_softer_is_not(capsys: pytest.CaptureFixture[str]):
     """Of `audit --json`; all motors are alike, so that one number is needed of all gearboxes."""
     status, told = asked(capsys, *ALIKE)
@@ -169,6 +172,7 @@ def test_typed_again_what_is_needed_is_safe_and_the_next_softer_is_not(capsys: p
     assert min(again["gain_limit"], alone) == pytest.approx(softer["gain_limit"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_headline_rounds_up(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """What is read off it, typed for each joint, is safe: K, and B = 2 ζ √(K J)."""
     _, told = asked(capsys, "--delay-ms", "0.5", "--rate-hz", "2000")
@@ -189,11 +193,13 @@ def test_the_headline_rounds_up(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     assert (status, again["safe"]) == (0, True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [("--delay-ms", "2"), ("--delay-ms", "0.5", "--stiffness", "50000", "--damping", "20")])
 def test_nothing_is_needed_of_unsafe_gains_or_known_gearboxes(capsys: pytest.CaptureFixture[str], options: tuple[str, ...]):
     assert asked(capsys, *options)[1]["needed_stiffness"] is None
 
 
+@pytest.mark.slow
 def test_more_damping_needs_less_stiffness_and_the_ratio_is_stated(capsys: pytest.CaptureFixture[str]):
     softest = {}
     for ratio in ("0.02", "0.3"):
@@ -204,6 +210,7 @@ def test_more_damping_needs_less_stiffness_and_the_ratio_is_stated(capsys: pytes
     assert softest["0.3"] < softest["0.02"]
 
 
+@pytest.mark.slow
 def test_a_robot_in_several_states_stays_safe_however_stiff_its_gearboxes():
     """A biped, in flight and on one foot: gain limits at stiffnesses that no search knows of, up to where rigid ones are as good."""
     Path("alike.yaml").write_text('".*": {kp: 2000, kd: 100, motor_inertia: 1}', "utf-8")

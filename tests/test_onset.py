@@ -19,6 +19,7 @@ def sampled(controller, joint: gr.ElasticJoint | gr.Plant = JOINT, ticks: float 
     return gr.build_loop(joint, gr.Drive(4000.0, 0.9, ticks * TICK), controller, feedback, TICK)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "loop",
     [
@@ -50,6 +51,7 @@ def test_the_largest_kd_of_the_testbed(ticks):
     assert find_onset(shaken, 50.0, 120.0).gain == pytest.approx(region.max_kd(1600.0), rel=2e-6)
 
 
+@pytest.mark.slow
 def test_coupled_joints_vibrate_from_their_limit_on():
     rng = np.random.default_rng(1)
     plant = draw_plant(rng, 3)

@@ -42,6 +42,7 @@ def test_the_wheel_alone_runs_the_demo(tmp_path: Path, options: list[str]):
     assert (tmp_path / "testbed.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_the_source_distribution_holds_sources_alone(tmp_path: Path):
     """Built where a virtual environment, a core and other builds may lie about."""
     run(sys.executable, "-c", "import sys, scikit_build_core.build as b; b.build_sdist(sys.argv[1])", tmp_path, cwd=ROOT)

@@ -34,6 +34,7 @@ def nearest_end(columns: np.ndarray, kd: float) -> float:
     return float(np.abs(ends - kd).min()) if len(ends) else np.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "joint", "state"),
     [
@@ -118,6 +119,7 @@ TASKS = (
 TASKS = TASKS.replace("kp: [50, 90, 200], kd: [1, 5, 15]", "kp: [10, 10, 14], kv: [6, 8, 15], ki: [3, 4, 5]")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "name", "widest", "rate"),
     [(CASCADE, "left_knee", 12, None), (CASCADE, "right_hip_roll", 12, 2000), (TASKS, "com z", 150, None), (TASKS, "pelvis x", 150, 1000)],
@@ -187,6 +189,7 @@ USUAL = Requirements(gain_margin=2.0, phase_margin=np.radians(30), peak_sensitiv
 OWN = [(TEXT, "left_knee", USUAL.only(name)) for name in USUAL.asked] + [(SAMPLED, "left_ankle_pitch", USUAL)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("text", "joint", "asked"), OWN, ids=lambda each: "+".join(getattr(each, "asked", ())) or None)
 def test_random_gains_of_one_joint_keep_its_own_margins_where_the_plane_says_so(text: str, joint: str, asked: Requirements):
     """The truth: 1 + L = det(I + L_all) / det(I + L_all without this joint's gains), on a dense grid, read by the margins' definitions."""

@@ -156,6 +156,7 @@ def assert_confirmed(kind: str, indices: range) -> None:
     assert not wrong, f"population {kind} {SEED}: {wrong}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", DRAWS)
 @pytest.mark.parametrize("start", range(0, SHARE, BATCH))
 def test_share_of_the_population(kind, start):

@@ -81,6 +81,7 @@ def test_membership_is_the_verdict_on_the_loop(seed, kind, sampled, asked):
             assert not kept(setup, kp, kd, asked, 1e-6), (kp, kd)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", REQUIREMENTS.values(), ids=REQUIREMENTS.keys())
 @pytest.mark.parametrize("sampled", [False, True], ids=["continuous", "sampled"])
 @pytest.mark.parametrize("seed", seeds(2, 3))

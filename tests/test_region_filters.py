@@ -141,6 +141,7 @@ def test_second_order_filter_without_delay(viscous):
     assert not region.contains(kp, 1.01 * expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [91, 101, 187, 397])
 def test_roots_are_counted_where_few_turns_of_the_delay_matter(index):
     """Counted first at gains with hundreds of unstable roots, where rounding and the grid blur them, the counts are two off."""
@@ -177,6 +178,7 @@ def with_two_notches(index: int, apart: float) -> Case:
             return replace(case, notches=((frequency, width, 0.0), (frequency * (1 - apart), 0.3, 0.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-12, 1e-9, 3e-9, 1e-6])
 def test_two_notches_of_depth_0_at_one_frequency(apart):
     """Between their zeros lies no sample: taken for two simple ones, kp had no limit beside them."""

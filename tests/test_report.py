@@ -220,6 +220,7 @@ def test_bode_shows_the_four_cases(stable_page):
     assert names == {"with elasticity and delay", "without elasticity", "without delay", "without both"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "spec",
     [

@@ -31,6 +31,7 @@ def computed(result: Reproduction) -> dict[str, float | bool]:
     return {row.id: row.computed for row in result.rows}
 
 
+@pytest.mark.slow
 def test_every_row_agrees_and_every_figure_is_there(result: Reproduction):
     assert [row.id for row in result.rows if row.id.startswith(PREFIXES) and not row.agrees] == []
     ids = [row.id for row in result.rows]

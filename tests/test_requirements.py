@@ -67,6 +67,7 @@ def reached(name: str, omega: np.ndarray, loop: np.ndarray) -> float:
     return float(np.min(np.angle(-value) % (2 * pi) / at, initial=inf))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "sample_time"), [*((name, None) for name in ASKED), *((name, 5e-4) for name in SAMPLED)])
 def test_a_region_is_where_the_margin_holds(name: str, sample_time: float | None):
     """On a few lines kp = const, kd over all that is stable; beside an end that was reported it is met on one side only."""

@@ -379,6 +379,7 @@ def mutated_robots(draw: st.DrawFn) -> str:
     return yaml.safe_dump(data, allow_unicode=True, sort_keys=False)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(text=mutated_robots())
 def test_mutated_files_are_read_or_refused_in_one_line(folder: Path, text: str):

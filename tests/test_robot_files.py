@@ -323,6 +323,7 @@ def test_what_is_not_installed_is_said(arm: Path, tmp_path: Path, monkeypatch: p
     assert_refused(lambda: load_model(arm), ["robot models need Pinocchio: pip install 'gainroom[robot]'"])
 
 
+@pytest.mark.slow
 def test_every_public_robot_loads_or_says_why_not():
     """All URDFs of example-robot-data, on either base; those refused are known to be malformed or to have massless links or no joints."""
     reasons = {

@@ -63,6 +63,7 @@ def signed_permutation(seed: int) -> np.ndarray:
     return np.eye(5)[rng.permutation(5)] * rng.choice([-1, 1], 5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, UNIT**2])
 @pytest.mark.parametrize("sample_time", [None, 1e-3])
 @pytest.mark.parametrize("seed", range(6))

@@ -76,6 +76,7 @@ def test_link_side_feedback():
 SPACES = (("joint", "double"), ("joint", "left"), ("joint", "flight"), ("task", "double"), ("task", "left"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("posture", ["stand", pytest.param("crouch", marks=pytest.mark.population)])
 @pytest.mark.parametrize(("space", "contact"), SPACES)
 def test_biped(spec, space, contact, posture):
@@ -85,6 +86,7 @@ def test_biped(spec, space, contact, posture):
     assert_witnessed(limit, robot_setup(asked, posture, contact))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [BOTH, feet("left_sole"), [Contact("left_sole"), Contact("right_sole", "line", (2e5, 2e3), (200.0, 2.0))]])
 def test_biped_in_general_posture_with_a_cascade(spec, held):
     """P/PI for the centre of mass, PD for the pelvis; legs that are not alike, and one foot on soft ground."""

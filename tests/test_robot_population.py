@@ -126,6 +126,7 @@ def assert_confirmed(number: int) -> None:
     assert not case.stable(1.001 * limit.gain, limit.frequency), number
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(0, COUNT, STEP))
 def test_share_of_the_robots(number):
     assert_confirmed(number)

@@ -106,6 +106,7 @@ def assert_none_can_be_raised(spec: System, found: GainSet) -> None:
         assert found.case[j] in dict(raised)
 
 
+@pytest.mark.slow
 def test_none_can_be_raised(biped: tuple[System, RobotGains]):
     spec, gains = biped
     found = safe(gains)
@@ -126,6 +127,7 @@ def test_what_is_typed_is_what_was_judged(biped: tuple[System, RobotGains]):
         assert spec.requirements.met_by(found.margins)
 
 
+@pytest.mark.slow
 def test_gains_typed_back_meet_what_is_judged_then():
     """The file says nothing of gravity, so that its own gains are judged without the weight, while recommended ones stand under it."""
     spec = parse_robot(BIPED.replace("double: [left_sole, right_sole]", "left: [left_sole], flight: []"), "biped")
@@ -200,6 +202,7 @@ def test_the_gains_of_the_file_play_no_part(tmp_path: Path):
         np.testing.assert_array_equal(other.kd, found[0].kd)
 
 
+@pytest.mark.slow
 def test_without_weight_where_it_cannot_be_kept():
     """Gains that motors and springs so light allow cannot hold it: what is told is without the weight, and says so."""
     spec = parse_robot(SOLO, "solo")

@@ -114,6 +114,7 @@ def cells(html: str, heading: str) -> dict[str, list[str]]:
     raise AssertionError(heading)
 
 
+@pytest.mark.slow
 def test_page_is_self_contained_and_small(page):
     assert len(page.encode()) < 6e6
     own = without_library(page)
@@ -171,6 +172,7 @@ def test_the_first_picture_is_of_what_fails(page, biped):
     assert f"What fails: peak sensitivity Ms {worst:.3g} in {title}" in unescape(page)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no browser")
 @pytest.mark.parametrize(("width", "most"), [(1400, 5000), (420, 9000)])
 def test_the_page_is_short_before_anything_is_opened(page, tmp_path, width, most):
@@ -457,6 +459,7 @@ def test_what_a_user_typed_is_text(tmp_path):
             pytest.fail(f"markup in a picture: {words}")
 
 
+@pytest.mark.slow
 def test_many_states_stay_readable(biped):
     """Two postures in nine contact states: the tightest are drawn, the tables have all."""
     named = ((state, {"posture": f"posture {k // 9}", "contact": f"contact {k % 9}"}) for k, state in enumerate(6 * biped.states))

@@ -77,6 +77,7 @@ def test_encoders_have_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert np.abs(steps - np.round(steps)).max() < 1e-9  # of rounding alone
 
 
+@pytest.mark.slow
 def test_a_narrow_sole_lets_the_biped_fall(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """The same motion, on soles 15 cm wide and on soles of 4 cm, which tip over under the moments that the control asks of the ankles."""
     example = (resources.files("gainroom.files.examples") / "biped-simulated.yaml").read_text("utf-8")
@@ -196,6 +197,7 @@ scenario: {duration: 0.05, friction: {viscous: 2.0}}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", HELD_OTHERWISE.values(), ids=HELD_OTHERWISE)
 def test_margins_of_gains_to_try_are_those_of_the_loop(tmp_path: Path, control: str):
     """Seen quickly, with every factor; and what is proposed is the largest of the factors looked at that is proved to have them all."""

@@ -98,6 +98,7 @@ def drawn(figure: dict, name: str) -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.slow
 def test_a_sound_run_at_first_glance(sound: Outcome, sound_page: str):
     state, banner, labels = glance(sound_page)
     asked = sound.run.reference[-1] - sound.run.reference[0]  # 2 % of it is what settling means
@@ -224,6 +225,7 @@ def test_slip_is_how_far_a_foot_went(sound: Outcome, fallen: Outcome):
     assert fallen.slip.max() > 0.01
 
 
+@pytest.mark.slow
 def test_a_vibrating_run(shaken: Outcome, limit: gr.GainLimit):
     """4 % above the limit it vibrates within 2 % of the frequency there, in the shape that is predicted there."""
     page = simulation_page(shaken, COMMAND)
@@ -261,6 +263,7 @@ def test_a_fallen_run(fallen: Outcome):
     assert "<b>FELL</b>" in json.dumps(figures(page))
 
 
+@pytest.mark.slow
 def test_a_run_that_diverges(limit: gr.GainLimit):
     """Half above the limit: at the frequency of the linear loop's rightmost root, which grows e-fold in a hundredth of a second."""
     gain = 1.5 * limit.gain
@@ -278,6 +281,7 @@ def test_a_run_that_diverges(limit: gr.GainLimit):
     assert "NaN" not in json.dumps(figures(page))
 
 
+@pytest.mark.slow
 def test_many_joints_are_no_heap():
     """The three that are furthest off together, six by themselves, and words on the rest; a robot in free fall stays in its picture."""
     play = simulated(LIFTED + JOINTS + ALL_JOINTS)
@@ -295,6 +299,7 @@ def test_many_joints_are_no_heap():
     assert "In free fall" in page
 
 
+@pytest.mark.slow
 def test_a_torque_limit_keeps_a_vibration_at_its_size(limit: gr.GainLimit):
     """It neither grows nor dies away, and is one all the same; the page says what limits it."""
     limited = SHAKE.replace("scenario: {", "scenario: {torque_limit: {default: 150, '.*_yaw': .inf}, resolution: 1.0e-6, ")
@@ -310,6 +315,7 @@ def test_a_torque_limit_keeps_a_vibration_at_its_size(limit: gr.GainLimit):
     assert digits(1e-3, "mrad", 3) in own
 
 
+@pytest.mark.slow
 def test_the_page_tells_the_ground(sound: Outcome, sound_page: str):
     text = (STAND + MOVE).replace(
         "ground: true", "ground: {friction: 0.6, soles: {left_sole: {length: 0.3, width: 0.12, center: [0.02, 0]}}}"
@@ -319,6 +325,7 @@ def test_the_page_tells_the_ground(sound: Outcome, sound_page: str):
     assert "friction 0.8, soles left_sole 0.2 m × 0.1 m" in unescape(sound_page)
 
 
+@pytest.mark.slow
 def test_a_robot_that_holds_still_is_listened_to_from_the_start(limit: gr.GainLimit):
     """Nothing moves, so there is nothing to wait for: neither a warning of a late move, nor a vibration that goes unheard."""
     still = STAND + "scenario: {duration: 0.5, move: {task: com, by: 0}}\n"
@@ -328,6 +335,7 @@ def test_a_robot_that_holds_still_is_listened_to_from_the_start(limit: gr.GainLi
     assert not shaken.sound
 
 
+@pytest.mark.slow
 def test_what_nothing_can_move_is_not_said_to_track():
     """The centre of mass in free fall: no motor moves it, which the warning says."""
     play = simulated(LIFTED + SAMPLED + TASKS + "scenario: {duration: 0.3, move: {task: com, by: [0.01, 0, 0], duration: 0.1}}\n")
@@ -435,6 +443,7 @@ def test_the_report_takes_the_place_of_neither_input_nor_log(tmp_path: Path, cap
     assert not log.exists()
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_leaves_its_log_and_no_page(tmp_path: Path):
     """Stopped once it is known to be writing, far from its end."""
     path, page, log = write_arm(tmp_path, ROBOT + "scenario: {duration: 90.0}\n"), tmp_path / "run.html", tmp_path / "run.csv"

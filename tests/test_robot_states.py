@@ -87,6 +87,7 @@ def without(folder: Path) -> RobotStudy:
     return studied(folder, LEG.replace("flight: [], ", ""), recommend=True)
 
 
+@pytest.mark.slow
 def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: RobotStudy):
     (state,), (alone,), (still,) = leg.states, without.states, leg.immobile
     assert (still.title, still.reason) == ("bent/flight", "the tasks act on no motion")
@@ -151,6 +152,7 @@ def test_json_keeps_its_keys(folder: Path, capsys: pytest.CaptureFixture[str]):
     assert sets["everywhere"]["kp"][0] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("at_once")
 def test_terminal_and_page_say_it_in_words(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     report = tmp_path / "out.html"
@@ -170,6 +172,7 @@ def test_terminal_and_page_say_it_in_words(folder: Path, tmp_path: Path, capsys:
         assert text in page
 
 
+@pytest.mark.slow
 def test_joint_control_with_idle_tasks(folder: Path):
     """The joints are judged in every state, the tasks in those where they move something."""
     study = studied(folder, LEG.replace(LEG.splitlines()[5], JOINTS))
@@ -205,6 +208,7 @@ def test_a_direction_without_gains_has_no_limit(folder: Path):
     assert z.limit_others_closed == approx(state.limit.gain, rel=1e-6)  # sampled and polished on another curve
 
 
+@pytest.mark.slow
 def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """A delay that may be a thousandth longer than the delay margin allows is one too many; a thousandth less is none."""
     text = LEG.replace(LEG.splitlines()[5], JOINTS)
@@ -223,6 +227,7 @@ def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.Ca
     assert "UNSTABLE within the uncertainty ranges, in bent/" in page
 
 
+@pytest.mark.slow
 def test_gains_that_keep_all_that_is_required_are_not_called_too_stiff(folder: Path):
     """The file's own gains, here some that were recommended, made to fit no other shape: what is recommended is no softer than they."""
     text = LEG.replace(LEG.splitlines()[5], JOINTS) + "limits: {gain_margin_db: 6, phase_margin_deg: 30, peak_sensitivity: 2}\n"
@@ -265,6 +270,7 @@ def test_the_one_safe_set_never_costs_less_than_nothing(folder: Path):
         assert one.margins.least_gain_margin >= 10 ** (6 / 20)
 
 
+@pytest.mark.slow
 def test_cascade_gains_are_those_that_were_checked(folder: Path):
     """Put back into the tasks, recommended P/PI gains keep what is said of them."""
     text = LEG.replace("type: pd", "type: ppi").replace("kp: [100, 100, 60], kd: [10, 10, 5]", "kp: 10, kv: [10, 10, 4], ki: 5")
@@ -301,6 +307,7 @@ def test_a_limit_that_cannot_be_followed_leaves_the_verdict(folder: Path):
     assert state.limit.stable == (gr.rightmost_roots(state.loop, 8).roots.real < 0).all()
 
 
+@pytest.mark.slow
 def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     def lost(loop: gr.Loop) -> None:
         raise gr.GainroomError("the loci could not be followed")
@@ -353,6 +360,7 @@ def test_disk_margin_is_that_of_the_motors_torques(folder: Path):
     assert state.margins.disk_margin != approx(disk_margin_of(loop.response, omega).margin, rel=0.02)
 
 
+@pytest.mark.slow
 def test_gravity_counts_on_two_feet_in_continuous_time():
     """Both feet held: W is singular. With the weight the legs topple sooner than without, and every number is known."""
     text = (
@@ -387,6 +395,7 @@ def test_what_each_state_keeps(folder: Path, leg: RobotStudy, at_once: None, cap
     assert told["disk_margin_certified"] is state.margins.disk_certified
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("certified", "shown"), [(True, " 0.25 "), (False, " ~0.25 ")])
 def test_a_disk_margin_that_is_not_certified_says_so(
     folder: Path, leg: RobotStudy, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], certified: bool, shown: str

@@ -383,6 +383,7 @@ def test_a_poor_kd_in_the_file_costs_little(folder: Path):
     assert min(stiffness) > max(stiffness) / 1.5
 
 
+@pytest.mark.slow
 def test_tasks_that_are_not_closed_are_warned_of_where_they_lack_gain_margin(tmp_path: Path):
     """The limit of the same tasks, closed, decides; nothing is said where they have enough, and nothing of tasks that are closed."""
     file = load_robot_system(EXAMPLES / "biped.yaml")

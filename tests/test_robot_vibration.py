@@ -97,6 +97,7 @@ def test_below_the_limit_a_move_under_friction_is_no_vibration(tmp_path: Path, s
     assert play.sound
 
 
+@pytest.mark.slow
 def test_a_vibration_before_a_fall_is_reported(tmp_path: Path):
     """Two feet cannot carry it; until it has fallen it vibrates as the linear loop says."""
     text = SOLO.replace("contacts: {all: [", "contacts: {diag: [").replace(

@@ -81,6 +81,7 @@ def test_what_cannot_be_sampled():
         sample(Factored(np.zeros(0, complex), np.array([1e6 + 0j]), 1.0), 1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_delay_margin_beside_a_fine_search(seed: int):
     """No delay up to the margin is unstable, on a grid of a 40th of it, by the closed loop's own roots."""

@@ -45,6 +45,7 @@ def test_the_plan_keeps_feet_on_the_ground_and_the_weight_over_them(body):
         assert body.com(postures[k])[:2] == pytest.approx(places[str(phase[k])][k, :2], abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["single set", "scheduled"])
 def test_both_tables_meet_the_same_requirements_weight_included(name):
     """In two of the 17 states: standing, and on the left foot with the right one lifted."""
@@ -57,6 +58,7 @@ def test_both_tables_meet_the_same_requirements_weight_included(name):
     assert np.array_equal(own["right"], np.roll(own["left"], 6, axis=1))  # legs alike, walk mirrored
 
 
+@pytest.mark.slow
 def test_scheduled_gains_track_better_at_the_same_margins(walks):
     """With friction. The whole of the two steps: docs/realtime.md."""
     errors = {name: rms(error_of(run, plan)) for name, (plan, run, _) in walks.items()}
@@ -64,6 +66,7 @@ def test_scheduled_gains_track_better_at_the_same_margins(walks):
     assert errors["scheduled"] < 0.9 * errors["single set"]
 
 
+@pytest.mark.slow
 def test_nothing_vibrates_in_any_phase_and_no_switch_is_a_step(walks):
     """The command moves by no more about a switch of contact than within phases, while gains fall to a ninth."""
     for plan, run, _ in walks.values():
@@ -103,6 +106,7 @@ def test_with_the_tracker_gains_end_at_its_limit_over_the_margin():
     assert certified >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["single set", "scheduled"])
 def test_equal_legs_closed_by_the_ground_are_followed(name):
     """Double support: two roots of equal legs that lie at the same frequency once were passed in one step of a count, which missed one."""

@@ -243,6 +243,7 @@ def test_a_damaged_file_is_refused_in_one_line_or_read(random: Random):
     assert "\n" not in message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ending", "number"), [("csv", signal.SIGINT), ("parquet", signal.SIGINT), ("mcap", signal.SIGINT), ("csv", signal.SIGTERM)]
 )

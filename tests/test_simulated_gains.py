@@ -145,6 +145,7 @@ def agree(chosen: Case, folder: Path, **how) -> float:
     return found.gain
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_explicit_gains_are_stable_up_to_where_mujoco_says(name: str, tmp_path: Path):
     assert math.isfinite(agree(case(name), tmp_path, integrator="Euler", pd="explicit"))
@@ -160,11 +161,13 @@ OTHERS = ("gantry", "in space", "walker, one foot", "biped", "quadruped", "indus
 """The rest of NAMES is what these are: an arm, bodies in space, feet on the ground, a URDF; explicit gains have all of them every time."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(name, marks=() if name not in OTHERS else pytest.mark.population) for name in NAMES])
 def test_mujocos_own_actuators_are_stable_up_to_where_it_says(name: str, tmp_path: Path):
     assert math.isfinite(agree(lightly_damped(name), tmp_path, integrator="implicitfast", pd="implicit"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["arm", pytest.param("walker, one foot", marks=pytest.mark.population)])
 @pytest.mark.parametrize(
     ("integrator", "pd", "decimation"),
@@ -186,6 +189,7 @@ def test_every_integrator_and_kind_of_pd(name: str, integrator: str, pd: str, de
     agree(chosen, tmp_path, integrator=integrator, pd=pd, decimation=decimation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pendulum", "in space", "walker, two feet"])
 def test_implicit_damping_that_is_strong_holds_any_gains(name: str, tmp_path: Path):
     """The witness grows at no factor up to 1000, either."""
@@ -214,6 +218,7 @@ def one_joint(folder: Path, kp: float, kd: float) -> SimulatedRobot:
     return robot_of(Case(WEIGHTLESS, {"j": (kp, kd)}), folder)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kp", "kd"), [(300.0, 2.0), (2000.0, 0.5), (10.0, 30.0)])
 def test_closed_forms_of_one_joint(tmp_path: Path, kp: float, kd: float):
     """Of z² − a z + b, both roots lie inside the unit circle where |b| < 1 and |a| < 1 + b (Jury). At z = −1:

@@ -42,6 +42,7 @@ def witness(timestep: float, pd: str, decimation: int = 1) -> Witness:
     return Witness(LEG, GAINS, timestep, "implicitfast", pd, decimation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("delay", "pd", "timestep", "decimation", "held_by"),
     [
@@ -88,6 +89,7 @@ def test_joints_that_only_one_of_the_two_holds(leg: Path, capsys: pytest.Capture
     assert "only the robot holds the gains of ankle" in answer["simulator"]["sentence"]
 
 
+@pytest.mark.slow
 def test_what_the_file_says_counts_and_what_is_typed_wins(leg: Path, capsys: pytest.CaptureFixture[str]):
     _, answer = told(capsys, leg, "--delay-ms", "2")
     found = answer["simulator"]
@@ -100,6 +102,7 @@ def test_what_the_file_says_counts_and_what_is_typed_wins(leg: Path, capsys: pyt
     assert answer["simulator"]["gain_limit"] is not None  # Euler takes an actuator's kv explicitly
 
 
+@pytest.mark.slow
 def test_gains_of_a_file_are_a_programs(leg: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     gains = tmp_path / "gains.yaml"
     gains.write_text('".*": {kp: 50, kd: 2, ki: 1, motor_inertia: 0.2}', "utf-8")
@@ -114,6 +117,7 @@ def test_gains_of_a_file_are_a_programs(leg: Path, tmp_path: Path, capsys: pytes
     assert "armature" not in " ".join(motors["simulator"]["assumptions"])
 
 
+@pytest.mark.slow
 def test_damping_that_is_the_controllers_acts_once(leg: Path, capsys: pytest.CaptureFixture[str]):
     """As the file has it, <position kp> and joint damping, both times the factor: the witness changes both."""
     text = re.sub(r' kv="\d+"| damping="[^"]*"', "", LEG).replace('integrator="implicitfast"', 'integrator="Euler"')
@@ -129,6 +133,7 @@ def test_damping_that_is_the_controllers_acts_once(leg: Path, capsys: pytest.Cap
     assert beside["simulator"]["gain_limit"] != approx(found["gain_limit"], rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_urdf_names_no_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     gains = tmp_path / "gains.yaml"
     gains.write_text('".*": {kp: 2000, kd: 100, motor_inertia: 1}', "utf-8")
@@ -146,6 +151,7 @@ def test_without_the_option_nothing_is_said(leg: Path, capsys: pytest.CaptureFix
     assert "MuJoCo" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_terminal_and_page_say_what_json_says(leg: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     page = tmp_path / "audit.html"
     options = ["--delay-ms", "2", "--pd", "explicit", "--decimation", "3", "--report", str(page)]

@@ -38,6 +38,7 @@ $$ P = \\frac{1}{J s^2}. $$
 """
 
 
+@pytest.mark.slow
 def test_a_page_with_formulas_needs_no_host_and_one_with_a_hosts_picture_is_refused(tmp_path: Path):
     (tmp_path / "index.md").write_text(PAGE, "utf-8")
     call = [sys.executable, "-m", "sphinx", "-q", "-c", str(DOCS), str(tmp_path), str(tmp_path / "site")]

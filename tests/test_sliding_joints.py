@@ -28,6 +28,7 @@ def cart(folder: Path, second: str) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["robot", "audit"])
 @pytest.mark.parametrize("second", ["prismatic", "revolute"])
 def test_units_in_terminal_and_page(tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str, second: str):

@@ -36,6 +36,7 @@ def swinging(number: int, slow: float) -> Machine:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "slow"),
     [

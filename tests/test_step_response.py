@@ -35,6 +35,7 @@ PLACES = [(delays, joint) for delays in DELAYS for joint in (0, 2)]
 """All with -m population; every time each set of delays, and both joints."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("delays", "joint"), [pair if k in (0, 3, 4) else pytest.param(*pair, marks=pytest.mark.population) for k, pair in enumerate(PLACES)]
 )

@@ -64,6 +64,7 @@ class Difference:
         return (value - past) / TICK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("feedback", ["motor", "link"])
 @pytest.mark.parametrize("late", [0.0, 1.0, 4.348, 0.6])
 def test_one_joint_is_fine_integration(feedback, late):

@@ -45,6 +45,7 @@ def assert_short(out: str):
     assert "…" not in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JOINTS)
 def test_joints_fit_a_small_terminal(capsys: pytest.CaptureFixture[str], name: str):
     status, out = answer(capsys, "joint", str(EXAMPLES / f"{name}.yaml"))
@@ -53,6 +54,7 @@ def test_joints_fit_a_small_terminal(capsys: pytest.CaptureFixture[str], name: s
     assert re.match(r"Stable( in continuous time)?, but \d requirements? fails?( in [a-z ,]+)?: ", " ".join(out.split()))
 
 
+@pytest.mark.slow
 def test_more_is_there_when_it_is_asked_for(capsys: pytest.CaptureFixture[str]):
     _, short = answer(capsys, "joint", str(EXAMPLES / "talos-knee.yaml"))
     _, whole = answer(capsys, "joint", str(EXAMPLES / "talos-knee.yaml"), "--verbose")
@@ -61,6 +63,7 @@ def test_more_is_there_when_it_is_asked_for(capsys: pytest.CaptureFixture[str]):
         assert text in whole
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JOINTS)
 def test_gains_to_use_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str):
     """What the terminal prints under `control` is valid there, and then every requirement is met, with status 0 even with --strict.
@@ -103,6 +106,7 @@ def test_robots_too(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     assert told["requirements_met"] is not bool(status)
 
 
+@pytest.mark.slow
 def test_a_robot_states_its_gains_by_patterns_that_are_read_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Pasted as they are printed, they meet everything in every state and corner."""
     path = write_arm(tmp_path, ROBOT + "uncertainty: {delay_ms: [1.9, 2.2]}\n")
@@ -141,6 +145,7 @@ def test_what_the_recommended_gains_keep_at_the_usual_rate(tmp_path: Path, capsy
     assert answer(capsys, "joint", str(tmp_path / "joint.yaml"), "--strict")[0] == 0
 
 
+@pytest.mark.slow
 def test_a_run_is_judged_by_what_was_asked_of_it_too(capsys: pytest.CaptureFixture[str]):
     """The walking gains' 30 mm: by the table's own error at the end, which is more than 2 % of that in every direction."""
     file = str(EXAMPLES / "biped-simulated.yaml")
@@ -168,6 +173,7 @@ def test_stable_in_continuous_time_alone(tmp_path: Path, capsys: pytest.CaptureF
         assert answer(capsys, "joint", str(tmp_path / "joint.yaml"))[0] == lost
 
 
+@pytest.mark.slow
 def test_a_delay_that_includes_sampling_is_not_lengthened(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Same numbers as without the statement, no word of 2 kHz, on the page either; with a rate it would count twice and is refused."""
     text = (EXAMPLES / "testbed.yaml").read_text("utf-8")

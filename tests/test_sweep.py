@@ -79,6 +79,7 @@ def test_samples_fill_the_box_evenly_and_by_number():
     assert not np.array_equal(Samples(low, high, 256, seed=4).at(0, 9), found[:9])
 
 
+@pytest.mark.slow
 def test_the_same_bytes_for_any_number_of_workers(undisturbed, tmp_path):
     file, expected = undisturbed
     done = ran(small_plan(file, POSTURES), tmp_path / "more.zarr", workers=3)
@@ -86,6 +87,7 @@ def test_the_same_bytes_for_any_number_of_workers(undisturbed, tmp_path):
     assert contents(tmp_path / "more.zarr") == expected
 
 
+@pytest.mark.slow
 def test_results_are_labelled_and_are_those_of_gain_limit(arm, tmp_path):
     system = load_robot_system(arm)
     plan = small_plan(arm, 70, places=drawn(system, 3))
@@ -125,6 +127,7 @@ def test_a_run_that_was_stopped_goes_on(undisturbed, tmp_path):
     assert contents(path) == expected
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_loses_nothing(undisturbed, tmp_path):
     file, expected = undisturbed
     plan = small_plan(file, POSTURES)
@@ -134,6 +137,7 @@ def test_a_worker_that_is_killed_loses_nothing(undisturbed, tmp_path):
     assert contents(tmp_path / "sweep.zarr") == expected
 
 
+@pytest.mark.slow
 def test_postures_that_kill_every_worker_are_named(undisturbed, tmp_path):
     file, expected = undisturbed
     plan = small_plan(file, POSTURES)
@@ -147,6 +151,7 @@ def test_postures_that_kill_every_worker_are_named(undisturbed, tmp_path):
     assert contents(path) == expected
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments(undisturbed, tmp_path):
     """Whatever is left after SIGKILL, SIGTERM or SIGINT, the same command goes on to the same bytes; and no worker is left over."""
     assert_killed(undisturbed, tmp_path, 2)
@@ -175,6 +180,7 @@ def assert_killed(undisturbed, tmp_path, moments: int) -> None:
         assert contents(path) == expected
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_told_and_nothing_finished_is_lost(undisturbed, tmp_path):
     """A file system of 100 kB, as an unprivileged user may have one in a name space of his own."""
     file, expected = undisturbed
@@ -352,6 +358,7 @@ def test_a_wrong_call_is_refused_in_one_line(arm, tmp_path, monkeypatch, capsys,
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
 
 
+@pytest.mark.slow
 def test_the_command_prints_and_keeps_its_results(arm, tmp_path, capsys):
     store = tmp_path / "sweep.zarr"
     call = ["sweep", str(arm), "--samples", "300", "--output", str(store), "--json", "--workers", "1"]
@@ -386,6 +393,7 @@ def test_long_sweeps_have_long_tasks(arm):
     assert Trajectory(np.zeros((3, 2))).count == 3
 
 
+@pytest.mark.slow
 def test_the_page_is_whole_and_says_what_the_terminal_says(arm, tmp_path, capsys):
     page = tmp_path / "sweep.html"
     assert main(["sweep", str(arm), "--samples", "400", "--draws", "1", "--report", str(page), "--json"]) == 0

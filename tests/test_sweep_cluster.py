@@ -60,6 +60,7 @@ def undisturbed(tmp_path_factory):
     return file, contents(folder / "one.zarr")
 
 
+@pytest.mark.slow
 def test_workers_and_the_scheduler_may_die(undisturbed, running, tmp_path, monkeypatch):
     """A worker after a tenth of the tasks, the scheduler with all of them after a third; both come back."""
     monkeypatch.setattr(cluster, "CONNECTING", 300.0)

@@ -140,6 +140,7 @@ def alone(system, angles, contact: str):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", ["double", "left", "flight"])
 def test_a_biped_in_random_postures(contact):
     """Every limit is proved, and that of gain_limit, to 1e-9; the joint is the one that moves most. Of unstable gains it is below 1."""
@@ -158,6 +159,7 @@ def test_a_biped_in_random_postures(contact):
                 assert found.joint[k] == np.argmax(np.abs(limit.mode))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", ["double", "left", "flight"])
 def test_no_limit_lies_above_the_one_that_is_computed_alone(contact):
     """Begun one from the other they are no more than 2e-6 below the crossing that gain_limit finds from nothing, and never above it.
@@ -210,6 +212,7 @@ ARMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ARMS)
 def test_every_kind_of_robot_has_its_limits(tmp_path, kind):
     """Proved in a row or asked one by one: the numbers are those of gain_limit."""
@@ -228,6 +231,7 @@ def test_every_kind_of_robot_has_its_limits(tmp_path, kind):
         assert found.lower[k] == pytest.approx(limit.lower_gain * (1 + SEARCH.nudge), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_quadruped_on_point_feet(tmp_path):
     system = load_robot_system(written(tmp_path, SOLO))
     angles = random_angles(system.source.body, 20)

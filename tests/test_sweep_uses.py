@@ -62,6 +62,7 @@ def test_postures_in_passing_fill_every_range(count, size):
         assert np.abs(np.corrcoef(points.T) - np.eye(size)).max() < 5 / np.sqrt(count)
 
 
+@pytest.mark.slow
 def test_robot_takes_the_worst_postures_of_a_sweep(tmp_path, capsys):
     """They stand among its states, and recommended gains have the margin in every swept posture, not in the file's alone."""
     file, store = write_arm(tmp_path, STRETCHED), tmp_path / "sweep.zarr"
@@ -89,6 +90,7 @@ def test_a_sweep_of_another_robot_is_refused(tmp_path, capsys):
         assert words in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 6.0])
 def test_audit_looks_at_the_whole_workspace(tmp_path, capsys, factor):
     """Against gain_limit at the posture it names, and by count of random ones."""
@@ -156,6 +158,7 @@ def test_an_audit_requires_the_extra_delay_in_every_posture(tmp_path, capsys):
     assert f"With 3 ms more delay, as required: unstable in {100 * later['unstable_share']:.3g} % of 60 postures" in said
 
 
+@pytest.mark.slow
 def test_an_audit_judges_what_else_is_asked_for_in_a_sample_of_the_workspace(tmp_path, capsys):
     """The phase margin that it names is that of the posture which it names; 5° more than that is missed there, and decides."""
     gains = tmp_path / "gains.yaml"
@@ -178,6 +181,7 @@ def test_an_audit_judges_what_else_is_asked_for_in_a_sample_of_the_workspace(tmp
     assert "Not met: phase margin" in " ".join(capsys.readouterr().out.split()).partition("Workspace:")[2]
 
 
+@pytest.mark.slow
 def test_what_else_fails_in_the_worst_postures_is_said(tmp_path, capsys):
     """The biped's gain margin holds everywhere; its phase margin does not, where gain limits are lowest. --strict minds."""
     biped = tmp_path / "biped.yaml"
@@ -198,6 +202,7 @@ def test_what_else_fails_in_the_worst_postures_is_said(tmp_path, capsys):
     assert "Safe" not in said
 
 
+@pytest.mark.slow
 def test_the_audit_s_page_shows_the_workspace(tmp_path, capsys):
     """What JSON says of it, with the factor that is safe in all of it, and the command that asks for it."""
     gains, page = tmp_path / "gains.yaml", tmp_path / "audit.html"
@@ -217,6 +222,7 @@ def test_the_audit_s_page_shows_the_workspace(tmp_path, capsys):
     assert "The worst posture, " in html
 
 
+@pytest.mark.slow
 def test_the_robot_s_page_shows_what_recommended_gains_keep_in_a_sweep(tmp_path, capsys):
     file, store, page = write_arm(tmp_path, STRETCHED), tmp_path / "sweep.zarr", tmp_path / "robot.html"
     assert main(["sweep", str(file), "--samples", "100", "--output", str(store), "--json"]) == 0
@@ -237,6 +243,7 @@ def others(system, angles, contact):
     return {"phase_margin": (np.degrees(found.common_phase_margin), np.degrees(found.one_loop_phase_margin)), "peak_sensitivity": found}
 
 
+@pytest.mark.slow
 def test_other_requirements_are_judged_in_a_sample_and_that_is_said(tmp_path, capsys):
     """The worst that is found is no better than in any of 8 postures of a sweep of 8, each worked out by itself."""
     biped = tmp_path / "biped.yaml"
@@ -267,6 +274,7 @@ def test_other_requirements_are_judged_in_a_sample_and_that_is_said(tmp_path, ca
     assert "--margins -1 must be from 0 to" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_gallery_s_numbers_are_those_of_the_command(tmp_path, capsys):
     """One robot's file as the page has it, typed anew: table rows, delay by delay, are what `gainroom sweep` prints."""
     page = (Path(__file__).parents[1] / "docs" / "gallery_sweeps.md").read_text("utf-8")

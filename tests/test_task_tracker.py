@@ -87,6 +87,7 @@ def test_jacobians_of_tasks(robots):
             assert found == pytest.approx(task.jacobian(model), abs=1e-12)  # of entries about 1 and less: round-off
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("sample_time", [None, TICK])
 def test_crossings_are_the_loops_own(robots, change: str, sample_time):
@@ -118,6 +119,7 @@ WALKS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stack", "change", "sample_time", "seed", "least"), WALKS)
 def test_walks_with_tasks(robots, stack: str, change: str, sample_time, seed: int, least: float, capsys: pytest.CaptureFixture[str]):
     """No certified gain is above the limit; what uncertified ticks fall back to is not either."""
@@ -152,6 +154,7 @@ def walked(robot, sample_time, seed: int, name: str, capsys, ticks: int, checks:
     return share
 
 
+@pytest.mark.slow
 def test_tasks_that_are_unstable_at_every_factor_are_not_certified(robots):
     """The CoM's gains of the paper are damped little: where it acts on the pelvis no factor makes that stable, and nothing is safe."""
     walk = Walk(robots("own"), None, 0, tasks=True)
@@ -210,6 +213,7 @@ def test_misuse_in_the_loop_is_flagged(robots):
     assert all(not one.certified or one.gain == pytest.approx(good.gain, rel=1e-9) for one in answers)
 
 
+@pytest.mark.slow
 def test_dynamics_of_another_library_give_the_same(robots):
     robot, body = robots("feet"), robots("feet").body
     trackers = [tracker_of(robot, "left") for _ in range(2)]

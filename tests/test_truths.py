@@ -238,6 +238,7 @@ def test_delay_margin_is_the_delay_that_can_be_added(drawn):
         assert not is_stable(slower[1], sample_time)
 
 
+@pytest.mark.slow
 def test_peaks_and_disk_margin(drawn):
     joint, sample_time, loop, found = drawn
     at_peak = loop.response(np.array([found.peak_sensitivity_frequency]))[0]

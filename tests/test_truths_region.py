@@ -44,6 +44,7 @@ def region_points(region, rng, number: int) -> np.ndarray:
     return rng.uniform(low - 0.3 * (high - low), high + 0.3 * (high - low), size=(number, 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
 @pytest.mark.parametrize("seed", seeds(5, 12))
 def test_region_is_where_the_loop_is_stable(seed, sample_time):
@@ -73,6 +74,7 @@ def inside_polygons(polygons, points: np.ndarray) -> np.ndarray:
     return crossings % 2 == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", [{}, {"gain_margin": 1.8, "phase_margin": radians(25), "peak_sensitivity": 2.5}])
 @pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
 @pytest.mark.parametrize("seed", seeds(2, 3))
@@ -127,6 +129,7 @@ REQUIREMENTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
 @pytest.mark.parametrize("wanted", REQUIREMENTS.values(), ids=REQUIREMENTS.keys())
 @pytest.mark.parametrize("seed", seeds(2, 3))

@@ -68,6 +68,7 @@ def test_kd_at_20_khz_without_delay_and_kp_at_500_hz_with_4_ms():
     assert found.one_loop.largest_kd == approx(300 * first_loss(lambda g: two.scaled(1, g).radius(), 1, 30), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_more_delay_of_both_paths_and_of_kp_alone():
     two, tick = TwoRates(one_joint(kp=20000.0), DRIVE / 5, 200, 400, 5, 0), DRIVE / 5  # both limits lie between two of these ticks
     found = gr.margins(loop_of(two))
@@ -109,6 +110,7 @@ def population():
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("two", population())
 def test_any_joint_at_any_two_rates(two: TwoRates):
     loop = loop_of(two)
@@ -130,6 +132,7 @@ def test_there_are_stable_and_unstable_ones_in_the_population():
     assert 6 <= sum(stable) <= len(stable) - 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [3, pytest.param(7, marks=pytest.mark.population)])
 def test_several_coupled_joints(number: int):
     machine = limbs(1, number).machine

@@ -69,6 +69,7 @@ def test_whole_population(start):
     assert_kept(range(start, min(start + BATCH, WHOLE)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [41, 48])
 def test_the_worst_joint_lies_between_the_cases_looked_at(number):
     """Corners, centre and filling alone missed these by 10 % and 5 % in Ms: sampled, stiffness and inertias uncertain."""

@@ -91,6 +91,7 @@ def test_without_uncertainty_nothing_is_said(study):
     assert exact.uncertainty_cost is None
 
 
+@pytest.mark.slow
 def test_json_terminal_and_page_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str], study):
     file, page = tmp_path / "joint.yaml", tmp_path / "joint.html"
     file.write_text(TESTBED, "utf-8")

@@ -49,6 +49,7 @@ def assert_one_verdict(terminal: str, headline: str, own: str):
     assert set(re.findall('<body class="(.*?)">', own)) <= colours
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JOINTS)
 def test_every_requirement_that_a_joint_misses_is_in_both_headlines(capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str):
     terminal, headline, told, own = said(capsys, tmp_path, "joint", str(EXAMPLES / f"{name}.yaml"))
@@ -62,6 +63,7 @@ def test_every_requirement_that_a_joint_misses_is_in_both_headlines(capsys: pyte
         assert value in terminal.partition(" at to use")[0]
 
 
+@pytest.mark.slow
 def test_the_present_gains_at_the_usual_rate_are_those_of_the_file_with_that_rate(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """Fig. 9's joint: everything that is too little there, with its value."""
     _, headline, _, _ = said(capsys, tmp_path, "joint", str(EXAMPLES / "fig9.yaml"))
@@ -106,6 +108,7 @@ def test_gains_of_a_robot_that_fail_at_the_usual_rate_are_not_shown(capsys: pyte
         assert "; at 2 kHz they have " in own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", ["0.5", "2", "4"])
 @pytest.mark.parametrize("more", [(), ("--rate-hz", "2000"), ("--phase-margin-deg", "45", "--peak-sensitivity", "1.3")])
 def test_every_row_that_an_audit_does_not_meet_is_in_both_headlines(
@@ -127,6 +130,7 @@ def test_every_row_that_an_audit_does_not_meet_is_in_both_headlines(
 WIDE = "uncertainty: {stiffness: 20%, delay_ms: [1, 2], link_inertia: [4, 40]}\n"
 
 
+@pytest.mark.slow
 def test_gains_for_the_usual_rate_say_how_they_hold_over_the_ranges():
     """And not how those of continuous time do, which are not the ones shown."""
     study = study_joint(parse_joint((EXAMPLES / "fig9.yaml").read_text("utf-8") + WIDE, ""))
@@ -176,6 +180,7 @@ def test_an_audit_without_a_rate_shows_no_gains_to_use(capsys: pytest.CaptureFix
     assert again["to_use"]["factor"] < told["to_use"]["factor"]  # a rate costs margin
 
 
+@pytest.mark.slow
 def test_gains_that_would_hardly_damp_are_not_to_be_used_yet(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """Too high for the gain margin, with too little kd: lower ones have that margin and still ring. Headline and advice say it."""
     gains = tmp_path / "gains.yaml"

@@ -56,6 +56,7 @@ def two() -> dict[str, np.ndarray]:
     return closed(TWO, broad())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("torque", ["target_torque", "actual_torque"])
 def test_one_torque_is_enough(two, torque):
     """What the other torque would say of the current loop is fitted: the residuals say that the model is right; K and inertias to 0.3 %."""
@@ -66,23 +67,27 @@ def test_one_torque_is_enough(two, torque):
         assert abs(found.parameters[name].value - value) < 1.7 * found.parameters[name].half_width
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", [("target_torque", "actual_torque"), ("motor_position",)])
 def test_a_wrong_sign_is_named(two, turned):
     wrong = two | {name: -two[name] for name in turned}
     assert_refused(lambda: identify_joint(log(wrong)), ["joint:", "goes against", "turn the sign"])
 
 
+@pytest.mark.slow
 def test_the_link_s_position_for_the_motor_s_is_refused(two):
     wrong = two | {"motor_position": two["link_position"]}
     assert_refused(lambda: identify_joint(log(wrong)), ["joint:", "look whether the position is that of the motor"])
 
 
+@pytest.mark.slow
 def test_a_wrong_rate_shows_where_the_drive_is_known(two):
     """A delay of 3 ms in a log that is 0.8 times as long as it was. Nothing else can tell: time is no physical unit of its own here."""
     found = identify_joint(log(two, "target_torque", "motor_position", tick=0.8 * TICK), gr.Drive(2000.0, 0.9, 3e-3))
     assert not found.adequate
 
 
+@pytest.mark.slow
 def test_a_position_that_is_read_every_other_tick_is_seen(two):
     wrong = two | {"motor_position": np.repeat(two["motor_position"][::2], 2)}
     assert not identify_joint(log(wrong)).adequate
@@ -115,6 +120,7 @@ def verdict(record: Record) -> str:
 TIME = np.arange(COUNT) * TICK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("torque", "slow", "words"),
     [
