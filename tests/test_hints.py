@@ -145,4 +145,4 @@ def test_an_option_is_named_by_its_own_name(folder: Path, capsys: pytest.Capture
 def test_missing_motor_inertia_may_be_given_joint_by_joint(folder: Path, capsys: pytest.CaptureFixture[str]):
     (folder / "gains.yaml").write_text('".*_knee": {kp: 100, kd: 3}\n', "utf-8")
     said = line(capsys, "audit gainroom:biped.urdf --delay-ms 2 --gains gains.yaml --gearbox harmonic")
-    assert "--motor-inertia, one value for all joints, or motor_inertia of each joint in gains.yaml" in said
+    assert "--motor-inertia, of all joints or JOINT=NUMBER of each, or motor_inertia of each joint in gains.yaml" in said

@@ -15,8 +15,9 @@ from pytest import approx
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.design.robot_gains import recommend_robot
-from gainroom.files.audit_options import AuditOptions, audit_spec, margin_factor
+from gainroom.files.audit_options import AuditOptions, audit_spec
 from gainroom.files.robot_yaml import load_robot_system, parse_robot
+from gainroom.files.typed_requirements import margin_factor
 from gainroom.report.audit_text import audit_sentence
 from gainroom.report.robot_text import notes, sentence, warnings
 from gainroom.studies.audit import audit, required_of
@@ -270,6 +271,35 @@ def test_audit_agrees_with_the_robot_file(folder: Path, study: RobotStudy):
     assert [joint.limit_others_closed for joint in result.joints] == approx([row.limit_others_closed for row in state.joints])
     assert result.delay_limit == approx(2e-3 + state.margins.delay_margin)
     assert result.safe == (state.limit.gain >= 2 and all(joint.gain_limit >= 2 for joint in result.joints))
+
+
+def test_values_of_some_joints_are_those_of_a_robot_file(folder: Path, capsys: pytest.CaptureFixture[str]):
+    """JOINT=NUMBER stands for a joint's own entry, over what is said of all; of several the later counts."""
+    call = ["audit", str(folder / "robot.urdf"), "--gains", str(folder / "gains.yaml"), "--rate-hz", "2000", "--delay-ms", "2"]
+    typed = ["--motor-inertia", "knee=0.3", "--motor-inertia", "0.5", "--stiffness", ".*=9e3", "--stiffness", "knee=5e3", "--damping", "2"]
+    main([*call, *typed, "--write-robot", str(folder / "of_joints.yaml"), "--json"])
+    joints = {joint["name"]: joint for joint in json.loads(capsys.readouterr().out)["joints"]}
+    assert [joints[name]["stiffness"] for name in ("hip", "knee")] == [9e3, 5e3]
+    assert [joints[name]["damping"] for name in ("hip", "knee")] == [2, 2]
+    written = gr.load_robot(folder / "of_joints.yaml").quantities["motor_inertia"]
+    assert written.tolist() == [0.5, 0.3]
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [
+        (("--motor-inertia", "elbow=1"), ["--motor-inertia elbow=1", "'elbow' matches no joint"]),
+        (("--motor-inertia", "knee=-1"), ["--motor-inertia of knee: -1.0 must be > 0"]),
+        (("--stiffness", "knee=stiff"), ["--stiffness", "'stiff' must be a number in N m/rad"]),
+        (("--damping", "knee=2"), ["--damping 2", "give --stiffness too"]),
+    ],
+)
+def test_wrong_values_of_some_joints(folder: Path, capsys: pytest.CaptureFixture[str], typed: tuple[str, ...], words: list[str]):
+    call = ["audit", str(folder / "robot.urdf"), "--gains", str(folder / "gains.yaml"), "--delay-ms", "2", "--motor-inertia", "0.5"]
+    assert main([*call, *typed]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1
+    assert all(word in err for word in words), err
 
 
 def test_audit_vibrates_from_its_delay_limit(folder: Path):

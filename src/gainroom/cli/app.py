@@ -118,7 +118,8 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
     from ..app.bench import Opened
     from ..app.robot_bench import RobotBench
     from ..errors import GainroomError
-    from ..files.audit_options import audited, margin_factor
+    from ..files.audit_options import audited
+    from ..files.typed_requirements import margin_factor
     from ..studies.audit import required_of
 
     if file is None:

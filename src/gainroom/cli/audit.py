@@ -92,7 +92,8 @@ def audit(
 
     Exit status: 0 safe; 1 not safe, or unstable in the simulator; 2 a file or the call is wrong.
     """
-    from ..files.audit_options import audited, delay_of_margin, further_requirements, margin_factor
+    from ..files.audit_options import audited
+    from ..files.typed_requirements import delay_of_margin, further_requirements, margin_factor
     from ..studies.audit import audit as run_audit
     from ..studies.audit import required_of
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import Number, number_option
+from .options import Number, joints_option, number_option
 
 if TYPE_CHECKING:
     from ..files.audit_options import Audited, AuditOptions
@@ -27,8 +27,13 @@ class ModelCall:
         ),
     ] = None
     rate_hz: Annotated[Number, number_option("--rate-hz", "in Hz", "Of the controller [Hz]; without it, continuous time.")] = None
-    stiffness: Annotated[Number, number_option("--stiffness", "in N m/rad", "Of every gearbox [N m/rad]; without it, rigid.")] = None
-    damping: Annotated[Number, number_option("--damping", "in N m s/rad", "Of every gearbox [N m s/rad].")] = None
+    stiffness: Annotated[
+        list[str] | None,
+        joints_option(
+            "--stiffness", "in N m/rad", "Of every gearbox [N m/rad], or of the joints that match a pattern, which wins; without it, rigid."
+        ),
+    ] = None
+    damping: Annotated[list[str] | None, joints_option("--damping", "in N m s/rad", "The same of its damping [N m s/rad].")] = None
     gearbox: Annotated[
         list[str] | None,
         typer.Option(
@@ -38,7 +43,12 @@ class ModelCall:
         ),
     ] = None
     motor_inertia: Annotated[
-        Number, number_option("--motor-inertia", "in kg m²", "Joint side [kg m²], where the gains' file names none.")
+        list[str] | None,
+        joints_option(
+            "--motor-inertia",
+            "in kg m²",
+            "Joint side [kg m²]: of all joints of which the gains' file names none, or of those that match a pattern.",
+        ),
     ] = None
     bandwidth: Annotated[Number, number_option("--bandwidth", "in rad/s", "Of the current loops [rad/s]; without it, ideal.")] = None
     base: Annotated[str | None, typer.Option(help="fixed or floating; without it, as the MJCF has it. fixed locks a free joint.")] = None
@@ -77,13 +87,20 @@ class ModelCall:
 
     def options(self, delay_ms: float, **more: Any) -> "AuditOptions":
         """With what else `audit` asks. Raises GainroomError."""
-        from ..files.audit_options import AuditOptions
+        from ..files.audit_options import JOINT_VALUES, AuditOptions
 
-        alike: dict[str, Any] = {
-            name: value for name, value in vars(self).items() if name not in ("gains", "margin_db", "contact", "posture", "gearbox")
-        }
+        apart = ("gains", "margin_db", "contact", "posture", "gearbox", *JOINT_VALUES)
+        alike: dict[str, Any] = {name: value for name, value in vars(self).items() if name not in apart}
+        of_joints: list[tuple[str, str, float]] = []
+        for name in JOINT_VALUES:
+            for text in getattr(self, name) or ():
+                pattern, sign, value = text.rpartition("=")
+                if sign:
+                    of_joints.append((name, pattern, float(value)))
+                else:
+                    alike[name] = float(value)
         contacts, posture, gearboxes = (tuple(given or ()) for given in (self.contact, self.posture, self.gearbox))
-        return AuditOptions(delay_ms, contacts=contacts, posture=posture, gearboxes=gearboxes, **alike, **more)
+        return AuditOptions(delay_ms, contacts=contacts, posture=posture, gearboxes=gearboxes, of_joints=tuple(of_joints), **alike, **more)
 
 
 def audited_text(found: "Audited", result: "Audit | None", model: str, required: "Requirements", command: str, target: Path) -> str:

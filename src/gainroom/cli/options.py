@@ -24,15 +24,25 @@ SHOWN = ("as_json", "verbose", "strict")
 
 def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
     """A typer.Option that takes a number; what is none is refused, with the `unit` as text, which must not be typed."""
+    return typer.Option(flag, parser=lambda value: _number(value, flag, unit), metavar=others.pop("metavar", "NUMBER"), help=text, **others)
 
-    def parse(value: object) -> float:
-        try:
-            return float(value)  # type: ignore[arg-type]
-        except ValueError:
-            written = f"a number {unit}, without the unit" if unit else "a number"
-            raise typer.BadParameter(f"{str(value)[:60]!r} must be {written}", param_hint=f"'{flag}'") from None
 
-    return typer.Option(flag, parser=parse, metavar=others.pop("metavar", "NUMBER"), help=text, **others)
+def joints_option(flag: str, unit: str, text: str) -> Any:
+    """The same of all joints, or JOINT=NUMBER of those that match a pattern; it is kept as it is typed, and may be repeated."""
+
+    def parse(value: str) -> str:
+        _number(value.rpartition("=")[2], flag, unit)
+        return value
+
+    return typer.Option(flag, parser=parse, metavar="[JOINT=]NUMBER", help=text)
+
+
+def _number(value: object, flag: str, unit: str) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except ValueError:
+        written = f"a number {unit}, without the unit" if unit else "a number"
+        raise typer.BadParameter(f"{str(value)[:60]!r} must be {written}", param_hint=f"'{flag}'") from None
 
 
 @contextlib.contextmanager

@@ -25,7 +25,6 @@ from ..robot.formats.model_names import locate
 from ..robot.gearbox_types import GearboxRange, gearbox_range
 from ..robot.name_patterns import DEFAULT, select
 from ..system.linear.arrays import Floats
-from ..system.requirements import REQUIREMENTS, Requirements, from_db
 from ..system.system import System
 from .absurd_values import examined
 from .file_types import kind_of_file, wrong_kind
@@ -55,6 +54,8 @@ PATHS = {
     "split": {"drive_delay_ms": ("control", "kd_path", "delay_ms"), "drive_rate_hz": ("control", "kd_path", "sample_rate_hz")},
 }
 """Where they stand instead, by --gains-run."""
+JOINT_VALUES = ("stiffness", "damping", "motor_inertia")
+"""What may be typed of all joints, or of some."""
 JOINT_DAMPING = ("controller", "friction")
 GAINS_RUN = ("host", "drive", "split")
 GIVEN = "given"
@@ -76,6 +77,8 @@ class AuditOptions:
     drive_rate_hz, drive_delay_ms   of the loop that runs on the drive, from measurement to torque
     damping_ratio   of gearboxes whose stiffness is not known, where it is asked how stiff they must be
     gearboxes       TYPE, or JOINT=TYPE (a name or pattern): later ones win (robot/gearbox_types.py)
+    of_joints       which of JOINT_VALUES, of which joints (a name or pattern), and how much: later ones win, and all of them over
+                    what is said of all joints or by the file of gains
     """
 
     delay_ms: float
@@ -93,6 +96,7 @@ class AuditOptions:
     drive_delay_ms: float | None = None
     damping_ratio: float = 0.05
     gearboxes: tuple[str, ...] = ()
+    of_joints: tuple[tuple[str, str, float], ...] = ()
 
     def __post_init__(self) -> None:
         self._require_drive()
@@ -101,8 +105,9 @@ class AuditOptions:
             raise GainroomError(f"--base {self.base}: must be {' or '.join(get_args(Base))}")
         if self.joint_damping not in (None, *JOINT_DAMPING):
             raise GainroomError(f"--joint-damping {self.joint_damping}: must be {' or '.join(JOINT_DAMPING)}")
-        if self.damping is not None and not self.is_elastic:
-            raise GainroomError(f"--damping {self.damping:g}: is of elastic gearboxes; give --stiffness too")
+        damped = [self.damping, *(value for key, _, value in self.of_joints if key == "damping")]
+        if not self.is_elastic and (given := [value for value in damped if value is not None]):
+            raise GainroomError(f"--damping {given[0]:g}: is of elastic gearboxes; give --stiffness too")
         if self.gearboxes and self.stiffness is not None:
             raise GainroomError("--gearbox: a range of stiffness for a type; with --stiffness it is known: give one of the two")
         if self.gearboxes and self.gains_run == "split":
@@ -135,8 +140,9 @@ class AuditOptions:
 
     @property
     def is_elastic(self) -> bool:
-        """Whether the gearboxes are elastic."""
-        return self.stiffness is not None and math.isfinite(self.stiffness)
+        """Whether any gearbox is said to be elastic."""
+        said = [self.stiffness, *(value for key, _, value in self.of_joints if key == "stiffness")]
+        return any(value is not None and math.isfinite(value) for value in said)
 
     @property
     def posture_name(self) -> str:
@@ -167,6 +173,9 @@ class AuditOptions:
             "contacts": {"flight" if body.base == "floating" else "free": []}
             | ({"contact": [_contact(text) for text in self.contacts]} if self.contacts else {}),
         }
+        for key, pattern, value in self.of_joints:
+            for k in select(pattern, [names[k] for k in given], f"{_option(key)} {pattern}={value:g}"):
+                data["joints"].setdefault(names[given[k]], {})[key] = value
         for option, (*sections, key) in self.keys.items():
             if (value := getattr(self, option, None)) is not None:
                 reduce(lambda section, name: section.setdefault(name, {}), sections, data)[key] = value
@@ -185,29 +194,6 @@ class AuditOptions:
         if self.gains_run == "host":
             return (told,)
         return (f"{told}; if they run on the drives, give --gains-run drive, or split for kd alone",)
-
-
-def margin_factor(decibels: float) -> float:
-    """The factor of a gain margin in dB. Raises GainroomError."""
-    return from_db(checked("--margin-db", decibels, number(least=0, most=100)))
-
-
-def delay_of_margin(milliseconds: float | None) -> float | None:
-    """A delay margin in ms as it is typed, in s. Raises GainroomError."""
-    return None if milliseconds is None else 1e-3 * checked("--delay-margin-ms", milliseconds, number(least=0, most=1000))
-
-
-def further_requirements(phase_margin_deg: float | None, peak_sensitivity: float | None) -> Requirements:
-    """What is required besides, as it is typed. Raises GainroomError, which names the option."""
-    typed, values = {"phase_margin": phase_margin_deg, "peak_sensitivity": peak_sensitivity}, {}
-    for name, value in typed.items():
-        one = REQUIREMENTS[name]
-        if value is not None:
-            option = f"--{one.key.replace('_', '-')}"
-            if not one.in_unit(one.low) < value <= one.most:
-                raise GainroomError(f"{option} {value:g}: must be > {one.in_unit(one.low):g} and <= {one.most:g}")
-            values[name] = one.in_si(value)
-    return Requirements(**values)
 
 
 @dataclass(frozen=True)
@@ -295,7 +281,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
 def _inertia_from(source: Path) -> str:
     """How motors' inertias are given, alike and joint by joint; `source`: of the gains."""
     key = "armature" if source.suffix.lower() in (".xml", ".mjcf") or ".py" in source.name else "motor_inertia"
-    return f"--motor-inertia, one value for all joints, or {key} of each joint in {source}"
+    return f"--motor-inertia, of all joints or JOINT=NUMBER of each, or {key} of each joint in {source}"
 
 
 def _padded(column: Floats, size: int) -> Floats:
@@ -332,6 +318,10 @@ def _contact(typed: str) -> str | dict[str, str]:
     return {"frame": frame, "type": kind} if frame and kind in get_args(ContactKind) else typed
 
 
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
 @contextlib.contextmanager
 def _options_named(options: AuditOptions) -> Iterator[None]:
     """Messages about a key of a robot.yaml name the option that stands for it."""
@@ -340,7 +330,9 @@ def _options_named(options: AuditOptions) -> Iterator[None]:
     except GainroomError as error:
         text = str(error)
         for option, keys in options.keys.items():
-            text = re.sub(rf"^{re.escape('.'.join(keys))}\b(\[\d+\])?", f"--{option.replace('_', '-')}", text)
+            text = re.sub(rf"^{re.escape('.'.join(keys))}\b(\[\d+\])?", _option(option), text)
+        for key, *_ in options.of_joints:
+            text = re.sub(rf"^joints\.(.*)\.{key}\b", rf"{_option(key)} of \1", text)
         raise GainroomError(text) from error
 
 
