@@ -10,7 +10,8 @@ from gainroom.analysis.stability import unstable_roots
 from gainroom.design.gain_sets import GainSet
 from gainroom.design.judged_cases import case_of, joint_state
 from gainroom.design.mirror import mirror_of
-from gainroom.design.robot_gains import _mirror_image, recommend_robot
+from gainroom.design.mirrored_sets import mirror_image
+from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.system.drive import Drive
 from gainroom.system.requirements import Requirements
@@ -43,7 +44,7 @@ def test_mirrored_loops_have_the_same_characteristic_polynomial(biped: System, s
         np.testing.assert_allclose(found, truth, rtol=1e-7)  # round-off of 12 joints' loops of size 1e3
 
 
-def test_what_is_not_the_same_is_no_mirror_image(biped: System):
+def test_what_is_not_the_same_is_nomirror_image(biped: System):
     left, right = (states(biped, contact, "joint") for contact in ("left", "right"))
     ((case, loops),) = right
     heavier = case.model.link_inverse_inertia * np.outer(scale := np.where(np.arange(12) == 3, 1 + 1e-6, 1.0), scale)
@@ -82,7 +83,7 @@ def test_an_image_without_the_weight_says_where_it_topples(biped: System):
     near = "gain margin 2 dB of 6 dB in stand/left"
     stand = ("stand/left",)
     found = GainSet("left", kp, kd, None, margins, "stand/left", 1, 1 / kp, none, 12 * stand, 3, True, near, stand)
-    image = _mirror_image(found, left, right, Requirements(gain_margin=1.05))
+    image = mirror_image(found, left, right, Requirements(gain_margin=1.05))
     assert image is not None
     assert image.without_weight
     assert image.nearest == "gain margin 2 dB of 6 dB in stand/right"

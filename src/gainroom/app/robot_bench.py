@@ -30,8 +30,9 @@ from ..robot.model import RobotModel
 from ..robot.robot import Posture, Robot
 from ..simulation.robot_simulation import RobotSimulation
 from ..studies.deciding_joints import joints_that_miss
+from ..studies.loop_numbers import limit_of
 from ..studies.robot import RobotStudy, study_robot
-from ..studies.state import State, by_headroom, limit_of, strongest_first
+from ..studies.state import State, by_headroom, strongest_first
 from ..system.system import System
 from .bench import Opened, Part, Told, advised, remember, rounded, untold
 from .channels import Channel, Channels

@@ -37,7 +37,7 @@ def robot(
     Example:
       gainroom robot robot.yaml --report robot.html
 
-    Exit status: 0 stable in every state, also at the corners of `uncertainty`; 1 unstable, with --strict also where a requirement is
+    Exit status: 0 stable in every state, also in the cases of `uncertainty`; 1 unstable, with --strict also where a requirement is
     not met; 2 the file or the call is wrong.
     """
     from ..files.robot_yaml import load_robot_system

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def two_paths(system: "System", as_json: bool, report: Path | None, strict: bool = False) -> int:
-    """The exit status: 0 stable in every state and at every corner of the uncertainty; 1 unstable, or with `strict` an unmet requirement.
+    """The exit status: 0 stable in every state and case of the uncertainty; 1 unstable, or with `strict` an unmet requirement.
 
     Raises GainroomError for a page.
     """

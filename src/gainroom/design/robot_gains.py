@@ -11,7 +11,7 @@ found so is reported beside them.
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,10 +26,12 @@ from .gain_search import Raised, raised_gains, stiffness
 from .gain_sets import GainSet, RobotGains
 from .judged_cases import SearchedState, case_of, joint_state, task_state
 from .margin_slopes import Case, Gains
-from .mirror import EXACT, mirror_of
+from .mirrored_sets import mirror_image, mirrored
 from .side_by_side import Job, side_by_side
 from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, stable_starts, tasks_alike
 
+SEARCHES = 3
+"""For gains that hold between the corners of the uncertainty, too."""
 TRIED = 2
 """Beginnings, where one does not come to gains that meet the requirements."""
 ALIKE = 0.01
@@ -70,11 +72,15 @@ def recommend_robot(
 
     Raises GainroomError where nothing is required, and in task space without tasks.
     """
-    states = list(system.cases(weight=space == "joint"))
+    states = list(system.cases(weight=space == "joint", inside=True))
     first = states[0].model
     required = system.requirements
-    states = [replace(state, system=replace(state.system, requirements=required.tightened(RESERVE))) for state in states]
-    found = [joint_state(state) if space == "joint" else task_state(state) for state in states]
+
+    def searched(state: StateCase) -> SearchedState:
+        state = replace(state, system=replace(state.system, requirements=required.tightened(RESERVE)))
+        return joint_state(state) if space == "joint" else task_state(state)
+
+    found = [searched(state) for state in states]
     moved = [state.model for state, one in zip(states, found, strict=True) if one.moves.any()] or [first]
     beginning = joints_alone(system, first, np.min([link_inertia(model) for model in moved], axis=0), alone)
     if space == "joint":
@@ -86,7 +92,7 @@ def recommend_robot(
     nearest: dict[str, str] = {}
     known = {} if start is None else {EVERYWHERE: start.everywhere, **start.per_contact}
     failed: list[_Failed] = []
-    safe = _set(EVERYWHERE, found, required, beginning, progress, nearest, known.get(EVERYWHERE), failed)
+    safe = _held(EVERYWHERE, found, required, beginning, progress, nearest, known.get(EVERYWHERE), failed)
     whole: dict[str, GainSet | None] = {}
     own = {contact: [state for state in found if state.contact == contact] for contact in system.source.contacts}
 
@@ -96,9 +102,9 @@ def recommend_robot(
         def job(told: Callable[[], None]) -> list[GainSet | None]:
             sets: list[GainSet | None] = []
             for contact in contacts:
-                found = _mirror_image(sets[0], own[contacts[0]], own[contact], required) if sets else None
+                found = mirror_image(sets[0], own[contacts[0]], own[contact], required) if sets else None
                 held = known.get(contact) or safe
-                sets.append(found or _set(contact, own[contact], required, beginning, told, nearest, held, list(failed)))
+                sets.append(found or _held(contact, own[contact], required, beginning, told, nearest, held, list(failed)))
             return sets
 
         return job
@@ -108,7 +114,7 @@ def recommend_robot(
         if EVERYWHERE in nearest:
             nearest[contact] = nearest[EVERYWHERE]
     some = [contact for contact in own if contact not in whole]
-    groups = _mirrored(some, own, beginning)
+    groups = mirrored(some, own, beginning)
     for contacts, sets in zip(groups, side_by_side([alike(contacts) for contacts in groups], progress), strict=True):
         whole.update(zip(contacts, sets, strict=True))
     per_contact = {contact: whole[contact] for contact in own}
@@ -152,6 +158,36 @@ def _unweighed(system: System, space: str, states: Sequence[StateCase]) -> tuple
     if system.source.gravity is not None or system.source.body.base == "fixed" or space == "task":
         return ()
     return tuple(state.title for state in states if state.model.contacts and state.model.gravity_stiffness is None and not state.place)
+
+
+def _held(
+    contact: str,
+    states: Sequence[SearchedState],
+    required: Requirements,
+    beginning: Beginning,
+    progress: Callable[[], None],
+    nearest: dict[str, str],
+    safe: GainSet | None,
+    failed: list[_Failed],
+) -> GainSet | None:
+    """As `_set`, in the cases at corners of the uncertainty; the places between at which they miss a requirement are searched with, too."""
+    searched, between = ([state for state in states if state.state.between is inside] for inside in (False, True))
+    for search in itertools.count(1):
+        found = _set(contact, searched, required, beginning, progress, nearest, safe, failed)
+        if found is None or not found.moves or not between:
+            return found
+        gains = _gains_of(found)
+        cases = [state.without if found.without_weight else state.with_weight for state in between]
+        margins = [case.all_margins(gains) for case in cases]
+        kept = [required.met_by(one) for one in margins]
+        if all(kept):
+            return replace(found, margins=worst_of([found.margins, *margins]), cases=found.cases + len(between))
+        if search == SEARCHES:
+            nearest[contact] = _nearest(cases, Raised(gains, tuple(margins), False))
+            break
+        searched += itertools.compress(between, [not one for one in kept])
+        between = list(itertools.compress(between, kept))
+    return None
 
 
 def _set(
@@ -217,68 +253,6 @@ def _set(
         near if without else "",
         tuple(topples),
     )
-
-
-def _mirrored(contacts: Sequence[str], states: Mapping[str, Sequence[SearchedState]], beginning: Beginning) -> list[list[str]]:
-    """The contact states in groups that mirror each other, as far as joints, directions and what their gains are measured by are alike."""
-    groups: list[list[str]] = []
-    for contact in contacts:
-        for group in groups:
-            order = _order(states[group[0]], states[contact])
-            if order is not None and all(
-                np.allclose(each[..., order], each, rtol=EXACT, atol=0.0) for each in (beginning.gains, beginning.unit)
-            ):
-                group.append(contact)
-                break
-        else:
-            groups.append([contact])
-    return groups
-
-
-def _order(states: Sequence[SearchedState], others: Sequence[SearchedState]) -> Integers | None:
-    """(m,) by direction of `others` that of `states`, where they mirror them: tasks' are themselves."""
-    order = mirror_of([(one.state, one.with_weight) for one in states], [(one.state, one.with_weight) for one in others])
-    size = len(states[0].moves)
-    return order if order is None or states[0].with_weight.joints else np.arange(size)
-
-
-def _mirror_image(
-    found: GainSet | None, states: Sequence[SearchedState], others: Sequence[SearchedState], required: Requirements
-) -> GainSet | None:
-    """A set for `others` from that of the `states` which they mirror; None where there is none, or it does not keep what is required."""
-    order = _order(states, others)
-    if found is None or not found.moves or order is None:
-        return None
-    kp, kd, ki = found.kp[order], found.kd[order], None if found.ki is None else found.ki[order]
-    gains = np.nan_to_num(np.array([kp, kd, np.zeros(len(order)) if ki is None else ki]))
-    margins = [(one.without if found.without_weight else one.with_weight).all_margins(gains) for one in others]
-    topples = [one.with_weight.title for one in others if found.without_weight and not one.with_weight.margins(gains).stable]
-    if not all(required.met_by(one) for one in margins) or len(topples) != len(found.topples):
-        return None
-    titles = {one.with_weight.title: other.with_weight.title for one, other in zip(states, others, strict=True)}
-    where = tuple(titles.get(found.case[j], "") for j in order)
-    softest = int(np.flatnonzero(order == found.softest)[0])
-    return replace(
-        found,
-        contact=others[0].contact,
-        kp=kp,
-        kd=kd,
-        ki=ki,
-        margins=worst_of(margins),
-        binding=where[softest],
-        compliance=found.compliance[order],
-        margin=tuple(found.margin[j] for j in order),
-        case=where,
-        softest=softest,
-        nearest=_of_mirrored(found.nearest, titles),
-        topples=tuple(topples),
-    )
-
-
-def _of_mirrored(nearest: str, titles: Mapping[str, str]) -> str:
-    """What `_nearest` says, of the states that mirror those it speaks of."""
-    shortage, between, title = nearest.rpartition(" in ")
-    return shortage + between + titles.get(title, title)
 
 
 def _rounded(found: Raised, cases: Sequence[Case], required: Requirements) -> tuple[Gains, Sequence[Margins]]:

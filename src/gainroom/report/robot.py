@@ -5,8 +5,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ..errors import listed
+from ..studies.loop_numbers import margins_of
+from ..studies.over_uncertainty import unknown_first
 from ..studies.robot import RobotStudy
-from ..studies.state import State, by_headroom, margins_of, task_headroom, unknown_first
+from ..studies.state import State, by_headroom, task_headroom
 from ..studies.sweep.summary import SweepSummary
 from ..system.requirements import REQUIREMENTS, Requirement
 from .margin_columns import margin_value
@@ -249,6 +251,9 @@ def _disk_words(study: RobotStudy) -> str:
     return f"{words} make the robot unstable: a bound with scalings, proved between frequencies, too, in {count} stable states"
 
 
+LOOKED_AT = "corners and places between, the rest is not proved"
+
+
 def _certificate(study: RobotStudy) -> Html:
     pairs = limit_proofs(study.states, study.immobile)
     pairs += [
@@ -258,8 +263,11 @@ def _certificate(study: RobotStudy) -> Html:
         ),
         ("disk margin", _disk_words(study)),
         ("phase and Ms of single loops", "searched between refined samples; the candidates for the least are polished"),
-        *([("uncertainty ranges", f"{_in_range(study)}; corners only")] if study.system.uncertainty.names else []),
-        ("recommended gains", "checked in every posture, contact state and corner of the uncertainty; between the corners not proved"),
+        *([("uncertainty ranges", f"{_in_range(study)}; {LOOKED_AT}")] if study.system.uncertainty.names else []),
+        (
+            "recommended gains",
+            f"checked in every posture and contact state; of the uncertainty {LOOKED_AT}",
+        ),
     ]
     return facts(pairs)
 

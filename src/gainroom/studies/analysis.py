@@ -12,7 +12,8 @@ from functools import cached_property
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .state import Progress, State, Worst, by_headroom, state_of, unknown_first
+from .over_uncertainty import Worst, unknown_first
+from .state import Progress, State, by_headroom, state_of
 
 THIS_STATE = "this state"
 

@@ -24,9 +24,11 @@ from .analysis import Analysis, analyze
 from .deciding_joints import joints_that_miss
 from .factors import largest_factor
 from .gearbox_range import RangeOfGearboxes, look_over
+from .loop_numbers import extra_delay, margins_of
 from .lowered_gains import GainsToUse, gains_to_use
 from .needed_stiffness import NeededStiffness, needed_stiffness
-from .state import Progress, State, by_headroom, extra_delay, margins_of, state_of, unknown_first
+from .over_uncertainty import unknown_first
+from .state import Progress, State, by_headroom, state_of
 
 MARGIN = 2.0
 """The required factor on all gains by default: 6 dB."""

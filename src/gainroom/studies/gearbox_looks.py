@@ -23,7 +23,8 @@ from ..system.loop import Loop
 from ..system.requirements import enough
 from ..system.system import StateCase, System
 from .judged_states import judged
-from .state import State, limit_of
+from .loop_numbers import limit_of
+from .state import State
 
 FAR_BELOW = 0.01
 """Of gains that are not stable themselves: there the proof of their limit begins, if it can."""

@@ -20,7 +20,8 @@ from ..system.requirements import Requirements
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
 from .analysis import Analysis, analyze
-from .state import USUAL_RATE, State, Worst
+from .over_uncertainty import Worst
+from .state import USUAL_RATE, State
 
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
 RULE_DAMPING = 2.0

@@ -5,7 +5,7 @@ from dataclasses import replace
 from ..analysis.margin_record import Margins
 from ..design.judged_cases import judged_margins
 from ..system.system import StateCase
-from .state import extra_delay
+from .loop_numbers import extra_delay
 
 LATE = 1.5
 """Times what is required: a delay margin below that is certified."""

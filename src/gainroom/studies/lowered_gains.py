@@ -10,7 +10,8 @@ import numpy as np
 from ..system.linear.arrays import Booleans, Floats
 from ..system.requirements import enough
 from .factors import typed_factor
-from .state import limit_of, limiting_joints
+from .loop_numbers import limit_of
+from .state import limiting_joints
 
 Audit = Any
 """An audit of audit.py, which asks for these gains."""

@@ -18,8 +18,8 @@ from ..simulation.tracking import Tracking, track
 from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS
 from .deciding_joints import deciding_joints
+from .loop_numbers import margins_of, moves
 from .oscillation import Oscillation, judge, torque_ripple_of
-from .state import margins_of, moves
 
 RIPPLE = 0.1
 """Of a joint's torque peak: torque ripple above the reference's frequencies that is reported, RMS."""

@@ -1,30 +1,28 @@
 """A robot in one posture and contact state: its loop and its numbers, each computed on first use."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..analysis.coupled_margins import delay_margin
-from ..analysis.gain_limit import gain_limit
-from ..analysis.loci import Sweep
-from ..analysis.margin_record import GainLimit, Margins, worst_of
-from ..analysis.margins import joint_margins, margins
+from ..analysis.margin_record import GainLimit, Margins
+from ..analysis.margins import joint_margins
 from ..analysis.partial_limits import part_limits
-from ..analysis.stability import has_growing_root, is_stable, unstable_roots
+from ..analysis.stability import is_stable
 from ..analysis.two_paths import delay_of_others, path_margins
 from ..design.judged_cases import judged_margins
 from ..design.starting_gains import IMMOBILE, joints_that_move
-from ..errors import GainroomError, computable
+from ..errors import computable
 from ..system.controller import Controller, own_gain
 from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.loop import Loop, build_loop
 from ..system.plant import Compliance, Plant
-from ..system.requirements import REQUIREMENTS, Requirement
 from ..system.system import System
+from .loop_numbers import extra_delay, limit_of, margins_of, moves
+from .over_uncertainty import Worst, uncertain_cases
 
 if TYPE_CHECKING:
     from ..robot.tasks import Tasks
@@ -32,8 +30,6 @@ if TYPE_CHECKING:
 
 STRONG = 0.5
 """A joint takes part in a vibration where it moves by at least this part of the joint that moves most."""
-ANYWHERE = np.array([0.7, 1.3, 2.1])
-"""Frequencies [rad/s] at one of which a loop that acts on any motion is not 0."""
 USUAL_RATE = 2000.0
 """[Hz] of the loops of robots with EtherCAT drives: what gains for continuous time keep there is told where no rate is given."""
 HELD = "no joint that has gains can move"
@@ -99,31 +95,6 @@ class TaskStudy:
         return any(row.moves for row in self.rows)
 
 
-@dataclass(frozen=True)
-class Worst:
-    """A loop over the uncertainty.
-
-    margins      every margin in the case in which it is smallest, of those that were looked at
-    at           by requirement, the case in which what it bounds is worst, as text; "" at the nominal values
-    unstable_at  the first case in which the gains are unstable, as text; "": none was found, or they are at the nominal values
-    """
-
-    margins: Margins
-    at: Mapping[str, str] = field(default_factory=dict)
-    unstable_at: str = ""
-
-    @classmethod
-    def of(cls, cases: Sequence[tuple[str, Margins]]) -> "Worst":
-        """Cases by their text, the nominal one ("") first."""
-        (_, nominal), *others = cases
-        unstable = next((name for name, found in others if not found.stable), "") if nominal.stable else ""
-
-        def least(requirement: Requirement) -> str:
-            return min(cases, key=lambda case: unknown_first((-1 if requirement.at_most else 1) * requirement.value(case[1])))[0]
-
-        return cls(worst_of([found for _, found in cases]), {name: least(one) for name, one in REQUIREMENTS.items()}, unstable)
-
-
 @dataclass(frozen=True, eq=False)
 class State:
     """One posture in one contact state. Where its gains act on no motion, all numbers of its loop are NaN."""
@@ -176,12 +147,12 @@ class State:
 
     @cached_property
     def worst(self) -> Worst:
-        """Over the uncertainty: at the nominal values, and at every corner."""
+        """Over the uncertainty: at the nominal values, and in every case that is looked at."""
         nominal = [("", self.margins)]
         if not (self.system.uncertainty.names and self.moves and self.margins.stable):
             return Worst.of(nominal)
-        corners = [case for case in self.system.cases_of(self.posture, self.contact) if case.place]
-        return Worst.of(nominal + [(case.place, judged_margins(case)) for case in corners])
+        others = uncertain_cases(self.system, self.posture, self.contact)
+        return Worst.of(nominal + [(case.place, judged_margins(case)) for case in others])
 
     @property
     def limit(self) -> GainLimit:
@@ -306,53 +277,6 @@ def state_of(system: System, posture: str, contact: str, numbers: tuple[str, ...
     return state
 
 
-def moves(loop: Loop) -> bool:
-    """Whether the gains act on any motion."""
-    if loop.kd_path is not None:  # which they act on is the same at any rate
-        parts = loop.parts
-        assert parts is not None
-        loop = build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, loop.kd_path.sample_time)
-    return bool(np.any(loop.response(ANYWHERE)))
-
-
-def margins_of(loop: Loop) -> Margins:
-    """joint_margins (of one joint without its largest gains, the phase margin signed); the verdict alone where loci cannot be followed."""
-    try:
-        if loop.size > 1:
-            return joint_margins(loop)
-        return margins(loop) if loop.kd_path is not None else replace(margins(loop), limit=gain_limit(loop))
-    except GainroomError as error:
-        return Margins.unknown(_verdict(loop, error))
-
-
-def extra_delay(loop: Loop) -> float:
-    """The delay margin [s], inf where no extra delay makes the loops vibrate; NaN for unstable ones, and where it is not known."""
-    try:
-        return delay_margin(loop) if loop.size > 1 else margins_of(loop).delay_margin
-    except GainroomError:
-        return math.nan
-
-
-def limit_of(loop: Loop) -> GainLimit:
-    """gain_limit, or the verdict alone."""
-    try:
-        return gain_limit(loop)
-    except GainroomError as error:
-        return _verdict(loop, error)
-
-
-def _verdict(loop: Loop, error: GainroomError) -> GainLimit:
-    """Whether the loop is stable where nothing else could be found: as gain_limit has it, roots that no gain moves are not counted.
-
-    Raises `error` where the roots cannot be found, either.
-    """
-    try:
-        stable = not has_growing_root(loop) and (unstable_roots(loop) == 0 or Sweep(loop).unstable(1.0) == 0)
-    except (np.linalg.LinAlgError, ValueError):  # gains so absurd that the state matrix is not finite
-        raise error from None
-    return GainLimit.unknown(loop.size, stable)
-
-
 def single_joint(model: Plant, k: int) -> Plant:
     """Joint `k` by itself, its neighbours free: W_kk, and with its part of contact and gravity stiffness."""
     one = slice(k, k + 1)
@@ -369,11 +293,6 @@ def single_joint(model: Plant, k: int) -> Plant:
 def _at_least_zero(entry: Floats, whole: Floats) -> Floats:
     """W_kk, 0 where the contacts leave round-off."""
     return np.where(entry > IMMOBILE * np.abs(whole).max(), entry, 0.0)
-
-
-def unknown_first(margin: float) -> float:
-    """Sorts margins: one that is not known (NaN) comes before the least."""
-    return -math.inf if math.isnan(margin) else margin
 
 
 def by_headroom(limit: GainLimit) -> tuple[bool, float]:

@@ -15,7 +15,8 @@ from ..errors import GainroomError
 from ..system.requirements import Requirement
 from ..system.system import StateCase
 from .judged_states import judged
-from .state import State, moves, state_of
+from .loop_numbers import moves
+from .state import State, state_of
 from .sweep.plan import SweepPlan
 from .sweep.summary import SweepSummary, SweptPosture
 

@@ -1,4 +1,4 @@
-"""A joint or robot whose kd closes on a path of its own: every state, nominal and at every corner of the uncertainty.
+"""A joint or robot whose kd closes on a path of its own: every state, nominal, at every corner of the uncertainty and at places between.
 
 Gain maps, largest gains, recommended ones and curves over frequency are of loops with one path, and are not made for these.
 """
@@ -74,7 +74,7 @@ class PathStudy:
 
     @property
     def stable_in_range(self) -> bool:
-        """In every case; between the corners it is not proved."""
+        """In every case; between them it is not proved."""
         return self.stable and not self.unstable_at
 
     @cached_property
@@ -114,9 +114,9 @@ class PathStudy:
 
 
 def study_two_paths(system: System, progress: Progress | None = None) -> PathStudy:
-    """Every state and corner of a system whose kd closes on a path of its own. Raises GainroomError where no case can be computed."""
+    """Every state and case of a system whose kd closes on a path of its own. Raises GainroomError where no case can be computed."""
     report = progress or (lambda done, total, what: None)
-    every, found = list(system.cases()), []
+    every, found = list(system.cases(inside=True)), []
     for index, case in enumerate(every):
         report(index, len(every), case.title)
         state = State(case.system, case.posture, case.contact, case.model)

@@ -23,8 +23,8 @@ from ..system.linear.arrays import Floats
 from ..system.loop import Loop
 from ..system.requirements import enough
 from ..system.system import System
+from .loop_numbers import moves
 from .simulation import Progress
-from .state import moves
 
 TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
 """By witness: the largest relative difference of gain and frequency from the prediction."""

@@ -18,6 +18,9 @@ from .plant import ElasticJoint, Plant
 from .requirements import Requirements
 from .uncertainty import NOMINAL, Place, Uncertainty
 
+INSIDE = 8
+"""Places between the corners of an uncertainty, beside its centre: more delay or stiffness may do harm in the middle of a range alone."""
+
 
 class PlantSource(Protocol):
     """What plants come from: one joint (ElasticJoint, plant.py) or a robot (Robot, robot/robot.py) in its postures and contact states.
@@ -172,19 +175,27 @@ class System(Generic[Source]):
         """The system at a place in its uncertainty; at NOMINAL itself."""
         return self if place == NOMINAL else self.with_values(**self.uncertainty.values(place))
 
-    def cases(self, weight: bool = False) -> Iterator["StateCase"]:
-        """Every state, nominal and then at every corner of the uncertainty; `weight`: see PlantSource.linearize."""
-        for posture, contact in self.source.states:
-            yield from self.cases_of(posture, contact, weight)
+    def cases(self, weight: bool = False, inside: bool = False) -> Iterator["StateCase"]:
+        """Every state, nominal and then at every corner of the uncertainty; `weight`: see PlantSource.linearize.
 
-    def cases_of(self, posture: str, contact: str, weight: bool = False) -> Iterator["StateCase"]:
+        inside   at places between the corners, too
+        """
+        for posture, contact in self.source.states:
+            yield from self.cases_of(posture, contact, weight, inside)
+
+    def cases_of(self, posture: str, contact: str, weight: bool = False, inside: bool = False) -> Iterator["StateCase"]:
         """The same of one state."""
-        corners = [NOMINAL, *self.uncertainty.corners] if self.uncertainty.names else [NOMINAL]
-        for corner in corners:
-            moved = self.at(corner)
-            yield StateCase(
-                posture, contact, _place_text(self.uncertainty, corner), moved, moved.source.linearize(posture, contact, weight)
-            )
+        uncertain, places = self.uncertainty, [NOMINAL]
+        if uncertain.names:
+            places += [*uncertain.corners, *(uncertain.inside(INSIDE) if inside else [])]
+        for place in places:
+            yield self.case_at(place, posture, contact, weight)
+
+    def case_at(self, place: Place, posture: str, contact: str, weight: bool = False) -> "StateCase":
+        """One state at one place in the uncertainty."""
+        moved = self.at(place)
+        text, between = _place_text(self.uncertainty, place), any(0 < share < 1 for share in place)
+        return StateCase(posture, contact, text, moved, moved.source.linearize(posture, contact, weight), between)
 
 
 @dataclass(frozen=True)
@@ -193,6 +204,7 @@ class StateCase:
 
     place          as text; "" for the nominal case
     system, model  there
+    between        whether it is no corner
     """
 
     posture: str
@@ -200,6 +212,7 @@ class StateCase:
     place: str
     system: System
     model: Any
+    between: bool = False
 
     @property
     def title(self) -> str:
@@ -207,14 +220,14 @@ class StateCase:
         return f"{self.posture}/{self.contact}" + (f" ({self.place})" if self.place else "")
 
 
-def _place_text(uncertainty: Uncertainty, corner: Place) -> str:
-    """Each quantity by its value, or by its end where joints differ."""
-    if corner == NOMINAL:
+def _place_text(uncertainty: Uncertainty, place: Place) -> str:
+    """Each quantity by its value, or where joints differ by how far up its range it is."""
+    if place == NOMINAL:
         return ""
-    values = {name: np.atleast_1d(value) for name, value in uncertainty.values(corner).items()}
-    ends = dict(zip(values, corner, strict=True))
+    values = {name: np.atleast_1d(value) for name, value in uncertainty.values(place).items()}
+    shares = {name: {0.0: "low", 1.0: "high"}.get(share, f"{100 * share:.3g} % up") for name, share in zip(values, place, strict=True)}
     return ", ".join(
-        case_text({name: float(each[0])}) if np.all(each == each[0]) else f"{name.replace('_', ' ')} {'high' if ends[name] else 'low'}"
+        case_text({name: float(each[0])}) if np.all(each == each[0]) else f"{name.replace('_', ' ')} {shares[name]}"
         for name, each in values.items()
     )
 

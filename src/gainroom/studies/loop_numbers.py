@@ -1,0 +1,65 @@
+"""Numbers of one loop as studies take them: where some cannot be found, the verdict alone."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..analysis.coupled_margins import delay_margin
+from ..analysis.gain_limit import gain_limit
+from ..analysis.loci import Sweep
+from ..analysis.margin_record import GainLimit, Margins
+from ..analysis.margins import joint_margins, margins
+from ..analysis.stability import has_growing_root, unstable_roots
+from ..errors import GainroomError
+from ..system.loop import Loop, build_loop
+
+ANYWHERE = np.array([0.7, 1.3, 2.1])
+"""Frequencies [rad/s] at one of which a loop that acts on any motion is not 0."""
+
+
+def moves(loop: Loop) -> bool:
+    """Whether the gains act on any motion."""
+    if loop.kd_path is not None:  # which they act on is the same at any rate
+        parts = loop.parts
+        assert parts is not None
+        loop = build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, loop.kd_path.sample_time)
+    return bool(np.any(loop.response(ANYWHERE)))
+
+
+def margins_of(loop: Loop) -> Margins:
+    """joint_margins (of one joint without its largest gains, the phase margin signed); the verdict alone where loci cannot be followed."""
+    try:
+        if loop.size > 1:
+            return joint_margins(loop)
+        return margins(loop) if loop.kd_path is not None else replace(margins(loop), limit=gain_limit(loop))
+    except GainroomError as error:
+        return Margins.unknown(_verdict(loop, error))
+
+
+def extra_delay(loop: Loop) -> float:
+    """The delay margin [s], inf where no extra delay makes the loops vibrate; NaN for unstable ones, and where it is not known."""
+    try:
+        return delay_margin(loop) if loop.size > 1 else margins_of(loop).delay_margin
+    except GainroomError:
+        return math.nan
+
+
+def limit_of(loop: Loop) -> GainLimit:
+    """gain_limit, or the verdict alone."""
+    try:
+        return gain_limit(loop)
+    except GainroomError as error:
+        return _verdict(loop, error)
+
+
+def _verdict(loop: Loop, error: GainroomError) -> GainLimit:
+    """Whether the loop is stable where nothing else could be found: as gain_limit has it, roots that no gain moves are not counted.
+
+    Raises `error` where the roots cannot be found, either.
+    """
+    try:
+        stable = not has_growing_root(loop) and (unstable_roots(loop) == 0 or Sweep(loop).unstable(1.0) == 0)
+    except (np.linalg.LinAlgError, ValueError):  # gains so absurd that the state matrix is not finite
+        raise error from None
+    return GainLimit.unknown(loop.size, stable)
