@@ -2,12 +2,15 @@
 
 import math
 from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import gainroom as gr
+from gainroom.files.robot_yaml import parse_robot
 from gainroom.robot import load_model
 from gainroom.robot.contact import contact_jacobian
 from gainroom.robot.linearize import linearize
@@ -295,3 +298,17 @@ def test_bad_tasks_are_refused(body):
     assert_refused(lambda: tasks.direction_gains("com w"), ["'com w'", "com x"])
     stiff = [Task(name="com", kind="com", kp=1, kd=1, ki=1), Task(name="pelvis", kind="orientation", frame="pelvis", kp=1, kd=0)]
     assert_refused(lambda: tasks_of(model, stiff).controller(), ["'pelvis x'", "kd"])
+
+
+@pytest.mark.parametrize("gains", ["kp: 100, kd: 20", "kp: 6, kv: 2, ki: 1"], ids=["pd", "ppi"])
+def test_a_task_that_nothing_moves_has_no_gain(gains: str):
+    """The right foot, which stands on the ground: no joint can move it."""
+    text = (files("gainroom") / "files" / "examples" / "biped.yaml").read_text("utf-8").partition("control:")[0]
+    text += f"control: {{type: {'ppi' if 'kv' in gains else 'pd'}, space: task, feedback: motor}}\n"
+    text += f"tasks: [{{name: foot, type: position, frame: right_foot, {gains}}}]\n"
+    system = parse_robot(text, "f", Path())
+    loop = system.loop(system.source.linearize("stand", "double"))
+    assert not gr.is_stable(loop)  # without gains nothing holds the robot
+    for number in (gr.gain_limit, gr.joint_margins):
+        with pytest.raises(gr.GainroomError, match="all gains are zero"):
+            number(loop)

@@ -132,7 +132,7 @@ class Loop:
 
     @cached_property
     def _controlled(self) -> tuple[Floats, Floats] | None:
-        """U (n, r), V (n, r), orthonormal, with every gain matrix = U M Vᵀ and r < n; None where the gains reach all n motions."""
+        """U (n, r), V (n, r), orthonormal, with every gain matrix = U M Vᵀ and 1 <= r < n; None where the gains reach all n motions."""
         if self.parts is None or self.size == 1:
             return None
         gains = [gain_matrix("gain", gain, self.size) for gain in self.parts.controller.terms().values()]
@@ -142,7 +142,7 @@ class Loop:
         for stacked in (np.hstack(gains), np.hstack([gain.T for gain in gains])):
             left, sizes, _ = np.linalg.svd(stacked, full_matrices=False)
             spans.append((left, int(np.count_nonzero(sizes > NO_GAIN * sizes[0]))))
-        rank = max(rank for _, rank in spans)
+        rank = max(1, *(rank for _, rank in spans))
         return None if rank == self.size else (spans[0][0][:, :rank], spans[1][0][:, :rank])
 
     @property
