@@ -8,6 +8,7 @@ import pytest
 
 import gainroom as gr
 from draws import draw_joint, draw_plant
+from gainroom.analysis.look import joint_loops
 from refusals import assert_refused
 
 S_POINTS = np.array([1j * w for w in (0.3, 5.0, 80.0, 400.0, 3000.0)] + [3.0 + 40j, -2.0 + 90j])
@@ -282,3 +283,18 @@ def test_one_joint_on_springs_is_not_taken_for_a_free_one(feedback):
     loop = gr.build_loop(plant, gr.Drive(), gr.PD(1.0, 0.0), feedback=feedback)
     # zeros and poles come from eigenvalues: a few digits fewer than the response itself
     assert loop.response(omega) == pytest.approx(plant.response(1j * omega, feedback)[:, 0, 0], rel=1e-6)
+
+
+@pytest.mark.parametrize("omega", [1e-9, 1e-6, 1e-3, 1.0, 1e3])
+def test_what_a_contact_s_spring_holds_keeps_its_digits_at_rest(omega: float):
+    """Joint 0 rests on a spring, joint 1 is free: (s² (M + J) + k(s) e eᵀ)⁻¹, whose row of the held joint is 1/ω² times less."""
+    mass, motors, stiffness, damping = np.array([[2.0, 0.7], [0.7, 1.5]]), np.array([0.3, 0.1]), 5e5, 30.0
+    links = np.linalg.inv(mass)
+    soft = gr.Compliance(links[:, :1], links[:1, :1], np.array([stiffness]), np.array([damping]))
+    plant = gr.Plant(links, motors, compliance=soft)
+    whole, s = mass + np.diag(motors), 1j * omega
+    held = 1 / (stiffness + s * damping + s**2 * (whole[0, 0] - whole[0, 1] ** 2 / whole[1, 1]))
+    found = plant.response(s, "motor")[0]
+    assert found[0, 0] == pytest.approx(held, rel=1e-12)
+    looked = joint_loops(gr.build_loop(plant, gr.Drive(), gr.PD(np.ones(2), np.zeros(2))))
+    assert looked.response(np.array([omega])).reshape(2, 2)[0, 0] == pytest.approx(held, rel=1e-12)

@@ -318,7 +318,7 @@ def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch
         monkeypatch.undo()
         word = "Stable" if studied(folder, text).stable else "Unstable"
         for name in ("joint_margins", "gain_limit"):
-            monkeypatch.setattr(f"gainroom.studies.state.{name}", lost)
+            monkeypatch.setattr(f"gainroom.studies.loop_numbers.{name}", lost)
         study = studied(folder, text)
         (state,) = study.states
         assert state.limit.stable == (word == "Stable") == (text == alone)
@@ -453,7 +453,7 @@ def test_audit_without_a_limit_is_not_safe(folder: Path, monkeypatch: pytest.Mon
     def lost(loop: gr.Loop) -> None:
         raise gr.GainroomError("the loci could not be followed")
 
-    monkeypatch.setattr("gainroom.studies.state.joint_margins", lost)
+    monkeypatch.setattr("gainroom.studies.loop_numbers.joint_margins", lost)
     result = audited(folder)
     assert result.tightest.limit.stable
     assert not result.safe

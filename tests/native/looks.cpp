@@ -38,8 +38,7 @@ static DirectedLoop draw(std::mt19937& engine, std::size_t n, std::size_t m, boo
     to.loaded = true;
     if (gravity) to.gravity = many(n * n, -20, 20);
     if (contacts) {
-        to.coupling = many(n * 2, -0.3, 0.3);
-        to.resisted = {1.0, 0.1, 0.1, 1.0};
+        to.hung = many(2 * n, -0.3, 0.3);
         to.contact_stiffness = many(2, 1e4, 1e5);
         to.contact_damping = many(2, 1, 100);
     }

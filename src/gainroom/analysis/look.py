@@ -167,14 +167,13 @@ def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Boolean
     nothing = np.zeros((0, 0))
     found = _core.DirectedLoop(loop.size, *((nothing, nothing) if joints else (torque, jacobian)), cascade.astype(np.int64))
     if time is None:
-        gravity, soft, size = plant.gravity_stiffness, plant.compliance, plant.size
+        gravity, soft, (root, hung) = plant.gravity_stiffness, plant.compliance, plant.hung
         found.set_plant(
             plant.link_inverse_inertia,
             np.array([plant.motor_inertia, plant.stiffness, plant.damping, plant.motor_viscous, plant.link_viscous]),
-            plant.root,
+            np.ascontiguousarray(root),
             nothing if gravity is None else gravity,
-            np.zeros((size, 0)) if soft is None else soft.coupling,
-            nothing if soft is None else soft.inverse_inertia,
+            np.ascontiguousarray(hung),
             np.zeros((2, 0)) if soft is None else np.array([soft.stiffness, soft.damping]),
             np.array([[drive.bandwidth, drive.damping_ratio, drive.delay] for drive in drives]).T.copy(),
             loop.parts.feedback == "motor",

@@ -26,6 +26,7 @@ from .linear.arrays import Booleans, Complexes, Floats, distinct
 from .modes import AT_REST, Modes, modes_of, oscillations, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
+NOT_HUNG = 1e-13  # of the largest: round-off of a motion that no spring takes up
 OFF_MODES = 1e-7  # relative: a sum over modes that is further off, as where two modes are as good as one, is not used
 
 
@@ -246,29 +247,24 @@ class Plant:
         """P_M (side "motor") or P_L ("link"), torque → position, at complex s (k,): (k, n, n). W and K are not inverted.
 
         P_M = (1/s²) Z (I + J Z)⁻¹,  P_L = (1/s²) W (I + J Z)⁻¹,  Z = W + s² diag(1/k(s)),  k = K + sB,  J = J_m + D_m/s,
-        and with link friction and gravity W(s) = (I + W (D_l/s + G/s²))⁻¹ W.
+        and with link friction, gravity and springs under contacts W(s) = R (I + Rᵀ (D_l/s + G/s²) R + Hᵀ ((K_c + s B_c)/s²) H)⁻¹ Rᵀ.
         """
         points = np.atleast_1d(np.asarray(s, dtype=complex))[:, None, None]
         if self._unsprung is not None:
             return self._unsprung * (1 / points**2)
         eye = np.eye(self.size)
         links = np.broadcast_to(self.link_inverse_inertia.astype(complex), (len(points), self.size, self.size))
-        if self.compliance is not None:
-            soft = self.compliance
-            springs = soft.stiffness + points[:, 0] * soft.damping
-            resisted = soft.inverse_inertia + (points[:, 0] ** 2 / springs)[:, :, None] * np.eye(len(soft.stiffness))
-            links = links - soft.coupling @ np.linalg.solve(
-                resisted, np.broadcast_to(soft.coupling.T, (len(points), *soft.coupling.T.shape))
-            )
         load = np.diag(self.link_viscous) / points
         if self.gravity_stiffness is not None:
             load = load + self.gravity_stiffness / points**2
-        if self.compliance is None and np.any(load):
+        if self.compliance is not None or np.any(load):
             # Where contacts hold motions W is singular, and its round-off times G/s² is not small: W = R Rᵀ leaves them out.
-            root = self.root
-            links = root @ np.linalg.solve(np.eye(root.shape[1]) + root.T @ load @ root, root.T)
-        elif np.any(load):
-            links = np.linalg.solve(eye + links @ load, links)
+            root, hung = self.hung
+            held = np.eye(root.shape[1]) + root.T @ load @ root
+            if self.compliance is not None:
+                springs = (self.compliance.stiffness + points[:, 0] * self.compliance.damping) / points[:, 0] ** 2
+                held = held + hung.T @ (springs[:, :, None] * hung)
+            links = root @ np.linalg.solve(held, np.broadcast_to(root.T, (len(points), *root.T.shape)))
         gearbox = 1 / np.where(self.elastic, self.stiffness + points[:, 0] * self.damping, np.inf)  # 0 where rigid
         admittance = links + points**2 * (gearbox[:, :, None] * eye)
         motors = self.motor_inertia + self.motor_viscous / points[:, 0]
@@ -291,14 +287,26 @@ class Plant:
         """R (n, r) of full column rank with W = R Rᵀ."""
         return _factor(self.link_inverse_inertia)
 
+    @cached_property
+    def hung(self) -> tuple[Floats, Floats]:
+        """R (n, r), W = R Rᵀ, and H (c, r), how much of the same motions each spring of a contact takes up.
+
+        Motions that no spring takes up come last, and are exactly 0 in H: as ω → 0 they are 1/ω² times as large as what springs hold,
+        which drowns wherever the two are subtracted.
+        """
+        soft = self.compliance
+        if soft is None:
+            return self.root, np.zeros((0, self.root.shape[1]))
+        roots = _factor(np.block([[self.link_inverse_inertia, soft.coupling], [soft.coupling.T, soft.inverse_inertia]]))
+        root, rest = roots[: self.size], roots[self.size :]
+        _, sizes, turn = np.linalg.svd(rest)
+        hung = rest @ turn.T
+        hung[:, int(np.count_nonzero(sizes > NOT_HUNG * sizes.max(initial=0.0))) :] = 0.0
+        return root @ turn.T, hung
+
     def mechanism(self) -> Mechanism:
         """The second-order form, exact for any mixture of rigid and elastic joints and for singular W."""
-        soft = self.compliance
-        whole = self.link_inverse_inertia
-        if soft is not None:
-            whole = np.block([[whole, soft.coupling], [soft.coupling.T, soft.inverse_inertia]])
-        roots = _factor(whole)  # of W and what rests on springs: roots rootsᵀ
-        root, rest = roots[: self.size], roots[self.size :]
+        soft, (root, rest) = self.compliance, self.hung
         elastic = np.flatnonzero(self.elastic)
         rigid = np.flatnonzero(~self.elastic)
         links, size = root.shape[1], self.size

@@ -19,14 +19,14 @@ static DirectedGains gains_of(const DirectedLoop& loop, const Matrix& gains) {
     return {{first, first + m}, {first + m, first + 2 * m}, {first + 2 * m, first + 3 * m}};
 }
 
-static void set_plant(DirectedLoop& loop, Matrix mobility, Matrix joints, Matrix root, Matrix gravity, Matrix coupling, Matrix resisted,
-                      Matrix contacts, Matrix drives, bool motor_side) {
+static void set_plant(DirectedLoop& loop, Matrix mobility, Matrix joints, Matrix root, Matrix gravity, Matrix hung, Matrix contacts,
+                      Matrix drives, bool motor_side) {
     gainroom::Actuated& to = loop.actuated;
     const std::size_t n = to.size, c = contacts.shape(1);
     require(has_shape(mobility, n, n) && has_shape(joints, 5, n) && root.shape(0) == n && has_shape(drives, 3, n) && contacts.shape(0) == 2,
             "a plant's arrays do not fit");
     require(gravity.size() == 0 || has_shape(gravity, n, n), "gravity must be (n, n)");
-    require(has_shape(coupling, n, c) && has_shape(resisted, c, c), "a plant's contacts do not fit");
+    require(has_shape(hung, c, root.shape(1)), "a plant's contacts do not fit");
     const auto row = [n](const Matrix& from, std::size_t k) { return std::vector<double>(from.data() + k * n, from.data() + (k + 1) * n); };
     to.step = 0.0;
     to.motor_side = motor_side;
@@ -40,8 +40,7 @@ static void set_plant(DirectedLoop& loop, Matrix mobility, Matrix joints, Matrix
     to.gravity = listed(gravity);
     to.loaded = gravity.size() > 0;
     for (double value : to.link_viscous) to.loaded |= value != 0;
-    to.coupling = listed(coupling);
-    to.resisted = listed(resisted);
+    to.hung = listed(hung);
     to.contact_stiffness.assign(contacts.data(), contacts.data() + c);
     to.contact_damping.assign(contacts.data() + c, contacts.data() + 2 * c);
     to.bandwidth = row(drives, 0);
@@ -220,8 +219,8 @@ void bind_look(nb::module_& m) {
                  for (std::size_t k = 0; k < directions; k++) self->cascade.push_back(cascade.data()[k] != 0);
              },
              nb::arg("size"), nb::arg("torque"), nb::arg("jacobian"), nb::arg("cascade"))
-        .def("set_plant", &set_plant, nb::arg("mobility"), nb::arg("joints"), nb::arg("root"), nb::arg("gravity"), nb::arg("coupling"),
-             nb::arg("resisted"), nb::arg("contacts"), nb::arg("drives"), nb::arg("motor_side"))
+        .def("set_plant", &set_plant, nb::arg("mobility"), nb::arg("joints"), nb::arg("root"), nb::arg("gravity"), nb::arg("hung"),
+             nb::arg("contacts"), nb::arg("drives"), nb::arg("motor_side"))
         .def("set_held", &set_held, nb::arg("a"), nb::arg("b"), nb::arg("c"), nb::arg("hessenberg"), nb::arg("turned_b"), nb::arg("turned_c"),
              nb::arg("fast"), nb::arg("delay"), nb::arg("step"))
         .def("set_modes", &set_modes, nb::arg("modes"))

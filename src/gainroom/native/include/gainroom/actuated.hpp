@@ -28,8 +28,8 @@ struct Actuated {
     // continuous
     bool motor_side = true, loaded = false;
     std::vector<double> mobility, motor_inertia, motor_viscous, stiffness, damping, link_viscous;  // stiffness may be infinite
-    std::vector<double> root, gravity;                                                            // R (n, r); G (n, n)
-    std::vector<double> coupling, resisted, contact_stiffness, contact_damping;                   // W_c (n, c), W_cc (c, c), (c)
+    std::vector<double> root, gravity;                                                            // R (n, r), W = R Rᵀ; G (n, n)
+    std::vector<double> hung, contact_stiffness, contact_damping;                                 // H (c, r), (c): Plant.hung
     std::vector<double> bandwidth, damping_ratio;                                                 // of the current loops
     // sampled
     StateForm whole, hessenberg;
@@ -93,45 +93,17 @@ private:
         Dense &w = work.links, &system = work.system;
         w.resize(n, n);
         w.re = mobility;
+        if (contacts == 0 && !loaded) return true;
         const Complex inverse = over(1.0, s), square = times(inverse, inverse);
-        if (contacts > 0) {
-            system.resize(contacts, contacts + n);
-            for (std::size_t r = 0; r < contacts; r++) {
-                for (std::size_t k = 0; k < contacts; k++) system.set(r, k, resisted[r * contacts + k]);
-                system.set(r, r, system.at(r, r) + over(times(s, s), contact_stiffness[r] + s * contact_damping[r]));
-                for (std::size_t k = 0; k < n; k++) system.set(r, contacts + k, coupling[k * contacts + r]);
-            }
-            if (!solve(system)) return false;
-            for (std::size_t i = 0; i < n; i++)
-                for (std::size_t j = 0; j < n; j++) {
-                    Complex sum = w.at(i, j);
-                    for (std::size_t k = 0; k < contacts; k++) sum -= coupling[i * contacts + k] * system.at(k, contacts + j);
-                    w.set(i, j, sum);
-                }
-        }
-        if (!loaded) return true;
         const auto load = [&](std::size_t i, std::size_t j) {
             const Complex weight = gravity.empty() ? Complex(0.0) : gravity[i * n + j] * square;
             return i == j ? weight + link_viscous[i] * inverse : weight;
         };
-        if (contacts > 0) {
-            system.resize(n, 2 * n);
-            for (std::size_t i = 0; i < n; i++)
-                for (std::size_t j = 0; j < n; j++) {
-                    Complex sum = i == j ? 1.0 : 0.0;
-                    for (std::size_t k = 0; k < n; k++) sum += times(w.at(i, k), load(k, j));
-                    system.set(i, j, sum);
-                    system.set(i, n + j, w.at(i, j));
-                }
-            if (!solve(system)) return false;
-            for (std::size_t i = 0; i < n; i++)
-                for (std::size_t j = 0; j < n; j++) w.set(i, j, system.at(i, n + j));
-            return true;
-        }
         const std::size_t rank = root.size() / n;
         system.resize(rank, rank + n);
-        std::vector<Complex> loaded_root(n * rank, 0.0);
-        for (std::size_t i = 0; i < n; i++)
+        std::vector<Complex> loaded_root(n * rank, 0.0), springs(contacts);
+        for (std::size_t c = 0; c < contacts; c++) springs[c] = times(contact_stiffness[c] + s * contact_damping[c], square);
+        for (std::size_t i = 0; loaded && i < n; i++)
             for (std::size_t k = 0; k < n; k++) {
                 const Complex entry = load(i, k);
                 if (entry != 0.0)
@@ -140,7 +112,8 @@ private:
         for (std::size_t r = 0; r < rank; r++) {
             for (std::size_t k = 0; k < rank; k++) {
                 Complex sum = r == k ? 1.0 : 0.0;
-                for (std::size_t i = 0; i < n; i++) sum += root[i * rank + r] * loaded_root[i * rank + k];
+                for (std::size_t i = 0; loaded && i < n; i++) sum += root[i * rank + r] * loaded_root[i * rank + k];
+                for (std::size_t c = 0; c < contacts; c++) sum += hung[c * rank + r] * hung[c * rank + k] * springs[c];
                 system.set(r, k, sum);
             }
             for (std::size_t j = 0; j < n; j++) system.set(r, rank + j, root[j * rank + r]);
