@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from gainroom.identification import identify_setpoint_delay
+from gainroom.identification import identify_setpoint_delay, setpoint_delay
 from gainroom.identification.record import Record
+from gainroom.identification.setpoint_delay import SetpointDelay
 from identified import holds
 
 TICK, INERTIA, KP, KD = 1e-3, 0.5, 800.0, 20.0
@@ -48,6 +49,37 @@ def test_both_laws_tell_both_delays(rate_of_error, loop, command, viscous):
     assert not found.confounded
     if rate_of_error:  # there viscous friction is unlike anything else
         assert found.loop.half_width < 0.1 * TICK
+
+
+def all_hold(found: SetpointDelay, loop: int, command: int) -> bool:
+    return all(holds(each, TICK * ticks) for each, ticks in ((found.loop, loop), (found.command, command), (found.total, loop + command)))
+
+
+def test_the_search_does_not_end_beside_the_maximum():
+    """Its own law ended at 33 and 36 ticks, and the other law, with a sum of 7.59 ± 0.04, was taken for the log's."""
+    found = identify_setpoint_delay(moved(False, 4, 3, 0.64, 4.5e-6, 42), TICK)
+    assert not found.rate_of_error
+    assert not found.confounded
+    assert all_hold(found, 4, 3)
+
+
+def test_the_sum_is_over_both_laws_where_both_are_likely(monkeypatch):
+    """The law that is wrong here puts the sum at 9.2 ticks: were both likely, the sum could be either's, and loop and command any part."""
+    log = moved(False, 2, 7, 0.0, 2.1e-6, 20)
+    one = identify_setpoint_delay(log, TICK)  # once 9.2, as its own law ended at −1.4 and 10.6
+    monkeypatch.setattr(setpoint_delay, "UNLIKELY", math.inf)
+    both = identify_setpoint_delay(log, TICK)
+    assert not one.rate_of_error
+    assert not one.confounded
+    assert all_hold(one, 2, 7)
+    assert all_hold(both, 2, 7)
+    assert one.total.high < 9.1 * TICK
+    assert both.total.low == one.total.low
+    assert 9.2 * TICK < both.total.high < 9.3 * TICK
+    assert both.confounded
+    assert both.loop.high == both.command.high == both.total.high
+    assert [setpoint_delay.EITHER_LAW in found.warnings for found in (one, both)] == [False, True]
+    assert f"9.00 ticks ({both.total.low / TICK:.2f} to {both.total.high / TICK:.2f})" in both.warnings[0]
 
 
 @pytest.mark.population
