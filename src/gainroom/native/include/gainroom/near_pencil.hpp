@@ -23,10 +23,12 @@ public:
         double below = 0.0, above = 0.0;  // δg on either side, towards which roots are stable again; above 0: not before the crossing
     };
 
-    // False where D is singular. `size` k >= 2; roots farther from the crossing than `radius` do not count.
-    bool set(const Square& m, const Square& d, const Square& g, std::size_t size, double radius) {
+    // False where D is singular. `size` k >= 2; roots farther from the crossing than `radius` do not count, and one that is δω from it is taken
+    // for less stable by `bend` |δω|²: what a loop that is not linear in ω may make of it.
+    bool set(const Square& m, const Square& d, const Square& g, std::size_t size, double radius, double bend) {
         size_ = size;
         radius_ = radius;
+        bend_ = bend;
         Square inverse{};
         if (!invert(d, inverse)) return false;
         multiply(inverse, m, fixed_);
@@ -61,7 +63,7 @@ public:
         double at[3] = {most, most / kStep, most / (kStep * kStep)}, height[3];
         for (int k = 0; k < 3; k++) height[k] = growth(-at[k]);
         double highest = -1e300;
-        margin_ = beside();
+        margin_ = stability(beside());
         if (height[0] > 0.0) consider({-at[0], least_stable(-at[0]), -kStep * at[0], -at[1]}, highest, found);
         while (true) {
             if (height[1] >= height[0] && height[1] >= height[2]) margin_ = std::min(margin_, -height[1]);
@@ -84,16 +86,24 @@ public:
         return unstable;
     }
 
-    // −Im δω of the least stable root; that root.
-    double growth(double by) const { return -least_stable(by).imag(); }
+    // By how much the least stable root may be unstable, in −Im δω; that root.
+    double growth(double by) const { return -stability(least_stable(by)); }
     Complex least_stable(double by) const {
         Complex roots[kMost];
         roots_at(by, roots);
-        Complex least(0.0, radius_);
-        for (std::size_t k = 0; k < size_; k++)
-            if (std::norm(roots[k]) < radius_ * radius_ && roots[k].imag() < least.imag()) least = roots[k];
-        return least;
+        return least_stable(roots, kMost);
     }
+
+    // The least stable root at the crossing, but for its own; how stable a root is at least.
+    Complex beside() const {
+        Complex roots[kMost];
+        roots_at(0.0, roots);
+        std::size_t own = 0;
+        for (std::size_t k = 1; k < size_; k++)
+            if (std::norm(roots[k]) < std::norm(roots[own])) own = k;
+        return least_stable(roots, own);
+    }
+    double stability(Complex root) const { return root.imag() - bend_ * std::norm(root); }
 
     void narrow(double radius) { radius_ = radius; }
 
@@ -158,22 +168,21 @@ private:
         height[2] = growth(-at[2]);
     }
 
-    // Im δω of the least stable root at the crossing, but for its own.
-    double beside() const {
-        Complex roots[kMost];
-        roots_at(0.0, roots);
-        std::size_t own = 0;
-        for (std::size_t k = 1; k < size_; k++)
-            if (std::norm(roots[k]) < std::norm(roots[own])) own = k;
-        double least = radius_;
+    // Of `roots` but one; j radius where none counts.
+    Complex least_stable(const Complex* roots, std::size_t left_out) const {
+        Complex least(0.0, radius_);
+        double lowest = radius_;
         for (std::size_t k = 0; k < size_; k++)
-            if (k != own) least = std::min(least, roots[k].imag());
+            if (k != left_out && std::norm(roots[k]) < radius_ * radius_ && stability(roots[k]) < lowest) {
+                least = roots[k];
+                lowest = stability(least);
+            }
         return least;
     }
 
-    static void consider(const Peak& one, double& highest, Peak& found) {
-        if (!(-one.root.imag() > highest)) return;
-        highest = -one.root.imag();
+    void consider(const Peak& one, double& highest, Peak& found) const {
+        if (!(-stability(one.root) > highest)) return;
+        highest = -stability(one.root);
         found = one;
     }
 
@@ -232,7 +241,7 @@ private:
     }
 
     std::size_t size_ = 0;
-    double radius_ = 0.0, margin_ = 0.0;
+    double radius_ = 0.0, bend_ = 0.0, margin_ = 0.0;
     Square fixed_{}, turning_{};  // D⁻¹M, D⁻¹G
 };
 

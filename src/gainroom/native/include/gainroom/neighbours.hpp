@@ -31,6 +31,7 @@ public:
         laws_.at(crossing.omega, crossing.gain, values_.data());
         at_ = &crossing;
         if (!find_modes(crossing, factor) || !project(w, true)) return false;
+        if (!is_clear_here(w, crossing)) return false;
         const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
         if (next > kApart * far) return clear_for(crossing, next - kApart * far);
         const double least = std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain;
@@ -59,7 +60,9 @@ private:
     static constexpr double kWindow = 0.1;               // of the crossing's factor, below it
     static constexpr double kApart = 2.0, kScale = 0.1;  // of how far roots move over the window; of the distance at which they begin to meet
     static constexpr double kLeast = 1e-6;               // of the factor: a pair that is nearer is within what safe_gain leaves
-    static constexpr double kDoubt = 1e-4, kCertain = 1e-7;  // of ω: the span's error; round-off
+    static constexpr double kDoubt = 1e-4, kCertain = 1e-7;  // of ω: the span's error at the crossing; round-off
+    static constexpr double kBend = 1.0;                // of δω²/ω: its error at δω, as laws bend over about ω
+    static constexpr double kRough = 0.02;               // of δω: what modes that have been sharpened once leave
     static constexpr int kPasses = 4, kThere = 3;        // of the iteration where no modes are known, and at a peak
     static constexpr double kMoves = 3.0, kLongest = 0.02;  // what roots move at most, in ω along the path; of the path
     static constexpr int kLooks = 12;                    // for peaks, each nearer to the crossing's frequency than the one before by
@@ -138,7 +141,7 @@ private:
                 m[j][k] = m[k][j];
             }
         }
-        return pencil_.set(m, d, g, used_, kNear * at_->omega);
+        return pencil_.set(m, d, g, used_, kNear * at_->omega, kBend / at_->omega);
     }
 
     // moved_ = (W + diag β) x.
@@ -155,6 +158,16 @@ private:
         std::fill(moved_.begin(), moved_.end(), Complex(0.0));
         for (std::size_t k = 0; k < used_; k++)
             for (std::size_t i = 0; i < size_; i++) moved_[i] += times(parts[k], mode(k)[i]);
+    }
+
+    // Whether roots beside the crossing's own are stable at its factor: what has come to be unstable by then crosses below.
+    bool is_clear_here(const double* w, const TrackedCrossing& crossing) {
+        const Complex next = pencil_.beside();
+        const double off = std::abs(next), certain = kCertain * crossing.omega;
+        if (off < certain || pencil_.stability(next) > kRough * off + certain) return true;
+        peak_ = {0.0, next, -kWindow * crossing.gain, 0.0};
+        combine(pencil_, 0.0, next);
+        return is_stable(w, crossing.omega, next);
     }
 
     // Whether roots at the peak are stable after all: the laws and the modes are those there, not a straight line from the crossing.
