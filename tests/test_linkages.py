@@ -12,8 +12,9 @@ from gainroom.cli import main
 from gainroom.robot import load_model
 from gainroom.robot.contact import Contact
 from gainroom.robot.linearize import gravity_stiffness, linearize
+from gainroom.simulation.mujoco_model import build_mujoco
 from refusals import assert_refused
-from robot_bodies import write
+from robot_bodies import TREE, write
 from robot_truths import actuators, hinge, link, write_robot
 
 SOLVED = 1e-8
@@ -150,6 +151,38 @@ def test_weight_in_a_closed_loop(tmp_path):
 def test_a_passive_joint_that_nothing_moves_has_no_gravity_stiffness(tmp_path):
     body = load_model(write(tmp_path, FOUR_BAR), passive=["tool"])
     assert_refused(lambda: gravity_stiffness(body, body.neutral()), ["passive joints", "1 direction of them"])
+
+
+BALL_ARMATURE = ANKLE.replace('type="ball"', 'type="ball" armature="0.004" damping="0.2"').replace(
+    "<freejoint/>", '<joint name="free" type="free" armature="0.3" damping="0.5"/>'
+)
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0), (0.4, -0.2)])
+def test_armature_of_ball_and_free_joints_counts_about_every_axis(tmp_path, angles):
+    """MuJoCo's dof_armature is on all 3 velocities of a ball joint, and on all 6 of a free one."""
+    body = load_model(write(tmp_path, BALL_ARMATURE))
+    q = body.configuration(dict(zip(body.joint_names, angles, strict=True)))
+    found = linearize(body, actuators(2), q).link_inverse_inertia
+    assert_allclose(found, projected(*in_mujoco(BALL_ARMATURE, body, q)), rtol=SOLVED)
+    damped = next(note for note in body.notes if "damping of passive joints" in note)
+    assert all(name in damped for name in ("ball_left", "ball_right", "root_joint"))
+
+
+def test_springs_of_ball_and_free_joints_are_said_to_be_left_out(tmp_path):
+    text = ANKLE.replace('name="ball_left" type="ball"', 'name="ball_left" type="ball" stiffness="3"')
+    notes = load_model(write(tmp_path, text)).notes
+    assert any("springs of ball and free joints are left out: ball_left" in note for note in notes)
+
+
+def test_armature_of_a_free_joint_counts_without_loops_and_in_a_simulation(tmp_path):
+    text = TREE.replace("<freejoint/>", '<joint type="free" armature="0.7"/>')
+    body = load_model(write(tmp_path, text))
+    q = body.configuration({"hip": 0.3, "knee": -0.5})
+    found = linearize(body, actuators(3), q).link_inverse_inertia
+    assert_allclose(found, projected(*in_mujoco(text, body, q)), rtol=SOLVED)
+    simulated = build_mujoco(body, actuators(3, stiffness=np.inf), q, timestep=1e-3).model
+    assert_allclose(simulated.dof_armature[:6], 0.7)
 
 
 FOLLOWING = f"""<mujoco><compiler angle="radian"/><worldbody>

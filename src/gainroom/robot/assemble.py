@@ -178,7 +178,10 @@ def _positions(source: str, names: Sequence[str], posture: Mapping[str, float]) 
 
 
 def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float], passive: Sequence[str]) -> tuple[Any, Floats]:
-    """A model in which the held joints are rigid, with rotors of passive joints alone; and the rotors (by the full model's velocities)."""
+    """A model in which the held joints are rigid, with rotors of the base and of passive joints alone; and the rotors.
+
+    Those are by the full model's velocities.
+    """
     pin = library("pinocchio", "Pinocchio")
     q = pin.neutral(model)
     for name in held:
@@ -189,7 +192,7 @@ def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float], pas
     reduced = _hold(pin, model, [model.getJointId(name) for name in held], q)
     # Pinocchio adds the armature to the mass matrix; here it is the motors' own degree of freedom.
     armature = np.zeros(reduced.nv)
-    for name in passive:
+    for name in (*reduced.names[1 : 1 + floats(reduced)], *passive):
         old, new = (each.joints[each.getJointId(name)] for each in (model, reduced))
         armature[new.idx_v : new.idx_v + new.nv] = rotors[old.idx_v : old.idx_v + old.nv]
     reduced.armature = armature
@@ -243,9 +246,10 @@ def _notes(
         notes.append(f"{LOOPS_NOTE}: {first_of_many(loops)}{motors}")
     if idle:
         notes.append(f"{PASSIVE_NOTE}: {first_of_many(idle)}")
-        rubbed = [name for name in idle if name in _one_dof(model) and _damping(model, name) > 0 and not description.springs.get(name)]
-        if rubbed:
-            notes.append(f"{RUBBED_NOTE}: {first_of_many(rubbed)}")
+    unmoved = (*model.names[1 : 1 + floats(model)], *idle)  # by motors
+    rubbed = [name for name in unmoved if _damping(model, name) > 0 and not description.springs.get(name)]
+    if rubbed:
+        notes.append(f"{RUBBED_NOTE}: {first_of_many(rubbed)}")
     unphysical = [model.names[index] for index in range(1, model.njoints) if not _is_physical(model.inertias[index])]
     if unphysical:
         notes.append(f"{INERTIA_NOTE}: {first_of_many([repr(name) for name in unphysical])}")

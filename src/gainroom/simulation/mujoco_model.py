@@ -167,7 +167,7 @@ def _add_links(mujoco: Any, spec: Any, body: RigidBody, actuators: Actuators) ->
         link.ipos, link.iquat = inertia.lever, _quaternion(pin, _principal(inertia.inertia)[1])
         bodies.append(link)
         if joint.nv == 6:
-            link.add_freejoint(name=model.names[index])
+            link.add_joint(name=model.names[index], type=mujoco.mjtJoint.mjJNT_FREE, armature=float(model.armature[joint.idx_v]))
             continue
         record = joint.createData()
         joint.calc(record, neutral)

@@ -155,6 +155,8 @@ class _Tree:
         for index in range(first, first + model.body_jntnum[body]):
             if model.jnt_type[index] != _FREE:
                 joint, place, frame = self._add_joint(index, joint, place, frame)
+            elif floats:
+                self._set_drag(index, joint)
         inertia = pin.Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body]))
         self.result.appendBodyToJoint(joint, inertia, place * self._placement(model.body_ipos[body], model.body_iquat[body]))
         frame = self.result.addBodyFrame(_body_name(model, body), joint, place, frame)
@@ -176,6 +178,7 @@ class _Tree:
         else:
             joint_model = pin.JointModelSpherical()
         joint = self.result.addJoint(parent, joint_model, place, _joint_name(model, index))
+        self._set_drag(index, joint)
         if kind != _BALL:
             self._set_limits(index, joint)
             self.friction[_joint_name(model, index)] = float(model.dof_frictionloss[model.jnt_dofadr[index]])
@@ -184,17 +187,22 @@ class _Tree:
         return joint, pin.SE3(np.eye(3), -anchor), self.result.addJointFrame(joint, frame)
 
     def _set_limits(self, index: int, joint: int) -> None:
-        model, record = self.mujoco_model, self.result.joints[joint]
+        model, at = self.mujoco_model, self.result.joints[joint].idx_q
         low, high = model.jnt_range[index] if model.jnt_limited[index] else (-np.inf, np.inf)
-        for name, value, at in (
-            ("lowerPositionLimit", low, record.idx_q),
-            ("upperPositionLimit", high, record.idx_q),
-            ("armature", _rotor(model, index), record.idx_v),
-            ("damping", _damping(model, index), record.idx_v),
-        ):
-            values = np.array(getattr(self.result, name))
-            values[at] = value
-            setattr(self.result, name, values)
+        self._put("lowerPositionLimit", slice(at, at + 1), low)
+        self._put("upperPositionLimit", slice(at, at + 1), high)
+
+    def _set_drag(self, index: int, joint: int) -> None:
+        """Armature and damping, the same for each velocity of the joint: of a free one they are in no axes of their own."""
+        model, record = self.mujoco_model, self.result.joints[joint]
+        velocities = slice(record.idx_v, record.idx_v + record.nv)
+        self._put("armature", velocities, _rotor(model, index))
+        self._put("damping", velocities, _damping(model, index))
+
+    def _put(self, name: str, at: slice, value: float) -> None:
+        values = np.array(getattr(self.result, name))
+        values[at] = value
+        setattr(self.result, name, values)
 
     def _add_sites(self) -> None:
         model, pin = self.mujoco_model, self.pin
@@ -255,6 +263,9 @@ def _not_counted(model: Any) -> tuple[str, ...]:
     lifted = [_body_name(model, body) for body in range(model.nbody) if model.body_gravcomp[body]]
     if lifted:
         notes.append(f"gravcomp of these bodies is left out, they weigh what they weigh: {first_of_many(lifted)}")
+    several = [joint for joint in range(model.njnt) if model.jnt_type[joint] not in _ONE_DOF and model.jnt_stiffness[joint]]
+    if several:
+        notes.append(f"springs of ball and free joints are left out: {first_of_many([_joint_name(model, joint) for joint in several])}")
     curves = getattr(model, "jnt_stiffnesspoly", np.zeros(model.njnt))  # since MuJoCo 3.5
     bent = [_joint_name(model, joint) for joint in range(model.njnt) if np.any(curves[joint])]
     if bent:
