@@ -23,6 +23,7 @@ from ..robot.contact import ContactKind
 from ..robot.formats.model_files import load_model
 from ..robot.formats.model_names import locate
 from ..robot.gearbox_types import GearboxRange, gearbox_range
+from ..robot.linkage import ties_base
 from ..robot.name_patterns import DEFAULT, select
 from ..system.linear.arrays import Floats
 from ..system.system import System
@@ -170,7 +171,7 @@ class AuditOptions:
             "control": {"type": "pid" if "ki" in columns else "pd", "feedback": "motor"}
             | {name: {names[k]: float(column[k]) for k in given} for name, column in columns.items()},
             "postures": {self.posture_name: _angles(self.posture, Path(file), names, gains.postures)},
-            "contacts": {"flight" if body.base == "floating" else "free": []}
+            "contacts": {"flight" if body.base == "floating" and not ties_base(body) else "free": []}
             | ({"contact": [_contact(text) for text in self.contacts]} if self.contacts else {}),
         }
         for key, pattern, value in self.of_joints:
@@ -382,6 +383,6 @@ def _assumptions(body: RigidBody, held: Sequence[str], options: AuditOptions, el
         notes.append("current loops are infinitely fast: give --bandwidth [rad/s]")
     if flat := [text for text in options.contacts if isinstance(_contact(text), str)]:
         notes.append(f"these contacts are flat, all 6 directions held: {first_of_many(flat)}; else FRAME:point or FRAME:line")
-    if body.base == "floating" and not options.contacts:
+    if body.base == "floating" and not options.contacts and not ties_base(body):
         notes.append("the robot is in flight only: name the frames on the ground with --contact")
     return tuple(notes)

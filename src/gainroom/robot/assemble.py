@@ -162,7 +162,7 @@ def _counts(linkage: Linkage, model: Any, held: Sequence[str], idle: Sequence[st
     """Whether something can move against it; a joint that follows is held unless it is passive."""
     if isinstance(linkage, FollowingJoint):
         return linkage.follower in idle
-    return not (isinstance(linkage, JoinedFrames) and _on_loop(linkage, model) <= {*held})
+    return not isinstance(linkage, JoinedFrames) or linkage.ties_base or not _on_loop(linkage, model) <= {*held}
 
 
 def _damping(model: Any, name: str) -> float:

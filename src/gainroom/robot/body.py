@@ -168,14 +168,14 @@ class RigidBody:
         return tuple(self._frames)
 
     def neutral(self) -> Floats:
-        """(nq,) every joint at 0, a floating base at the identity."""
+        """(nq,) every joint at 0, a floating base at the identity: where the file puts it, if closed loops tie it to the world."""
         return self._pinocchio.neutral(self.model)
 
     def configuration(self, angles: Mapping[str, float]) -> Floats:
-        """(nq,) joints at `angles` [rad; m if prismatic], at 0 where not named; a floating base at the identity.
+        """(nq,) joints at `angles` [rad; m if prismatic], at 0 where not named; a floating base as `neutral` has it.
 
-        A locked joint may be named with the position that it is held at. Closed loops are closed: passive joints follow, and where they are
-        named it is looked for about there. Raises GainroomError for unknown joints, other positions, and loops that cannot be closed.
+        A locked joint may be named with the position that it is held at. Closed loops are closed: a tied base follows, and passive
+        joints, looked for about where they are named. Raises GainroomError for unknown joints, other positions, and loops that stay open.
         """
         q = self.neutral()
         moved: dict[str, float] = {}

@@ -18,6 +18,7 @@ from ..system.linear.arrays import Floats
 from ..system.plant import Compliance
 from .assemble import massless
 from .contact import REDUNDANT, Contact, Held, free_motion, held
+from .linkage import ties_base
 from .model import RobotModel
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def gravity_stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact] 
     Raises GainroomError where contacts leave the base free to move (points, lines, springs), or loops a passive joint: that motion does
     not follow from the joints, so no G expresses its weight.
     """
-    if body.base == "floating" and not contacts:
+    if body.base == "floating" and not contacts and not ties_base(body):
         return np.zeros((body.size, body.size))
     holding = held(body, q, contacts)
     jacobian, rigid = holding.jacobian, holding.rigid
@@ -95,10 +96,13 @@ def gravity_stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact] 
     joints = motion[body.nv - body.size :]
     free = _free(motion, joints)
     if free:
-        what = "rigid contacts that hold the base" if not body.passive else "contacts and closed loops that hold base and passive joints"
+        what, moved = "rigid contacts that hold the base", "it"
+        if body.passive:
+            what, moved = "contacts and closed loops that hold base and passive joints", "them"
+        elif ties_base(body):
+            what = "contacts and closed loops that hold the base"
         raise GainroomError(
-            f"robot: gravity stiffness needs {what}; {free} direction{'s' * (free > 1)} of {'it' if not body.passive else 'them'} can move "
-            "while the joints stand still"
+            f"robot: gravity stiffness needs {what}; {free} direction{'s' * (free > 1)} of {moved} can move while the joints stand still"
         )
     inverse = np.linalg.pinv(joints, rcond=REDUNDANT)
     reached = motion @ inverse  # Y

@@ -69,12 +69,14 @@ class JoinedFrames:
     """Two frames that coincide: in all six directions (a weld), or in their origins (a ball joint that closes a loop).
 
     first, second   names of the frames, which users do not see
+    ties_base       one of them moves with a floating base and the other does not
     """
 
     name: str
     first: str
     second: str
     welded: bool
+    ties_base: bool = False
 
     def residual(self, body: Links, q: Floats) -> Floats:
         first, second = body.anchors(q, self.first, self.second)
@@ -107,6 +109,11 @@ class FollowingJoint:
         return (body.rate(self.follower) - rate * body.rate(self.leader))[None]
 
 
+def ties_base(body: Links) -> bool:
+    """Whether a closed loop goes through the world, which holds a floating base in some directions."""
+    return any(isinstance(linkage, JoinedFrames) and linkage.ties_base for linkage in body.linkages)
+
+
 def linkage_jacobian(body: Links, q: Floats) -> Floats:
     """(r, N): all rows of the body's linkages."""
     return np.vstack([np.zeros((0, body.nv)), *(linkage.jacobian(body, q) for linkage in body.linkages)])
@@ -115,8 +122,8 @@ def linkage_jacobian(body: Links, q: Floats) -> Floats:
 def closed(body: Links, start: Floats, angles: Mapping[str, float]) -> Floats:
     """(nq,) the posture in which joints stand at `angles` and every loop is closed, reached from `start` (nq,), which is near closed.
 
-    Passive joints follow; where those do not close a loop, so do joints that are not named. Angles of passive joints are where they
-    are looked for, not kept. Raises GainroomError where a loop cannot be closed.
+    Passive joints follow, and a base that loops tie; where those do not close a loop, so do joints that are not named. Angles of passive
+    joints are where they are looked for, not kept. Raises GainroomError where a loop cannot be closed.
     """
     driven = {name: angle for name, angle in angles.items() if name in body.joint_names}
     known = {name: angle for name, angle in angles.items() if name in body.passive}
@@ -142,8 +149,9 @@ def closed(body: Links, start: Floats, angles: Mapping[str, float]) -> Floats:
 
 
 def _closed_about(body: Links, q: Floats, follow: Sequence[str]) -> tuple[Floats, float]:
-    """Newton's method in the passive joints and those of `follow`, least steps; and the largest residual that is left."""
-    moving = np.array([*range(body.nv - body.size - body.passive_size, body.nv - body.size), *map(body.velocity_of, follow)], dtype=int)
+    """Newton's method in passive joints, a tied base and the joints of `follow`, least steps; and the largest residual that is left."""
+    first = 0 if ties_base(body) else body.nv - body.size - body.passive_size
+    moving = np.array([*range(first, body.nv - body.size), *map(body.velocity_of, follow)], dtype=int)
     moving = moving[moving >= 0]
     left = np.inf
     for _ in range(ROUNDS):

@@ -19,7 +19,7 @@ from ...errors import GainroomError, first_of_many
 from ..assemble import Description
 from ..body import Base, library
 from ..linkage import FollowingJoint, JoinedFrames, Linkage
-from .mjcf_constraints import Constraints, Placed
+from .mjcf_constraints import Constraints, Join, Placed
 from .mjcf_file import Compiled, compile_mjcf
 from .model_format import INTEGRATORS, ActuatorGain, ActuatorGains, ModelFormat, Stepping
 
@@ -38,7 +38,7 @@ class Mjcf(ModelFormat):
         library("mujoco", "Pinocchio and MuJoCo")
         compiled = compile_mjcf(root, path)
         tree = _Tree(pin, compiled.model, str(path))
-        tree.grow(base)
+        tree.grow(base, compiled.constraints)
         tree.constrain(compiled.constraints)
         notes = (*compiled.notes, *tree.notes, *_not_counted(compiled.model))
         return Description(
@@ -93,7 +93,12 @@ _TO_XYZW = (1, 2, 3, 0)  # MuJoCo's quaternions begin with w
 
 @dataclass
 class _Tree:
-    """A Pinocchio model that grows body by body. places: for each body, its joint, its placement in that joint, its frame."""
+    """A Pinocchio model that grows body by body.
+
+    places     for each body, its joint, its placement in that joint, its frame
+    floating   the body that floats
+    tied       a constraint joins it, or what moves with it, to the rest; then it stands where the file puts it, else at the identity
+    """
 
     pin: Any
     mujoco_model: Any
@@ -101,22 +106,26 @@ class _Tree:
     result: Any = None
     notes: list[str] = field(default_factory=list)
     places: dict[int, tuple[int, Any, int]] = field(default_factory=dict)
+    floating: int | None = None
+    tied: bool = False
     springs: dict[str, float] = field(default_factory=dict)
     friction: dict[str, float] = field(default_factory=dict)
     held: dict[str, str] = field(default_factory=dict)
     linkages: list[Linkage] = field(default_factory=list)
 
-    def grow(self, base: Base | None) -> None:
+    def grow(self, base: Base | None, constraints: Constraints) -> None:
         model = self.mujoco_model
         self.result = self.pin.Model()
         self.result.gravity.linear = np.array(model.opt.gravity) * (not _disabled(model, "mjDSBL_GRAVITY"))
-        floating, left = self._roots(base)
+        self.floating, left = self._roots(base)
         self.places[0] = (0, self.pin.SE3.Identity(), 0)
         roots = np.array(model.body_rootid)
+        kept = [one for one in constraints.joins if not {int(roots[one.first.body]), int(roots[one.second.body])} & left]
+        self.tied = any(self._ties_base(join) for join in kept)
         order = [body for body in range(1, model.nbody) if roots[body] not in left]
         # The base's six velocities come first.
-        for body in sorted(order, key=lambda body: roots[body] != floating):
-            self._add_body(body, body == floating)
+        for body in sorted(order, key=lambda body: roots[body] != self.floating):
+            self._add_body(body, body == self.floating)
         self._add_sites()
 
     def _roots(self, base: Base | None) -> tuple[int | None, set[int]]:
@@ -149,7 +158,7 @@ class _Tree:
         first = model.body_jntadr[body]
         if floats:
             name = _unused("root_joint", {_joint_name(model, index) for index in range(model.njnt)})
-            joint = self.result.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
+            joint = self.result.addJoint(0, pin.JointModelFreeFlyer(), place if self.tied else pin.SE3.Identity(), name)
             frame = self.result.addJointFrame(joint, frame)
             place = pin.SE3.Identity()
         for index in range(first, first + model.body_jntnum[body]):
@@ -232,7 +241,14 @@ class _Tree:
                 self.notes.append(f"the constraint {join.name!r} is ignored: it holds something that is left out")
                 continue
             first, second = (self._anchor(f"{join.name} {side}", end) for side, end in enumerate((join.first, join.second)))
-            self.linkages.append(JoinedFrames(f"the loop of {join.name!r}", first, second, join.welded))
+            ties_base = self._ties_base(join)
+            name = f"the loop of {join.name!r}{' through the world' * ties_base}"
+            self.linkages.append(JoinedFrames(name, first, second, join.welded, ties_base))
+
+    def _ties_base(self, join: Join) -> bool:
+        """Whether one end moves with the floating base and the other does not."""
+        first, second = (int(self.mujoco_model.body_rootid[end.body]) for end in (join.first, join.second))
+        return (first == self.floating) != (second == self.floating)
 
     def _anchor(self, name: str, end: Placed) -> str:
         """A frame that users do not see; its name."""
