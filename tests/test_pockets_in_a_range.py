@@ -68,3 +68,14 @@ def test_recommended_gains_hold_within_the_range(folder: Path):
     least = min(gr.gain_limit(own.with_values(delay=delay).loop()).gain for delay in np.linspace(SHORTEST, LONGEST, 40))
     assert found.margins.limit.gain >= 10 ** (6 / 20)
     assert least > 0.98 * found.margins.limit.gain  # between the places that were looked at, where nothing is proved
+
+
+def test_a_state_in_which_nothing_moves_has_no_part_in_it(folder: Path):
+    """A flat contact holds both links, on which the encoders are: recommended gains are those without that state."""
+    text = ROBOT.format(damping=2.0).replace("[2.5, 18]", "[1, 2]").replace("17", "1.5").replace("feedback: motor", "feedback: link")
+    alone, both = (study_robot(parse_robot(text + more, "f", folder)) for more in ("", "contacts: {free: [], held: [lower]}\n"))
+    assert [state.contact for state in both.immobile] == ["held"]
+    assert alone.to_use is not None
+    assert both.to_use is not None
+    assert both.to_use[1].kp.tolist() == alone.to_use[1].kp.tolist()
+    assert both.to_use[1].kd.tolist() == alone.to_use[1].kd.tolist()

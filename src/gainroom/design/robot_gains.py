@@ -92,7 +92,16 @@ def recommend_robot(
     nearest: dict[str, str] = {}
     known = {} if start is None else {EVERYWHERE: start.everywhere, **start.per_contact}
     failed: list[_Failed] = []
-    safe = _held(EVERYWHERE, found, required, beginning, progress, nearest, known.get(EVERYWHERE), failed)
+
+    def held(
+        contact: str, states: Sequence[SearchedState], told: Callable[[], None], safe: GainSet | None, failed: list[_Failed]
+    ) -> GainSet | None:
+        def search(some: Sequence[SearchedState]) -> GainSet | None:
+            return _set(contact, some, required, beginning, told, nearest, safe, failed)
+
+        return _held(contact, states, required, nearest, search)
+
+    safe = held(EVERYWHERE, found, progress, known.get(EVERYWHERE), failed)
     whole: dict[str, GainSet | None] = {}
     own = {contact: [state for state in found if state.contact == contact] for contact in system.source.contacts}
 
@@ -103,8 +112,7 @@ def recommend_robot(
             sets: list[GainSet | None] = []
             for contact in contacts:
                 found = mirror_image(sets[0], own[contacts[0]], own[contact], required) if sets else None
-                held = known.get(contact) or safe
-                sets.append(found or _held(contact, own[contact], required, beginning, told, nearest, held, list(failed)))
+                sets.append(found or held(contact, own[contact], told, known.get(contact) or safe, list(failed)))
             return sets
 
         return job
@@ -164,25 +172,23 @@ def _held(
     contact: str,
     states: Sequence[SearchedState],
     required: Requirements,
-    beginning: Beginning,
-    progress: Callable[[], None],
     nearest: dict[str, str],
-    safe: GainSet | None,
-    failed: list[_Failed],
+    search: Callable[[Sequence[SearchedState]], GainSet | None],
 ) -> GainSet | None:
-    """As `_set`, in the cases at corners of the uncertainty; the places between at which they miss a requirement are searched with, too."""
+    """What `search` finds for the corners of the uncertainty; places between at which that misses a requirement are searched with, too."""
     searched, between = ([state for state in states if state.state.between is inside] for inside in (False, True))
-    for search in itertools.count(1):
-        found = _set(contact, searched, required, beginning, progress, nearest, safe, failed)
+    for count in itertools.count(1):
+        found = search(searched)
         if found is None or not found.moves or not between:
             return found
         gains = _gains_of(found)
+        between = [state for state in between if np.any(state.moves & np.any(gains != 0, axis=0))]
         cases = [state.without if found.without_weight else state.with_weight for state in between]
         margins = [case.all_margins(gains) for case in cases]
         kept = [required.met_by(one) for one in margins]
         if all(kept):
             return replace(found, margins=worst_of([found.margins, *margins]), cases=found.cases + len(between))
-        if search == SEARCHES:
+        if count == SEARCHES:
             nearest[contact] = _nearest(cases, Raised(gains, tuple(margins), False))
             break
         searched += itertools.compress(between, [not one for one in kept])
