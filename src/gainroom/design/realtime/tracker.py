@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 SETTLING, WIDENING = 20_000, 1000
 """Ticks within which the first certificate of a contact state has to come, at construction, and after it."""
+ALIASED = 1e-7
+"""Of the motors' mobility, what aliases of other motion may add: limits are off by no more, a tenth of what safe_gain stays below them."""
 AGREED = 1e-6
 """Of the first limits, with those of gain_limit."""
 HOLDING = 6
@@ -221,9 +223,10 @@ class GainTracker:
             here = model.inertia, [model.contact_jacobian], state.number, rows
             inverse = np.ascontiguousarray(model.link_inverse_inertia)
             left = self._core.alias_left(inverse, self._core.passive_frequency)
-            if left > 1e-9:
+            if left > ALIASED:
                 raise GainroomError(
-                    f"gain tracker: contact {name!r}: motion faster than the ticks takes part by {left:.1g}; shorten the sample time"
+                    f"gain tracker: contact {name!r}: motion faster than the ticks takes part by {left:.1g}, more than {ALIASED:g}; "
+                    "shorten the sample time"
                 )
             limit = gain_limit(system.loop(model))
             if self._tasks is not None and limit.frequency <= self._core.passive_frequency:
