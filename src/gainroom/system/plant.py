@@ -258,7 +258,7 @@ class Plant:
         if self.gravity_stiffness is not None:
             load = load + self.gravity_stiffness / points**2
         if self.compliance is not None or np.any(load):
-            # Where contacts hold motions W is singular, and its round-off times G/s² is not small: W = R Rᵀ leaves them out.
+            # Where contacts hold motions W is singular, and its round-off times G/s² is not small: R leaves them out.
             root, hung = self.hung
             held = np.eye(root.shape[1]) + root.T @ load @ root
             if self.compliance is not None:
@@ -283,20 +283,16 @@ class Plant:
         return np.linalg.solve(np.eye(self.size) + links * self.motor_inertia, links)
 
     @cached_property
-    def root(self) -> Floats:
-        """R (n, r) of full column rank with W = R Rᵀ."""
-        return _factor(self.link_inverse_inertia)
-
-    @cached_property
     def hung(self) -> tuple[Floats, Floats]:
-        """R (n, r), W = R Rᵀ, and H (c, r), how much of the same motions each spring of a contact takes up.
+        """R (n, r), W = R Rᵀ, and H (c, r), how much of the same motions each spring of a contact takes up; both by r independent ones.
 
         Motions that no spring takes up come last, and are exactly 0 in H: as ω → 0 they are 1/ω² times as large as what springs hold,
         which drowns wherever the two are subtracted.
         """
         soft = self.compliance
         if soft is None:
-            return self.root, np.zeros((0, self.root.shape[1]))
+            root = _factor(self.link_inverse_inertia)
+            return root, np.zeros((0, root.shape[1]))
         roots = _factor(np.block([[self.link_inverse_inertia, soft.coupling], [soft.coupling.T, soft.inverse_inertia]]))
         root, rest = roots[: self.size], roots[self.size :]
         _, sizes, turn = np.linalg.svd(rest)
