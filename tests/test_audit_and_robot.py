@@ -130,6 +130,7 @@ def test_a_joint_that_vibrates_by_itself_is_named(capsys: pytest.CaptureFixture[
         assert all(f"{name} (stable only below " in warned[0] for name in lost)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [range(6), pytest.param(range(6, 80), marks=pytest.mark.population)], ids=["share", "rest"])
 def test_factors_that_looks_find_are_those_of_all_margins(seeds: range):
     """Of random gains, most of them unsafe, on all joints and on some: to 0.1 % of a factor, twice; or both find none."""

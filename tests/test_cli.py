@@ -101,6 +101,7 @@ def test_unstable_is_status_1_and_says_so_first(said: Callable[..., Said]):
     assert "unstable" in said("unstable").out.splitlines()[0].lower()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*sorted(EXAMPLES), "unstable"])
 def test_joint_terminal(said: Callable[..., Said], name: str):
     _, out, err = said(name, "--verbose")

@@ -233,6 +233,7 @@ def test_a_joint_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.Capture
     assert not (tmp_path / "page.html").exists()
 
 
+@pytest.mark.slow
 def test_the_range_of_a_joint_of_two_paths_is_judged_at_its_worst(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = tmp_path / "knee.yaml"
     stiff = JOINT.replace("kp: 3000", "kp: 20000").replace("sample_rate_hz: 20000", "sample_rate_hz: 4000")  # fewer ticks in a period

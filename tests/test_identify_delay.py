@@ -118,6 +118,7 @@ def test_a_log_with_gaps_is_read_between_them():
     assert abs(found.ticks.value - 5) < 0.02
 
 
+@pytest.mark.slow
 def test_slow_operation_says_that_delay_and_current_loop_are_not_told_apart():
     """One slow sine, 2.5 ms late, under noise."""
     time = np.arange(8000) * TICK

@@ -104,6 +104,7 @@ def held(path: Path) -> dict[str, bool]:
     }
 
 
+@pytest.mark.slow
 def test_a_joint_is_found_from_stamps_that_jitter(tmp_path: Path):
     """0.15 ticks, no row missing: 80 ticks were said to be missing, and one interval of six held."""
     simulated(0, 0.15, 0.0, tmp_path / "log.csv")

@@ -39,6 +39,7 @@ def growth(system: System, delay: float) -> float:
     return float(gr.rightmost_roots(system.with_values(delay=delay).loop()).roots[0].real)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.05, 0.5, 0.9], ids=["wide", "medium", "narrow"])
 def test_a_range_that_is_unstable_in_its_middle_is_not_called_safe(
     folder: Path, damping: float, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -108,6 +108,7 @@ def test_audit_looks_at_the_whole_workspace(tmp_path, capsys, factor):
     assert "Workspace:" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_audit_requires_the_extra_delay_in_every_posture(tmp_path, capsys):
     """Safe with a bent knee, unstable with 3 ms more delay in the posture that it names and in as many as it says: by eigenvalues."""
     gains = tmp_path / "gains.yaml"

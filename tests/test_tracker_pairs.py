@@ -67,6 +67,7 @@ def assert_not_above(walk: LightlyDamped, q: np.ndarray, contact: str, gain: flo
         assert gr.is_stable(loop.scaled(share * gain)), share
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "fast", "first", "last"),
     [
