@@ -11,7 +11,7 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, by_headroom, task_headroom
 from ..studies.sweep.summary import SweepSummary
 from ..system.requirements import REQUIREMENTS, Requirement
-from .margin_columns import margin_value
+from .margin_columns import margin_value, requirement
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
@@ -230,6 +230,9 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
         named = one.named(state.margins)
         label, nominal = one.label if named == one.title else named, one.value(state.margins)
         least = study.least(state, one.name)
+        if study.unstable_case:
+            required = requirement(asked, one.name, 3)
+            return Card(f"{label}, worst", "unstable", "", required, False if required else None, f"nominal {one.text(nominal)}, {where}")
         if study.system.uncertainty.names and not math.isnan(least):
             return margin_card(asked, one.name, least, f"nominal {one.text(nominal)}, {where}", label=f"{label}, worst")
         return margin_card(asked, one.name, nominal, where, label=label)
