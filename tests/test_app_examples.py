@@ -152,6 +152,7 @@ def test_a_name_that_is_no_example(bare: Served, name: str):
         )
 
 
+@pytest.mark.slow
 def test_a_file_has_no_examples_beside_it(browser: Any, served: Served):
     assert get(served.address + "?example=fig9")[0] == 404
     assert open_tab(browser, served.address).page.locator("#example").count() == 0

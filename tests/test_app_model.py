@@ -62,6 +62,7 @@ def bench_at(path: Path) -> RobotBench:
     return RobotBench(Opened(path.read_text("utf-8"), str(path), path.parent, path))
 
 
+@pytest.mark.slow
 def test_it_opens_the_robot_that_audit_writes(leg: Path, capsys):
     """The same file, byte for byte; what the page then certifies is what audit says of the same call."""
     written, opened = leg.parent / "written.yaml", leg.parent / "opened.yaml"

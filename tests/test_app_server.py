@@ -303,6 +303,7 @@ def test_a_run_is_that_of_simulate_and_ends_where_it_is_cancelled():
         list(bench.shaken(View(), stop))
 
 
+@pytest.mark.slow
 def test_the_report_of_a_view(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """`--export` with a view is the report of the file with those values."""
     (tmp_path / "joint.yaml").write_text(EXAMPLES["fig9"], "utf-8")

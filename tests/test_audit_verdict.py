@@ -157,6 +157,7 @@ def test_safe_rests_on_stiff_gearboxes(capsys: pytest.CaptureFixture[str]):
     assert out.startswith("Safe.\nDo this: These gains may stay.\n")
 
 
+@pytest.mark.slow
 def test_motors_without_inertia_are_named_before_gains_are_lowered(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """An inertia of 0 is not known to be one: it is asked for first, and what to multiply holds where it is really 0."""
     robot, gains = tmp_path / "arm.urdf", tmp_path / "gains.yaml"

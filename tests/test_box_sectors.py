@@ -156,6 +156,7 @@ def tolerance(omega: float, tick: float | None) -> float:
     return 1e-9 if tick is None else 1e-9 + 1e-14 / (omega * tick) ** 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tick", TICKS)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("law", LAWS)

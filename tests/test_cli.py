@@ -210,6 +210,7 @@ def test_uncertain_rows_keep_cases_apart(said: Callable[..., Said]):
         assert best["binding"] == max(costs, key=costs.__getitem__)
 
 
+@pytest.mark.slow
 def test_report_is_one_page_and_keeps_stdout_pure(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     report = tmp_path / "out.html"
     assert main(["joint", str(folder / "testbed.yaml"), "--json", "--report", str(report)]) == 0

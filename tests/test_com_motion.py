@@ -22,6 +22,7 @@ def test_it_stays_balanced(controller):
     assert np.abs(found.run.error[:, 3:]).max() < 0.1  # the pelvis, rad
 
 
+@pytest.mark.slow
 def test_pd_leaves_what_the_paper_prints():
     """Friction was set for this."""
     assert_allclose(1e3 * np.abs(motion("pd").steady), (14.0, 5.1, 13.0), atol=1.0)

@@ -86,6 +86,7 @@ def test_they_are_the_limits_from_loci(draw: Draw):
     assert compared > 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", DRAWS)
 def test_modes_are_eigenvectors(draw: Draw):
     """L m = −m/g at the limit, of all n joints, also where channels are directions: to 1e-8 of m."""

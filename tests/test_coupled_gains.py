@@ -193,6 +193,7 @@ def test_one_joint_is_as_stiff_as_by_itself():
     assert_as_stiff_as_alone(kp, joint)
 
 
+@pytest.mark.slow
 def test_uncoupled_joints_take_nothing_from_each_other():
     """Joints without coupling, one of them a hundred times lighter: each as stiff as alone."""
     heavy, light = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.ElasticJoint(0.002, 0.008, 1e2, 0.01)

@@ -79,6 +79,7 @@ def test_the_actual_torque_follows_the_demand():
     assert actual[settled] == pytest.approx(target[settled], abs=11.0 * 1e-5)
 
 
+@pytest.mark.slow
 def test_identification_finds_in_the_files_what_the_virtual_hardware_was_given():
     """5 ± 1 ticks, the drive's current loop, and the spring's 1e4 N·m/rad; the picture and the row say the same interval."""
     found, spring = fig6.identified(), locked_output.identified()

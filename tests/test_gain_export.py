@@ -78,6 +78,7 @@ def told(capsys: pytest.CaptureFixture[str], *call: str) -> dict[str, Any]:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [*FORMS, "ros2_control onto"])
 def test_the_same_verdict_is_read_back(folder: Path, capsys: pytest.CaptureFixture[str], form: str):
     """The audit of what was exported is the audit of the gains; ten digits of a gain are ten digits of its limit."""
@@ -255,6 +256,7 @@ def line(capsys: pytest.CaptureFixture[str], *call: str) -> str:
     return err
 
 
+@pytest.mark.slow
 def test_an_unsafe_audit_is_exported_as_the_gains_to_use(folder: Path, capsys: pytest.CaptureFixture[str]):
     """And those are safe when they are audited again, in place of the model's, which are not."""
     question = ("--delay-ms", "4", "--rate-hz", "1000", "--margin-db", "40")

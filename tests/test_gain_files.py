@@ -292,6 +292,7 @@ def mutated_gains(draw: st.DrawFn) -> str:
     return yaml.safe_dump(data, allow_unicode=True)
 
 
+@pytest.mark.slow
 @settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))
 @given(text=mutated_gains())
 def test_mutated_files_are_read_or_refused_in_one_line(text: str):

@@ -142,6 +142,7 @@ def test_on_the_drive_the_bus_costs_nothing(told):
         assert drive[key] == slow[key] == host[key], key
 
 
+@pytest.mark.slow
 def test_a_split_audit_is_that_of_the_loop(told, tmp_path: Path):
     split, _ = told("--delay-ms", "4", *SPLIT)
     text = ROBOT.replace("sample_rate_hz: 2000, kp: 400.0, kd: 30.0", "sample_rate_hz: 500, kp: 2000.0, kd: 120.0")
@@ -208,6 +209,7 @@ def told_of(call: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[dict, 
     return json.loads(capsys.readouterr().out), status
 
 
+@pytest.mark.slow
 def test_a_joint_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = tmp_path / "knee.yaml"
     path.write_text(JOINT, "utf-8")

@@ -65,6 +65,7 @@ def test_nothing_in_the_range_is_worse_than_what_was_found(count: int):
     assert count / 7 < unsafe < 6 * count / 7  # or this shows nothing
 
 
+@pytest.mark.slow
 def test_sampled_ranges_that_are_safe_are():
     """By the eigenvalues of a tick, with 1 % less than the margin."""
     safe = 0
@@ -87,6 +88,7 @@ def asked(capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, dict]
     return status, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_the_audit_is_one_of_the_worst_gearboxes(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """Typed joint by joint, they give the same answer; headline and assumptions say what it is of."""
     status, told = asked(capsys, "--gearbox", "harmonic", "--gearbox", "ankle=planetary", "--gearbox", "hip_.*=direct")
@@ -124,6 +126,7 @@ def test_stiffness_that_is_known_stays(capsys: pytest.CaptureFixture[str], tmp_p
     assert "knee" not in {row["name"] for row in told["gearbox_range"]["joints"]}
 
 
+@pytest.mark.slow
 def test_the_written_robot_has_the_worst_gearboxes_that_stand_alike(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """All at one share of their ranges; where they are the worst of all, with the audit's numbers."""
     out = tmp_path / "robot.yaml"

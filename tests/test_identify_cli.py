@@ -196,6 +196,7 @@ def test_the_joint_and_its_file(identified: tuple[Path, dict[str, Any], dict[str
         assert ends[1] <= high <= ends[1] * (1 + 1e-5) + 1e-12
 
 
+@pytest.mark.slow
 def test_the_covariance_in_the_file_is_that_of_the_delay_beside_it(identified: tuple[Path, dict[str, Any], dict[str, Any]]):
     """Which the torques tell: its variance is that of its interval (t with 39 degrees of freedom), and it moves with no other."""
     section = yaml.safe_load((identified[0] / "knee.yaml").read_text("utf-8"))["identified"]

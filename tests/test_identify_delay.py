@@ -85,6 +85,7 @@ def test_demand_alone_bounds_the_delay_to_a_tick():
     assert "actual_torque" in found.warnings[0]
 
 
+@pytest.mark.slow
 def test_an_independent_simulation_gives_its_delay_back():
     """Three ticks and a current loop of 2000 rad/s, made by a Runge-Kutta integrator; neither rounding nor noise."""
     count, tick = 4000, 1e-3
@@ -134,6 +135,7 @@ def test_slow_operation_says_that_delay_and_current_loop_are_not_told_apart():
     assert "record torque steps" in found.warnings[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("columns", "words"),
     [

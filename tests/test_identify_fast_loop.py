@@ -35,6 +35,7 @@ def test_rows_of_an_infinitely_fast_loop_depend_on_whole_ticks_alone():
     assert not np.allclose(rows[3], rows[4])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("demand", [False, True])
 @pytest.mark.parametrize("noise", [0.0, 0.002, 0.02])
 @pytest.mark.parametrize("delay", [2.05, 2.5, 3.0])
@@ -53,6 +54,7 @@ def test_of_an_infinitely_fast_loop_the_delay_is_bounded_to_a_tick(delay, noise,
     assert any("faster than the log's rows" in warning for warning in found.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [20.0, 12.0, 8.0])
 def test_the_interval_of_a_fast_loop_holds(speed):
     """2.307 (2.300 to 2.315), 2.616 (2.608 to 2.624) and 2.747 (2.716 to 2.777) ticks before."""

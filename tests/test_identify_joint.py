@@ -102,6 +102,7 @@ def test_an_independent_simulation_gives_its_joint_back(one_encoder):
     assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
 
 
+@pytest.mark.slow
 def test_the_fitted_response_goes_through_the_measured_one(one_encoder):
     """At the excited frequencies, beyond friction's reach, within what averages of eight spectra scatter."""
     found = one_encoder
@@ -258,6 +259,7 @@ def test_a_log_without_most_of_its_rows_is_refused(every, words):
     assert_refused(lambda: identify_joint(Record(log.time[::every], channels, every * TICK)), words)
 
 
+@pytest.mark.slow
 def test_torques_of_the_wrong_sign_are_refused():
     log = on_testbed(20.0, Friction(1.0, 1.5, 0.05), 0.3)
     turned = {name: -column if "torque" in name else column for name, column in log.channels.items()}
@@ -279,6 +281,7 @@ def test_a_rigid_joint_is_rigid():
     assert "no resonance" in found.warnings[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -82,6 +82,7 @@ def test_limits_hold_in_an_independent_simulation(bounds):
     assert found[plan.binding] == pytest.approx(getattr(bounds, plan.binding), rel=0.02)
 
 
+@pytest.mark.slow
 def test_limits_hold_over_the_range():
     """A softer or stiffer spring moves otherwise under the same torque: at every corner the peaks are within the limits."""
     ranged = replace(SYSTEM, uncertainty=gr.Uncertainty(stiffness=(6e3, 1.5e4), link_inertia=(0.5, 1.2)))
@@ -174,6 +175,7 @@ def test_the_damping_s_promise_beside_friction_is_what_identification_says(frict
     assert plan.expected["damping"] > 0.2 * viscous / JOINT.damping
 
 
+@pytest.mark.slow
 def test_a_plan_takes_the_friction_that_was_identified(tmp_path, capsys):
     """Of an identified joint.yaml both sides'; a scenario's stands for it, and so does --friction."""
     section = (

@@ -15,6 +15,7 @@ ALL = (-np.inf, np.inf)
 stamps = st.lists(st.one_of(st.integers(-5, 40).map(float), st.just(float("nan")), st.just(float("inf"))), max_size=60)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(stamps, st.lists(st.integers(1, 9), max_size=12), st.data())
 def test_what_is_kept_rises_and_every_row_is_counted(times: list[float], sizes: list[int], data: st.DataObject):

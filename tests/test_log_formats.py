@@ -37,6 +37,7 @@ def test_every_format_comes_back(name: str, tmp_path: Path):
     assert origins == {("", "time")} | {(joint, channel) for joint in joints for channel in channels}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_window_and_a_joint(name: str, tmp_path: Path):
     """Seconds after the first row, both ends included."""
@@ -49,6 +50,7 @@ def test_a_window_and_a_joint(name: str, tmp_path: Path):
     assert np.array_equal(log.joint().channels["motor_position"], whole.signals["motor_position"][first : first + len(log.time), -1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_in_blocks_and_as_a_whole(name: str, tmp_path: Path, monkeypatch):
     for place in ("csv_text.BLOCK_ROWS", "parquet.BLOCK_ROWS", "arrays.BLOCK_ROWS", "messages.BATCH"):

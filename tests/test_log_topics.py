@@ -162,6 +162,7 @@ def groups(path: Path, clocks: dict[str, np.ndarray]) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_group_s_time_is_that_of_what_stands_beside_it(tmp_path: Path):
     log = read_log(groups(tmp_path / "one.h5", {"knee": TRUTH.time}))
     assert log.joint_names == ("knee",)

@@ -47,6 +47,7 @@ def test_scipy(form, step):
     assert loop.response(OMEGA) == pytest.approx(expected_response(step), rel=1e-12 if step is None else 1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [None, 0.02], ids=["continuous", "discrete"])
 @pytest.mark.parametrize("form", ["tf", "ss"])
 def test_control(form, step):

@@ -51,6 +51,7 @@ def test_slycot_finds_the_same_upper_bound(size):
         assert 0.9 * found.upper < found.lower <= found.upper  # how good the power iteration is; no theorem
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [4, 5, 7])
 def test_both_bounds_against_general_optimizers(size):
     """From above: no D that a descent by differences finds is better. From below: no phases that a climb finds pass the bound."""

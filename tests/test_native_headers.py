@@ -113,6 +113,7 @@ def test_delay_margins_with_the_same_digits(delays: Path):
         assert not way or extra == margins.delay_margin
 
 
+@pytest.mark.slow
 def test_hostile_sampled_loops_end(delays: Path):
     """What is not finite, not strictly proper or vast fails or has no margin; equal poles are sampled."""
     none, one = np.zeros(0, complex), np.array([-1.0 + 0j])

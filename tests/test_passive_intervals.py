@@ -53,6 +53,7 @@ def test_no_eigenvalue_is_negative_where_it_is_passive(seed):
         assert np.all(np.abs(np.angle(-values[values.real < 0])) > 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(60))
 def test_factors_of_passive_frequencies_are_no_limit(seed):
     """With the span's samples in place and without, the same limit: found from the loci alone, followed through every frequency."""

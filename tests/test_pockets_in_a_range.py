@@ -60,6 +60,7 @@ def test_a_range_that_is_unstable_in_its_middle_is_not_called_safe(
     assert growth(system, 1e-3 * float(told["unstable_at"].partition("delay ")[2].partition(" ms")[0])) > 0
 
 
+@pytest.mark.slow
 def test_recommended_gains_hold_within_the_range(folder: Path):
     """At delays that the search has not seen: vibration starts where it says at the earliest."""
     system = parse_robot(ROBOT.format(damping=2.0), "f", folder)

@@ -68,6 +68,7 @@ def angles_at(table: gr.PostureTable, knees: float, sway: float):
     return np.array([found[name] for name in table.joints])
 
 
+@pytest.mark.slow
 def test_points_of_the_grid_are_the_loops_limits(biped, table):
     for contact, k, m in (("double", 0, 0), ("left", 3, 1), ("flight", 2, 2)):
         knees, sway = 0.4 * k, -0.2 + 0.2 * m

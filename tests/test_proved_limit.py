@@ -278,6 +278,7 @@ def test_units_do_not_matter():
     assert [one.gain for one in found] == pytest.approx([found[1].gain] * 3, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_random_plants():
     """Chains of all sizes, some joints rigid, some held by contacts: what is proved is what loci show."""
     proved = 0

@@ -61,6 +61,7 @@ def test_controllers_and_joints(make, words):
     assert_refused(make, words)
 
 
+@pytest.mark.slow
 def test_any_lti_is_a_compensator():
     """What build_loop takes for a controller, Compensator takes too."""
     control = pytest.importorskip("control")

@@ -60,6 +60,7 @@ def window(region: gr.PDRegion) -> tuple[np.ndarray, np.ndarray]:
     return corners.min(axis=0), corners.max(axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", REQUIREMENTS.values(), ids=REQUIREMENTS.keys())
 @pytest.mark.parametrize("sampled", [False, True], ids=["continuous", "sampled"])
 @pytest.mark.parametrize("kind", ["PD", "PID", "PPI"])
@@ -108,6 +109,7 @@ def test_boundary_points_lie_on_the_boundary(seed, sampled, asked):
                 assert not kept(setup, kp, kd - inward, asked, 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("requirement", ["gain_margin", "phase_margin", "peak_sensitivity"])
 @pytest.mark.parametrize("sample_time", [None, 5e-4])
 def test_on_the_boundary_the_margin_is_the_requirement(requirement, sample_time):
@@ -234,6 +236,7 @@ def test_delay_opens_a_window_for_link_side_feedback():
 HARD = [52, 55, 57, 59]  # narrow resonances, zeros of B on the boundary, sets crossed between two samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [*HARD, *range(200, 206)])
 @pytest.mark.parametrize("peak", [1.3, 2.0, 30.0])
 def test_sensitivity_is_forbidden_where_a_fine_grid_says_so(seed, peak):

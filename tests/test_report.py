@@ -60,6 +60,7 @@ def figures(html: str) -> list[dict]:
     return [json.loads(text) for text in re.findall(r'<script type="application/json">(.*?)</script>', html, re.S)]
 
 
+@pytest.mark.slow
 def test_page_is_self_contained_and_small(stable_page):
     assert len(stable_page.encode()) < 6e6
     own = without_library(stable_page)
@@ -99,6 +100,7 @@ def test_page_carries_answer_then_reason_in_order(stable, stable_page):
     assert 3 <= own.count('<div class="card ') <= 5
 
 
+@pytest.mark.slow
 def test_unstable_says_so_first(unstable_page, stable_page):
     own = without_library(unstable_page)
     body = own[own.index("<body") :]
@@ -154,6 +156,7 @@ def test_gain_map_draws_the_exact_boundary(stable, stable_page):
     assert marks["x"] == approx((stable.rule.kp, stable.rule.kd), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_gain_map_of_an_integral_controller_leaves_the_plain_pd_rule_out():
     spec = replace(specification().with_controller(gr.PPI(20.0, 10.0, 30.0)), uncertainty=gr.Uncertainty(delay=(2e-3, 3e-3)))
     html = joint_page(gr.study_joint(spec), "gainroom joint joint.yaml")
@@ -254,6 +257,7 @@ def laplace_inverse(value_at, time: float) -> float:
     return float(np.exp(shift * time) / span * (terms.sum() - terms[0] / 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 2e-3])
 def test_step_response_is_the_inverse_laplace_transform(delay):
     joint = gr.ElasticJoint(motor_inertia=1.0, link_inertia=16.0, stiffness=1e4, damping=1.0)

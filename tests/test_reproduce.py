@@ -49,6 +49,7 @@ def test_rows_of_equations_see_a_wrong_sign(monkeypatch: pytest.MonkeyPatch):
     assert [row.id for row in eq10.rows() if not row.agrees] == ["eq10.double.torque_deviation", "eq10.left.torque_deviation"]
 
 
+@pytest.mark.slow
 def test_what_does_not_agree_says_why(result: Reproduction):
     apart = [row for row in result.rows if not row.agrees]
     for row in apart:

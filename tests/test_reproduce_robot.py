@@ -185,6 +185,7 @@ def test_claim2_limits_on_a_dense_grid(delay: float):
         assert gains[k] == pytest.approx(expected, rel=1e-4)  # light loads have a resonance of some grid steps' width
 
 
+@pytest.mark.slow
 def test_claim2_spreads_on_a_dense_grid():
     def spread(loads, delay=DRIVE.delay):
         limits = [20 * math.log10(smallest_scale(joint_loop(load, delay)[:, None])) for load in loads]
@@ -285,6 +286,7 @@ def tracked(values: np.ndarray) -> np.ndarray:
     return np.take_along_axis(values, np.argsort(np.abs(values), axis=1), axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", ["double", "left"])
 @pytest.mark.parametrize("gains", list(claim4.GAIN_SETS))
 def test_claim4_limits_on_a_dense_grid(contact: str, gains: str):

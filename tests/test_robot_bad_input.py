@@ -244,6 +244,7 @@ def test_loci_that_cannot_be_followed_keep_nothing_that_is_required(monkeypatch:
     assert not lenient.met_by(quick_margins(loop))
 
 
+@pytest.mark.slow
 def test_patterns_of_which_python_warns_are_refused():
     """Without its warnings being caught, whose filters are the whole process's; brackets, signs and letters at random."""
     draw = Random(2017)

@@ -273,6 +273,7 @@ def test_a_link_and_its_joint_may_share_a_name_and_a_joint_may_be_called_root(tm
     assert body.total_mass == pytest.approx(3.0)
 
 
+@pytest.mark.slow
 def test_models_in_packages():
     path = locate({"package": "example-robot-data", "file": "solo12.urdf"})
     assert path.name == "solo12.urdf"
@@ -363,6 +364,7 @@ def test_what_bears_on_nothing_may_stand_in_a_urdf(tmp_path: Path):
     assert (body.joint_names, body.lower[0], body.upper[0]) == (("j",), -1.0, 1.0)
 
 
+@pytest.mark.slow
 def test_eight_threads_read_good_and_bad_files_alike(tmp_path: Path):
     """Every bad one is refused, every good one read, and standard error is where it was."""
     texts = {
@@ -413,6 +415,7 @@ def test_nobody_is_told_to_install_what_is_no_package(name: str, says: str):
     assert "pip" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", ["../robots", "a b; rm", "", "-r", "x", "a" * 100, "http://example.org"])
 def test_nobody_is_told_to_install_what_is_no_name(package: str):
     with pytest.raises(GainroomError, match="is not installed") as caught:

@@ -280,6 +280,7 @@ def told(folder: Path) -> list[dict[str, Any]]:
     return answers
 
 
+@pytest.mark.slow
 def test_the_command_on_files(told: list[dict[str, Any]]):
     (plain, other), biped = told, VARIANTS["all at once"]
     square = biped.unit**2

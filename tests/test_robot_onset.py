@@ -59,6 +59,7 @@ JOINT_LOOPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JOINT_LOOPS)
 def test_one_joint(name):
     """Looked for from factor 1, with no hint."""
@@ -67,6 +68,7 @@ def test_one_joint(name):
     assert_witnessed(limit, joint_setup(joint, DRIVE, controller, sample_time=TICK), near=1.0)
 
 
+@pytest.mark.slow
 def test_link_side_feedback():
     joint, controller = replace(TESTBED, damping=10.0), PD(500.0, 10.0)
     limit = gain_limit(build_loop(joint, DRIVE, controller, "link", TICK))
@@ -103,6 +105,7 @@ def test_biped_in_general_posture_with_a_cascade(spec, held):
     assert_witnessed(limit, setup)
 
 
+@pytest.mark.slow
 def test_talos():
     """Another robot with feet: arms and head locked, centre of mass and base under a posture task, the catalogue's gearboxes."""
     body = load_model(
@@ -132,6 +135,7 @@ def arm_setup(arm, motors, q, controller, drive):
     return RobotSetup(body=arm, actuators=motors, drives=(drive,) * arm.size, control=control, q=q)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_panda(seed):
     """A fixed-base arm with public inertias of its rotors; gearboxes soft enough for the links they carry (about 600 rad/s)."""
@@ -145,6 +149,7 @@ def test_panda(seed):
     assert_witnessed(limit, arm_setup(arm, motors, q, controller, drive))
 
 
+@pytest.mark.slow
 def test_two_link_arm_with_full_gain_matrices(tmp_path):
     links = link("base") + link("upper", 3.0, (0, 0, -0.2), (0.05, 0.05, 0.01)) + link("lower", 2.0, (0, 0, -0.15), (0.03, 0.03, 0.01))
     arm = load_model(
@@ -156,6 +161,7 @@ def test_two_link_arm_with_full_gain_matrices(tmp_path):
     assert_witnessed(limit, arm_setup(arm, motors, q, controller, DRIVE), near=1.0)
 
 
+@pytest.mark.slow
 def test_the_witness_contradicts_a_wrong_prediction():
     """A tenth of a millisecond more in the drive, or the continuous model in place of the sampled one, and the two no longer agree."""
     controller = PD(1600.0, 70.0)
@@ -168,6 +174,7 @@ def test_the_witness_contradicts_a_wrong_prediction():
             assert_witnessed(gain_limit(loop), setup)
 
 
+@pytest.mark.slow
 def test_no_onset_is_told():
     """Without delay worth the name, PD on a rigid joint would have to be a thousand times harder."""
     setup = joint_setup(ElasticJoint(motor_inertia=1.0, link_inertia=1.0), Drive(), PD(1e-3, 1e-2), sample_time=TICK)
@@ -183,6 +190,7 @@ def test_running_away_counts_as_growing():
     assert found.growth_rate > 100
 
 
+@pytest.mark.slow
 def test_a_quadruped_of_light_links_at_1_khz():
     """Solo12 on four points: its vibration at 160 Hz is fast beside a tick of 1 ms, so steps must be a fraction of it.
 

@@ -116,6 +116,7 @@ def test_none_can_be_raised(biped: tuple[System, RobotGains]):
     assert found.margin[found.softest] in spec.requirements.asked
 
 
+@pytest.mark.slow
 def test_what_is_typed_is_what_was_judged(biped: tuple[System, RobotGains]):
     """Four digits would do here, and every set keeps what is required with exactly the gains that are printed."""
     spec, gains = biped
@@ -147,6 +148,7 @@ def test_legs_get_equal_gains(biped: tuple[System, RobotGains]):
     np.testing.assert_allclose(kp[:6], kp[6:], rtol=0.1)
 
 
+@pytest.mark.slow
 def test_a_search_may_begin_where_another_ended(biped: tuple[System, RobotGains]):
     """Then it gets at least as far by what it makes small, but for the digits that gains are rounded to, and meets the same."""
     spec, gains = biped
@@ -155,6 +157,7 @@ def test_a_search_may_begin_where_another_ended(biped: tuple[System, RobotGains]
     assert all(spec.requirements.met_by(quick_margins(loop)) for loop in loops(spec, again.kp, again.kd, weight=True).values())
 
 
+@pytest.mark.slow
 def test_no_contact_state_has_softer_gains_than_all_together(biped: tuple[System, RobotGains]):
     """Its own search begins elsewhere, and gains for all states hold in it too; gains are rounded to digits that move their sum by 1e-3."""
     spec = parse_robot(BIPED.replace("double: [left_sole, right_sole]", "left: [left_sole], flight: []"), "biped")
@@ -186,6 +189,7 @@ def assert_stands(text: str, gains: RobotGains, folder: Path, capsys: pytest.Cap
     assert facts["ended_at"] is None or facts["ended_at"] == pytest.approx(2.0, abs=1e-2)
 
 
+@pytest.mark.slow
 def test_the_robot_stands_on_them(biped: tuple[System, RobotGains], tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """A joint of the robot sampled at 2 kHz keeps a little less than the continuous one."""
     assert_stands(BIPED.replace("feedback: motor,", "feedback: motor, sample_rate_hz: 2000,"), biped[1], tmp_path, capsys)

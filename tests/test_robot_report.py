@@ -124,6 +124,7 @@ def test_page_is_self_contained_and_small(page):
         assert outside not in own
 
 
+@pytest.mark.slow
 def test_page_carries_answer_then_reason_in_order(page, biped):
     own = unescape(without_library(page))
     wanted = [

@@ -105,6 +105,7 @@ def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: Robot
         assert word in warning
 
 
+@pytest.mark.slow
 def test_gains_are_told_only_where_they_move_something(leg: RobotStudy, without: RobotStudy):
     joint, task = leg.recommended
     assert joint.per_contact["flight"] is not None  # the joints do move there

@@ -17,6 +17,7 @@ from gainroom.studies.verification import verify
 from robot_files import ROBOT, write_arm
 
 
+@pytest.mark.slow
 def test_both_witnesses_in_both_spaces(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     page = tmp_path / "verify.html"
     assert main(["verify", str(write_arm(tmp_path)), "--json", "--report", str(page)]) == 0
@@ -35,6 +36,7 @@ def test_both_witnesses_in_both_spaces(tmp_path: Path, capsys: pytest.CaptureFix
     assert '<body class="good">' in page.read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_a_wrong_prediction_is_status_1(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """0.2 % off is noticed by linear simulation, 3 % by MuJoCo."""
     right = verification.gain_limit

@@ -29,6 +29,7 @@ def walks():
     return {name: (plan, *walked(system, plan, table, ticks=TICKS)) for name, table in tables().items()}
 
 
+@pytest.mark.slow
 def test_the_plan_keeps_feet_on_the_ground_and_the_weight_over_them(body):
     """Forward kinematics of every 150th posture: soles where they belong, the centre of mass over the foot that stands."""
     plan = plan_of(biped())
@@ -78,6 +79,7 @@ def test_nothing_vibrates_in_any_phase_and_no_switch_is_a_step(walks):
     assert steps(walks["scheduled"][1], walks["scheduled"][0]).max() < 2.0  # [N m], of some hundred
 
 
+@pytest.mark.slow
 def test_the_detector_finds_gains_above_the_limit():
     """Times 2.6, where the limits are 2.3 times the gains: the same detector finds it, or the run diverges."""
     system, plan = biped(), plan_of(biped())
@@ -86,6 +88,7 @@ def test_the_detector_finds_gains_above_the_limit():
     assert run.ending == "diverged" or vibrations(run, plan)
 
 
+@pytest.mark.slow
 def test_with_the_tracker_gains_end_at_its_limit_over_the_margin():
     """Gains that are three times too high, along the swing on the left foot: where a tick is certified, cold limits say the same."""
     system, plan = biped(), plan_of(biped())

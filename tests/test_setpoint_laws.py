@@ -34,6 +34,7 @@ def moved(rate_of_error: bool, loop: int, command: int, viscous: float, noise: f
     return Record(time, {"reference": reference, "motor_position": position}, TICK)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate_of_error", "loop", "command", "viscous"),
     [(True, 2, 0, 0.8), (True, 5, 3, 0.8), (True, 5, 0, 0.0), (True, 2, 1, 4.0), (False, 5, 0, 0.8), (False, 2, 4, 4.0)],
@@ -55,6 +56,7 @@ def all_hold(found: SetpointDelay, loop: int, command: int) -> bool:
     return all(holds(each, TICK * ticks) for each, ticks in ((found.loop, loop), (found.command, command), (found.total, loop + command)))
 
 
+@pytest.mark.slow
 def test_the_search_does_not_end_beside_the_maximum():
     """Its own law ended at 33 and 36 ticks, and the other law, with a sum of 7.59 ± 0.04, was taken for the log's."""
     found = identify_setpoint_delay(moved(False, 4, 3, 0.64, 4.5e-6, 42), TICK)
@@ -63,6 +65,7 @@ def test_the_search_does_not_end_beside_the_maximum():
     assert all_hold(found, 4, 3)
 
 
+@pytest.mark.slow
 def test_the_sum_is_over_both_laws_where_both_are_likely(monkeypatch):
     """The law that is wrong here puts the sum at 9.2 ticks: were both likely, the sum could be either's, and loop and command any part."""
     log = moved(False, 2, 7, 0.0, 2.1e-6, 20)

@@ -79,6 +79,7 @@ def test_vibration_is_that_of_the_rightmost_root(tmp_path: Path, capsys: pytest.
     assert facts["vibration"]["growth_rate"] == pytest.approx(root.real, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["csv", "parquet", "mcap"])
 def test_the_log_of_a_run_that_diverges_holds_numbers_only(tmp_path: Path, capsys: pytest.CaptureFixture[str], ending: str):
     log = tmp_path / f"run.{ending}"

@@ -76,6 +76,7 @@ def test_who_holds_the_gains(
         assert witness(1.01 * found["largest_timestep_s"], pd, decimation).grows(1.0)
 
 
+@pytest.mark.slow
 def test_joints_that_only_one_of_the_two_holds(leg: Path, capsys: pytest.CaptureFixture[str]):
     """By themselves, as the witness has it with one actuator alone; the robot's are the audit's own."""
     options = ("--pd", "explicit", "--timestep", "0.002", "--decimation", "2")
@@ -144,6 +145,7 @@ def test_a_urdf_names_no_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert any("held, as softly as MuJoCo's contacts" in text for text in found["assumptions"])
 
 
+@pytest.mark.slow
 def test_without_the_option_nothing_is_said(leg: Path, capsys: pytest.CaptureFixture[str]):
     main(["audit", str(leg), "--delay-ms", "2", "--json"])
     assert json.loads(capsys.readouterr().out)["simulator"] is None
@@ -164,6 +166,7 @@ def test_terminal_and_page_say_what_json_says(leg: Path, tmp_path: Path, capsys:
     assert "--simulator mujoco --pd explicit --decimation 3" in text  # the command that makes the page again
 
 
+@pytest.mark.slow
 def test_a_page_of_gains_that_only_the_robot_holds_is_not_good(leg: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Gearboxes are given, so that the robot's verdict has no condition; MuJoCo takes its own actuators implicitly, a program's not."""
     page = tmp_path / "audit.html"

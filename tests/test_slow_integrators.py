@@ -67,6 +67,7 @@ def checked(seeds: range) -> tuple[int, int]:
     return counts[0], counts[1]
 
 
+@pytest.mark.slow
 def test_slow_roots_that_integrators_make_are_counted():
     stable, unstable = checked(range(40))
     assert min(stable, unstable) > 5

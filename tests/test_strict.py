@@ -120,6 +120,7 @@ def test_a_robot_states_its_gains_by_patterns_that_are_read_back(tmp_path: Path,
     assert (status, json.loads(out)["unmet"]) == (0, [])
 
 
+@pytest.mark.slow
 def test_what_the_recommended_gains_keep_at_the_usual_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Fig. 9's: told as the same file says it with those gains and that rate; and no word of it where a rate is stated."""
     name = str(EXAMPLES / "fig9.yaml")
@@ -159,6 +160,7 @@ def test_a_run_is_judged_by_what_was_asked_of_it_too(capsys: pytest.CaptureFixtu
     assert "com x, com y and com z do not settle within 2 % of the move" in " ".join(out.split())
 
 
+@pytest.mark.slow
 def test_stable_in_continuous_time_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """What a loop at 2 kHz would not hold is told first; the same file with the rate says it is unstable; Fig. 9's joint holds at both."""
     for name, lost in (("testbed", True), ("fig9", False)):

@@ -117,6 +117,7 @@ def test_draws_lie_within_the_uncertainty(arm):
         assert 6000 <= values["stiffness"].min() <= values["stiffness"].max() <= 9000
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on(undisturbed, tmp_path):
     file, expected = undisturbed
     plan, path = small_plan(file, POSTURES), tmp_path / "stopped.zarr"
@@ -208,6 +209,7 @@ def test_a_full_disk_is_told_and_nothing_finished_is_lost(undisturbed, tmp_path)
     assert contents(saved) == expected
 
 
+@pytest.mark.slow
 def test_the_summary_is_that_of_all_numbers(arm, tmp_path):
     """Against the whole arrays; quantiles to the histogram's step."""
     system = load_robot_system(arm)

@@ -100,6 +100,7 @@ def test_a_scheduler_that_stays_away_is_told_and_nothing_finished_is_lost(undist
     assert contents(path) == expected
 
 
+@pytest.mark.slow
 def test_a_scheduler_without_workers_is_told(undisturbed, running, tmp_path, monkeypatch, capsys):
     running.kill("one", "two")
     monkeypatch.setattr(cluster, "ABSENT", 0.5)

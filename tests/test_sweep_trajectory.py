@@ -3,12 +3,14 @@
 import json
 
 import numpy as np
+import pytest
 
 from gainroom.cli import main
 from gainroom.studies.sweep.store import open_sweep
 from robot_files import ROBOT, write_arm
 
 
+@pytest.mark.slow
 def test_a_trajectory_is_swept_posture_by_posture(tmp_path, capsys):
     arm, log = write_arm(tmp_path, ROBOT), tmp_path / "walk.csv"
     elbow = 0.1 + 0.5 * np.sin(0.1 * np.arange(60))

@@ -32,6 +32,7 @@ def alone(file, angles) -> float:
     return gr.gain_limit(system.loop(linearize(robot.body, robot.actuators, q))).gain
 
 
+@pytest.mark.slow
 def test_robot_names_a_posture_that_is_worse_than_the_file_s(tmp_path, capsys):
     """The arm bends: some posture has a limit more than 1 % below that of the file's, which is the highest of a search."""
     light = STRETCHED.replace("motor_inertia: 0.5", "motor_inertia: 0.02").replace("kp: 400.0, kd: 30.0", "kp: 40.0, kd: 2.0")

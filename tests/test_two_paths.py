@@ -53,6 +53,7 @@ def issue_loop() -> TwoRates:
     return TwoRates(one_joint(), DRIVE, 40, 80, 1, 0)
 
 
+@pytest.mark.slow
 def test_kd_at_20_khz_without_delay_and_kp_at_500_hz_with_4_ms():
     two = issue_loop()
     loop = loop_of(two)

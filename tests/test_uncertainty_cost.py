@@ -50,6 +50,7 @@ def test_less_uncertainty_has_gains_where_more_has():
     assert found.kp >= 7.0
 
 
+@pytest.mark.slow
 def test_the_exact_joint_is_the_most_and_the_uncertain_one_the_least(study):
     found = cost(study)
     assert study.recommended is not None

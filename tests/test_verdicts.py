@@ -161,6 +161,7 @@ def exported(told: dict[str, Any], folder: Path, capsys: pytest.CaptureFixture[s
     return status == 0
 
 
+@pytest.mark.slow
 def test_an_audit_without_a_rate_shows_no_gains_to_use(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """They have what is required in continuous time alone; with a rate they are shown, and are safe there."""
     terminal, _, told, own = said(capsys, tmp_path, "audit", str(LEG), "--delay-ms", "2")

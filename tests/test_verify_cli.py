@@ -127,6 +127,7 @@ def test_terminal_and_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert "changes sign" in text
 
 
+@pytest.mark.slow
 def test_simulate_and_verify_judge_one_limit_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Its 0.92 dB beside the required 6 dB is not met on either page, and is in either headline, which is followed by what to do."""
     path, page = tmp_path / "joint.yaml", tmp_path / "page.html"

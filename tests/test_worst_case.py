@@ -34,6 +34,7 @@ def arm(tmp_path_factory):
     return study_robot(load_robot_system(write_arm(folder, contents + RANGES)), recommend=False)
 
 
+@pytest.mark.slow
 def test_a_robot_is_judged_at_the_worst_corner_of_all_states(arm):
     """Every corner by its own System, without Uncertainty, and the loci instead of the core's look."""
     system, found = arm.system, {}
@@ -80,6 +81,7 @@ def test_a_corner_that_is_unstable_is_named(tmp_path: Path):
     assert not study.unmet  # unstable is what is said, not how far margins miss
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("feedback", ["motor", "link"])
 def test_task_gains_are_judged_at_the_worst_corner(tmp_path: Path, feedback: str):
     text = ROBOT.replace("feedback: motor, ", f"space: task, feedback: {feedback}, ").replace("kp: 400.0, kd: 30.0", "kd_filter: 0")
@@ -96,6 +98,7 @@ def test_task_gains_are_judged_at_the_worst_corner(tmp_path: Path, feedback: str
         assert study.least(study.states[0], name) == pytest.approx(max(values) if one.at_most else min(values), rel=LOOKED), name
 
 
+@pytest.mark.slow
 def test_the_worst_of_an_uncertain_knee_is_not_bettered_by_sampling():
     """800 joints at random within the ranges, a third of the values at their ends: none is worse than what is reported."""
     system = load_joint(example("talos-knee"))
