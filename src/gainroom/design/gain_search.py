@@ -272,7 +272,7 @@ class _Search:
         """Every direction raised by RAISE breaks something; where one does not, it is raised and all are tried again.
 
         Loops are followed until nothing is left to raise, or they are far from those looked at; then they are looked at. Where that sees
-        something broken that following did not, it goes back, and looks at whatever it raises.
+        something broken that following did not, it goes back, and looks at the next one that it raises; the next time at two, at four, ….
         """
         cases, order = self._cases, list(range(len(self._cases)))
         self._anchor(gains, cases)
@@ -280,7 +280,7 @@ class _Search:
         free = np.flatnonzero(self._compliance(gains)).tolist()
         why: dict[int, tuple[str, int]] = {}
         known = set(free)  # what breaks by raising a direction, for these gains; for `why` others may have been softer
-        looked_at, follow = gains, not blind
+        looked_at, to_look, careful = gains, math.inf if blind else 0, 1  # raises that are looked at, before loops are followed again
         while True:
             left = [j for j in free if j not in why] or [j for j in free if j not in known]
             if looked_at is not gains and not (left and all(case.follows(gains) for case in cases)):
@@ -288,7 +288,8 @@ class _Search:
                     looked_at = gains
                     self._anchor(gains, cases)
                 else:
-                    gains, follow, known = looked_at, False, set(free)
+                    gains, known = looked_at, set(free)
+                    to_look, careful = careful, 2 * careful
                     why.clear()
                 continue
             if not left:
@@ -299,14 +300,14 @@ class _Search:
             if share[j] * RAISE > self._most:
                 why[j] = "", -1
                 continue
-            raised, broken = self._raised(gains, j, order, blind, follow)
+            raised, broken = self._raised(gains, j, order, blind, to_look == 0)
             if raised is None:
                 why[j] = broken
                 continue
             gains, known = raised, set()
             why.pop(j, None)
-            if not follow:
-                looked_at = gains
+            if to_look:
+                looked_at, to_look = gains, to_look - 1
                 self._anchor(gains, cases)
         names, places = zip(*(why.get(j, ("", -1)) for j in range(gains.shape[1])), strict=True)
         return Raised(gains, tuple(case.all_margins(gains) for case in cases), True, names, places)
