@@ -112,6 +112,28 @@ def test_other_margins_are_judged_where_they_are_asked_for(capsys: pytest.Captur
         assert [joint["name"] for joint in again["joints"] if not joint["safe"]] != [] or met
 
 
+def test_every_joint_that_misses_is_named(capsys: pytest.CaptureFixture[str]):
+    """Arms beside each other that do not feel each other, two nearly equal: Ms and phase of each by its formula; not the worst alone."""
+    loads = {"a": 4.0, "b": 4.04, "c": 0.4}
+    joints = {name: gr.ElasticJoint(0.2, load, 2000.0, 2.0) for name, load in loads.items()}
+    found = {name: closed_form(joint, 100.0, 8.0, 2e-3) for name, joint in joints.items()}
+    bodies = MODEL.removeprefix("<mujoco><worldbody>").removesuffix("</worldbody></mujoco>")
+    every = "".join(bodies.replace('"j"', f'"{name}"').format(load=load) for name, load in loads.items())
+    Path("arms.xml").write_text(f"<mujoco><worldbody>{every}</worldbody></mujoco>", "utf-8")
+    gains = {"kp": 100.0, "kd": 8.0, "motor_inertia": 0.2, "stiffness": 2000.0, "damping": 2.0}
+    Path("gains.yaml").write_text(yaml.safe_dump({name: dict(gains) for name in loads}), "utf-8")
+    plain = ("--delay-ms", "2", "--gains", "gains.yaml", "--margin-db", "0.1", "--delay-margin-ms", "0")
+    for option, values in (
+        ("--peak-sensitivity", {name: -peak for name, (_, _, peak) in found.items()}),
+        ("--phase-margin-deg", {name: math.degrees(phase) for name, (phase, _, _) in found.items()}),
+    ):
+        ordered = sorted(values, key=lambda name: values[name])
+        assert abs(values[ordered[1]] / values[ordered[0]] - 1) < 0.02  # the nearly equal ones are the worst
+        needed = 0.5 * (values[ordered[1]] + values[ordered[2]])
+        _, told = asked(capsys, *plain, option, repr(abs(needed)), model="arms.xml")
+        assert {joint["name"] for joint in told["joints"] if not joint["safe"]} == set(ordered[:2])
+
+
 @pytest.mark.parametrize(("delay", "stable"), [("2", True), ("6", False)])
 def test_every_requirement_that_fails_is_named(capsys: pytest.CaptureFixture[str], delay: str, stable: bool):
     """Each is asked for by itself first, and fails; asked for together all are named. Of unstable gains whatever is asked for."""

@@ -173,6 +173,33 @@ def test_margins_move_as_they_are_said_to(number):
     assert count + both(logarithms, 1e-5, 0.05, 1.5e-6) > 0  # four parabolas find a height to about a millionth
 
 
+@pytest.mark.parametrize("number", range(20))
+def test_crossings_of_nearly_equal_joints_are_all_found(number):
+    """Each once, of gains a little further than those looked at: of joints that do not feel each other, by the scan of each alone.
+
+    Loads differ by 1e-4 to 1 %, so that what is interpolated between samples lies nearer to another joint's crossing than to its own.
+    """
+    rng, size = np.random.default_rng(number), 4
+    loads = 2.0 * (1 + 10 ** rng.uniform(-4, -2) * rng.uniform(-1, 1, size))
+    drive, delay = gr.Drive(delay=2e-3), rng.uniform(1.5, 2.5)
+    nothing, eye = np.zeros(size), np.eye(size)
+    gains = np.array([np.full(size, 1500.0), np.full(size, 30.0 * delay), nothing])
+    plant = gr.Plant(np.diag(1 / loads), np.full(size, 0.3), np.full(size, 8000.0), np.full(size, 2.0))
+    core = directed_loop(gr.build_loop(plant, drive, gr.PD(gains[0], gains[1])), eye, eye, np.zeros(size, dtype=bool))
+    seen = look(core, gains, WHOLE)
+    moved = gains * np.exp(0.03 * rng.uniform(-1, 1, gains.shape))
+    truth = []
+    for load, kp, kd in zip(loads, *moved[:2], strict=True):
+        alone = gr.build_loop(gr.ElasticJoint(0.3, load, 8000.0, 2.0), drive, gr.PD(kp, kd))
+        truth += [-math.log(one.gain) for one in gr.margins(alone).phase_crossings]
+    found, reach = seen.crossings(moved, True, True, 3.0)[0][:, 0].tolist(), 2.5
+    truth = sorted(one for one in truth if abs(one) < reach)
+    assert len(truth) >= size
+    assert sorted(one for one in found if abs(one) < reach) == pytest.approx(
+        truth, rel=1e-5, abs=1e-5
+    )  # crossings that are followed are polished to about a millionth
+
+
 @pytest.mark.parametrize("size", [1, 2, 3, 6, 12, 32])
 def test_eigenvalues(size):
     """Against LAPACK, for matrices of every kind of size and structure; sorted, as neighbours may change places."""

@@ -28,7 +28,7 @@ def quick_margins(loop: Loop) -> Margins:
         return Margins.unknown(GainLimit.unknown(loop.size, stable=count <= 0))
     try:
         sampled = Sampled.of(sweep)
-        peak = sampled.peak()
+        peak = max(sampled.own_peaks())
         limits = [(_factor_of_real(loci), _factor_of_real(ratios)) for loci, ratios in _ends(sampled)]
         common = min([_common_factor(sweep), *(one for one, _ in limits)])
         single = min([_own_factors(sampled.single), *(one for _, one in limits)])

@@ -85,7 +85,8 @@ static bool looked(DirectedLoop& loop, const DirectedGains& own, double factor, 
             for (const gainroom::CurveStep& step : curves.meets(locus, axis)) curves.polished(step, axis, own, 1e-6, 8, true);
         curves.ends(locus, own, 2.0, true);
     }
-    curves.peaks(own, 1.1, -1.0, 1.0, true);
+    curves.crossings(own, true, true, 2.0);
+    gainroom::SensitivityPeaks(samples).above(own, 1.1, -1.0, 1.0, true);
     return true;
 }
 

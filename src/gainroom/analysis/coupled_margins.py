@@ -51,13 +51,15 @@ def coupled_margins(loop: Loop) -> Margins:
     Raises GainroomError for gains that are all zero, and where the loci cannot be followed.
     """
     sweep = Sweep(loop)
-    peak, complementary, own_phase = _one_loop_peaks_and_phases(sweep)  # first, on samples that no other search has added to
+    own_peaks, complementary, own_phase = _one_loop_peaks_and_phases(sweep)  # first, on samples that no other search has added to
     limit = coupled_limit(sweep)
     if not limit.stable:
         return replace(Margins.unknown(limit), unstable_roots=max(sweep.unstable(1.0), 1), certified=limit.certified)
     phase = common_phase(sweep)
     delay = _common_delay(sweep)
-    one_loop = replace(one_loop_margins(sweep), phase_margin=own_phase)
+    peak = max(own_peaks)
+    own_heights = np.array([one.height for one in own_peaks])
+    one_loop = replace(one_loop_margins(sweep), phase_margin=own_phase, peak_sensitivity=own_heights)
     disk = _disk(loop)
     certificates = [end.certificate.holds for end in (phase, delay) if end is not None]
     return Margins(
@@ -88,15 +90,16 @@ def _disk(loop: Loop) -> MultiLoopDisk | None:
         return None
 
 
-def _one_loop_peaks_and_phases(sweep: Sweep) -> tuple[Peak, Peak, Floats]:
-    """The largest |S_ii| and |T_ii|, and the smallest phase in each loop (n,); of a stable loop."""
+def _one_loop_peaks_and_phases(sweep: Sweep) -> tuple[list[Peak], Peak, Floats]:
+    """The largest |S_ii| of each loop, the largest |T_ii| of all, and the smallest phase in each (n,); of a stable loop."""
+    unknown = Peak(math.nan, math.nan)
     if not sweep.largest or sweep.unstable(1.0) != 0 or sweep.full:
-        return Peak(math.nan, math.nan), Peak(math.nan, math.nan), np.full(sweep.loop.size, math.nan)
+        return [unknown] * sweep.loop.size, unknown, np.full(sweep.loop.size, math.nan)
     try:
         sampled = Sampled.of(sweep)
-        return sampled.peak(), sampled.peak(-1.0, 1.0), own_phases(sampled.single)
+        return sampled.own_peaks(), max(sampled.own_peaks(-1.0, 1.0)), own_phases(sampled.single)
     except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
-        return Peak(math.inf, math.nan), Peak(math.inf, math.nan), np.zeros(sweep.loop.size)
+        return [Peak(math.inf, math.nan)] * sweep.loop.size, Peak(math.inf, math.nan), np.zeros(sweep.loop.size)
 
 
 def common_phase(sweep: Sweep) -> End | None:

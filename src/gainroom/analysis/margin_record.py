@@ -71,6 +71,7 @@ class OneLoop:
                    (n > 1: none above 1e-3)
     phase_margin   [rad] the smallest phase, lag or lead; inf where none
     certified      True where roots were counted on both sides of the factors and of the largest gains; for n = 1 as the scan is
+    peak_sensitivity   the largest |S_ii|; None where it was not worked out loop by loop
     largest_kp, largest_kd   largest diagonal gains, the other gains as they are [N m/rad], [N m s/rad]; None where the controller has
                    no such gains, and where they were not asked for (see joint_margins)
     """
@@ -81,6 +82,7 @@ class OneLoop:
     certified: Booleans
     largest_kp: Floats | None = None
     largest_kd: Floats | None = None
+    peak_sensitivity: Floats | None = None
 
     @classmethod
     def unknown(cls, size: int) -> "OneLoop":

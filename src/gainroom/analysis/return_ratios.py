@@ -62,14 +62,17 @@ class Sampled:
         omega, values = _resolved(sweep, sensitivity)
         return cls(sweep, Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega))), values, sensitivity)
 
-    def peak(self, slope: float = 1.0, offset: float = 0.0) -> Peak:
-        """The largest |slope S_ii + offset|."""
+    def own_peaks(self, slope: float = 1.0, offset: float = 0.0) -> list[Peak]:
+        """The largest |slope S_ii + offset| of each loop."""
         omega, sizes = self.single.omega, np.abs(slope * self.sensitivity + offset)
-        rows, joints = peaks(sizes, (1 - CLOSE) * sizes.max())
+        highest = sizes.max(axis=0)
+        rows, joints = peaks(sizes, (1 - CLOSE) * highest)
         among = np.arange(len(rows)), joints
         place, height = polished_peaks(omega, sizes, rows, joints, lambda omega: np.abs(slope * self.sensitivity_at(omega) + offset)[among])
-        row = int(np.argmax(sizes.max(axis=1)))
-        return max([Peak(float(sizes[row].max()), float(omega[row])), *map(Peak, height.tolist(), place.tolist())])
+        found = [Peak(*one) for one in zip(highest.tolist(), omega[np.argmax(sizes, axis=0)].tolist(), strict=True)]
+        for joint, one in zip(joints.tolist(), map(Peak, height.tolist(), place.tolist()), strict=True):
+            found[joint] = max(found[joint], one)
+        return found
 
 
 def _own_sensitivity(loop: Loop, omega: Floats) -> Complexes:

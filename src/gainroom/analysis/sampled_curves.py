@@ -52,8 +52,8 @@ def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], hig
     return omega, value
 
 
-def peaks(sizes: Floats, least: float) -> tuple[Integers, Integers]:
-    """Samples (k, n) above `least` that are no lower than those beside them: row, which is neither the first nor the last, and column."""
+def peaks(sizes: Floats, least: Floats) -> tuple[Integers, Integers]:
+    """Samples (k, n) above `least` (n,) that are no lower than those beside them: row, neither the first nor the last, and column."""
     inner = sizes[1:-1]
     rows, columns = np.nonzero((inner >= sizes[:-2]) & (inner >= sizes[2:]) & (inner > least))
     return rows + 1, columns

@@ -29,7 +29,7 @@ from ..report.verdict import Judged, judged, robot_to_use
 from ..robot.model import RobotModel
 from ..robot.robot import Posture, Robot
 from ..simulation.robot_simulation import RobotSimulation
-from ..studies.deciding_joints import joints_that_miss
+from ..studies.deciding_joints import deciding_joints_in
 from ..studies.loop_numbers import limit_of
 from ..studies.robot import RobotStudy, study_robot
 from ..studies.state import State, by_headroom, strongest_first
@@ -348,7 +348,7 @@ class RobotBench:
         """Where to look for a row's worst: posture, contact state, and the joint that misses what is required there."""
         state = next((state for state in study.states if state.title == row.where), study.states[0])
         place = {"posture": state.posture, "contact": state.contact}
-        missing = joints_that_miss(state, row.name)[:1] if row.met is False and study.stable_in_range else ()
+        missing = deciding_joints_in(state, row.name)[:1] if row.met is False and study.stable_in_range else ()
         return {**place, "joint": missing[0]} if missing and missing[0] in self._channels.names else place
 
     def _to_use(self, study: RobotStudy) -> dict[str, dict[str, float]]:

@@ -9,7 +9,7 @@ from ..design.joint_gains import COST_ACCURACY, Recommendation
 from ..design.uncertainty_cost import KnownExactly
 from ..errors import apart, case_text, frequency_text, listed
 from ..studies.analysis import Analysis
-from ..studies.deciding_joints import joints_that_miss
+from ..studies.deciding_joints import deciding_joints_in
 from ..studies.joint import JointStudy
 from ..studies.state import USUAL_RATE
 from ..system.plausibility import unusual_values
@@ -177,7 +177,7 @@ def _joints(study: Analysis) -> dict[str, tuple[str, ...]]:
     """The joints that miss each unmet requirement in its worst state; of one joint none."""
     if len(study.system.source.joint_names) == 1:
         return {}
-    return {name: joints_that_miss(state, name) for name, state in study.unmet.items()}
+    return {name: deciding_joints_in(state, name) for name, state in study.unmet.items()}
 
 
 def tightest(study: Analysis) -> str:

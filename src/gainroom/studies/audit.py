@@ -121,8 +121,8 @@ class Audit(Analysis):
     def joints_that_miss_in(self, state: State) -> set[str]:
         """The joints that move where a state has too little of something; of one that is not stable those that vibrate."""
         found = set() if self.enough_together_in(state) else set(state.limiting_joints)
-        missed = [name for name in self.missed_in(state) if name != "gain_margin"] if state.limit.stable else []
-        return found.union(*(joints_that_miss(state, name) for name in missed))
+        missed = set(self.missed_in(state)) - {"gain_margin"} if state.limit.stable else set()
+        return found.union(*(joints_that_miss(state, one, needed) for one, needed in self.required.asked_for if one.name in missed))
 
     def enough_together_in(self, state: State) -> bool:
         """Whether a state has the gain margin on all gains; where kd has a path of its own, also on either path."""

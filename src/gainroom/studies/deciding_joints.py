@@ -8,20 +8,30 @@ from ..analysis.margin_record import Margins
 from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Complexes
 from ..system.loop import Loop
+from ..system.requirements import Requirement
 from .state import STRONG, State, limiting_joints
 
 
-def joints_that_miss(state: State, name: str) -> tuple[str, ...]:
-    """The joints that move where a state misses a requirement."""
+def joints_that_miss(state: State, one: Requirement, needed: float) -> set[str]:
+    """The joints that decide a requirement that a state misses, and all whose own loop misses it, the others as they are."""
+    names, own = state.model.joint_names, one.of_loops(state.margins)
+    deciding = deciding_joints_in(state, one.name)
+    return {
+        *deciding,
+        *(name for name, value in zip(names, [] if own is None else own.tolist(), strict=False) if not one.met(needed, value)),
+    }
+
+
+def deciding_joints_in(state: State, name: str) -> tuple[str, ...]:
+    """The joints that decide a margin of a state."""
     return deciding_joints(state.loop, state.margins, state.model.joint_names, name)
 
 
 def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: str) -> tuple[str, ...]:
     """The joints that move where a margin is: in the vibration at the gain limit, or where the loop is lost to delay or phase.
 
-    Where one joint by itself has less, the others as they are: that joint.
-
-    Peak sensitivity: the joint whose loop has it.
+    The one joint whose loop has the margin, where that is of one loop at a time: the peak sensitivity, and what is less than that of all
+    loops together.
     """
     if name == "gain_margin" and found.least_gain_margin < found.gain_headroom * (1 - ROUND_OFF) and loop.kd_path is None:
         return (names[int(np.argmin(found.one_loop_gain_margins))],)

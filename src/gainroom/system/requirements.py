@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import GainroomError
 from .excluded_sets import ROUND_OFF, Arc, Disk, ExcludedSet, Segment
 from .judged_loop import Curves, Judged, Sampled
+from .linear.arrays import Floats
 from .margin_units import IN_SI, from_db, to_db
 
 
@@ -96,6 +97,10 @@ class Requirement:
         """What is held against the requirement: the worst over all loops together and one at a time; NaN where it is not known."""
         return getattr(found, self.bounds or self.name)
 
+    def of_loops(self, found: Any) -> Floats | None:
+        """(n,) the same of one loop at a time, the others as they are; None where it is of all loops together alone, or not known."""
+        return None
+
     def named(self, found: Judged) -> str:
         """What that is: "phase margin of one loop" where it is the lesser."""
         return self.title
@@ -160,6 +165,9 @@ class GainMargin(Requirement):
     def in_si(self, value: float) -> float:
         return from_db(value)
 
+    def of_loops(self, found: Any) -> Floats | None:
+        return found.one_loop_gain_margins
+
     def frequency(self, found: Any) -> float:
         """At the nearer end for all loops together; NaN where one loop by itself has less."""
         least = found.least_gain_margin * (1 + ROUND_OFF)
@@ -189,6 +197,9 @@ class PhaseMargin(Requirement):
 
     def in_si(self, value: float) -> float:
         return math.radians(value)
+
+    def of_loops(self, found: Any) -> Floats | None:
+        return found.one_loop.phase_margin
 
     def named(self, found: Any) -> str:
         return f"{self.title} of one loop" if found.one_loop_phase_margin < found.common_phase_margin else self.title
@@ -221,6 +232,9 @@ class SensitivityBound(Requirement):
     offset: float = 0.0
     at_most: bool = True
     low: float = 1.0
+
+    def of_loops(self, found: Any) -> Floats | None:
+        return found.one_loop.peak_sensitivity if (self.slope, self.offset) == (1.0, 0.0) else None
 
     def excluded(self, needed: float) -> ExcludedSet:
         return Disk.of_ceiling(needed, self.slope, self.offset)

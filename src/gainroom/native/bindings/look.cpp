@@ -116,7 +116,7 @@ public:
     }
 
     nb::tuple peak(double slope, double offset) {
-        const gainroom::MovingMargin found = gainroom::LoopCurves(*samples_).peak(slope, offset);
+        const gainroom::MovingMargin found = gainroom::SensitivityPeaks(*samples_).highest(slope, offset);
         return nb::make_tuple(found.margin, found.omega);
     }
 
@@ -125,12 +125,7 @@ public:
         std::vector<gainroom::MovingMargin> found;
         {
             nb::gil_scoped_release release;
-            gainroom::LoopCurves curves(*samples_);
-            for (const gainroom::CurveStep& step : curves.meets(locus, axis)) {
-                if (!(std::fabs(gainroom::LoopCurves::margin_of(step.value, axis)) < reach)) continue;
-                gainroom::MovingMargin one = curves.polished(step, axis, own, 1e-6, 8, true);
-                if (one.found) found.push_back(std::move(one));
-            }
+            found = gainroom::LoopCurves(*samples_).crossings(own, locus, axis, reach);
         }
         return columns(found);
     }
@@ -161,7 +156,7 @@ public:
         std::vector<gainroom::MovingMargin> found;
         {
             nb::gil_scoped_release release;
-            found = gainroom::LoopCurves(*samples_).peaks(own, least, slope, offset, true);
+            found = gainroom::SensitivityPeaks(*samples_).above(own, least, slope, offset, true);
         }
         return columns(found);
     }

@@ -1,5 +1,5 @@
-// Where loci and return ratios of coupled loops meet the negative real axis and the unit circle, where |a S_ii + b| is largest, and how
-// all of that moves with the gains; the least margins of each kind.
+// Where loci and return ratios of coupled loops meet the negative real axis and the unit circle, and how that moves with the gains; the
+// least margins of each kind.
 //
 // At one ω, with V = (I + Q)⁻¹, Q = E P X Δ,
 //   dS_ii = −Σ_j (S P X)_ij (E S)_ji dd_j,  S P X = P X (I − Δ V E P X),  E S = V E,      dλ = Σ_j (y E P X)_j x_j dd_j,  y x = 1,
@@ -14,6 +14,7 @@
 
 #include "curve_value.hpp"
 #include "loop_samples.hpp"
+#include "sensitivity_peaks.hpp"
 
 namespace gainroom {
 
@@ -22,15 +23,6 @@ struct CurveStep {
     std::size_t which;
     double low, high, place;  // ω of the samples before and after, and interpolated
     Complex start, value;  // there
-};
-
-// A margin, and how it moves with ln of stiffness and of damping of every direction (2, m).
-struct MovingMargin {
-    double margin = 0.0, omega = 0.0;
-    Complex value;  // of the curve there
-    std::vector<double> moves;
-    std::vector<double> shifts;  // of a crossing: how ω moves with them
-    bool found = false;
 };
 
 struct LeastMargins {
@@ -128,68 +120,32 @@ public:
         return result;
     }
 
+    // Crossings of these gains with an interpolated |margin| below `reach`, each once: those of equal limbs lie so close together that two may be
+    // polished to the same.
+    std::vector<MovingMargin> crossings(const DirectedGains& gains, bool locus, bool axis, double reach) {
+        std::vector<MovingMargin> found;
+        for (const CurveStep& step : meets(locus, axis)) {
+            if (!(std::fabs(margin_of(step.value, axis)) < reach)) continue;
+            MovingMargin one = polished(step, axis, gains, kUseful, kFew, true);
+            if (locus && one.found && among(found, one)) one = other(one, found, axis, gains);
+            if (one.found) found.push_back(std::move(one));
+        }
+        return found;
+    }
+
     // Extra delays [s] below `longest` in all loops at which a locus of these gains passes −1, as if an extra delay turned it by ω times
     // itself: exact in continuous time, and of whole ticks.
     std::vector<MovingMargin> delays(const DirectedGains& gains, double longest, bool moves) {
         std::vector<MovingMargin> found;
         for (const CurveStep& step : meets(true, false)) {
             if (!(lag_of(margin_of(step.value, false)) < kEarly * longest * step.place)) continue;
-            MovingMargin one = polished(step, false, gains, 1e-6, 8, moves);
+            MovingMargin one = polished(step, false, gains, kUseful, kFew, moves);
             const double delay = lag_of(one.margin) / one.omega;
             if (!one.found || !(delay < longest)) continue;
             for (std::size_t k = 0; k < one.moves.size(); k++) one.moves[k] = (one.moves[k] - delay * one.shifts[k]) / one.omega;
             one.margin = delay;
             found.push_back(std::move(one));
         }
-        return found;
-    }
-
-    // Peaks of |slope S_ii + offset| above `least`: height, place and growth of its logarithm.
-    std::vector<MovingMargin> peaks(const DirectedGains& gains, double least, double slope, double offset, bool moves) {
-        std::vector<MovingMargin> found;
-        if (!samples_.ok()) return found;
-        const auto& all = samples_.samples();
-        const auto own = [&](std::size_t k, std::size_t i) { return slope * all[k]->sensitivity[i] + offset; };
-        const DirectedGains& seen = samples_.gains();
-        const bool others = gains.kp != seen.kp || gains.kd != seen.kd || gains.ki != seen.ki;
-        for (std::size_t k = 1; k + 1 < all.size(); k++)
-            for (std::size_t i = 0; i < n_; i++) {
-                const double square = std::norm(own(k, i));
-                if (!(square > least * least && square >= std::norm(own(k - 1, i)) && square >= std::norm(own(k + 1, i)))) continue;
-                double height[3] = {std::abs(own(k - 1, i)), std::abs(own(k, i)), std::abs(own(k + 1, i))};
-                double place[3] = {all[k - 1]->omega(), all[k]->omega(), all[k + 1]->omega()};
-                at_.begin(false, i);
-                Complex value;
-                if (others && !about_peak(gains, slope, offset, place, height)) continue;
-                for (int round = 0; round < kParabolas; round++) {
-                    const double top = top_of_parabola(place, height);
-                    if (!at_.evaluate(top, gains, 0.0, value)) break;
-                    const double there = std::abs(slope * at_.sensitivity() + offset);
-                    const int to = there >= height[1] ? (top > place[1] ? 0 : 2) : (top > place[1] ? 2 : 0);
-                    if (there >= height[1]) {
-                        place[to] = place[1];
-                        height[to] = height[1];
-                        place[1] = top;
-                        height[1] = there;
-                    } else {
-                        place[to] = top;
-                        height[to] = there;
-                    }
-                }
-                MovingMargin peak;
-                peak.omega = place[1];
-                peak.margin = height[1];
-                peak.found = true;
-                if (moves) {
-                    if (!at_.evaluate(place[1], gains, 0.0, value)) continue;
-                    const Complex there = slope * at_.sensitivity() + offset;
-                    peak.margin = std::abs(there);
-                    at_.grow_sensitivity();
-                    peak.moves.resize(2 * m_);
-                    for (std::size_t q = 0; q < 2 * m_; q++) peak.moves[q] = (over(slope * at_.growth()[q], there)).real();
-                }
-                found.push_back(peak);
-            }
         return found;
     }
 
@@ -217,29 +173,15 @@ public:
         return found;
     }
 
-    // The largest |slope S_ii + offset|, and where.
-    MovingMargin peak(double slope, double offset) {
-        MovingMargin top;
-        double most = 0.0;
-        for (const auto& sample : samples_.samples())
-            for (const Complex& value : sample->sensitivity)
-                if (const double square = std::norm(slope * value + offset); square > most) {
-                    most = square;
-                    top.margin = std::sqrt(square);
-                    top.omega = sample->omega();
-                }
-        for (const MovingMargin& one : peaks(samples_.gains(), (1 - kClose) * top.margin, slope, offset, false))
-            if (one.margin > top.margin) top = one;
-        return top;
-    }
-
 private:
     // What is polished: crossings and peaks whose interpolated margins are within kClose of the least, or kSlack [rad, ln].
     static constexpr double kSame = 1e-7, kAside = 1e-5, kOffCourse = 1e-3, kClose = 0.05, kSlack = 0.01, kBefore = 1e-3, kReal = 0.01;
     static constexpr double kExact = 1e-11, kTwins = 0.02, kFar = 1.5, kSettled = 1e-4, kDeepest = 1e-6, kBlur = 1e-6,
                             kNoise = 1e-10;
     static constexpr double kEarly = 1.5;  // of a delay: what is interpolated may be later than what is polished
-    static constexpr int kParabolas = 4, kRounds = 30, kHalvings = 40, kWalk = 6;
+    // To where crossings are polished that a search follows; what is one of them; so far apart loci of equal limbs are whose gains differ.
+    static constexpr double kUseful = 1e-6, kEqual = 1e-5, kApart = 0.3;
+    static constexpr int kRounds = 30, kFew = 8, kHalvings = 40;
 
     LeastMargins counted_least() {
         LeastMargins found;
@@ -258,7 +200,7 @@ private:
                 double& least = locus ? found.factor : found.one_factor;
                 least = std::min(least, std::fabs(one.margin));
             }
-        const MovingMargin top = peak(1.0, 0.0);
+        const MovingMargin top = SensitivityPeaks(samples_).highest(1.0, 0.0);
         found.peak = top.margin;
         found.peak_omega = top.omega;
         return found;
@@ -266,38 +208,6 @@ private:
 
     // In [0, 2π): a lead is as much less than a whole turn of lag.
     static double lag_of(double phase) { return phase < 0 ? phase + 2 * kPi : phase; }
-
-    static double top_of_parabola(const double* place, const double* height) {
-        const double before = (height[1] - height[0]) / std::max(place[1] - place[0], 1e-300);
-        const double after = (height[2] - height[1]) / std::max(place[2] - place[1], 1e-300), bend = before - after;
-        const double share = bend > 0 ? before / bend : 0.5;
-        return std::clamp(0.5 * (place[0] + place[1]) + 0.5 * (place[2] - place[0]) * share, place[0], place[2]);
-    }
-
-    // Three places about a peak, from where it was with other gains; false where it is not found near there.
-    bool about_peak(const DirectedGains& gains, double slope, double offset, double* place, double* height) {
-        const auto fill = [&](int k) {
-            Complex value;
-            const bool found = at_.evaluate(place[k], gains, 0.0, value);
-            height[k] = std::abs(slope * at_.sensitivity() + offset);
-            return found;
-        };
-        for (int k = 0; k < 3; k++)
-            if (!fill(k)) return false;
-        for (int round = 0; round < kWalk; round++) {
-            const int from = height[0] > height[1] ? 0 : height[2] > height[1] ? 2 : 1;
-            if (from == 1) return true;
-            const double next = place[from] + 1.5 * (place[from] - place[1]);
-            if (!(next > 0 && next <= loop_.last)) return false;
-            place[2 - from] = place[1];
-            height[2 - from] = height[1];
-            place[1] = place[from];
-            height[1] = height[from];
-            place[from] = next;
-            if (!fill(from)) return false;
-        }
-        return false;
-    }
 
     // The least |margin| among those whose interpolated one may be the least.
     double least_of(bool locus, bool axis) {
@@ -322,19 +232,44 @@ private:
     // The least |margin| of loci so near to one that crosses that both may have been polished to the same crossing: those of equal limbs.
     double least_beside(const MovingMargin& first, bool axis) {
         double found = std::numeric_limits<double>::infinity();
-        LoopPoint point;
-        if (!loop_.point(first.omega, point)) return found;
-        std::vector<Complex> law(m_), matrix(m_ * m_), values(m_);
-        loop_.law(point, samples_.gains(), law.data());
-        for (std::size_t k = 0; k < m_ * m_; k++) matrix[k] = times(point.seen[k], law[k % m_]);
-        if (!Eigenvalues().find(matrix, m_, values.data())) return found;
-        for (const Complex& value : values) {
-            if (std::abs(value - first.value) > kTwins * std::abs(first.value)) continue;
-            const CurveStep step{true, 0, first.omega, first.omega, first.omega, value, value};
-            const MovingMargin twin = polished(step, axis, samples_.gains(), kExact, kRounds, false);
+        for (const Complex& value : loci_beside(first, samples_.gains(), kTwins)) {
+            const MovingMargin twin = polished(starting(first, value), axis, samples_.gains(), kExact, kRounds, false);
             if (twin.found) found = std::min(found, std::fabs(twin.margin));
         }
         return found;
+    }
+
+    // What crosses beside one that others were polished to before, and is not yet among those; not `found` where nothing is.
+    MovingMargin other(const MovingMargin& twice, const std::vector<MovingMargin>& before, bool axis, const DirectedGains& gains) {
+        for (const Complex& value : loci_beside(twice, gains, kApart)) {
+            if (std::abs(value - twice.value) <= kEqual * std::abs(value)) continue;
+            MovingMargin twin = polished(starting(twice, value), axis, gains, kUseful, kFew, true);
+            if (twin.found && !among(before, twin)) return twin;
+        }
+        return {};
+    }
+
+    static bool among(const std::vector<MovingMargin>& all, const MovingMargin& one) {
+        return std::any_of(all.begin(), all.end(), [&](const MovingMargin& each) {
+            return std::fabs(each.omega - one.omega) <= kEqual * one.omega && std::abs(each.value - one.value) <= kEqual * std::abs(one.value);
+        });
+    }
+
+    static CurveStep starting(const MovingMargin& at, Complex value) { return {true, 0, at.omega, at.omega, at.omega, value, value}; }
+
+    // The loci where one crosses that are `within` a part of it, itself first.
+    std::vector<Complex> loci_beside(const MovingMargin& one, const DirectedGains& gains, double within) {
+        LoopPoint point;
+        if (!loop_.point(one.omega, point)) return {};
+        std::vector<Complex> law(m_), matrix(m_ * m_), values(m_);
+        loop_.law(point, gains, law.data());
+        for (std::size_t k = 0; k < m_ * m_; k++) matrix[k] = times(point.seen[k], law[k % m_]);
+        if (!Eigenvalues().find(matrix, m_, values.data())) return {};
+        const auto far = [&](Complex value) { return std::abs(value - one.value) > within * std::abs(one.value); };
+        values.erase(std::remove_if(values.begin(), values.end(), far), values.end());
+        const auto nearer = [&](Complex a, Complex b) { return std::norm(a - one.value) < std::norm(b - one.value); };
+        std::sort(values.begin(), values.end(), nearer);
+        return values;
     }
 
     // `end`, or where the first root crosses before it: of two crossings close together polishing may find one twice.
