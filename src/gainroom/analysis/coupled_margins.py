@@ -16,7 +16,7 @@ from .gain_limit import coupled_limit
 from .loci import Sweep, passes
 from .margin_record import Margins, OneLoop
 from .return_ratios import Peak, Sampled, own_phases
-from .sampled_curves import Curves, meets_axis, on_axis
+from .sampled_curves import Curves, meets_axis, on_axis, refined
 from .stability_boundary import LOCI, in_blocks
 
 
@@ -227,7 +227,7 @@ class _Curves:
         self.settled = np.array([one.settled for one in self._rest])
         rows = np.array([one.row for one in self._rest])
         self._lowest, self._held = levels[rows], below[rows, 0, np.arange(self.size)]
-        self.omega, self.values = _resolved(omega, self._holding(omega, values), self._at)
+        self.omega, self.values = refined(omega, self._holding(omega, values), self._at, _rough, 12, LOCI.most)
 
     def _halved(self, highest: float) -> tuple[Floats, Complexes]:
         """Frequencies (k,) from `highest` down, and the curves there and 1 and 2 % above (k, 3, m), as far as they can be computed."""
@@ -378,23 +378,15 @@ def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
     return crosses & (left <= surely)
 
 
-def _resolved(omega: Floats, values: Complexes, curves: Curves) -> tuple[Floats, Complexes]:
-    """Samples of the curves fine enough where they come near the negative real axis, beginning with `values` at `omega`.
+def _rough(omega: Floats, values: Complexes) -> Booleans:
+    """Where samples of the curves are too far apart as they come near the negative real axis.
 
     Up to a change δ at which a curve c meets −1/δ, 1 + δ c cannot turn about 0 where c is smaller than that.
     """
-    for _ in range(12):
-        start, end = values[:-1], values[1:]
-        size = np.maximum(np.abs(start), np.abs(end))
-        moves = np.abs(end - start) > CURVES.relative_move * size
-        surely = np.where(_meet_axis(values) & ~moves, np.maximum(start.real, end.real), 0.0).min(axis=0, initial=0.0)
-        near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
-        followed = size > np.maximum(CURVES.faintest * np.abs(values).max(axis=0), -CURVES.within * surely)
-        rough = np.any(near & moves & followed, axis=1)
-        rough &= np.diff(omega) > 1e-9 * omega[1:]
-        if not rough.any() or len(omega) > LOCI.most:
-            break
-        spots = np.flatnonzero(rough)
-        middle = 0.5 * (omega[spots] + omega[spots + 1])
-        values, omega = np.insert(values, spots + 1, curves(middle), axis=0), np.insert(omega, spots + 1, middle)
-    return omega, values
+    start, end = values[:-1], values[1:]
+    size = np.maximum(np.abs(start), np.abs(end))
+    moves = np.abs(end - start) > CURVES.relative_move * size
+    surely = np.where(_meet_axis(values) & ~moves, np.maximum(start.real, end.real), 0.0).min(axis=0, initial=0.0)
+    near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
+    followed = size > np.maximum(CURVES.faintest * np.abs(values).max(axis=0), -CURVES.within * surely)
+    return np.any(near & moves & followed, axis=1)

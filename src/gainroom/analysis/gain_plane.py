@@ -12,6 +12,7 @@ import numpy as np
 
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.linear.transfer_function import Factored, growth
+from .sampled_curves import refined
 
 POINTS_PER_DECADE = 120
 MOST_TURNS = 20_000  # samples that follow the delay's phase
@@ -206,18 +207,16 @@ class Curve:
     @classmethod
     def _built(cls, plane: GainPlane, target: complex) -> "Curve":
         """The curve on the plane's grid, refined until it turns little between samples."""
-        omega = plane.omega
-        kp, kd, slope_kp, slope_kd = plane.solve(target, omega)
-        for _ in range(12):
+
+        def solved(omega: Floats) -> Floats:
+            return np.column_stack(plane.solve(target, omega))
+
+        def rough(omega: Floats, found: Floats) -> Booleans:
             # kp and ω kd are the two parts of D(jω): in these axes a curve that turns little is resolved
-            turn = np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(omega * slope_kd, slope_kp)))))
-            rough = (turn > SMALL_TURN) & (np.diff(omega) > 1e-9 * omega[1:])
-            if not rough.any() or len(omega) > 40_000:
-                break
-            spots = np.flatnonzero(rough)
-            omega = np.insert(omega, spots + 1, 0.5 * (omega[spots] + omega[spots + 1]))
-            kp, kd, slope_kp, slope_kd = plane.solve(target, omega)
-        return cls(plane, target, omega, kp, kd, slope_kp, slope_kd)
+            return np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(omega * found[:, 3], found[:, 2]))))) > SMALL_TURN
+
+        omega, found = refined(plane.omega, solved(plane.omega), solved, rough, 12, 40_000)
+        return cls(plane, target, omega, *found.T)
 
     def crossings(self, axis: str, values: Floats, polish: bool = True) -> tuple[Integers, Floats, Floats]:
         """Where the curve meets the lines kp = value (axis 'kp') or kd = value ('kd').

@@ -17,11 +17,12 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import GainroomError
-from ..system.linear.arrays import Complexes, Floats, Integers, distinct
+from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
 from .coupled_margins import sensitivity
 from .gain_region import traced
+from .sampled_curves import refined
 from .stability import unstable_roots
 from .stability_boundary import in_blocks
 
@@ -68,20 +69,18 @@ class PartPlane:
             through = ((right @ sensitivity(loop, returned))[:, None] @ actuated @ left)[:, 0]
             return through[:, None] * own.plane_at(s, v, loop.sample_time)
 
-        omega = _grid(loop)
-        values = in_blocks(at, omega, loop.size)
-        for _ in range(ROUNDS):
+        def sampled(omega: Floats) -> Complexes:
+            return in_blocks(at, omega, loop.size)
+
+        def rough(omega: Floats, values: Complexes) -> Booleans:
             with np.errstate(divide="ignore", invalid="ignore"):
                 inverse = 1 / values[:, 0]
                 scale = np.abs(values[:, 1]) * np.abs(inverse) * window[1] + window[0]
                 small = np.minimum(np.abs(inverse[1:]), np.abs(inverse[:-1]))
-                rough = np.abs(np.diff(inverse)) > LARGEST_STEP * np.maximum(small, np.minimum(scale[1:], scale[:-1]))
-            spots = np.flatnonzero(rough & (np.diff(omega) > 1e-9 * omega[1:]))
-            if not len(spots) or len(omega) > MOST:
-                break
-            more = 0.5 * (omega[spots] + omega[spots + 1])
-            omega = np.insert(omega, spots + 1, more)
-            values = np.insert(values, spots + 1, in_blocks(at, more, loop.size), axis=0)
+                return np.abs(np.diff(inverse)) > LARGEST_STEP * np.maximum(small, np.minimum(scale[1:], scale[:-1]))
+
+        grid = _grid(loop)
+        omega, values = refined(grid, sampled(grid), sampled, rough, ROUNDS, MOST)
         last = None if loop.sample_time is None else math.pi / loop.sample_time
         return cls(omega, values[:, 0], values[:, 1], kp, kd, unstable_roots(loop), last)
 

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..system.linear.arrays import Complexes, Floats, Integers
+from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
 from .loci import Sweep
-from .sampled_curves import meets_circle, on_axis, peaks, polished_peaks
+from .sampled_curves import meets_circle, on_axis, peaks, polished_peaks, refined
 from .stability_boundary import LOCI, in_blocks
 
 CLOSE = 0.05
@@ -59,7 +59,10 @@ class Sampled:
         def sensitivity(omega: Floats) -> Complexes:
             return in_blocks(lambda part: _own_sensitivity(sweep.loop, part), omega, sweep.loop.size)
 
-        omega, values = _resolved(sweep, sensitivity)
+        def rough(omega: Floats, values: Complexes) -> Booleans:
+            return np.abs(np.diff(values, axis=0)).max(axis=1) > 0.1
+
+        omega, values = refined(sweep.omega, sensitivity(sweep.omega), sensitivity, rough, 10, LOCI.most, closest=1e-7)
         return cls(sweep, Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega))), values, sensitivity)
 
     def own_peaks(self, slope: float = 1.0, offset: float = 0.0) -> list[Peak]:
@@ -84,21 +87,6 @@ def _own_sensitivity(loop: Loop, omega: Floats) -> Complexes:
 def _return_ratio(sensitivity: Complexes) -> Complexes:
     """ℓ_i of loop i with the other loops closed: 1 + ℓ_i = 1/S_ii."""
     return 1 / np.where(sensitivity == 0, 1e-300, sensitivity) - 1
-
-
-def _resolved(sweep: Sweep, sensitivity: Callable[[Floats], Complexes]) -> tuple[Floats, Complexes]:
-    """ω (k,) and the sensitivities (k, n) along the boundary, refined around their peaks."""
-    omega = sweep.omega
-    values = sensitivity(omega)
-    for _ in range(10):
-        move = np.abs(np.diff(values, axis=0)).max(axis=1)
-        rough = np.flatnonzero((move > 0.1) & (np.diff(omega) > 1e-7 * omega[1:]))
-        if not len(rough) or len(omega) > LOCI.most:
-            break
-        middle = 0.5 * (omega[rough] + omega[rough + 1])
-        values = np.insert(values, rough + 1, sensitivity(middle), axis=0)
-        omega = np.insert(omega, rough + 1, middle)
-    return omega, values
 
 
 def own_phases(single: Curves) -> Floats:

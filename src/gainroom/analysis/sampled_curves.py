@@ -1,15 +1,39 @@
-"""Crossings and peaks of curves that are known at samples: between which of them, interpolated, and polished."""
+"""Curves that are known at samples: as many as they need; their crossings and peaks, interpolated between samples and polished."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from ..system.linear.arrays import Complexes, Floats, Integers
+from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 
 ROUNDS = 4  # of parabolas about a peak, of which each finds about half as many digits again
 
 Curves = Callable[[Floats], Complexes]
 """ω (k,) → (k, m): m scalar responses."""
+
+
+def refined(
+    omega: Floats,
+    values: Complexes,
+    at: Curves,
+    rough: Callable[[Floats, Complexes], Booleans],
+    rounds: int,
+    most: int,
+    closest: float = 1e-9,
+) -> tuple[Floats, Complexes]:
+    """Samples at `omega` (k,), with `values` (k, m) there, and in the middle of rough steps, which are halved until none is rough.
+
+    rough     of samples (ω, values): (k − 1,) True where a step to the next one is too long
+    most      samples, but for those of one more round
+    closest   of ω: shorter steps are not halved
+    """
+    for _ in range(rounds):
+        spots = np.flatnonzero(rough(omega, values) & (np.diff(omega) > closest * omega[1:]))
+        if not len(spots) or len(omega) > most:
+            break
+        middle = 0.5 * (omega[spots] + omega[spots + 1])
+        values, omega = np.insert(values, spots + 1, at(middle), axis=0), np.insert(omega, spots + 1, middle)
+    return omega, values
 
 
 def meets_axis(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats, Floats]:
