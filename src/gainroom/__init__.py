@@ -9,31 +9,59 @@ TYPE_CHECKING = False  # as typing has it, which takes a third of the way to `ga
 if TYPE_CHECKING:
     from typing import Any
 
-    from .analysis.gain_limit import GainLimit, gain_limit
-    from .analysis.gain_region import PDRegion, pd_region
-    from .analysis.margins import Margins, joint_margins, margins
-    from .analysis.stability import Roots, is_stable, rightmost_roots
-    from .design.joint_gains import Recommendation, recommend_pd
-    from .design.realtime.posture_table import Feature, PostureTable, TableGains
-    from .design.realtime.scheduler import GainScheduler, GainTable
-    from .design.realtime.tracker import GainTracker, TrackedLimit
-    from .errors import GainroomError
-    from .files.robot_yaml import load_robot
-    from .native import warmup
-    from .simulation import Friction, Scenario, Testbed, simulate
-    from .studies.analysis import Analysis, State, analyze
-    from .studies.joint import JointStudy, study_joint
-    from .studies.sweep.store import open_sweep
-    from .system.closed_loop import ClosedLoop, closed_loop
-    from .system.controller import PD, PID, PPI, Compensator
-    from .system.drive import Drive
-    from .system.filters import LowPass, Notch
-    from .system.gain_path import GainPath
-    from .system.loop import Loop, build_loop, loop_from
-    from .system.plant import Compliance, ElasticJoint, Plant
-    from .system.requirements import Requirements
-    from .system.system import Control, JointSpec, System
-    from .system.uncertainty import Uncertainty
+    from .analysis.gain_limit import GainLimit as GainLimit
+    from .analysis.gain_limit import gain_limit as gain_limit
+    from .analysis.gain_region import PDRegion as PDRegion
+    from .analysis.gain_region import pd_region as pd_region
+    from .analysis.margins import Margins as Margins
+    from .analysis.margins import joint_margins as joint_margins
+    from .analysis.margins import margins as margins
+    from .analysis.stability import Roots as Roots
+    from .analysis.stability import is_stable as is_stable
+    from .analysis.stability import rightmost_roots as rightmost_roots
+    from .design.joint_gains import Recommendation as Recommendation
+    from .design.joint_gains import recommend_pd as recommend_pd
+    from .design.realtime.posture_table import Feature as Feature
+    from .design.realtime.posture_table import PostureTable as PostureTable
+    from .design.realtime.posture_table import TableGains as TableGains
+    from .design.realtime.scheduler import GainScheduler as GainScheduler
+    from .design.realtime.scheduler import GainTable as GainTable
+    from .design.realtime.tracker import GainTracker as GainTracker
+    from .design.realtime.tracker import TrackedLimit as TrackedLimit
+    from .errors import GainroomError as GainroomError
+    from .files.robot_yaml import load_robot as load_robot
+    from .native import warmup as warmup
+    from .simulation import Friction as Friction
+    from .simulation import Scenario as Scenario
+    from .simulation import Testbed as Testbed
+    from .simulation import simulate as simulate
+    from .studies.analysis import Analysis as Analysis
+    from .studies.analysis import State as State
+    from .studies.analysis import analyze as analyze
+    from .studies.joint import JointStudy as JointStudy
+    from .studies.joint import study_joint as study_joint
+    from .studies.sweep.store import open_sweep as open_sweep
+    from .system.closed_loop import ClosedLoop as ClosedLoop
+    from .system.closed_loop import closed_loop as closed_loop
+    from .system.controller import PD as PD
+    from .system.controller import PID as PID
+    from .system.controller import PPI as PPI
+    from .system.controller import Compensator as Compensator
+    from .system.drive import Drive as Drive
+    from .system.filters import LowPass as LowPass
+    from .system.filters import Notch as Notch
+    from .system.gain_path import GainPath as GainPath
+    from .system.loop import Loop as Loop
+    from .system.loop import build_loop as build_loop
+    from .system.loop import loop_from as loop_from
+    from .system.plant import Compliance as Compliance
+    from .system.plant import ElasticJoint as ElasticJoint
+    from .system.plant import Plant as Plant
+    from .system.requirements import Requirements as Requirements
+    from .system.system import Control as Control
+    from .system.system import JointSpec as JointSpec
+    from .system.system import System as System
+    from .system.uncertainty import Uncertainty as Uncertainty
 
 __version__ = "0.1.0"
 
@@ -67,61 +95,7 @@ _HOME = {
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
-__all__ = [
-    "PD",
-    "PID",
-    "PPI",
-    "Analysis",
-    "ClosedLoop",
-    "Compliance",
-    "Compensator",
-    "Control",
-    "Drive",
-    "ElasticJoint",
-    "Feature",
-    "Friction",
-    "GainLimit",
-    "GainPath",
-    "GainTracker",
-    "GainScheduler",
-    "GainTable",
-    "GainroomError",
-    "JointSpec",
-    "JointStudy",
-    "Loop",
-    "LowPass",
-    "Margins",
-    "Notch",
-    "PDRegion",
-    "Plant",
-    "PostureTable",
-    "Recommendation",
-    "Requirements",
-    "Roots",
-    "Scenario",
-    "State",
-    "System",
-    "TableGains",
-    "Testbed",
-    "TrackedLimit",
-    "Uncertainty",
-    "analyze",
-    "build_loop",
-    "closed_loop",
-    "gain_limit",
-    "is_stable",
-    "joint_margins",
-    "load_robot",
-    "loop_from",
-    "margins",
-    "open_sweep",
-    "pd_region",
-    "recommend_pd",
-    "rightmost_roots",
-    "simulate",
-    "study_joint",
-    "warmup",
-]
+__all__ = [*_MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll] - it goes by what is imported under its own name
 
 
 def __getattr__(name: str) -> "Any":
