@@ -94,6 +94,11 @@ def frequency_text(omega: float) -> str:
     return f"{omega / (2 * math.pi):.3g} Hz"
 
 
+def at_frequency(omega: float, before: str = " at ") -> str:
+    """The same behind what is said there: " at 3.2 Hz"; "" where there is no frequency."""
+    return f"{before}{frequency_text(omega)}" if math.isfinite(omega) else ""
+
+
 class GainroomError(ValueError):
     """An input or a call that gainroom cannot answer; the message is one line and names the thing, its value and what is allowed."""
 

@@ -14,7 +14,7 @@ from ..analysis.gain_limit import GainLimit
 from ..analysis.part_plane import PartPlane
 from ..analysis.part_requirements import required_columns, unread
 from ..analysis.stability import rightmost_roots
-from ..errors import GainroomError, frequency_text, listed
+from ..errors import GainroomError, at_frequency, listed
 from ..files.model_keyframes import model_keyframes
 from ..report.margin_columns import margin_value, requirement
 from ..report.robot_headroom import Factors, joint_factors, task_factors
@@ -185,7 +185,7 @@ def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane
     if limit is None:
         text = f"In {state.title} {state.reason}."
         return {"basis": "quick", "sentence": text, "tone": "warn", "rows": [], "stable": None, "met": None}
-    at = f", at {frequency_text(limit.frequency)}" if math.isfinite(limit.frequency) else ""
+    at = at_frequency(limit.frequency, ", at ")
     most = limiting_joints(limit, state.model.joint_names)
     mainly = f", mainly {listed(most[:3])}" if most else ""
     here = f"In {THIS_STATE}: stable"

@@ -13,7 +13,7 @@ from .audit_text import audit_sentence, audit_warnings, reason, verdict, what_to
 from .columns import Column, definitions, tabulated, yes
 from .gearboxes import gearbox_assumptions, needed_table
 from .margin_columns import margin_value, requirement
-from .number_format import digits, hertz, model_kind, rounded_up, span
+from .number_format import at_hertz, digits, model_kind, rounded_up, span
 from .page import Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_columns import asked, audited_joints, audited_states, joint_caption
@@ -140,12 +140,11 @@ def _cards(result: Audit) -> list[Card]:
     """Five numbers, each the worst of all states."""
     worst, asked = result.tightest, result.required
     limit = worst.limit
-    at = f"{hertz(limit.frequency)}, {worst.contact}" if math.isfinite(limit.frequency) else worst.contact
     first, paths = unstable_card(asked, limit, f", {worst.contact}", worst.contact), worst.margins.paths
     if limit.stable and paths is not None and paths.headroom < limit.gain:
         first = margin_card(asked, "gain_margin", paths.headroom, f"{PATHS}, up or down, {worst.contact}")
     elif limit.stable:
-        first = margin_card(asked, "gain_margin", limit.gain, f"all gains together, {at}")
+        first = margin_card(asked, "gain_margin", limit.gain, f"all gains together{at_hertz(limit.frequency, ', ')}, {worst.contact}")
     extra = result.least_extra_delay
     until = digits(1e3 * result.delay_limit, "ms", apart(result.delay_limit, result.system.delay, 3))
     delay = Card(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.margin_record import PathMargins
-from ..errors import apart, beside, frequency_text, listed
+from ..errors import apart, at_frequency, beside, listed
 from ..studies.audit import Audit
 from ..studies.factors import typed_factor
 from ..studies.lowered_gains import GainsToUse
@@ -98,9 +98,8 @@ def _hardly_damped(result: Audit) -> str:
         one, state = REQUIREMENTS[name], result.worst[name]
         value, omega = one.value(state.margins), one.frequency(state.margins)
         if name not in result.required.asked and math.isfinite(value):
-            at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
             usual = f" (usual: {one.sign} {one.text(one.usual)})" if one.usual else ""
-            found.append(f"{one.heading} {one.text(value)}{usual}{at}")
+            found.append(f"{one.heading} {one.text(value)}{usual}{at_frequency(omega)}")
     return f" The motion is hardly damped: {listed(found)}."
 
 
@@ -117,8 +116,7 @@ def _short_of_gain(result: Audit) -> str:
     if found.paths is not None and found.paths.headroom <= least:
         return f"{short} of kp or kd by itself,{_mainly(result)}"
     if found.limit.gain <= least:
-        at = f" at {frequency_text(found.limit.frequency)}" if math.isfinite(found.limit.frequency) else ""
-        return f"{short}{at}{_mainly(result)}"
+        return f"{short}{at_frequency(found.limit.frequency)}{_mainly(result)}"
     if found.gain_headroom <= least:
         return f"{short}{where} as all gains fall"
     name = result.system.source.joint_names[int(np.argmin(found.one_loop_gain_margins))]
@@ -157,8 +155,7 @@ def reason(result: Audit) -> str:
         return f"{where} {lost} {delay}".strip()
     if any(math.isnan(state.limit.gain) for state in result.states):
         return f"{where} {delay}".strip()
-    at = f", at {limit.frequency / (2 * math.pi):.3g} Hz" if math.isfinite(limit.frequency) else ""
-    about = f"{at}{_mainly(result)}" if all(map(result.enough_together_in, result.states)) else ""
+    about = f"{at_frequency(limit.frequency, ', at ')}{_mainly(result)}" if all(map(result.enough_together_in, result.states)) else ""
     factors, levels = (limit.gain, result.margin), (to_db(limit.gain), to_db(result.margin))
     factor, level = (f"{pair[0]:.3g}" if result.enough_together_in(worst) else beside(*pair) for pair in (factors, levels))
     factor = factor if factor != "1" else beside(limit.gain, 1.0)
@@ -259,8 +256,7 @@ def _not_yet(result: Audit, found: GainsToUse, call: str, written: Path | None) 
     joints = _joints_of(result, found)
     options = "" if damped else f" --peak-sensitivity {USUAL_PEAK:g}"
     one, before, after = REQUIREMENTS["peak_sensitivity"], result.worst["peak_sensitivity"], found.audited.worst["peak_sensitivity"]
-    omega = one.frequency(after.margins)
-    at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
+    at = at_frequency(one.frequency(after.margins))
     was, becomes = (one.text(one.value(state.margins)) for state in (before, after))
     change = f"{one.heading} would {f'go from {was} to' if result.stable else 'be'} {becomes}{at}, where {USUAL_PEAK:g} is usual"
     folded = f"Not yet to use: × {found.factor:.4g} on {joints}, the others as they are"
@@ -316,8 +312,8 @@ def _besides(result: Audit) -> list[str]:
         value, omega = result.value_in(state, one), one.frequency(state.margins)
         if one.name == "gain_margin" or one.met(needed, value):
             continue
-        at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
-        known = f"{one.label} {margin_value(result.required, one.name, value, False, 3)} ({one.sign} {one.text(needed)}){at}"
+        short = f"{margin_value(result.required, one.name, value, False, 3)} ({one.sign} {one.text(needed)})"
+        known = f"{one.label} {short}{at_frequency(omega)}"
         parts.append(f"the {one.title} is not known" if math.isnan(value) else known)
     return parts
 
@@ -332,8 +328,7 @@ def unjudged(result: Audit) -> str:
         value = one.value(state.margins)
         after = math.nan if result.ready_to_use is None else one.value(result.ready_to_use.audited.worst[name].margins)
         if name not in result.required.asked and (math.isfinite(value) or math.isfinite(after)):
-            omega = one.frequency(state.margins)
-            now = f" {one.text(value)}" + (f" at {frequency_text(omega)}" if math.isfinite(omega) else "") if math.isfinite(value) else ""
+            now = f" {one.text(value)}{at_frequency(one.frequency(state.margins))}" if math.isfinite(value) else ""
             parts.append(f"{one.heading}{now}" + (f" (new gains: {one.text(after)})" if math.isfinite(after) else ""))
             options.append(option)
     return f"Not required: {', '.join(parts)}; {', '.join(options)}." if parts else ""

@@ -11,7 +11,7 @@ from ..system.linear.arrays import Complexes, Floats, distinct
 from ..system.loop import Loop
 from ..system.requirements import to_db
 from . import style
-from .number_format import digits, frequency, hertz
+from .number_format import at_hertz, digits, frequency, hertz
 from .page import Html, figure
 
 PER_DECADE = 120
@@ -185,7 +185,7 @@ def _caption(study: JointStudy, shown: list[Case]) -> str:
     for case in shown:
         found = case.margins
         margin = digits(to_db(found.gain_margin), "dB", 3) if found.stable else "unstable"
-        cases.append(f"{case.name}: {margin}" + (f" at {hertz(found.phase_crossover)}" if math.isfinite(found.phase_crossover) else ""))
+        cases.append(f"{case.name}: {margin}{at_hertz(found.phase_crossover)}")
     text = f"Gain margins: {'; '.join(cases)}. "
     if study.system.delay > 0:
         text += "The delay does not change the magnitude and turns the phase by −ωT. "

@@ -14,7 +14,7 @@ from ..system.linear.arrays import Floats
 from ..system.requirements import to_db
 from . import style
 from .map_lines import View, contours, opened, outlines
-from .number_format import digits, frequency, hertz, plane_names
+from .number_format import at_hertz, digits, frequency, hertz, plane_names
 from .page import Html, figure
 
 BINS = 12  # colours along the boundary
@@ -215,7 +215,7 @@ def _hover(study: JointStudy, view: View) -> style.Trace:
 def _margins_text(found: Margins) -> str:
     if not found.stable:
         return "unstable"
-    vibration = f", vibration at {hertz(found.phase_crossover)}" if math.isfinite(found.phase_crossover) else ""
+    vibration = at_hertz(found.phase_crossover, ", vibration at ")
     return (
         f"gain margin {digits(to_db(found.gain_margin), 'dB', 3)}{vibration}"
         f"<br>phase margin {digits(math.degrees(found.phase_margin), '°', 3)}<br>Ms {digits(found.peak_sensitivity, '', 3)}"

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..design.joint_gains import COST_ACCURACY, Recommendation
 from ..design.uncertainty_cost import KnownExactly
-from ..errors import apart, case_text, frequency_text, listed
+from ..errors import apart, at_frequency, case_text, frequency_text, listed
 from ..studies.analysis import Analysis
 from ..studies.deciding_joints import deciding_joints_in
 from ..studies.joint import JointStudy
@@ -54,7 +54,7 @@ def sentence(study: JointStudy) -> str:
         if math.isinf(limit.gain):
             return f"{text} No common factor on these gains makes the modelled joint vibrate.{at_usual_rate_text(study)}"
         if study.system.uncertainty.names:
-            there = f", at {frequency_text(worst.frequency)}" if math.isfinite(worst.frequency) else ""
+            there = at_frequency(worst.frequency, ", at ")
             nominal = f"nominally at {limit.gain:.3g} ×{at}"
             return f"{text} Vibration starts at {worst.gain:.3g} × these gains in the worst case{there}; {nominal}."
         start = vibration_starts(study)

@@ -67,6 +67,11 @@ def hertz(omega: float) -> str:
     return digits(omega / (2 * math.pi), "Hz", 3)
 
 
+def at_hertz(omega: float, before: str = " at ") -> str:
+    """The same behind what is said there: " at 3.2 Hz"; "" where there is no frequency."""
+    return f"{before}{hertz(omega)}" if math.isfinite(omega) else ""
+
+
 def frequency(omega: float | None, significant: int = 4) -> str:
     """`omega` [rad/s] in Hz and rad/s; a dash where there is none."""
     if omega is None or not math.isfinite(omega):

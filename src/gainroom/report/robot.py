@@ -12,7 +12,7 @@ from ..studies.state import State, by_headroom, task_headroom
 from ..studies.sweep.summary import SweepSummary
 from ..system.requirements import REQUIREMENTS, Requirement
 from .margin_columns import margin_value, requirement
-from .number_format import digits, hertz, model_kind
+from .number_format import at_hertz, digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_drawing import hero, small
@@ -288,12 +288,12 @@ def remedies(study: RobotStudy) -> list[Html]:
 
 def _sentences(study: RobotStudy, name: str, state: State) -> list[str]:
     asked, one = study.system.requirements, REQUIREMENTS[name]
-    value, omega = one.value(state.margins), one.frequency(state.margins)
+    value = one.value(state.margins)
     meaning = f"{one.label[0].upper()}{one.label[1:]} of {state.model.size} loops: {one.meaning or 'the worst of all.'}"
     if math.isnan(value):
         return [meaning, f"It is not known in {state.title}."]
-    at = f", at {hertz(omega)}" if math.isfinite(omega) else ""
-    return [meaning, f"It is {margin_value(asked, name, value, False, 3)} in {state.title}{at}.", _trials(study, one, state)]
+    there = f"{state.title}{at_hertz(one.frequency(state.margins), ', at ')}"
+    return [meaning, f"It is {margin_value(asked, name, value, False, 3)} in {there}.", _trials(study, one, state)]
 
 
 def _trials(study: RobotStudy, one: Requirement, state: State) -> str:

@@ -1,6 +1,5 @@
 """The tables of a robot's page, and its inputs as text."""
 
-import math
 from collections.abc import Callable, Collection, Sequence
 from html import escape
 from typing import Any
@@ -14,7 +13,7 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, TaskStudy
 from ..system.system import System
 from .columns import Column, definitions, tabulated, units_of
-from .number_format import digits, hertz, span
+from .number_format import at_hertz, digits, span
 from .page import Html, facts, paragraph, table
 from .page_parts import filters, uncertainty_text
 from .recommended_gains import Row, cost_text, gain_columns, inertia_text, rows, set_columns
@@ -78,8 +77,7 @@ def task_table(states: Sequence[State]) -> Html:
 
 def tasks_together(tasks: TaskStudy) -> str:
     """The factor on all gains of the tasks."""
-    at = f" at {hertz(tasks.limit.frequency)}" if math.isfinite(tasks.limit.frequency) else ""
-    return f"{digits(tasks.limit.gain)}{at}{'' if tasks.limit.stable else ', UNSTABLE'}"
+    return f"{digits(tasks.limit.gain)}{at_hertz(tasks.limit.frequency)}{'' if tasks.limit.stable else ', UNSTABLE'}"
 
 
 def _several(columns: Sequence[Column], rows: Sequence[tuple[State, Any]], named: bool, caption: Callable[[Collection[str]], str]) -> Html:

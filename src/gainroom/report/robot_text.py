@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
-from ..errors import frequency_text, listed
+from ..errors import at_frequency, frequency_text, listed
 from ..studies.analysis import THIS_STATE
 from ..studies.robot import RobotStudy
 from ..studies.state import State, task_headroom
@@ -70,7 +70,7 @@ def _weak_tasks(study: RobotStudy) -> list[str]:
     if state is None or state.task_limit is None:
         return []
     limit = state.task_limit
-    at = f", {frequency_text(limit.frequency)}" if math.isfinite(limit.frequency) else ""
+    at = at_frequency(limit.frequency, ", ")
     short = short_text(study.system.requirements, {"gain_margin": limit.gain})
     return [f"If you run the file's task-space gains instead (control.space: task): {short} in {state.title}{at}."]
 

@@ -14,7 +14,7 @@ from ..simulation.simulation_spec import JointSimulation
 from ..studies.simulation import Outcome
 from ..system.requirements import REQUIREMENTS
 from . import joint_tables
-from .number_format import digits, hertz, milli, motion_unit, span, typed_gains
+from .number_format import at_hertz, digits, hertz, milli, motion_unit, span, typed_gains
 from .page import Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
 from .page_parts import filters, footer, margin_card, unstable_card
 from .robot_tables import angles_text, contacts_text, machine
@@ -270,8 +270,7 @@ def _margin_cards(outcome: Outcome) -> list[Card]:
     where += ", nominal" if outcome.spec.system.uncertainty.names else ""
     cards = []
     for name in dict.fromkeys((*outcome.missed, "gain_margin")):
-        omega = REQUIREMENTS[name].frequency(outcome.margins)
-        at = f"{where}, {hertz(omega)}" if math.isfinite(omega) else where
+        at = where + at_hertz(REQUIREMENTS[name].frequency(outcome.margins), ", ")
         cards.append(replace(margin_card(asked, name, REQUIREMENTS[name].value(outcome.margins), at), met=outcome.met(name)))
     return cards
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
-from ..errors import beside, frequency_text, listed, printable
+from ..errors import at_frequency, beside, frequency_text, listed, printable
 from ..simulation.simulation_spec import SimulationSpec
 from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
@@ -69,8 +69,7 @@ def _judged(outcome: Outcome) -> str:
     parts = []
     for name in outcome.missed:
         one = REQUIREMENTS[name]
-        omega = one.frequency(found)
-        places = [outcome.joint_that_misses(name), frequency_text(omega) if math.isfinite(omega) else ""]
+        places = [outcome.joint_that_misses(name), at_frequency(one.frequency(found), "")]
         at = ", ".join(filter(None, places))
         parts.append(short_text(asked, {name: one.value(found)}) + (f" at {printable(at)}" if at else ""))
     if parts:

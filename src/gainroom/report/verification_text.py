@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from ..errors import apart, frequency_text, listed
+from ..errors import apart, at_frequency, listed
 from ..studies.verification import Case, Verification
 from ..system.requirements import Requirements
 from .columns import Column, yes
@@ -20,10 +20,9 @@ def sentence(result: Verification) -> str:
     if not result.agrees or least.enough is not False:
         return _compared_text(result)
     asked = Requirements(gain_margin=least.required)
-    at = f" at {frequency_text(least.predicted_frequency)}" if math.isfinite(least.predicted_frequency) else ""
     where = f" in {least.what}" if result.of_robot else ""
     short = short_text(asked, {"gain_margin": least.predicted_gain})
-    fails = f"Stable, but a requirement fails{at_nominal(result)}: {short}{at}{where}"
+    fails = f"Stable, but a requirement fails{at_nominal(result)}: {short}{at_frequency(least.predicted_frequency)}{where}"
     return f"{fails}; phase margin and Ms are not judged here. {_compared_text(result)}"
 
 
