@@ -141,10 +141,7 @@ def _require_no_limit(target: Floats, actual: Floats) -> None:
 
 def _from_demand(record: Record, seen: Arrivals, warnings: list[str]) -> TorqueDelay:
     """Whole ticks only: a command that is seen at a tick arrived at any time since the tick before."""
-    tick, late = (
-        record.sample_time,
-        covariance(_arrival_influence(seen, len(record.time), seen.first + np.arange(len(seen.shares)))[:, None])[0, 0] ** 0.5,
-    )
+    tick, late = record.sample_time, _arrival_error(seen, len(record.time))
     ticks = Estimate(seen.mean - 0.5, seen.mean - 1 - 2 * late, seen.mean + 2 * late)
     age = float(seen.ticks.mean())
     effective = Estimate(age - 0.5, age - 1 - 2 * late, age + 2 * late)
@@ -156,12 +153,13 @@ def _from_demand(record: Record, seen: Arrivals, warnings: list[str]) -> TorqueD
     )
 
 
-def _arrival_influence(seen: Arrivals, rows: int, delays: Floats) -> Floats:
-    """(m,) of the mean delay, by row; `delays` (q,) by kind [ticks]."""
+def _arrival_error(seen: Arrivals, rows: int) -> float:
+    """Standard error of the mean delay [ticks] of a log of so many rows."""
+    delays = seen.first + np.arange(len(seen.shares))
     influence = np.zeros(rows)
     values = delays[np.clip(seen.ticks - seen.first, 0, len(delays) - 1)]
     influence[seen.row] = (values - values.mean()) / len(values)
-    return influence
+    return covariance(influence[:, None])[0, 0] ** 0.5
 
 
 def _from_actual(record: Record, seen: Arrivals | None, most: int, warnings: list[str]) -> TorqueDelay:
@@ -239,9 +237,7 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
     tick = record.sample_time
     found = min(fits, key=lambda each: each.fit.evidence)
     fit, seen = found.fit, found.seen
-    late = 0.0
-    if seen is not None:
-        late = covariance(_arrival_influence(seen, len(record.time), seen.first + np.arange(len(seen.shares)))[:, None])[0, 0] ** 0.5
+    late = 0.0 if seen is None else _arrival_error(seen, len(record.time))
     deviation = float(fit.means[2])
     # Which command acted when is guessed without a demand torque; guesses repeat themselves, so their errors are not in the covariance.
     guessed = GUESSED * deviation if "demand_torque" not in channels and seen is not None else 0.0
