@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...errors import GainroomError, first_of_many, nearest
+from ...errors import GainroomError, first_of_many
 from ...io.validation import checked, number
 from ...io.yaml_text import shown
 from ...robot.name_patterns import select_all
@@ -19,7 +19,7 @@ from .gain_arrays import ArrayNames, is_gain_array, read_arrays
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
 from .legged_gym import legged_gym_robots, read_legged_gym
 from .python_expressions import Record, Unknown, is_number, parts
-from .python_values import SET_UP, PythonValues, read_python
+from .python_values import SET_UP, PythonValues, one_robot, read_python
 
 TARGETS = ("target_names_expr", "joint_names_expr", "actuated_names_expr")
 EFFORT_LIMITS = ("effort_limit", "actuator_effort_limit", "joint_effort_limit", "effort_limit_sim")
@@ -130,7 +130,8 @@ def read_actuator_configs(text: str, source: str, chosen: str = "") -> GainFile:
         return read_arrays(arrays, ArrayNames.of(arrays, {}), source, values.lines)
     if not robots:
         raise GainroomError(f"{source}: holds no actuator configurations of mjlab or Isaac Lab{_inside_functions(values)}")
-    name, found = _chosen(robots, source, chosen)
+    name = one_robot(robots, source, chosen, "actuators", "robot")
+    found = robots[name]
     made = list(parts(values.names.get(name) if name else found))
     changed = next((each.fields[SET_UP[0]] for each in made if isinstance(each, Record) and SET_UP[0] in each.fields), None)
     if changed is not None:
@@ -213,17 +214,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Record):
         return _identity(value) if not any(isinstance(each, Record) for each in value.fields.values()) else id(value)
     return value if isinstance(value, str | int | float | bool | None | Unknown) else id(value)
-
-
-def _chosen(robots: Mapping[str, list[Record]], source: str, chosen: str) -> tuple[str, list[Record]]:
-    if chosen:
-        if chosen not in robots:
-            raise GainroomError(f"{source}: {shown(chosen)} holds no actuators{nearest(chosen, tuple(robots), 'robot')}")
-        return chosen, robots[chosen]
-    if len(robots) > 1:
-        call = f"{source}:{next(iter(robots))}"
-        raise GainroomError(f"{source}: holds the actuators of {len(robots)} robots; name one, {call} ({first_of_many(tuple(robots))})")
-    return next(iter(robots.items()))
 
 
 def _inside_functions(values: PythonValues) -> str:

@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...errors import GainroomError, first_of_many, nearest
+from ...errors import GainroomError, nearest
 from ...io.validation import checked, dotted, number
 from ...io.yaml_text import shown
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
 from .python_expressions import Record, Unknown
-from .python_values import PythonValues
+from .python_values import PythonValues, one_robot
 
 ANGLE = number(least=-1e4, most=1e4)
 POSITION = "P"
@@ -70,12 +70,7 @@ def _section(record: Record, name: str) -> Mapping[str, Any]:
 
 def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, notes: Sequence[str]) -> LeggedGymGains:
     """The gains of one of legged_gym_robots. Raises GainroomError, one line that names file, line and key."""
-    if chosen and chosen not in robots:
-        raise GainroomError(f"{source}: {shown(chosen)} holds no gains{nearest(chosen, tuple(robots), 'class')}")
-    if not chosen and len(robots) > 1:
-        call = f"{source}:{next(iter(robots))}"
-        raise GainroomError(f"{source}: holds the gains of {len(robots)} robots; name one, {call} ({first_of_many(tuple(robots))})")
-    record = robots[chosen or next(iter(robots))]
+    record = robots[one_robot(robots, source, chosen, "gains", "class")]
     control, notes = _section(record, "control"), list(notes)
     owner = f"{source}: line {record.fields['control'].line}: {record.name}.control"
     kind = control.get("control_type", POSITION)

@@ -8,10 +8,12 @@ and is an error only where somebody asks for it.
 import ast
 import copy
 import warnings
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...errors import GainroomError
+from ...errors import GainroomError, first_of_many, nearest
+from ...io.yaml_text import shown
 from .python_expressions import CONSTANTS, HARMLESS, MATH, Expressions, Record, Unknown, has_record, last_name, text_of
 
 SET_UP = ("__post_init__", "__init__")
@@ -28,6 +30,17 @@ class PythonValues:
     lines: dict[str, int] = field(default_factory=dict)
     functions: list[ast.AST] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+
+def one_robot(robots: Collection[str], source: str, chosen: str, what: str, kind: str) -> str:
+    """The name among `robots` that is `chosen`, or the only one. Raises GainroomError, with `what` they have and the `kind` of name."""
+    if chosen and chosen not in robots:
+        raise GainroomError(f"{source}: {shown(chosen)} holds no {what}{nearest(chosen, tuple(robots), kind)}")
+    first = next(iter(robots))
+    if not chosen and len(robots) > 1:
+        named = f"name one, {source}:{first} ({first_of_many(tuple(robots))})"
+        raise GainroomError(f"{source}: holds the {what} of {len(robots)} robots; {named}")
+    return chosen or first
 
 
 def read_python(text: str, source: str, guarded: tuple[str, ...]) -> PythonValues:
