@@ -133,19 +133,13 @@ def how_it_was_found(needed: "NeededStiffness | None") -> tuple[str, ...]:
     return (f"{text}, each with a certified limit; between them nothing is proved",)
 
 
-def _stiffness(look: Any, needed: "NeededStiffness") -> str:
-    found = look.stiffness[needed.unknown]
-    first, last = digits(float(found.min()), "", 3), digits(float(found.max()), "", 3)
-    return last if first == last else f"{first} to {last}"
-
-
 def look_columns(result: "Audit", needed: "NeededStiffness") -> list[Column]:
     """One stiffness of the unknown gearboxes, of the softest and the stiffest joint."""
     return [
         Column("resonance", "resonance_rad_s", lambda look: look.resonance, shown=lambda look: hertz(look.resonance)),
         Column("", "stiffness_low", lambda look: float(look.stiffness[needed.unknown].min())),
         Column("", "stiffness_high", lambda look: float(look.stiffness[needed.unknown].max())),
-        Column(f"K [{joint_units(result.system.source.body)['kp']}]", "", lambda look: None, shown=lambda look: _stiffness(look, needed)),
+        Column(f"K [{joint_units(result.system.source.body)['kp']}]", "", lambda look: _spread(look.stiffness[needed.unknown])),
         Column("limit", "gain_limit", lambda look: look.gain_limit),
         Column("safe", "safe", lambda look: look.safe, shown=lambda look: yes(look.safe)),
     ]

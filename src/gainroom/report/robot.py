@@ -13,13 +13,13 @@ from ..studies.sweep.summary import SweepSummary
 from ..system.requirements import REQUIREMENTS, Requirement
 from .margin_columns import margin_value, requirement
 from .number_format import at_hertz, digits, hertz, model_kind
-from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
+from .page import Card, Html, Lead, Section, beside, block, details, facts, page, paragraph
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_drawing import hero, small
 from .robot_headroom import coupling, heat_map, joint_factors, task_factors
 from .robot_loci import loci, loci_window
 from .robot_skeleton import common_view
-from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
+from .robot_tables import gain_tables, inputs, joint_table, state_table, task_table
 from .robot_text import notes, sentence, severity, warnings
 from .robot_units import judged
 from .sweep_text import checked_sentence, counted
@@ -149,7 +149,7 @@ def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
     parts += [heat_map(factors, "task direction"), beside(*coupling(factors, "task direction"))]
     parts.append(task_table(tightest))
     if len(tightest) < len(study.states):
-        parts.append(folded("Tasks in every posture and contact state", task_table(study.states)))
+        parts.append(details("Tasks in every posture and contact state", task_table(study.states)))
     limit = min((state.task_limit for state in tightest if state.task_limit is not None), key=by_headroom)
     summary = f"tasks in the joints' place: {'stable' if limit.stable else 'UNSTABLE'}, limit {digits(limit.gain, '', 3)} ×"
     return [Section("Operational space", parts, summary)]
@@ -180,7 +180,7 @@ def _joints(study: RobotStudy) -> list[Html]:
     words = f"{tight.title}."
     parts = [joint_table([tight], words)]
     if len(study.states) > 1:
-        parts.append(folded("Joints in every posture and contact state", joint_table(study.states)))
+        parts.append(details("Joints in every posture and contact state", joint_table(study.states)))
     return parts
 
 

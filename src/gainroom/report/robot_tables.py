@@ -1,7 +1,6 @@
 """The tables of a robot's page, and its inputs as text."""
 
 from collections.abc import Callable, Collection, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -33,11 +32,6 @@ SET_CAPTION = (
     "Limited by: the requirement that fails, and where, if the softest joint or direction is made 5 % stiffer."
 )
 TASK_UNITS = "PD: kp [1/s²], kd [1/s]; P/PI: kp [1/s], kv [1/s], ki [1/s²]."
-
-
-def folded(summary: str, *parts: Html) -> Html:
-    """Parts that open on a click."""
-    return Html(f"<details><summary>{escape(summary)}</summary>{''.join(parts)}</details>")
 
 
 def state_table(study: RobotStudy) -> Html:
