@@ -5,12 +5,17 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def strict(value: Any) -> Any:
-    """`value` in what strict JSON knows: dicts, lists, texts, finite numbers, null; numpy's scalars and arrays included."""
+def strict(value: Any, significant: int | None = None) -> Any:
+    """`value` in what strict JSON knows: dicts, lists, texts, finite numbers, null; numpy's scalars and arrays included.
+
+    significant   digits of every float; None: all
+    """
     if isinstance(value, Mapping):
-        return {str(key): strict(item) for key, item in value.items()}
+        return {str(key): strict(item, significant) for key, item in value.items()}
     if hasattr(value, "tolist"):  # numpy scalars and arrays
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return [strict(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return [strict(item, significant) for item in value]
+    if not isinstance(value, float):
+        return value
+    return None if not math.isfinite(value) else value if significant is None else float(f"{value:.{significant}g}")

@@ -6,7 +6,6 @@ Plain strings are escaped wherever they enter; only Html, made here, passes as i
 """
 
 import json
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from html import escape
 from importlib.resources import files
 from typing import Any, Literal
 
-import numpy as np
+from ..io.strict_json import strict
 
 SIGNIFICANT = 6  # digits of every number in a picture: more cannot be seen
 
@@ -96,7 +95,7 @@ def figure(fig: Any, title: str, caption: str, height: int = 480, narrow: Mappin
              meta="wide" are left out there, annotations with name="narrow" are shown only there.
     """
     spec = fig if isinstance(fig, Mapping) else fig.to_plotly_json()
-    text = json.dumps({**_plain(spec), "narrow": _plain(narrow or {})}, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(strict({**spec, "narrow": narrow or {}}, SIGNIFICANT), separators=(",", ":"), allow_nan=False)
     data = text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
     return Html(
         f'<figure><h3>{escape(title)}</h3><div class="plot" style="height:{height:d}px" role="img" aria-label="{escape(title)}"></div>'
@@ -207,19 +206,6 @@ def _card(card: Card) -> str:
         f'<div class="card {state}"><p class="label">{escape(card.label)}</p><p class="value">{escape(card.value)}{unit}</p>'
         f'<p class="verdict">{" · ".join(filter(None, below)) or "&nbsp;"}</p>{note}</div>'
     )
-
-
-def _plain(value: Any) -> Any:
-    """`value` as JSON can hold it: arrays as lists, floats rounded, what is not finite as null."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return float(f"{value:.{SIGNIFICANT}g}") if math.isfinite(value) else None
-    return value
 
 
 def _drawing_scripts() -> str:

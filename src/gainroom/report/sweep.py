@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import first_of_many
+from ..io.strict_json import strict
 from ..studies.state import State
 from ..studies.sweep.maps import PairMaps, pair_maps
 from ..studies.sweep.store import Store
@@ -142,10 +143,10 @@ def _map(found: SweepSummary, maps: PairMaps) -> Html:
     )
     data = {
         "titles": titles,
-        "middles": [_rounded(one) for one in middles],
-        "maps": {f"{x},{y}": [_rounded(row) for row in lowest] for (x, y), lowest in maps.lowest.items()},
+        "middles": middles,
+        "maps": {f"{x},{y}": lowest for (x, y), lowest in maps.lowest.items()},
     }
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    text = json.dumps(strict(data, 5), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
     def choice(label: str, chosen: int) -> str:
         options = "".join(
@@ -157,10 +158,6 @@ def _map(found: SweepSummary, maps: PairMaps) -> Html:
         f'<div class="pairs"><p>{choice("across", first[0])} {choice("up", first[1])}</p>'
         f'{picture}<script type="application/json" class="maps">{text}</script></div>'
     )
-
-
-def _rounded(values: Any) -> list[float | None]:
-    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values]
 
 
 def _schedule(found: SweepSummary) -> Html:
