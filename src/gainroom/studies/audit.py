@@ -28,7 +28,7 @@ from .loop_numbers import extra_delay, margins_of
 from .lowered_gains import GainsToUse, gains_to_use
 from .needed_stiffness import NeededStiffness, needed_stiffness
 from .over_uncertainty import unknown_first
-from .state import Progress, State, by_headroom, state_of
+from .state import Progress, State, path_headroom, state_of
 
 MARGIN = 2.0
 """The required factor on all gains by default: 6 dB."""
@@ -147,12 +147,7 @@ class Audit(Analysis):
     @property
     def tightest(self) -> State:
         """The state with the least headroom."""
-
-        def left(state: State) -> tuple[bool, float]:
-            stable, gain = by_headroom(state.limit)
-            return stable, gain if state.margins.paths is None else min(gain, state.margins.paths.headroom)
-
-        return min(self.states, key=left)
+        return min(self.states, key=lambda state: path_headroom(state.margins))
 
     @cached_property
     def joints(self) -> tuple[AuditedJoint, ...]:

@@ -300,6 +300,12 @@ def by_headroom(limit: GainLimit) -> tuple[bool, float]:
     return limit.stable, math.inf if math.isnan(limit.gain) else limit.gain
 
 
+def path_headroom(margins: Margins) -> tuple[bool, float]:
+    """The same of what has two paths of gains: the least factor on all gains, or on those of one path."""
+    stable, gain = by_headroom(margins.limit)
+    return stable, gain if margins.paths is None else min(gain, margins.paths.headroom)
+
+
 def task_headroom(state: State) -> tuple[bool, float]:
     """The same of states by the limits of their tasks; those without come last."""
     return (True, math.inf) if state.task_limit is None else by_headroom(state.task_limit)

@@ -11,7 +11,7 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..errors import GainroomError, computable
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .state import Progress, State, by_headroom
+from .state import Progress, State, path_headroom
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,6 @@ class PathCase:
         return self.margins.limit
 
     @property
-    def headroom(self) -> tuple[bool, float]:
-        """Sorts cases: unstable ones first, then the least factor on all gains or on one path's."""
-        stable, gain = by_headroom(self.limit)
-        return stable, gain if self.margins.paths is None else min(gain, self.margins.paths.headroom)
-
-    @property
     def text(self) -> str:
         """For messages; "" for the nominal case of a joint."""
         return ", ".join(filter(None, (self.title, self.place)))
@@ -60,7 +54,7 @@ class PathStudy:
     @cached_property
     def tightest(self) -> PathCase:
         """The nominal case with the least headroom."""
-        return min(self.nominal, key=lambda case: case.headroom)
+        return min(self.nominal, key=lambda case: path_headroom(case.margins))
 
     @property
     def stable(self) -> bool:
