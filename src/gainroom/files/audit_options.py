@@ -15,7 +15,7 @@ from typing import Any, get_args
 import numpy as np
 
 from ..errors import GainroomError, first_of_many, named, nearest
-from ..io.validation import checked, number, validate
+from ..io.validation import checked, number, require_one_of, validate
 from ..io.yaml_text import shown
 from ..robot.assemble import ASSUMED, DAMPING_NOTE
 from ..robot.body import Base, RigidBody
@@ -102,10 +102,8 @@ class AuditOptions:
     def __post_init__(self) -> None:
         self._require_drive()
         checked("--damping-ratio", self.damping_ratio, number(least=1e-3, most=1))
-        if self.base not in (None, *get_args(Base)):
-            raise GainroomError(f"--base {self.base}: must be {' or '.join(get_args(Base))}")
-        if self.joint_damping not in (None, *JOINT_DAMPING):
-            raise GainroomError(f"--joint-damping {self.joint_damping}: must be {' or '.join(JOINT_DAMPING)}")
+        require_one_of(f"--base {self.base}", self.base, get_args(Base))
+        require_one_of(f"--joint-damping {self.joint_damping}", self.joint_damping, JOINT_DAMPING)
         damped = [self.damping, *(value for key, _, value in self.of_joints if key == "damping")]
         if not self.is_elastic and (given := [value for value in damped if value is not None]):
             raise GainroomError(f"--damping {given[0]:g}: is of elastic gearboxes; give --stiffness too")
@@ -116,8 +114,7 @@ class AuditOptions:
 
     def _require_drive(self) -> None:
         """Raise GainroomError where a loop on the drive is described by half, or described and not there."""
-        if self.gains_run not in (None, *GAINS_RUN):
-            raise GainroomError(f"--gains-run {self.gains_run}: must be {', '.join(GAINS_RUN[:-1])} or {GAINS_RUN[-1]}")
+        require_one_of(f"--gains-run {self.gains_run}", self.gains_run, GAINS_RUN)
         given = {"--drive-rate-hz": self.drive_rate_hz, "--drive-delay-ms": self.drive_delay_ms}
         for option, value in given.items():
             if self.on_drive and value is None:

@@ -1,11 +1,10 @@
 """What `gainroom audit` is told of the simulator that trains a policy, and what the model's file says of it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, get_args
 
-from ..errors import GainroomError, listed
-from ..io.validation import checked, number
+from ..errors import GainroomError
+from ..io.validation import checked, number, require_one_of
 from ..io.yaml_text import shown
 from ..robot.body import library
 from ..robot.formats.model_files import stepping
@@ -37,7 +36,7 @@ class SimulatorOptions:
             raise GainroomError(f"--{given[0]}: goes with --simulator mujoco")
         allowed = {"simulator": ("mujoco",), "integrator": INTEGRATORS, "pd": get_args(Pd), "armature": get_args(ArmatureOf)}
         for name in (name for name in given if name in allowed):
-            _require_one_of(f"--{name}", getattr(self, name), allowed[name])
+            require_one_of(f"--{name} {shown(getattr(self, name))}", getattr(self, name), allowed[name])
         if self.timestep is not None:
             checked("--timestep", self.timestep, TIMESTEP)
         if self.decimation is not None and not 1 <= self.decimation <= MOST_STEPS:
@@ -77,8 +76,3 @@ def simulator_of(options: SimulatorOptions, model: str, own_gains: bool, damping
     if options.armature is None and not file.armature:
         notes.append("the joints' armature is the motors' inertia, as the file names none")
     return simulator, tuple(notes)
-
-
-def _require_one_of(flag: str, value: str, allowed: Sequence[str]) -> None:
-    if value not in allowed:
-        raise GainroomError(f"{flag} {shown(value)}: must be {listed(allowed, 'or', len(allowed))}")

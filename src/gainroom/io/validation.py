@@ -3,13 +3,13 @@
 import difflib
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from ..errors import GainroomError
+from ..errors import GainroomError, listed
 from .yaml_text import shown
 
 SMALLEST, LARGEST = 1e-12, 1e12
@@ -67,6 +67,12 @@ def each(end: BeforeValidator) -> BeforeValidator:
         return end.func(value)  # type: ignore[call-arg]
 
     return BeforeValidator(check)
+
+
+def require_one_of(typed: str, value: str | None, allowed: Sequence[str]) -> None:
+    """Raise GainroomError, which begins with what was `typed`, where a value is none of the allowed ones; None: it was not given."""
+    if value is not None and value not in allowed:
+        raise GainroomError(f"{typed}: must be {listed(allowed, 'or', len(allowed))}")
 
 
 def typed(*kinds: str, beside: str) -> BeforeValidator:
