@@ -99,6 +99,11 @@ def at_frequency(omega: float, before: str = " at ") -> str:
     return f"{before}{frequency_text(omega)}" if math.isfinite(omega) else ""
 
 
+def option_name(name: str) -> str:
+    """A parameter's name as it is typed in a call: "--delay-ms"."""
+    return f"--{name.replace('_', '-')}"
+
+
 class GainroomError(ValueError):
     """An input or a call that gainroom cannot answer; the message is one line and names the thing, its value and what is allowed."""
 

@@ -106,10 +106,10 @@ def _refuse_without_model(context: typer.Context) -> None:
     for name in context.params:
         source = context.get_parameter_source(name)
         if name not in ("file", "as_json", *OTHERS) and source is not None and source.name == "COMMANDLINE":
-            from ..errors import GainroomError
+            from ..errors import GainroomError, option_name
 
             needed = "is of a model, a URDF or MJCF, and needs --delay-ms: how long from the host to motor torque [ms]"
-            raise GainroomError(f"--{name.replace('_', '-')}: {needed}")
+            raise GainroomError(f"{option_name(name)}: {needed}")
 
 
 @contextlib.contextmanager

@@ -14,7 +14,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from ..errors import GainroomError, first_of_many, named, nearest
+from ..errors import GainroomError, first_of_many, named, nearest, option_name
 from ..io.validation import checked, number, require_one_of, validate
 from ..io.yaml_text import shown
 from ..robot.assemble import ASSUMED, DAMPING_NOTE
@@ -172,7 +172,7 @@ class AuditOptions:
             | ({"contact": [_contact(text) for text in self.contacts]} if self.contacts else {}),
         }
         for key, pattern, value in self.of_joints:
-            for k in select(pattern, [names[k] for k in given], f"{_option(key)} {pattern}={value:g}"):
+            for k in select(pattern, [names[k] for k in given], f"{option_name(key)} {pattern}={value:g}"):
                 data["joints"].setdefault(names[given[k]], {})[key] = value
         for option, (*sections, key) in self.keys.items():
             if (value := getattr(self, option, None)) is not None:
@@ -316,10 +316,6 @@ def _contact(typed: str) -> str | dict[str, str]:
     return {"frame": frame, "type": kind} if frame and kind in get_args(ContactKind) else typed
 
 
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
-
-
 @contextlib.contextmanager
 def _options_named(options: AuditOptions) -> Iterator[None]:
     """Messages about a key of a robot.yaml name the option that stands for it."""
@@ -327,10 +323,10 @@ def _options_named(options: AuditOptions) -> Iterator[None]:
         yield
     except GainroomError as error:
         text = str(error)
-        for option, keys in options.keys.items():
-            text = re.sub(rf"^{re.escape('.'.join(keys))}\b(\[\d+\])?", _option(option), text)
+        for name, keys in options.keys.items():
+            text = re.sub(rf"^{re.escape('.'.join(keys))}\b(\[\d+\])?", option_name(name), text)
         for key, *_ in options.of_joints:
-            text = re.sub(rf"^joints\.(.*)\.{key}\b", rf"{_option(key)} of \1", text)
+            text = re.sub(rf"^joints\.(.*)\.{key}\b", rf"{option_name(key)} of \1", text)
         raise GainroomError(text) from error
 
 

@@ -1,6 +1,6 @@
 """Requirements as they are typed in options."""
 
-from ..errors import GainroomError
+from ..errors import GainroomError, option_name
 from ..io.validation import checked, number
 from ..system.requirements import REQUIREMENTS, Requirements, from_db
 
@@ -21,8 +21,7 @@ def further_requirements(phase_margin_deg: float | None, peak_sensitivity: float
     for name, value in typed.items():
         one = REQUIREMENTS[name]
         if value is not None:
-            option = f"--{one.key.replace('_', '-')}"
             if not one.in_unit(one.low) < value <= one.most:
-                raise GainroomError(f"{option} {value:g}: must be > {one.in_unit(one.low):g} and <= {one.most:g}")
+                raise GainroomError(f"{option_name(one.key)} {value:g}: must be > {one.in_unit(one.low):g} and <= {one.most:g}")
             values[name] = one.in_si(value)
     return Requirements(**values)
