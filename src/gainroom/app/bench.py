@@ -1,9 +1,10 @@
 """What the page works on, one joint or a robot: the protocol, and what both have."""
 
 import hashlib
+import math
 import shlex
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,6 +14,7 @@ import numpy as np
 from ..errors import GainroomError
 from ..io.yaml_text import read_text
 from ..report.verdict import ToUse
+from ..system.linear.arrays import Complexes, Floats
 from .messages import View
 
 REMEMBERED = 24
@@ -142,6 +144,18 @@ def advised(use: ToUse, warnings: Iterable[str]) -> dict[str, Any]:
     return {
         "lines": use.folded[1] if use.folded else use.lines,
         "notes": [{"text": text.replace("`", ""), "lines": lines} for text, lines in notes if text],
+    }
+
+
+def drawn_response(omega: Floats, value: Complexes, phase: Floats, marks: Mapping[str, float] | None = None) -> dict[str, Any]:
+    """A return ratio (k,) at `omega` [rad/s], with its phase [°], as Bode and Nyquist plot; `marks`: frequencies that decide, by name."""
+    return {
+        "hz": rounded(omega / (2 * math.pi), 6),
+        "size": rounded(20 * np.log10(np.abs(value))),
+        "phase": rounded(phase),
+        "re": rounded(value.real),
+        "im": rounded(value.imag),
+        "marks": [{"name": name, "hz": at / (2 * math.pi)} for name, at in (marks or {}).items() if math.isfinite(at)],
     }
 
 

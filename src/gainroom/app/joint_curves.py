@@ -13,7 +13,7 @@ from ..report.map_lines import opened, outlines, required_lines
 from ..simulation.step_response import step_response
 from ..studies.joint import JointStudy
 from ..system.linear.arrays import Floats
-from .bench import rounded
+from .bench import drawn_response, rounded
 
 WIDER = 2.0
 """The frequency axis beyond what the report of the file's own gains shows: gains move."""
@@ -37,21 +37,10 @@ def bode(study: JointStudy, span: tuple[float, float]) -> dict[str, Any]:
     low, high = span
     if study.system.control.sample_time is not None:
         high = math.pi / study.system.control.sample_time
-    omega, size, phase = response(study.loop, min(low, 0.1 * high), high)
-    value = study.loop.response(omega)
+    omega, _, phase = response(study.loop, min(low, 0.1 * high), high)
     found = study.margins
-    return {
-        "hz": rounded((omega / (2 * math.pi)).tolist(), 6),
-        "size": rounded(size.tolist()),
-        "phase": rounded(phase.tolist()),
-        "re": rounded(value.real.tolist()),
-        "im": rounded(value.imag.tolist()),
-        "marks": [
-            {"name": name, "hz": omega / (2 * math.pi)}
-            for name, omega in (("gain", found.phase_crossover), ("phase", found.gain_crossover), ("Ms", found.peak_sensitivity_frequency))
-            if math.isfinite(omega)
-        ],
-    }
+    marks = {"gain": found.phase_crossover, "phase": found.gain_crossover, "Ms": found.peak_sensitivity_frequency}
+    return drawn_response(omega, study.loop.response(omega), phase, marks)
 
 
 def stable_gains(study: JointStudy, window: tuple[float, float]) -> dict[str, Any]:

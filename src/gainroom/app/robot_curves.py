@@ -27,7 +27,7 @@ from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.loop_part import LoopPart
 from ..system.requirements import REQUIREMENTS, Requirements, to_db
 from ..system.system import System
-from .bench import rounded
+from .bench import drawn_response, rounded
 from .channels import Channel
 
 BODE_POINTS = 500
@@ -160,15 +160,7 @@ def bode(plane: PartPlane, channel: Channel) -> dict[str, Any]:
     phase = np.degrees(np.unwrap(np.angle(value)))
     phase -= 360 * math.ceil((phase[0] - 1) / 360)
     pick = _drawn(omega, value)
-    omega, value, phase = omega[pick], value[pick], phase[pick]
-    return {
-        "hz": rounded((omega / (2 * math.pi)).tolist(), 6),
-        "size": rounded((20 * np.log10(np.abs(value))).tolist()),
-        "phase": rounded(phase.tolist()),
-        "re": rounded(value.real.tolist()),
-        "im": rounded(value.imag.tolist()),
-        "marks": [],
-    }
+    return drawn_response(omega[pick], value[pick], phase[pick])
 
 
 def _drawn(omega: Floats, value: Complexes) -> Integers:
