@@ -4,7 +4,7 @@ import hashlib
 import math
 import shlex
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import GainroomError
 from ..io.yaml_text import read_text
 from ..report.verdict import ToUse
+from ..studies.progress import Progress, untold
 from ..system.linear.arrays import Complexes, Floats
 from .messages import View
 
@@ -21,12 +22,8 @@ REMEMBERED = 24
 """Studies, recommendations, planes: of each kind."""
 Part = tuple[str, dict[str, Any]]
 """A piece of an answer: its name and what it holds; strict() makes JSON of it."""
-Told = Callable[[int, int, str], None]
-"""Progress: done, in all, of what. It raises Cancelled where nobody waits any more."""
-
-
-def untold(done: int, total: int, what: str) -> None:
-    """Progress that nobody follows."""
+Told = Progress
+"""It raises Cancelled where nobody waits any more."""
 
 
 class Cancelled(Exception):  # noqa: N818 - asked for, not an error

@@ -22,9 +22,10 @@ from ..report.number_format import own_gains, plane_names
 from ..report.verdict import joint_to_use, judged
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
+from ..studies.progress import untold
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
-from .bench import Opened, Part, Told, advised, remember, untold
+from .bench import Opened, Part, Told, advised, remember
 from .edits import at_point, conditions, gain_of, put, ranges, timing
 from .joint_curves import bode, limits, map_window, required_gains, stable_gains, step, sweep_span
 from .messages import View

@@ -31,10 +31,11 @@ from ..robot.robot import Posture, Robot
 from ..simulation.robot_simulation import RobotSimulation
 from ..studies.deciding_joints import deciding_joints_in
 from ..studies.loop_numbers import limit_of
+from ..studies.progress import untold
 from ..studies.robot import RobotStudy, study_robot
 from ..studies.state import State, by_headroom, strongest_first
 from ..system.system import System
-from .bench import Opened, Part, Told, advised, remember, rounded, untold
+from .bench import Opened, Part, Told, advised, remember, rounded
 from .channels import Channel, Channels
 from .edits import conditions, gain_of, ranges, timing
 from .messages import View

@@ -14,8 +14,9 @@ from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..design.robot_gains import RobotGains
+    from ..studies.progress import Progress
     from ..studies.robot import RobotStudy
-    from ..studies.state import Progress, State
+    from ..studies.state import State
     from ..studies.sweep.summary import SweepSummary
     from ..system.system import System
 

@@ -13,7 +13,8 @@ from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .over_uncertainty import Worst, unknown_first
-from .state import Progress, State, by_headroom, state_of
+from .progress import Progress, untold
+from .state import State, by_headroom, state_of
 
 THIS_STATE = "this state"
 
@@ -176,16 +177,15 @@ def analyze(system: System, progress: Progress | None = None, numbers: tuple[str
     Raises GainroomError for a state that cannot be linearised, where its numbers are too far apart to compute with, and where the gains
     move nothing in any state.
     """
-    report = progress or (lambda done, total, what: None)
-    return analyzed(system, in_turn(system, system.source.states, report, numbers))
+    return analyzed(system, in_turn(system, system.source.states, progress or untold, numbers))
 
 
-def in_turn(system: System, places: Sequence[tuple[str, str]], report: Progress, numbers: tuple[str, ...]) -> Iterator[State]:
+def in_turn(system: System, places: Sequence[tuple[str, str]], progress: Progress, numbers: tuple[str, ...]) -> Iterator[State]:
     """The states at `places`, one after the other, as analyze has them."""
     for index, (posture, contact) in enumerate(places):
-        report(index, len(places), f"state {posture}/{contact}")
+        progress(index, len(places), f"state {posture}/{contact}")
         yield state_of(system, posture, contact, numbers)
-    report(len(places), len(places), "")
+    progress(len(places), len(places), "")
 
 
 def analyzed(system: System, states: Iterable[State]) -> Analysis:

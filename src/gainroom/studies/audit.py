@@ -28,7 +28,8 @@ from .loop_numbers import extra_delay, margins_of
 from .lowered_gains import GainsToUse, gains_to_use
 from .needed_stiffness import NeededStiffness, needed_stiffness
 from .over_uncertainty import unknown_first
-from .state import Progress, State, path_headroom, state_of
+from .progress import Progress, untold
+from .state import State, path_headroom, state_of
 
 MARGIN = 2.0
 """The required factor on all gains by default: 6 dB."""
@@ -299,7 +300,7 @@ class Audit(Analysis):
         """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes: of a range the worst of now."""
         control = replace(self.system.control, controller=replace(self.controller, **gains))
         system = replace(self.system, control=control)
-        return replace(self, system=system, every=analyze(system, None, NUMBERS).every, needed=None, over=None)
+        return replace(self, system=system, every=analyze(system, numbers=NUMBERS).every, needed=None, over=None)
 
     @property
     def delay_limit(self) -> float:
@@ -330,7 +331,7 @@ def required_of(
 def audit(
     system: System,
     required: Requirements | None = None,
-    progress: Progress | None = None,
+    progress: Progress = untold,
     damping_ratio: float | None = None,
     gearboxes: GearboxRange | None = None,
 ) -> Audit:

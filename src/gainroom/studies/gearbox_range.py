@@ -15,7 +15,8 @@ from ..robot.gearbox_types import GearboxRange
 from ..system.linear.arrays import Floats
 from ..system.system import System
 from .gearbox_looks import STEPS, Gearboxes, Looks, lowest_point
-from .state import Progress, State
+from .progress import Progress, untold
+from .state import State
 
 MIXED = 12
 """Looks at gearboxes that differ, each anywhere in its range."""
@@ -56,15 +57,15 @@ def _first(look: Gearboxes) -> tuple[bool, bool, float]:
     return not math.isnan(look.gain_limit), look.safe, look.gain_limit
 
 
-def look_over(system: System, states: Sequence[State], found: GearboxRange, progress: Progress | None = None) -> RangeOfGearboxes:
+def look_over(system: System, states: Sequence[State], found: GearboxRange, progress: Progress = untold) -> RangeOfGearboxes:
     """Looks over a range that leaves out no joint in it with a motor's inertia; `states` of the system."""
     varied = ~np.isnan(found.softest)
-    looks, tell = Looks(system, states, varied), progress or (lambda done, total, what: None)
+    looks = Looks(system, states, varied)
     wide = np.where(varied, np.log(found.stiffest / found.softest), 0.0)
     near, seen = np.sqrt(looks.coupled[1]), []
 
     def at(share: Floats | float, ratio: Floats) -> Gearboxes:
-        tell(min(len(seen), 2 * MOST), 2 * MOST + MIXED, "gearboxes")
+        progress(min(len(seen), 2 * MOST), 2 * MOST + MIXED, "gearboxes")
         seen.append(looks.at(found.softest * np.exp(wide * share), ratio))
         return seen[-1]
 
@@ -102,7 +103,7 @@ def look_over(system: System, states: Sequence[State], found: GearboxRange, prog
         at(share, found.least_damped * (found.most_damped / found.least_damped) ** other)
     for share in [*eye, *(1 - eye)] if len(eye) > 1 else []:  # one joint at an end, the others at the other, where damping is least
         at(share, found.least_damped)
-    tell(1, 1, "")
+    progress(1, 1, "")
     return RangeOfGearboxes(found, tuple(seen), len(seen) - together)
 
 

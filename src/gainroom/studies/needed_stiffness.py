@@ -14,7 +14,8 @@ from ..system.controller import own_gain
 from ..system.linear.arrays import Booleans
 from ..system.system import System
 from .gearbox_looks import STEPS, Gearboxes, Looks, lowest_point
-from .state import Progress, State
+from .progress import Progress, untold
+from .state import State
 
 
 @dataclass(frozen=True)
@@ -61,14 +62,14 @@ def needed_stiffness(
     system: System,
     states: Sequence[State],
     damping_ratio: float,
-    progress: Progress | None = None,
+    progress: Progress = untold,
 ) -> NeededStiffness | None:
     """Of a system that is safe with rigid gearboxes; None where no rigid joint has a motor inertia, or kd runs apart."""
     joints = system.source.quantities
     unknown = np.isinf(joints["stiffness"]) & (joints["motor_inertia"] > 0)
     if not unknown.any() or system.control.kd_path is not None:
         return None
-    search = _Search(system, states, damping_ratio, unknown, progress or (lambda done, total, what: None))
+    search = _Search(system, states, damping_ratio, unknown, progress)
     return search.run()
 
 

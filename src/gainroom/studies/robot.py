@@ -19,7 +19,8 @@ from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .analysis import Analysis, analyze
 from .deciding_joints import most_sensitive
-from .state import USUAL_RATE, Progress, State, task_headroom
+from .progress import Progress, untold
+from .state import USUAL_RATE, State, task_headroom
 
 EXPECTED_LOOKS = 250
 """Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
@@ -135,15 +136,14 @@ class RobotStudy(Analysis):
         return [] if self.system.control.space == "task" else [state for state in self.states if state.task_limit is not None]
 
 
-def study_robot(system: System, progress: Progress | None = None, recommend: bool = True) -> RobotStudy:
+def study_robot(system: System, progress: Progress = untold, recommend: bool = True) -> RobotStudy:
     """Everything about one robot; `recommend`: with recommended gains, which takes longest. Raises as analyze does."""
-    tell = progress or (lambda done, total, what: None)
-    jobs = _recommended(system, tell) if recommend and system.requirements.asked else []
+    jobs = _recommended(system, progress) if recommend and system.requirements.asked else []
 
     def analysis(told: Callable[[], None]) -> Analysis:
         def report(done: int, total: int, what: str) -> None:
             told()
-            tell(done, total, what)
+            progress(done, total, what)
 
         found = analyze(system, report, NUMBERS)
         found.missed_at_usual_rate  # noqa: B018 - beside the search for gains; its states remember
@@ -154,7 +154,7 @@ def study_robot(system: System, progress: Progress | None = None, recommend: boo
     return RobotStudy(system, found.every, tuple(recommended))
 
 
-def _recommended(system: System, tell: Progress) -> list[Job[RobotGains]]:
+def _recommended(system: System, progress: Progress) -> list[Job[RobotGains]]:
     """Recommended gains in joint space and, where there are tasks, in task space."""
     spaces = ("joint", "task") if system.source.stack else ("joint",)
     expected = EXPECTED_LOOKS * len(system.source.states) * 2 ** len(system.uncertainty.names) * len(spaces)
@@ -164,7 +164,7 @@ def _recommended(system: System, tell: Progress) -> list[Job[RobotGains]]:
         def job(told: Callable[[], None]) -> RobotGains:
             def count() -> None:
                 told()
-                tell(min(next(looked), expected), expected, "gains")
+                progress(min(next(looked), expected), expected, "gains")
 
             with computable(f"{system.source.name}: recommended gains, {space} space"):
                 return recommend_robot(system, space, count, alone=alone)

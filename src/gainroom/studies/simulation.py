@@ -20,6 +20,7 @@ from ..system.requirements import REQUIREMENTS
 from .deciding_joints import deciding_joints
 from .loop_numbers import margins_of, moves
 from .oscillation import Oscillation, judge, torque_ripple_of
+from .progress import Progress, untold
 
 RIPPLE = 0.1
 """Of a joint's torque peak: torque ripple above the reference's frequencies that is reported, RMS."""
@@ -32,9 +33,6 @@ LOWER = (1.0, 0.9, 0.7, 0.5, 0.3, 0.1, 0.03)
 """Of the gains that have the gain margin: where those are looked for that have what else is required."""
 PLAINLY = 1e-2
 """A shortfall, in ln of a gain or a sensitivity or as part of a phase: ten times that by which a look's peak may be off."""
-
-Progress = Callable[[int, int, str], None]
-"""Called with (steps done, steps in all, what comes next)."""
 
 
 class Interrupted(Exception):  # noqa: N818 - asked for, not an error
@@ -197,7 +195,7 @@ def simulate_study(
     spec: SimulationSpec,
     gain: float = 1.0,
     rows: Callable[[Run], None] = lambda part: None,
-    progress: Progress = lambda done, total, what: None,
+    progress: Progress = untold,
     interrupted: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """Simulate the scenario with all gains times `gain`, and judge it.

@@ -1,7 +1,6 @@
 """A robot in one posture and contact state: its loop and its numbers, each computed on first use."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -34,8 +33,6 @@ USUAL_RATE = 2000.0
 """[Hz] of the loops of robots with EtherCAT drives: what gains for continuous time keep there is told where no rate is given."""
 HELD = "no joint that has gains can move"
 IDLE = "the tasks act on no motion"
-Progress = Callable[[int, int, str], None]
-"""Called with (states done, states in all, the next one's name)."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Of each contact state the posture with the lowest limit has all its margins, as 
 corners of an uncertainty are (design/judged_cases.py), in a tenth of the time; what is worst there is worked out again in full.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from ..system.requirements import Requirement
 from ..system.system import StateCase
 from .judged_states import judged
 from .loop_numbers import moves
+from .progress import Progress, untold
 from .state import State, state_of
 from .sweep.plan import SweepPlan
 from .sweep.summary import SweepSummary, SweptPosture
@@ -24,7 +25,6 @@ MOST = 6
 """Contact states of which the worst posture has all margins: those with the lowest limits."""
 JUDGED, FEW = 50, 5
 """The lowest, and as many at random, of each contact state; of robots whose limits are asked for one by one."""
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class WorstStates:
         return {one.requirement.name: one for one in self.judged if not one.met}
 
 
-def worst_states(found: SweepSummary, each: int | None = None, progress: Progress | None = None) -> WorstStates:
+def worst_states(found: SweepSummary, each: int | None = None, progress: Progress = untold) -> WorstStates:
     """The sample: `each` lowest and as many random postures of each contact state; None: as many as suit the robot; 0: the lowest one.
 
     Reproducible: the seed is the sweep's.
@@ -88,7 +88,7 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
     if each is None:
         each = JUDGED if all(plan.at(0, contact).quick for contact in range(len(plan.contacts))) else FEW
     sample = _Sample(found, each)
-    looked = list(_looked_at(sample, progress or (lambda done, total, what: None)))
+    looked = list(_looked_at(sample, progress))
     judged = []
     for requirement, needed in others:
         short = [(requirement.shortfall(needed, requirement.value(margins)), one) for one, margins in looked]

@@ -11,7 +11,8 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..errors import GainroomError, computable
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .state import Progress, State, path_headroom
+from .progress import Progress, untold
+from .state import State, path_headroom
 
 
 @dataclass(frozen=True)
@@ -107,18 +108,17 @@ class PathStudy:
         return None if self.unknown or self.system.uncertainty.names else True
 
 
-def study_two_paths(system: System, progress: Progress | None = None) -> PathStudy:
+def study_two_paths(system: System, progress: Progress = untold) -> PathStudy:
     """Every state and case of a system whose kd closes on a path of its own. Raises GainroomError where no case can be computed."""
-    report = progress or (lambda done, total, what: None)
     every, found = list(system.cases(inside=True)), []
     for index, case in enumerate(every):
-        report(index, len(every), case.title)
+        progress(index, len(every), case.title)
         state = State(case.system, case.posture, case.contact, case.model)
         name = state.title if case.posture else ""
         with computable(system.source.name + (f": {case.title}" if name else "")):
             if state.moves:
                 found.append(PathCase(name, case.place, state.margins, state.delay_limit))
-    report(len(every), len(every), "")
+    progress(len(every), len(every), "")
     if not found:
         raise GainroomError(f"{system.source.name}: its gains act on no motion in any state, so there is nothing to study")
     return PathStudy(system, tuple(found))

@@ -1,14 +1,11 @@
 """A sweep from what is finished to its end."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
+from ..progress import Progress, untold
 from .cluster import on_cluster
 from .local_pool import Stop, cores, in_processes, in_this_process
 from .store import Store
-
-Progress = Callable[[int, int, str], None]
-"""Called with (limits done, limits in all, what is done)."""
 
 
 @dataclass(frozen=True)
@@ -20,9 +17,7 @@ class Done:
     found: int
 
 
-def run(
-    store: Store, workers: int | None = None, scheduler: str = "", progress: Progress | None = None, stop: Stop = lambda: False
-) -> Done:
+def run(store: Store, workers: int | None = None, scheduler: str = "", progress: Progress = untold, stop: Stop = lambda: False) -> Done:
     """Compute and write what `store` does not have yet; less where `stop` says so.
 
     workers     processes of this machine; None: one per core; 1: none but this one
@@ -31,10 +26,9 @@ def run(
     Raises GainroomError where results cannot be written, workers keep dying, or the scheduler does not answer: what is finished is kept.
     """
     plan = store.plan
-    tell = progress or (lambda done, total, what: None)
     todo = [number for number in range(plan.tasks) if not store.has(plan.task(number))]
     found = done = plan.states - sum(plan.task(number).size for number in todo)
-    tell(done, plan.states, "")
+    progress(done, plan.states, "")
     tasks = map(plan.task, todo)
     count = min(workers or cores(), len(todo))
     if scheduler:
@@ -44,5 +38,5 @@ def run(
     for task, limits in results:
         store.write(task, limits)
         done += task.size
-        tell(done, plan.states, "")
+        progress(done, plan.states, "")
     return Done(done, plan.states, found)

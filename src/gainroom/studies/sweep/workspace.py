@@ -1,6 +1,6 @@
 """A whole workspace in passing: postures that a command was not asked for, and gains checked in those of a sweep that is there."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from ...errors import GainroomError
 from ...robot.robot import Posture, Robot
 from ...system.linear.arrays import Floats
 from ...system.system import System
+from ..progress import Progress, untold
 from .limits import StateLimits
 from .local_pool import cores, in_processes, in_this_process
 from .plan import SweepPlan
@@ -28,11 +29,10 @@ CHECKED = 20_000
 """Postures of a sweep, evenly chosen, in which other gains are checked."""
 PART = 65536
 """Postures that are read at a time."""
-Progress = Callable[[int, int, str], None]
 
 
 def over_workspace(
-    system: System, samples: int, margin: float | None = None, progress: Progress | None = None, workers: int | None = None
+    system: System, samples: int, margin: float | None = None, progress: Progress = untold, workers: int | None = None
 ) -> SweepSummary:
     """Limits within the joints' limits in every contact state; `margin` in place of the gain margin that the system asks for.
 
@@ -46,19 +46,18 @@ def over_workspace(
     return summary_of(SweepPlan(system, _workspace(robot, samples), tuple(robot.contacts)), margin, progress, workers)
 
 
-def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress | None = None, workers: int | None = None) -> SweepSummary:
+def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress = untold, workers: int | None = None) -> SweepSummary:
     """The summary of a plan that is computed without being kept."""
     tasks = map(plan.task, range(plan.tasks))
     count = min(cores() if workers is None else workers, plan.tasks)
     results = in_processes(plan, tasks, lambda: False, count) if count > 2 else in_this_process(plan, tasks, lambda: False)
-    tell = progress or (lambda done, total, what: None)
 
     def told() -> Iterator[Any]:
         done = 0
         for task, limits in results:
             yield task, limits
             done += task.size
-            tell(done, plan.states, "workspace")
+            progress(done, plan.states, "workspace")
 
     return summarized(plan, told(), margin)
 
@@ -112,7 +111,7 @@ def with_worst_of(system: System, store: Path) -> System:
     return replace(system, source=replace(robot, postures=postures))
 
 
-def checked_on(system: System, store: Path, progress: Progress | None = None) -> SweepSummary:
+def checked_on(system: System, store: Path, progress: Progress = untold) -> SweepSummary:
     """Limits of the system's gains in the postures of a sweep, at most CHECKED of them, evenly chosen."""
     robot: Robot = system.source  # type: ignore[assignment]
     found, contacts = _stored(robot, store)
