@@ -143,14 +143,13 @@ def _spectrum(plan: Plan) -> Html:
         shown &= np.isin(np.arange(len(omega)), lines)
     floor = plan.hardware.encoder_step / math.sqrt(12) * 2 / math.sqrt(len(run.time))
     hover = {"hoverinfo": "all", "hovertemplate": "%{customdata:.4~g} Hz<br>%{y:.3~g}", "customdata": omega[shown] / (2 * np.pi)}
-    mode = {"mode": "markers", "marker": {"size": 5}} if plan.kind == "multisine" else {}
+
+    def points(color: str) -> dict[str, Any]:
+        return {"mode": "markers", "marker": {"color": color, "size": 5}} if plan.kind == "multisine" else {}
+
     traces = [
-        style.line(omega[shown], torque[shown], style.BLACK, xaxis="x2", **hover)
-        | mode
-        | ({"marker": {"color": style.BLACK, "size": 5}} if mode else {}),
-        style.line(omega[shown], 1e3 * motion[shown], style.BLUE, yaxis="y2", **hover)
-        | mode
-        | ({"marker": {"color": style.BLUE, "size": 5}} if mode else {}),
+        style.line(omega[shown], torque[shown], style.BLACK, xaxis="x2", **hover) | points(style.BLACK),
+        style.line(omega[shown], 1e3 * motion[shown], style.BLUE, yaxis="y2", **hover) | points(style.BLUE),
         style.line([low, high], [1e3 * floor, 1e3 * floor], style.SOFT, dash="dot", yaxis="y2"),
     ]
     notes = [
