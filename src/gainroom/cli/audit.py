@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..io.as_typed import as_typed
-from ..report.number_format import model_kind, model_text
+from ..report.number_format import model_facts, model_text
 from .model_options import ModelCall, audited_text
 from .options import AsJson, Number, Report, Verbose, number_option, report_stream, text_output, typed_command, with_options
 from .output import closing, column_table, do_this, few, folded_parts, headings, render, show
@@ -155,7 +155,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
     from ..system.requirements import REQUIREMENTS, to_db  # loads numpy
 
     further = {name: REQUIREMENTS[name] for name in ("phase_margin", "peak_sensitivity")}
-    sample_time, paths = result.system.control.sample_time, result.tightest.margins.paths
+    paths = result.tightest.margins.paths
     return {
         "robot": result.system.source.name,
         "gainroom": __version__,
@@ -166,8 +166,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
         "required": required_facts(result.required),
         "scale": audit_scale(result),
         "to_use": _to_use_facts(result),
-        "model": model_kind(sample_time),
-        "sample_rate_hz": None if sample_time is None else 1 / sample_time,
+        **model_facts(result.system.control.sample_time),
         "delay_ms": 1e3 * max(drive.delay for drive in result.system.drives),
         "command_delay_ms": 1e3 * result.system.control.command_delay,
         "kd_path": path_facts(result.system.control.kd_path),

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import model_kind, model_text, own_gains, typed_gains
+from ..report.number_format import model_facts, model_text, own_gains, typed_gains
 from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
 from .output import closing, column_table, few, folded_parts, render, show, table, verdict_parts
 
@@ -58,15 +58,14 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
     from ..report.margin_columns import margin_columns, required_facts
 
     margins, requirements, rule = study.margins, study.system.requirements, study.rule
-    sample_time, recommended = study.system.control.sample_time, study.recommended
+    recommended = study.recommended
     return {
         "stable": margins.stable,
         "stable_in_range": study.stable_in_range,
         "unstable_at": study.unstable_at or None,
         "range_proved": study.range_proved,
         "sentence": sentence(study),
-        "model": model_kind(sample_time),
-        "sample_rate_hz": None if sample_time is None else 1 / sample_time,
+        **model_facts(study.system.control.sample_time),
         "unstable_roots": margins.unstable_roots,
         **facts(margin_columns(), margins),
         "max_kp": study.max_kp,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import model_kind, model_text
+from ..report.number_format import model_facts, model_text
 from ..report.robot_units import judged
 from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
 from .output import closing, column_table, few, folded_parts, headings, render, show, verdict_parts
@@ -106,7 +106,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
     from ..report.robot_text import notes, sentence, warnings
     from ..studies.state import USUAL_RATE
 
-    sample_time, usual = study.system.control.sample_time, study.at_usual_rate
+    usual = study.at_usual_rate
     met = usual is not None and study.system.requirements.met_by(usual)
     return {
         "robot": study.system.source.name,
@@ -119,8 +119,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
         "unmet": list(study.unmet),
         "required": required_facts(study.system.requirements),
         "worst": {name: worst_facts(study, name) for name in study.worst},
-        "model": model_kind(sample_time),
-        "sample_rate_hz": None if sample_time is None else 1 / sample_time,
+        **model_facts(study.system.control.sample_time),
         "states": [facts(state_columns(), state) for state in study.every],
         "at_usual_rate": None if usual is None else {"sample_rate_hz": USUAL_RATE, **margin_facts(usual), "requirements_met": met},
         "recommended": [recommended_facts(gains) for gains in study.recommended] or None,

@@ -136,13 +136,12 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
     from .. import __version__
     from ..io.as_typed import as_typed
     from ..report.columns import facts
-    from ..report.number_format import model_kind
+    from ..report.number_format import model_facts
     from ..report.robot_columns import state_columns
     from ..report.sweep_text import columns, judged_facts, posture_facts, sentence, warnings
     from ..system.requirements import to_db
 
     plan = found.plan
-    sample_time = plan.system.control.sample_time
     return {
         "robot": plan.robot.name,
         "gainroom": __version__,
@@ -150,8 +149,7 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
         "gain_margin_met": found.margin_held if found.margin > 1 else None,
         "unmet": [*(["gain_margin"] if found.margin > 1 and not found.margin_held else []), *at_worst.unmet],
         "sentence": sentence(found),
-        "model": model_kind(sample_time),
-        "sample_rate_hz": None if sample_time is None else 1 / sample_time,
+        **model_facts(plan.system.control.sample_time),
         "margin_db": as_typed(to_db(found.margin)) if found.margin > 1 else None,
         "postures": plan.postures.kind,
         "count": plan.postures.count,

@@ -98,6 +98,11 @@ def model_text(sample_time: float | None, kd_path: "GainPath | None" = None) -> 
     return f"{model_kind(sample_time)} model{rate}{own}"
 
 
+def model_facts(sample_time: float | None) -> dict[str, Any]:
+    """What --json says of the model of time."""
+    return {"model": model_kind(sample_time), "sample_rate_hz": None if sample_time is None else 1 / sample_time}
+
+
 def path_facts(kd_path: "GainPath | None") -> dict[str, float] | None:
     """What --json says of kd's own path; null where it closes with the other gains."""
     return None if kd_path is None else {"delay_ms": 1e3 * kd_path.delay, "sample_rate_hz": 1 / kd_path.sample_time}

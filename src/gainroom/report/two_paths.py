@@ -9,7 +9,7 @@ from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, to_db
 from .columns import Column, yes
 from .margin_columns import margin_facts, required_facts, stable_but
-from .number_format import digits, hertz, model_kind, path_facts
+from .number_format import digits, hertz, model_facts, path_facts
 
 NOT_MADE = "gain maps, largest gains, recommended gains and curves over frequency are of loops with one path, and are not made here"
 COLUMNS = [
@@ -119,14 +119,12 @@ def path_study_facts(study: PathStudy) -> dict[str, Any]:
     from .columns import facts
 
     control, case = study.system.control, study.tightest
-    assert control.sample_time is not None
     return {
         "stable": study.stable,
         "stable_in_range": study.stable_in_range,
         "unstable_at": study.unstable_at or None,
         "sentence": sentence(study),
-        "model": model_kind(control.sample_time),
-        "sample_rate_hz": 1 / control.sample_time,
+        **model_facts(control.sample_time),
         "delay_ms": 1e3 * study.system.delay,
         "command_delay_ms": 1e3 * control.command_delay,
         "kd_path": path_facts(control.kd_path),
