@@ -36,6 +36,12 @@ BESIDE = 1e-6  # likewise, of one that is mostly in vain searched beside: where 
 
 def proved_limit(loop: Loop) -> GainLimit | None:
     """None where no proof is known, see ModalLoop.of; of unstable loops; or where it failed."""
+    modal = provable(loop)
+    return None if modal is None else limit_by_modes(loop, modal)
+
+
+def provable(loop: Loop) -> ModalLoop | None:
+    """The modes by which something may be proved of a loop; None: nothing may."""
     modal = ModalLoop.of(loop)
     if modal is None:
         return None
@@ -43,11 +49,41 @@ def proved_limit(loop: Loop) -> GainLimit | None:
     undamped = UNDAMPED if modal.passive and not np.any(modal.laws.poles == 0) else BESIDE
     if np.any(np.abs(np.real(poles)) <= undamped * np.abs(poles)) or np.count_nonzero(np.real(poles) > 0) != loop.unstable_poles:
         return None
-    low = _leads_from(modal) if modal.folds == 1 and loop.parts is not None and loop.parts.plant.gravity_stiffness is None else None
+    return modal
+
+
+def limit_by_modes(loop: Loop, modal: ModalLoop) -> GainLimit | None:
+    """proved_limit of a loop that is `provable`."""
+    low = _leads_from(modal) if _begins_at_rest(loop, modal) else None
     try:
         return _from_rest(modal, loop, low) if low is not None else _counted(modal, loop)
     except np.linalg.LinAlgError:  # channels, or eigenvectors, that are as good as dependent
         return None
+
+
+def keeps_margins(loop: Loop, modal: ModalLoop, gain: float, delay: float) -> bool:
+    """Whether it is proved that a loop keeps a gain margin `gain` >= 1 and a delay margin `delay` [s], of which its own are not worked out.
+
+    It is stable with every joint's gains times a factor of its own from 0 to `gain`, so all of them together, and one with the others as
+    they are; and at the gains themselves with any extra delay up to `delay`, the same in all joints. `modal` as `provable` has it; of
+    delays nothing is known where the loop is sampled.
+
+    The proof from rest: what is excluded there (exclusion.hpp) is so for factors of their own and for all these delays at once. Below `low`
+    lead outweighs lag with the longest delay, and more so with shorter ones; above `high` |L| is small, which no delay changes.
+    """
+    if modal.torque is not None or not _begins_at_rest(loop, modal) or (delay > 0 and modal.last is not None):
+        return False
+    return all(_excludes(modal, factor, later) for factor, later in ((gain, 0.0), (1.0, delay)) if factor > 1 or later > 0)
+
+
+def _excludes(modal: ModalLoop, gain: float, delay: float) -> bool:
+    """Whether it is shown in the joints' own coordinates that no root crosses, see keeps_margins."""
+    low, high = _leads_from(modal, delay), _quiet(modal, gain)
+    return low is not None and high is not None and modal.excludes(gain, delay, low, high)
+
+
+def _begins_at_rest(loop: Loop, modal: ModalLoop) -> bool:
+    return modal.folds == 1 and loop.parts is not None and loop.parts.plant.gravity_stiffness is None
 
 
 def posture_limits(modal: ModalLoop) -> "_core.PostureLimits | None":
@@ -125,15 +161,18 @@ def _limit(loop: Loop, upper: End | None, lower: End | None) -> GainLimit:
     return GainLimit(True, gain, lower.at, omega, mode, certificate, lower.certificate, lower.omega)
 
 
-def _leads_from(modal: ModalLoop) -> float | None:
-    """`low` [rad/s]; None where lead does not clearly outweigh lag at ω = 0; up to it no phase bends by 1e-4 of itself."""
+def _leads_from(modal: ModalLoop, delay: float = 0.0) -> float | None:
+    """`low` [rad/s]; None where lead does not clearly outweigh lag at ω = 0; up to it no phase bends by 1e-4 of itself.
+
+    `delay` [s]: so much more in all joints.
+    """
     corners = np.concatenate([modal.bends, np.abs(modal.modes.poles)])
     corners = corners[corners > 0]
-    most = float(modal.turns.max())
-    if not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
+    most = float(modal.turns.max()) + delay
+    if not len(corners) or not math.isfinite(most) or not np.all(modal.leads - delay > LEAST_LEAD * (modal.turns + delay)):
         return None
     low = LOW * min(float(corners.min()), 1 / most)
-    return low if np.all(modal.response(np.array([low]))[1].real > 0) else None
+    return low if np.all((modal.response(np.array([low]))[1] * np.exp(1j * low * delay)).real > 0) else None
 
 
 def _quiet(modal: ModalLoop, highest: float) -> float | None:

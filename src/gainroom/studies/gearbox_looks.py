@@ -13,17 +13,20 @@ nothing is proved.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..analysis.limbs import limbs_of
-from ..analysis.proved_limit import proved_limit
+from ..analysis.modal_loop import ModalLoop
+from ..analysis.proved_limit import keeps_margins, limit_by_modes, provable, proved_limit
+from ..design.judged_cases import judged_margins
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
-from ..system.requirements import enough
+from ..system.requirements import Requirements, enough
 from ..system.system import StateCase, System
-from .judged_states import judged
-from .loop_numbers import limit_of
+from .judged_states import LATE
+from .loop_numbers import extra_delay, limit_of, margins_of
 from .state import State
 
 FAR_BELOW = 0.01
@@ -67,11 +70,13 @@ class Looks:
     """Looks at the gearboxes of some joints of a system, in all its states, against the system's requirements.
 
     varied   (n,) joints with a motor's inertia
+    parts    of every state its limbs that do not feel each other, whatever the gearboxes, or the whole: joints, and their loop
     """
 
     def __init__(self, system: System, states: Sequence[State], varied: Booleans) -> None:
         self.system, self.states, self.varied, self.required = system, states, varied, system.requirements
         self.inertia: Floats = system.source.quantities["motor_inertia"]
+        self.parts = [limbs_of(state.loop) or [(np.arange(state.model.size), state.loop)] for state in states]
 
     @property
     def coupled(self) -> Floats:
@@ -92,13 +97,25 @@ class Looks:
         stiffness = np.where(self.varied, self.inertia * np.square(omega), joints["stiffness"])
         damping = np.where(self.varied, 2 * np.asarray(ratio) * self.inertia * omega, joints["damping"])
         states = self.states_with(stiffness, damping)
-        least = float(np.min([first_factor(state.loop) for state in states]))
-        safe = enough(least, self.required.gain_margin or 1.0) and all(map(self.holds, states))
+        limbs = [[_Limb(limb.regeared(stiffness[joints], damping[joints])) for joints, limb in own] for own in self.parts]
+        least = float(np.min([limb.first_factor for own in limbs for limb in own]))
+        safe = enough(least, self.required.gain_margin or 1.0) and all(map(self.holds, states, limbs))
         return Gearboxes(float(omega) if np.ndim(omega) == 0 else math.nan, stiffness, damping, least, safe)
 
-    def holds(self, state: State) -> bool:
-        """Whether a state has what is required, by samples; a delay margin near what is needed as it is certified."""
-        return self.required.met_by(judged(StateCase(state.posture, state.contact, "", state.system, state.model), near=True))
+    def holds(self, state: State, limbs: "Sequence[_Limb]") -> bool:
+        """Whether a state has what is required: proved limb by limb, else by samples; a delay margin near what is needed is certified.
+
+        A root on the boundary is one limb's, so that the delay margin is what those have of which it is not proved.
+        """
+        doubtful = [limb for limb in limbs if not limb.keeps(self.required)]
+        if not doubtful:
+            return True
+        found = judged_margins(StateCase(state.posture, state.contact, "", state.system, state.model), near=True)
+        needed = self.required.delay_margin
+        if needed is None or not found.delay_margin < LATE * needed:
+            return self.required.met_by(found)
+        others = self.required.met_by(replace(found, delay_margin=math.inf))
+        return others and all(enough(extra_delay(limb.loop), needed) for limb in doubtful)
 
     def states_with(self, stiffness: Floats, damping: Floats) -> list[State]:
         """All states with these gearboxes, (n,) each."""
@@ -120,11 +137,39 @@ def first_factor(loop: Loop) -> float:
     The proof begins at rest and ends at the first crossing, so that of a part of unstable gains is theirs. Limbs that do not feel each
     other are asked one by one.
     """
-    if limbs := limbs_of(loop):
-        return float(np.min([first_factor(limb) for _, limb in limbs]))
-    for part in (1.0, FAR_BELOW):
-        proved = proved_limit(loop.scaled(part))
-        if proved is not None and (part == 1 or proved.gain < math.inf):  # a proof from far below ends not far above
-            return part * proved.gain
-    limit = limit_of(loop)
-    return limit.gain if limit.stable or math.isnan(limit.gain) else min(limit.gain, 1.0)
+    return float(np.min([_Limb(limb).first_factor for _, limb in limbs_of(loop)] or [_Limb(loop).first_factor]))
+
+
+@dataclass(frozen=True)
+class _Limb:
+    """A loop that does not fall apart."""
+
+    loop: Loop
+
+    @cached_property
+    def modal(self) -> ModalLoop | None:
+        """By which something may be proved of it; None: nothing may."""
+        return provable(self.loop)
+
+    @cached_property
+    def first_factor(self) -> float:
+        """As above."""
+        proved = None if self.modal is None else limit_by_modes(self.loop, self.modal)
+        if proved is not None:
+            return proved.gain
+        proved = proved_limit(self.loop.scaled(FAR_BELOW))
+        if proved is not None and proved.gain < math.inf:  # a proof from far below ends not far above
+            return FAR_BELOW * proved.gain
+        limit = limit_of(self.loop)
+        return limit.gain if limit.stable or math.isnan(limit.gain) else min(limit.gain, 1.0)
+
+    def keeps(self, required: Requirements) -> bool:
+        """Whether it is proved that it meets all that is asked for; one joint's margins are known.
+
+        What a robot keeps is what each of its limbs keeps: a root on the boundary is one limb's.
+        """
+        if self.loop.size == 1:
+            return required.met_by(margins_of(self.loop))
+        if self.modal is None or not set(required.asked) <= {"gain_margin", "delay_margin"}:
+            return False
+        return keeps_margins(self.loop, self.modal, required.gain_margin or 1.0, required.delay_margin or 0.0)

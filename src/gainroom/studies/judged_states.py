@@ -11,13 +11,13 @@ LATE = 1.5
 """Times what is required: a delay margin below that is certified."""
 
 
-def judged(case: StateCase, near: bool = False) -> Margins:
-    """judged_margins; `near` as there.
+def judged(case: StateCase) -> Margins:
+    """judged_margins.
 
     Of two crossings that are close, as equal limbs have them, samples may see the later one alone; and a share of a tick is not quite a
     phase.
     """
-    found, needed = judged_margins(case, near=near), case.system.requirements.delay_margin
+    found, needed = judged_margins(case), case.system.requirements.delay_margin
     if needed is None or not found.delay_margin < LATE * needed:
         return found
     return replace(found, delay_margin=extra_delay(case.system.loop(case.model)))

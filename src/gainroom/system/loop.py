@@ -243,6 +243,12 @@ class Loop:
             vars(found)["held"] = self.held
         return found
 
+    def regeared(self, stiffness: Floats, damping: Floats) -> "Loop":
+        """The same loop of parts with other gearboxes, (n,) each."""
+        assert self.parts is not None
+        parts, plant = self.parts, self.parts.plant.regeared(stiffness, damping)
+        return build_loop(plant, parts.drives, parts.controller, parts.feedback, parts.sample_time, parts.kd_path).scaled(self.gain)
+
     def delayed(self, extra: float) -> "Loop":
         """The same loop of parts with `extra` [s] more delay in every drive, and on the path of kd."""
         assert self.parts is not None

@@ -216,8 +216,9 @@ class Plant:
         set_field(self, "link_inverse_inertia", (inverse_inertia + inverse_inertia.T) / 2)
         for name, unit, infinite in _JOINT_FIELDS:
             values = _per_joint(name, getattr(self, name), size)
-            for joint, value in zip(names, values, strict=True):
-                require_positive(f"joint '{joint}'", name, value, unit, zero=name != "stiffness", infinite=infinite)
+            least = 0.0 if name != "stiffness" else np.nextafter(0.0, 1.0)
+            for k in np.flatnonzero(~((values >= least) & (infinite | np.isfinite(values)))).tolist():
+                require_positive(f"joint '{names[k]}'", name, values[k], unit, zero=name != "stiffness", infinite=infinite)
             set_field(self, name, values)
         if self.compliance is not None and self.compliance.coupling.shape[0] != size:
             raise GainroomError(f"plant: compliance couples {self.compliance.coupling.shape[0]} joints, not {size}")
@@ -242,6 +243,12 @@ class Plant:
     def elastic(self) -> Booleans:
         """(n,) True where the gearbox is elastic."""
         return np.isfinite(self.stiffness)
+
+    def regeared(self, stiffness: Floats, damping: Floats) -> "Plant":
+        """The same links and motors with other gearboxes, (n,) each."""
+        found = replace(self, stiffness=stiffness, damping=damping)
+        vars(found)["hung"] = self.hung  # of links and contacts alone
+        return found
 
     def response(self, s: ArrayLike, side: str) -> Complexes:
         """P_M (side "motor") or P_L ("link"), torque → position, at complex s (k,): (k, n, n). W and K are not inverted.

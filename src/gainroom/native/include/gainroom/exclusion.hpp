@@ -17,6 +17,10 @@
 // Tᵀ D T takes the place of D. Then the test holds as near to the limit as one likes. n vectors are T itself: those that make Q and D
 // diagonal at one ω, each turned so that θ = 0 serves it, decide all about it.
 //
+// What holds from rest holds of every joint's own factor from 0 to g: that adds Re(e^{jθ} d_i) (1/g_i − v) >= 0 on the diagonal. And where one
+// θ serves both D and e^{−jωτ} D, ωτ < π, it serves all delays between: there Re(e^{jθ} e^{−jωt} d_i) > 0, so it is concave in t, and
+// Re(e^{jθ} F) is at least what its two ends have, weighted by t. Delays are halved in an interval where they turn D by too much for one θ.
+//
 // Gains that couple joints need not leave F (r, r) symmetric. Then F₂ = [½(F + Fᵀ), ½j(F − Fᵀ); −½j(F − Fᵀ), ½(F + Fᵀ)], which is, takes its
 // place (`twofold`): aᵀ and bᵀ of x = a + jb make x̄ᵀ F x of it, so that Re F₂ > 0 where F + Fᴴ > 0, and det F₂ = det(F)². Its vectors at a
 // root, of yᵀ F = 0 and F x = 0, are z = ½(y + x, j(y − x)) and the same with y → jy, x → −jx.
@@ -35,11 +39,12 @@ class Exclusion : private SampledForm {
     double turned = 0.0;  // arg det F over what was excluded, at the factor 1, which has to be between; only where `counting`
 
     // Factors from `from`, 0: from rest, to `gain`. `alignment`: part of the joints' phase differences that is turned away beforehand, 0 to 1.
-    // `crossing`: X (count, n).
+    // `crossing`: X (count, n). `span` [s]: of the loop and of all whose delays are shorter by up to so much; from rest and by the joints alone.
     Exclusion(const ModalLoop& loop, double from, double gain, double alignment, bool counting = false, const Complex* crossing = nullptr,
-              std::size_t crossing_count = 0)
+              std::size_t crossing_count = 0, double span = 0.0)
         : SampledForm(loop, 1 / gain, alignment, crossing, crossing_count),
           more_(from > 0 ? 1 / from - 1 / gain : -1.0),
+          span_(span),
           counting_(counting),
           law_bends_(n_),
           missed_(n_ * stride_),
@@ -107,23 +112,28 @@ class Exclusion : private SampledForm {
     }
 
    private:
-    static constexpr int kDepth = 48, kCuts = 24;
+    static constexpr int kDepth = 48, kCuts = 24, kHalves = 7;
+    static constexpr double kFar = 1.0;  // [rad] from which on delays are likely to turn D by too much for one angle
     static constexpr double kRounding = 1e-13, kCoarse = 0.05;
     static constexpr double kSpan = 3.0;  // from end to end of what shares units, at most, but for wider intervals
     static constexpr double kStride = 1.3, kLeast = 1.01, kSafe = 1e-9;
 
-    // A matrix that has to be positive, less what may be missed: of Re(e^{jθ} (real + j imaginary)) and, `more` times, of Re(e^{jθ} D).
+    // A matrix that has to be positive, less what may be missed: of Re(e^{jθ} (real + j imaginary)) and, `more` times, of Re(e^{jθ} D); or of
+    // v e^{−jωt} D in the place of v D: `turn` = v (e^{−jωt} − 1).
     struct Test {
         const double *real, *imaginary, *missed;
         const Node* node = nullptr;
         double more = 0.0;
+        Complex turn = 0.0;
     };
 
     const double more_;  // w - v; < 0: w = ∞
+    const double span_;
     const bool counting_;
     Node nodes_[kDepth + 2];
     int left_ = 0;           // the node where the next interval begins
-    std::size_t alone_ = 0;  // the joint whose d_i has failed; n: the whole matrix
+    std::size_t alone_ = 0;  // the joint whose d_i has failed, n: the whole matrix; and that d_i
+    Complex alone_law_;
     Test test_{};
     double angle_ = 0.5 * kPi;
     std::vector<double> law_bends_, missed_, law_missed_;  // `law_missed_`: as `missed_`, of Tᵀ D T
@@ -159,7 +169,7 @@ class Exclusion : private SampledForm {
         }
     }
 
-    // True where Re(j d_i) > 0 for all i and all of [low, high].
+    // True where Re(j d_i) > 0 for all i and all of [low, high], with all delays.
     bool leads(double low, double high) const {
         const Cell cell(low, high, loop_.step, loop_.inexact);
         for (std::size_t i = 0; i < n_; i++) {
@@ -167,10 +177,15 @@ class Exclusion : private SampledForm {
             const Complex start = loop_.inverse_law(i, cell.a), end = loop_.inverse_law(i, cell.b);
             const double size =
                 std::max(ModalLoop::inverse_law_size(start, cell.a, cell.step), ModalLoop::inverse_law_size(end, cell.b, cell.step));
-            if (!(-std::max(start.imag(), end.imag()) > loop_.inverse_law_bend(i, cell, size))) return false;
+            const double bend = loop_.inverse_law_bend(i, cell, size);  // of the longest delay, and no less than that of others
+            if (!(-std::max(start.imag(), end.imag()) > bend)) return false;
+            if (span_ > 0 && !(-std::max(times(start, earlier(low, span_)).imag(), times(end, earlier(high, span_)).imag()) > bend)) return false;
         }
-        return true;
+        return high * span_ < kPi;
     }
+
+    // What a delay that is shorter by `time` makes of d at ω.
+    static Complex earlier(double omega, double time) { return std::polar(1.0, -omega * time); }
 
     // How arg det F changes where j F has a positive real part all the way.
     double turned_leading(double low, double high) {
@@ -223,29 +238,36 @@ class Exclusion : private SampledForm {
         }
     }
 
-    // True where one angle serves both ends, with what interpolation misses to spare.
     bool excluded(const Node& left, const Node& right) {
+        if (span_ * right.omega > kFar && too_small(left, right)) return true;
         bound(left, right);
+        return excluded(left, right, 0.0, span_, 0);
+    }
+
+    // The same of delays that are shorter by `from` to `to`, in halves where there is no one angle for all of them.
+    bool excluded(const Node& left, const Node& right, double from, double to, int halved) {
+        if (right.omega * (to - from) < kPi && one_angle(left, right, from, to)) return true;
+        if (!(to > from) || halved == kHalves) return false;
+        const double middle = 0.5 * (from + to);
+        return excluded(left, right, from, middle, halved + 1) && excluded(left, right, middle, to, halved + 1);
+    }
+
+    // True where one angle serves both ends, of ω and of the delays, with what interpolation misses to spare.
+    bool one_angle(const Node& left, const Node& right, double from, double to) {
         double low = angle_ - kPi, high = angle_ + kPi;
         for (int cut = 0; cut < kCuts; cut++) {
             if (!(high - low > 1e-12)) return false;
             if (cut > 0 || !(low < angle_ && angle_ < high)) angle_ = 0.5 * (low + high);
-            const Node* failed = nullptr;
-            for (const Node* node : {&right, &left}) {
-                if (!holds(*node)) {
-                    failed = node;
-                    break;
-                }
-            }
-            if (failed == nullptr) return true;
-            if (!cut_off(*failed, low, high)) return false;
+            if (holds(right, from) && holds(left, from) && (to == from || (holds(right, to) && holds(left, to)))) return true;
+            if (!cut_off(low, high)) return false;
         }
         return false;
     }
 
-    // True where the angle serves one node; else `test_` has failed there, with `vector_` or `alone_` to show it.
-    bool holds(const Node& node) {
+    // True where the angle serves one node, its delays shorter by `time`; else `test_` has failed there, with `vector_` or `alone_` to show it.
+    bool holds(const Node& node, double time) {
         const bool from_rest = more_ < 0;
+        const Complex turn = time > 0 ? earlier(node.omega, time) : Complex(1.0);
         alone_ = n_;
         bool law = true;
         if (mixed()) {
@@ -254,12 +276,20 @@ class Exclusion : private SampledForm {
         } else {
             const double c = std::cos(angle_), s = std::sin(angle_);
             for (std::size_t i = 0; i < n_ && law; i++) {
-                law = c * node.law[i].real() - s * node.law[i].imag() > law_bends_[i];
-                if (!law && from_rest) alone_ = i;
+                const Complex own = time > 0 ? times(node.law[i], turn) : node.law[i];
+                law = c * own.real() - s * own.imag() > law_bends_[i];
+                if (!law && from_rest) {
+                    alone_ = i;
+                    alone_law_ = own;
+                }
             }
         }
         if (!law && from_rest) return false;
         test_ = {node.real.data(), node.imaginary.data(), missed_.data()};
+        if (time > 0) {
+            test_.node = &node;
+            test_.turn = v_ * (turn - 1.0);
+        }
         if (!positive(test_)) return false;
         if (law) return true;
         test_.node = &node;
@@ -278,6 +308,10 @@ class Exclusion : private SampledForm {
             real += test.more * test.node->law_real[at];
             imaginary += test.more * test.node->law_imaginary[at];
             missed += test.more * law_missed_[at];
+        } else if (i == j && test.turn != 0.0) {
+            const Complex turned = times(test.turn, test.node->law[i]);
+            real += turned.real();
+            imaginary += turned.imag();
         } else if (i == j) {
             real += test.more * test.node->law[i].real();
             imaginary += test.more * test.node->law[i].imag();
@@ -320,11 +354,11 @@ class Exclusion : private SampledForm {
     }
 
     // Leaves the angles at which what has failed may hold; false where there is none.
-    bool cut_off(const Node& node, double& low, double& high) {
+    bool cut_off(double& low, double& high) {
         double cosine = 0.0, sine = 0.0, needed = 0.0;
         if (alone_ < n_) {
-            cosine = node.law[alone_].real();
-            sine = -node.law[alone_].imag();
+            cosine = alone_law_.real();
+            sine = -alone_law_.imag();
             needed = law_bends_[alone_];
         } else {
             for (std::size_t i = 0; i < n_; i++)
