@@ -110,6 +110,23 @@ def test_a_rotor_before_a_gear_is_reflected_as_mujoco_does(tmp_path: Path):
     assert body.armature[1] == pytest.approx(0.02 * 3**2, rel=1e-15)
 
 
+@pytest.mark.skipif(not hasattr(mujoco.MjModel, "actuator_armature"), reason="this MuJoCo has no armature in actuators")
+def test_a_rotor_counts_whatever_its_actuator_does(tmp_path: Path):
+    """Actuators whose gains are left out still turn with their joint; those on a tendon are said to be missing."""
+    curved = '<general joint="l2" gear="3" armature="0.02" gaintype="affine" gainprm="1 2 0" biastype="affine" biasprm="0 -5 -1"/>'
+    muscle = '<muscle joint="r1" armature="0.4" lengthrange="0.1 1"/>'
+    text = TWO_ARMS.replace("</worldbody>", f"</worldbody><actuator>{curved}{muscle}</actuator>")
+    body = load_model(write(tmp_path, text))
+    witness = Witness.of(mujoco.MjModel.from_xml_string(text), body, {})
+    links = Witness.of(mujoco.MjModel.from_xml_string(TWO_ARMS), body, {})
+    assert_close(np.diag(body.armature), witness.mass_matrix() - links.mass_matrix())
+    assert body.armature[1] == pytest.approx(0.02 * 3**2, rel=1e-15)
+    assert not position_gains(tmp_path / "robot.xml").joints
+    tendon = '<tendon><fixed name="t"><joint joint="l2" coef="1"/></fixed></tendon><actuator><motor name="pull" tendon="t" armature="1"/>'
+    notes = load_model(write(tmp_path, TWO_ARMS.replace("</worldbody>", f"</worldbody>{tendon}</actuator>"))).notes
+    assert any("on no joint, does not count: pull" in note for note in notes)
+
+
 def test_shapes_weigh_what_their_closed_form_says(tmp_path: Path):
     """A ball on a stick: I = 2/5 m r² + m d², m from the default class's density."""
     text = """<mujoco><default><default class="lead"><geom density="11340"/></default></default><worldbody><body>

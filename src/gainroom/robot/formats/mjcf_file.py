@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 
-from ...errors import GainroomError, one_line, typo_of
+from ...errors import GainroomError, first_of_many, one_line, typo_of
 from ...io.run_files import note_read
 from ..assemble import MAX_JOINTS, require_at_most
 from ..body import library
@@ -97,6 +97,7 @@ def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled
             spec.modelfiledir, spec.memory = str(path.parent), ARENA
             _drop_shapes(spec, path)
             elements = tuple(_element(mujoco, actuator) for actuator in spec.actuators)
+            rotors = _rotors_elsewhere(mujoco, spec)
             left_out = _drop_actuators(mujoco, spec)
             constraints = take_constraints(mujoco, spec)
             model = spec.compile()
@@ -107,10 +108,10 @@ def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled
             raise GainroomError(f"{source}: not a valid MJCF: {re.sub(r',? *line [0-9]+', '', one_line(error))}") from error
     notes = [f"{constraints.ignored} constraints of tendons or flexible bodies ignored"] * (constraints.ignored > 0)
     if tendons:
-        notes.append(f"{len(tendons)} tendon{'s' * (len(tendons) > 1)} ignored: their springs, dampers and limits do not count")
+        notes.append(f"{len(tendons)} tendon{'s' * (len(tendons) > 1)} ignored: their springs, dampers, armature and limits do not count")
     _require_finite(model, source)
     said_too = (f"MuJoCo: {one_line(text)}" for text in said)
-    return Compiled(model, constraints, (*notes, *said_too), elements, left_out, int(getattr(mujoco.mjtGain, "mjGAIN_PID", -1)))
+    return Compiled(model, constraints, (*notes, *rotors, *said_too), elements, left_out, int(getattr(mujoco.mjtGain, "mjGAIN_PID", -1)))
 
 
 def _require_finite(model: Any, source: str) -> None:
@@ -276,12 +277,11 @@ def _require_mesh(spec: Any, body: str, name: str, path: Path) -> None:
 
 
 def _element(mujoco: Any, actuator: Any) -> ActuatorElement:
-    on_joint = actuator.trntype in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     bias, (low, high) = actuator.biasprm, actuator.ctrlrange
     limited = low < high and int(actuator.ctrllimited) != 0  # 1: true; 2: as the range says
     limits_force = (False, True, actuator.forcerange[0] < actuator.forcerange[1])[int(actuator.forcelimited)]
     return ActuatorElement(
-        joint=actuator.target if on_joint else "",
+        joint=actuator.target if _on_joint(mujoco, actuator) else "",
         gear=float(actuator.gear[0]),
         is_affine=actuator.biastype == mujoco.mjtBias.mjBIAS_AFFINE,
         gain=float(actuator.gainprm[0]),
@@ -292,17 +292,38 @@ def _element(mujoco: Any, actuator: Any) -> ActuatorElement:
     )
 
 
+def _on_joint(mujoco: Any, actuator: Any) -> bool:
+    return actuator.trntype in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+
+
 def _drop_actuators(mujoco: Any, spec: Any) -> tuple[str, ...]:
-    """Delete the actuators that are no torque on a joint, possibly with position and velocity feedback; their names."""
+    """Leave out the actuators that are no torque on a joint, possibly with position and velocity feedback; their names.
+
+    What is on a joint stays as a motor, whose rotor moves with the joint.
+    """
     gain = (mujoco.mjtGain.mjGAIN_FIXED, getattr(mujoco.mjtGain, "mjGAIN_PID", None))  # since MuJoCo 3.12
     left_out = []
-    joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     bias = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
     for index, actuator in enumerate(list(spec.actuators)):
-        if actuator.trntype not in joint or actuator.gaintype not in gain or actuator.biastype not in bias:
+        on_joint = _on_joint(mujoco, actuator)
+        if not on_joint or actuator.gaintype not in gain or actuator.biastype not in bias:
             left_out.append(actuator.name or f"actuator#{index}")
-            spec.delete(actuator)
+            if on_joint:
+                actuator.set_to_motor()
+            else:
+                spec.delete(actuator)
     return tuple(left_out)
+
+
+def _rotors_elsewhere(mujoco: Any, spec: Any) -> list[str]:
+    """A note of actuators with armature that are on no joint."""
+    names = [actuator.name or f"actuator#{index}" for index, actuator in enumerate(spec.actuators)]
+    rotors = [
+        name
+        for name, actuator in zip(names, spec.actuators, strict=True)
+        if getattr(actuator, "armature", 0.0) and not _on_joint(mujoco, actuator)  # since MuJoCo 3.5
+    ]
+    return [f"armature of these actuators, which are on no joint, does not count: {first_of_many(rotors)}"] * bool(rotors)
 
 
 @contextlib.contextmanager
