@@ -156,10 +156,9 @@ FOLLOWING = f"""<mujoco><compiler angle="radian"/><worldbody>
 def test_a_joint_that_follows(tmp_path):
     """q_f = 0.2 + 0.1 + 1.5 q + 0.4 q²: the leader moves its own inertia and the follower's by the square of the slope."""
     text = FOLLOWING
-    held = load_model(write(tmp_path, text))
-    assert dict(held.locked) == {"follow": 0.0}
-    assert any("move less inertia" in note for note in held.notes)
-    body = load_model(write(tmp_path, text), passive=["follow"])
+    body = load_model(write(tmp_path, text))
+    assert (body.joint_names, body.passive) == (("lead",), ("follow",))
+    assert any("follow others" in note and "'follow'" in note for note in body.notes)
     own, other = 0.9 * 2.0 * 0.3**2, 0.9 * 1.5 * 0.2**2
     for angle in (0.0, 0.5, -1.0):
         q = body.configuration({"lead": angle})
@@ -168,6 +167,67 @@ def test_a_joint_that_follows(tmp_path):
         assert_allclose(linearize(body, actuators(1), q).link_inverse_inertia, [[1 / (own + slope**2 * other)]], rtol=1e-12)
         mass, rows, picked = in_mujoco(text, body, q)
         assert_allclose(linearize(body, actuators(1), q).link_inverse_inertia, projected(mass, rows, picked), rtol=SOLVED)
+
+
+def test_a_joint_that_is_locked_does_not_follow(tmp_path):
+    """It stays where its leader puts it in the posture, and a leader that is locked moves nothing."""
+    path = write(tmp_path, FOLLOWING)
+    held = load_model(path, locked=["follow"], posture_for_locked={"lead": 0.5})
+    assert dict(held.locked) == {"follow": pytest.approx(0.3 + 1.5 * 0.5 + 0.4 * 0.5**2, abs=1e-15)}
+    assert_allclose(linearize(held, actuators(1), held.neutral()).link_inverse_inertia, [[1 / (0.9 * 2.0 * 0.3**2)]], rtol=1e-12)
+    assert load_model(path, locked=["follow"], posture_for_locked={"follow": 0.7}).locked == {"follow": 0.7}
+    third = f'<body name="c"><joint name="third" axis="0 0 1"/>{solid(1.0, 0.1)}</body></worldbody>'
+    body = load_model(write(tmp_path, FOLLOWING.replace("</worldbody>", third)), locked=["lead"])
+    assert body.joint_names == ("third",)
+    assert not body.linkages
+    assert dict(body.locked) == {"lead": 0.0, "follow": pytest.approx(0.3, abs=1e-15)}
+
+
+def test_a_follower_that_moves_no_mass_is_held(tmp_path):
+    """A pointer, say, for the eye alone: it would make the mass matrix singular, and adds nothing to its leader."""
+    links = link("base") + link("one", 2.0, inertia=(1, 0.3, 1)) + '<link name="two"/><link name="tip"/>'
+    joints = hinge("lead", "base", "one") + hinge("follow", "base", "two").replace("</joint>", '<mimic joint="lead"/></joint>')
+    end = '<joint name="end" type="fixed"><parent link="two"/><child link="tip"/></joint>'
+    body = load_model(write_robot(tmp_path, links, joints + end))
+    assert dict(body.locked) == {"follow": 0.0}
+    assert_allclose(linearize(body, actuators(1), body.neutral()).link_inverse_inertia, [[1 / 0.3]], rtol=1e-12)
+
+
+@pytest.mark.parametrize("locked", [[], ["lead"]])
+def test_a_follower_with_a_motor_of_its_own(tmp_path, locked):
+    """Two motors that move one another: both have gains, as MuJoCo has it. Where the leader is locked neither moves."""
+    third = f'<body name="c"><joint name="third" axis="0 0 1"/>{solid(1.0, 0.1)}</body></worldbody>'
+    servos = "".join(f'<position joint="{name}" kp="30" kv="2"/>' for name in ("lead", "follow", "third"))
+    text = FOLLOWING.replace("</worldbody>", third).replace("</mujoco>", f"<actuator>{servos}</actuator></mujoco>")
+    body = load_model(write(tmp_path, text), locked=locked)
+    assert body.joint_names == (("third",) if locked else ("lead", "follow", "third"))
+    q = body.configuration({} if locked else {"lead": 0.4})
+    found = linearize(body, actuators(body.size), q).link_inverse_inertia
+    if not locked:
+        assert_allclose(found, projected(*in_mujoco(text, body, q)), rtol=SOLVED, atol=SOLVED)  # third is apart from the others
+        assert np.linalg.matrix_rank(found) == 2
+
+
+def test_audit_of_a_follower_that_alone_has_gains(tmp_path, capsys):
+    """The motor on either end of a pair of gears is the same motor: W of the leader is that of the follower times the ratio²."""
+    limits = []
+    for joint, servo in (("lead", 'kp="60" kv="3"'), ("follow", 'kp="15" kv="0.75"')):
+        text = FOLLOWING.replace("0.1 1.5 0.4 0 0", "0 2 0 0 0").replace('joint="lead"', f'joint="{joint}"')
+        path = write(tmp_path, text.replace("</mujoco>", f'<actuator><position joint="{joint}" {servo}/></actuator></mujoco>'))
+        assert main(["audit", str(path), "--delay-ms", "2", "--json"]) in (0, 1)
+        answer = json.loads(capsys.readouterr().out)
+        assert [one["name"] for one in answer["joints"]] == [joint]
+        limits.append(answer["gain_limit"])
+    assert limits[0] == pytest.approx(limits[1], rel=1e-9)  # ends of an interval of round-off
+
+
+def test_gains_of_joints_that_mimic_are_said_not_to_count(tmp_path, capsys):
+    links = link("base") + link("one", 2.0, inertia=(1, 0.3, 1)) + link("two", 1.0, inertia=(1, 0.1, 1))
+    joints = hinge("lead", "base", "one") + hinge("follow", "base", "two").replace("</joint>", '<mimic joint="lead"/></joint>')
+    gains = write(tmp_path, "lead: {kp: 50, kd: 4}\nfollow: {kp: 50, kd: 4}\n", "gains.yaml")
+    robot = str(write_robot(tmp_path, links, joints))
+    assert main(["audit", robot, "--gains", str(gains), "--delay-ms", "1", "--json"]) in (0, 1)
+    assert any("do not count: follow" in text for text in json.loads(capsys.readouterr().out)["warnings"])
 
 
 def test_a_joint_held_by_a_constant_stays_held(tmp_path):
@@ -182,8 +242,8 @@ def test_a_joint_that_mimics_another(tmp_path):
     mimic = '<mimic joint="lead" multiplier="-2.5" offset="0.1"/></joint>'
     joints = hinge("lead", "base", "one") + hinge("follow", "base", "two").replace("</joint>", mimic)
     path = write_robot(tmp_path, links, joints)
-    for passive, inertia in (([], 0.3), (["follow"], 0.3 + 2.5**2 * 0.1)):
-        body = load_model(path, passive=passive)
+    for locked, inertia in ((["follow"], 0.3), ([], 0.3 + 2.5**2 * 0.1)):
+        body = load_model(path, locked=locked)
         q = body.configuration({"lead": 0.2})
         assert_allclose(linearize(body, actuators(1), q).link_inverse_inertia, [[1 / inertia]], rtol=1e-12)
     assert body.position(q, "follow") == pytest.approx(0.1 - 2.5 * 0.2, abs=1e-12)

@@ -28,7 +28,9 @@ def body():
 
 
 def catalogue(name: str):
-    return load_model({"package": "example-robot-data", "file": name}, base="fixed")
+    """A robot of which no joint follows another: simulations do not carry that."""
+    locked = ["panda_finger_joint2"] if "panda" in name else []
+    return load_model({"package": "example-robot-data", "file": name}, base="fixed", locked=locked)
 
 
 def mass_matrix(robot, data):

@@ -72,11 +72,15 @@ def test_selected_joints_alone_stay():
     assert set(legs.locked) == set(whole.joint_names) - set(legs.joint_names)
 
 
-def test_followers_are_held_and_said_to_be(tmp_path: Path):
+def test_followers_follow_and_are_said_to(tmp_path: Path):
     panda = load_model(example("panda_description/urdf/panda.urdf"))
     assert panda.size == 8
-    assert dict(panda.locked) == {"panda_finger_joint2": 0.0}
+    assert panda.passive == ("panda_finger_joint2",)
     assert any("mimics 'panda_finger_joint1'" in note for note in panda.notes)
+    assert_refused(lambda: panda.require_tree("here"), ["here", "'panda_finger_joint2'", "lock"])
+    bolted = load_model(example("panda_description/urdf/panda.urdf"), locked=["panda_finger_joint1"])
+    assert dict(bolted.locked) == {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
+    bolted.require_tree("here")
     coupled = TWO_ARMS.replace(
         "</worldbody>",
         '</worldbody><equality><joint joint1="l2" joint2="r1"/><connect body1="left" body2="right" anchor="0 0 0"/></equality>',
@@ -84,7 +88,7 @@ def test_followers_are_held_and_said_to_be(tmp_path: Path):
     body = load_model(write(tmp_path, coupled))
     assert body.joint_names == ("l1", "r1")
     assert any("'l2' is tied to 'r1'" in note for note in body.notes)
-    assert len(body.linkages) == 1  # the loop is kept: test_linkages.py
+    assert len(body.linkages) == 2  # the loop is kept: test_linkages.py
     assert any("closed loops are kept closed" in note for note in body.notes)
 
 

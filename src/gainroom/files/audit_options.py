@@ -273,7 +273,10 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         *_assumptions(spec.source.body, file.joints.locked, options, elastic),
     )
     warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings if text not in taken]
-    return Audited(replace(spec, assumptions=assumptions, warnings=(*found.notes, *_damping_asked(warnings, options))), sections, ranges)
+    idle = [name for name, has in zip(body.every_joint, found.given, strict=True) if has and name not in body.joint_names]
+    idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
+    warnings = (*found.notes, *idle, *_damping_asked(warnings, options))
+    return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, ranges)
 
 
 def _inertia_from(source: Path) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from ..errors import GainroomError, first_of_many, nearest, require_finite
 from ..system.linear.arrays import Floats
@@ -32,13 +33,14 @@ RESERVED = "universe"
 """Pinocchio's own name for what does not move."""
 DAMPING_NOTE = "the joints' own damping in the model file is not counted"
 FRICTION_NOTE = "the joints' own dry friction in the model file is not counted [N m]"
-FOLLOWERS_NOTE = "held, as they follow others, so that the joints that lead them move less inertia"
+FOLLOWERS_NOTE = "these joints follow others, which move their inertia, too"
+HELD_NOTE = "held by constraints of the model file"
 LOOPS_NOTE = "closed loops are kept closed"
 PASSIVE_NOTE = "passive joints, without a motor"
 RUBBED_NOTE = "damping of passive joints without a spring does not count"
 INERTIA_NOTE = "no solid has the inertia of the links on these joints, taken as given"
 SPRING_NOTE = "the joints' own springs in the model file count as stiffness beside the gearbox, without the load they carry [N m/rad]"
-ASSUMED = (FOLLOWERS_NOTE, LOOPS_NOTE, PASSIVE_NOTE, RUBBED_NOTE, INERTIA_NOTE, FRICTION_NOTE, SPRING_NOTE)
+ASSUMED = (FOLLOWERS_NOTE, HELD_NOTE, LOOPS_NOTE, PASSIVE_NOTE, RUBBED_NOTE, INERTIA_NOTE, FRICTION_NOTE, SPRING_NOTE)
 """How notes begin that say what a model was taken for, where nothing is missing or left to decide."""
 
 
@@ -47,9 +49,9 @@ class Description:
     """What a reader found in a file.
 
     model   Pinocchio's, with every joint; a floating base, if there is one, is its first. Rotors in `armature`, not in the links
-    held    joints that cannot be actuated, and why
+    held    joints that others, or constraints, hold in their place, and why
     springs, friction   of the joints themselves, by name [N m/rad; N/m if prismatic], [N m; N]
-    linkages   closed loops, and joints that follow others: those that are `held` follow where they are to be passive
+    linkages   closed loops, and joints that follow others: those of `held` whose leader moves are not held but follow it
     actuated   joints with an actuator; None: the format, or this file, has none
     """
 
@@ -82,8 +84,8 @@ def assemble(
     _require_sane(source, model)
     first = 2 if floats(model) else 1
     names = tuple(model.names[first:])
-    positions = _positions(source, names, posture_for_locked or {})
     held, idle = _not_actuated(description, names, locked, selected, passive, locked_key or f"{source}: locked")
+    positions = _positions(description, names, held, posture_for_locked or {})
     actuated = tuple(name for name in names if name not in held and name not in idle)
     _require_actuated(source, model, names, actuated)
 
@@ -101,11 +103,11 @@ def assemble(
         bones=tuple(_bone(model, index, first) for index in range(first, model.njoints)),
         springs={name: stiffness for name, stiffness in description.springs.items() if name in actuated},
         passive=idle,
-        linkages=tuple(one for one in description.linkages if _counts(one, model, held, idle)),
+        linkages=tuple(one for one in description.linkages if _counts(one, model, held)),
         passive_springs={
             name: (description.springs[name], _damping(model, name)) for name in idle if description.springs.get(name, 0.0) > 0
         },
-        looped=frozenset(_looped(description)),
+        looped=frozenset(_looped(description) | _geared(description, held)),
     )
     _require_mass(body)
     return body
@@ -137,13 +139,35 @@ def _not_actuated(
     fixed = set().union(*select_all(locked, names, locked_key, lambda pattern: f"{locked_key}[{list(locked).index(pattern)}]"))
     key = locked_key.replace("locked", "passive")
     named = set().union(*select_all(passive, names, key, lambda pattern: f"{key}[{list(passive).index(pattern)}]"))
-    looped = _looped(description) - (description.actuated or set()) if description.actuated is not None else set()
-    held = {index for index, name in enumerate(names) if name in description.held}
-    followers = {one.follower for one in description.linkages if isinstance(one, FollowingJoint)}
-    named -= {index for index in held if names[index] not in followers}  # by a constant: nothing moves them
-    idle = ({index for index, name in enumerate(names) if name in looped} - held | named) - fixed
-    still = (everything - chosen | fixed | held) - idle
+    motors = description.actuated or set()
+    looped = _looped(description) - motors if description.actuated is not None else set()
+    free = {names[index] for index in chosen | named} - {names[index] for index in fixed} - {*description.held}
+    following = {index for index, name in enumerate(names) if name in _following(description, free)} - fixed
+    held = {index for index, name in enumerate(names) if name in description.held} - following
+    geared = {index for index in following if names[index] in motors}
+    idle = ({index for index, name in enumerate(names) if name in looped} | following - geared | named) - held - fixed
+    still = (everything - chosen | fixed | held) - idle - geared
     return tuple(names[index] for index in sorted(still)), tuple(names[index] for index in sorted(idle))
+
+
+def _leaders(description: Description) -> dict[str, FollowingJoint]:
+    """By follower."""
+    return {one.follower: one for one in description.linkages if isinstance(one, FollowingJoint)}
+
+
+def _following(description: Description, free: set[str]) -> set[str]:
+    """The joints that follow one of `free`, at once or one another. Those that move no mass may as well be held."""
+    found: set[str] = set()
+    leaders = _leaders(description)
+    for _ in leaders:  # the longest chain
+        found = {name for name, one in leaders.items() if one.leader in free | found}
+    return {name for name in found if _moves_mass(description.model, name)}
+
+
+def _moves_mass(model: Any, name: str) -> bool:
+    index = model.getJointId(name)
+    inertias = [model.inertias[each] for each in model.subtrees[index]] if index < model.njoints else []
+    return any(one.mass > 0 or one.inertia.any() for one in inertias) or bool(inertias and _rotors(model)[model.joints[index].idx_v])
 
 
 def _looped(description: Description) -> set[str]:
@@ -152,16 +176,22 @@ def _looped(description: Description) -> set[str]:
     return set().union(*(_on_loop(one, model) for one in description.linkages if isinstance(one, JoinedFrames)))
 
 
+def _geared(description: Description, held: Sequence[str]) -> set[str]:
+    """Joints with motors that follow others, and those that they follow: either's motor moves both."""
+    pairs = [one for one in _leaders(description).values() if one.follower in (description.actuated or ()) and one.follower not in held]
+    return {name for one in pairs for name in (one.follower, one.leader)}
+
+
 def _on_loop(loop: JoinedFrames, model: Any) -> set[str]:
     """The joints between the two frames; a floating base is no joint."""
     first, second = ({*model.supports[model.frames[model.getFrameId(name)].parentJoint]} for name in (loop.first, loop.second))
     return {model.names[index] for index in first ^ second if model.joints[index].nv != 6}
 
 
-def _counts(linkage: Linkage, model: Any, held: Sequence[str], idle: Sequence[str]) -> bool:
-    """Whether something can move against it; a joint that follows is held unless it is passive."""
+def _counts(linkage: Linkage, model: Any, held: Sequence[str]) -> bool:
+    """Whether something can move against it; a joint that is held follows nothing."""
     if isinstance(linkage, FollowingJoint):
-        return linkage.follower in idle
+        return linkage.follower not in held
     return not isinstance(linkage, JoinedFrames) or linkage.ties_base or not _on_loop(linkage, model) <= {*held}
 
 
@@ -169,12 +199,20 @@ def _damping(model: Any, name: str) -> float:
     return float(model.damping[model.joints[model.getJointId(name)].idx_v])
 
 
-def _positions(source: str, names: Sequence[str], posture: Mapping[str, float]) -> dict[str, float]:
-    """The posture's positions, checked."""
+def _positions(description: Description, names: Sequence[str], held: Sequence[str], posture: Mapping[str, float]) -> dict[str, float]:
+    """The posture's positions, checked, and where it does not name them those of held joints that follow others."""
+    source, leaders = description.source, _leaders(description)
     for name in posture:
         if name not in names:
             raise GainroomError(f"{source}: no joint {name!r}{nearest(name, names, 'joint')}")
-    return {name: float(require_finite(source, f"position of joint {name!r}", value)) for name, value in posture.items()}
+    found = {name: float(require_finite(source, f"position of joint {name!r}", value)) for name, value in posture.items()}
+
+    def place(name: str, rest: int) -> float:
+        if name in found or name not in leaders or not rest:  # nothing moves a ring of followers
+            return found.get(name, 0.0)
+        return float(polyval(place(leaders[name].leader, rest - 1), leaders[name].coefficients))
+
+    return found | {name: place(name, len(leaders)) for name in held if name in leaders}
 
 
 def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float], passive: Sequence[str]) -> tuple[Any, Floats]:
@@ -237,15 +275,20 @@ def _notes(
     description: Description, held: Sequence[str], idle: Sequence[str], positions: Mapping[str, float], model: Any
 ) -> tuple[str, ...]:
     notes = []
-    followers = [f"{name!r} {why}, at {positions.get(name, 0.0):g}" for name, why in description.held.items() if name in held]
+    tied = {name: f"{name!r} {why}" for name, why in description.held.items()}
+    followers = [text for name, text in tied.items() if name not in held]
     if followers:
         notes.append(f"{FOLLOWERS_NOTE}: {first_of_many(followers)}")
-    loops = [one.name for one in description.linkages if isinstance(one, JoinedFrames) and _counts(one, model, held, idle)]
+    still = [f"{text}, at {positions.get(name, 0.0):g}" for name, text in tied.items() if name in held]
+    if still:
+        notes.append(f"{HELD_NOTE}: {first_of_many(still)}")
+    loops = [one.name for one in description.linkages if isinstance(one, JoinedFrames) and _counts(one, model, held)]
     if loops:
         motors = "" if description.actuated is not None or idle else "; a motor is on each of their joints that is not listed as passive"
         notes.append(f"{LOOPS_NOTE}: {first_of_many(loops)}{motors}")
-    if idle:
-        notes.append(f"{PASSIVE_NOTE}: {first_of_many(idle)}")
+    passive = [name for name in idle if name not in description.held]
+    if passive:
+        notes.append(f"{PASSIVE_NOTE}: {first_of_many(passive)}")
     unmoved = (*model.names[1 : 1 + floats(model)], *idle)  # by motors
     rubbed = [name for name in unmoved if _damping(model, name) > 0 and not description.springs.get(name)]
     if rubbed:

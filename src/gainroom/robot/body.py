@@ -98,7 +98,8 @@ class RigidBody:
         """Raise GainroomError, which begins with `owner`, where there are closed loops or passive joints."""
         if self.linkages or self.passive:
             what = first_of_many([*(linkage.name for linkage in self.linkages), *(f"passive joint {name!r}" for name in self.passive)])
-            raise GainroomError(f"{owner}: closed loops and passive joints are not carried here, and this robot has {what}")
+            them = "closed loops, passive joints and joints that follow others"
+            raise GainroomError(f"{owner}: {them} are not carried here, and this robot has {what}; lock joints that do not matter")
 
     @property
     def every_joint(self) -> tuple[str, ...]:

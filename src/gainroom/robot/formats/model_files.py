@@ -35,8 +35,8 @@ def load_model(
     selected   patterns of the joints to use; None: all
     posture_for_locked   positions [rad; m if prismatic] of the locked joints, 0 where not named; other joints may stand in it too
     locked_key   what messages call the list `locked`, where it comes from another file
-    passive    patterns of joints without a motor: what holds them, such as a closed loop or a joint that they follow, moves them. Joints of
-               closed loops are, where the file has actuators and none on them. Locked ones are not
+    passive    patterns of joints without a motor: what holds them, such as a closed loop, moves them. Joints of closed loops are, where the
+               file has actuators and none on them, and joints without one that follow others that move. Locked ones are not
 
     Raises GainroomError, one line that names the file, where it is missing, malformed, out of bounds or makes no robot; where a pattern
     matches nothing; where Pinocchio, or for an MJCF MuJoCo, is not installed.

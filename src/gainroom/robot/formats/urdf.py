@@ -193,15 +193,15 @@ class _Reader:
         if kind in MOVING:
             self._add_limit(result, parts["limit"], owner)
             self._add_dynamics(result, parts["dynamics"], owner)
-        if parts["mimic"] is not None:
-            self._add_follower(name, parts["mimic"], owner)
+        if parts["mimic"] is not None and kind != "fixed":
+            self._add_follower(name, kind, parts["mimic"], owner)
         return ends["child"], ends["parent"]
 
-    def _add_follower(self, name: str, mimic: Element, owner: str) -> None:
+    def _add_follower(self, name: str, kind: str, mimic: Element, owner: str) -> None:
         leader = mimic.get("joint", "")
         self.held[name] = f"mimics {leader!r}"
         slope, offset = (self._numbers(mimic, "mimic", key, 1, owner, absent)[0] for key, absent in (("multiplier", 1.0), ("offset", 0.0)))
-        if leader in self.joints and leader != name:
+        if leader in self.joints and leader != name and kind in MOVING:
             self.ties.append(FollowingJoint(f"joint {name!r}", name, leader, (offset, slope)))
 
     def _add_transmission(self, transmission: Element) -> None:
