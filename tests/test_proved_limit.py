@@ -33,6 +33,7 @@ def chain(rng: np.random.Generator, size: int = 4, **others) -> Plant:
 
 PLANTS = {
     "dampers couple": lambda rng: chain(rng),
+    "dampers that let nothing swing": lambda rng: replace(chain(rng), damping=rng.uniform(500, 2000, 4)),
     "dampers in proportion": lambda rng: replace(chain(rng), stiffness=1e4, damping=2.0),
     "gravity": lambda rng: chain(rng, gravity_stiffness=np.diag(rng.uniform(-80, 80, 4))),
     "held by contacts": lambda rng: replace(chain(rng), link_inverse_inertia=np.outer(v := rng.normal(size=4), v)),

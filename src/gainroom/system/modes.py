@@ -179,9 +179,12 @@ def _quadratic(squares: Floats, damping: Floats) -> tuple[Complexes, Complexes]:
     A z = λ B z with z = (x, λx) and symmetric A and B: zᵀBz = 1 is the scale, zᵀBz' = 0 for another pole.
     """
     count, none, one = len(squares), np.zeros((len(squares), len(squares))), np.eye(len(squares))
-    poles: Complexes
     single = []
-    poles, vectors = np.linalg.eig(np.block([[none, one], [-np.diag(squares), -damping]]))
+    poles: Complexes
+    vectors: Complexes
+    real = np.linalg.eig(np.block([[none, one], [-np.diag(squares), -damping]]))
+    # Where nothing oscillates all are real, and scales may be roots of negative numbers.
+    poles, vectors = real.eigenvalues.astype(complex), real.eigenvectors.astype(complex)
     a, b = np.block([[-np.diag(squares), none], [none, one]]), np.block([[damping, one], [one, none]])
     near = np.abs(poles[:, None] - poles) <= SAME * np.abs(poles)
     upper = poles.imag > 0  # a pair's first, as LAPACK has them
