@@ -158,6 +158,7 @@ def test_cascade_of_matrices_multiplies_in_order():
         (lambda: gr.PD(1.0, float("nan")), ["PD", "kd", "nan", "finite"]),
         (lambda: gr.PID(1.0, float("inf"), 1.0), ["PID", "ki", "inf", "finite"]),
         (lambda: gr.PPI(1.0, [1.0, None]), ["PPI", "kv", "finite"]),
+        (lambda: gr.PD([], 1.0).transfer(None), ["PD", "shape (0,)", "single numbers"]),
         (lambda: gr.LowPass(0.0), ["velocity filter", "bandwidth", "0", "> 0"]),
         (lambda: gr.LowPass(10.0, order=3), ["velocity filter", "order", "3", "1 or 2"]),
         (lambda: gr.LowPass(10.0, 2, -1.0), ["velocity filter", "damping_ratio", "-1", "> 0"]),

@@ -197,6 +197,7 @@ def test_plain_joint_has_positive_inertia_mechanism():
         ({"link_inertia": float("nan")}, ["link_inertia", "nan", "> 0"]),
         ({"stiffness": -5.0}, ["stiffness", "-5", "N·m/rad", "> 0"]),
         ({"stiffness": 0.0}, ["stiffness", "0", "> 0"]),
+        ({"stiffness": None}, ["stiffness", "None", "> 0"]),
         ({"damping": -0.1}, ["damping", "-0.1", ">= 0"]),
         ({"damping": inf}, ["damping", "inf", ">= 0"]),
         ({"motor_viscous": -1.0}, ["motor_viscous", "-1", ">= 0"]),

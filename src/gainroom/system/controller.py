@@ -397,4 +397,4 @@ def _product(left: Any, right: Any) -> Any:
 
 
 def _nonzero(terms: dict[tuple[int, int], Any]) -> Terms:
-    return {powers: np.asarray(gain, dtype=float) for powers, gain in terms.items() if np.any(gain)}
+    return {powers: np.asarray(gain, dtype=float) for powers, gain in terms.items() if np.any(gain) or not np.size(gain)}

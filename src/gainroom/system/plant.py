@@ -53,11 +53,11 @@ class ElasticJoint:
 
     def __post_init__(self) -> None:
         owner = f"joint '{self.name}'"
+        require_positive(owner, "stiffness", self.stiffness, "N·m/rad", infinite=True)
         if self.stiffness == math.inf and self.link_inertia == math.inf:
             raise GainroomError(f"{owner}: stiffness inf with link_inertia inf (output locked) leaves nothing to move; one must be finite")
         require_positive(owner, "motor_inertia", self.motor_inertia, "kg·m²", zero=math.isinf(self.stiffness))
         require_positive(owner, "link_inertia", self.link_inertia, "kg·m²", infinite=not math.isinf(self.stiffness))
-        require_positive(owner, "stiffness", self.stiffness, "N·m/rad", infinite=True)
         require_positive(owner, "damping", self.damping, "N·m·s/rad", zero=True)
         require_positive(owner, "motor_viscous", self.motor_viscous, "N·m·s/rad", zero=True)
         require_positive(owner, "link_viscous", self.link_viscous, "N·m·s/rad", zero=True)
