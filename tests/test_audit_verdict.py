@@ -178,3 +178,18 @@ def test_motors_without_inertia_are_named_before_gains_are_lowered(tmp_path: Pat
         assert ("Do this: Multiply" in words) is not bool(says)
     assert main([*call, "--verbose"]) == 1
     assert "motor_inertia: 0.05" in capsys.readouterr().out.partition("Do this:")[2]
+
+
+@pytest.mark.slow
+def test_limits_far_above_the_gains_are_not_said_to_be_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Of gains that vibrate from some factor on a ten-thousandth does so from 10⁴ times that factor on; up to 1000 is looked at."""
+
+    def said(share: float, *options: str) -> str:
+        gains = {joint: {"kp": share * kp, "kd": share * kd} for joint, kp, kd in (("hip_pitch", 100.0, 5.0), ("knee", 100.0, 5.0))}
+        (tmp_path / "gains.yaml").write_text(yaml.safe_dump(gains))
+        return audited(capsys, "--gains", str(tmp_path / "gains.yaml"), "--motor-inertia", "0.1", "--rate-hz", "1000", *options)[1]
+
+    assert json.loads(said(1.0, "--json"))["gain_limit"] > 1
+    text = " ".join(said(1e-4).split())
+    assert "No common factor up to 1000 on all gains makes it vibrate." in text
+    assert ("∞" in text) == ("(∞: none up to 1000)" in text)

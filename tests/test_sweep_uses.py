@@ -308,7 +308,7 @@ def test_where_contacts_hold_every_joint_nothing_can_vibrate(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["unknown"] == found["uncertified"] == 0
     assert found["contacts"][0]["gain_limit"] is None
-    assert found["sentence"].startswith("No common factor on all gains makes it vibrate")
+    assert found["sentence"].startswith("No common factor up to 1000 on all gains makes it vibrate")
     assert main(["sweep", str(file), "--samples", "12", "--contact", "free", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["contacts"][0]["gain_limit"] > 1
 

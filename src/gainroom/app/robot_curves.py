@@ -185,7 +185,7 @@ def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane
         text = f"{here if limit.stable else f'Unstable in {state.title}'}; the gain limit is not known."
     elif limit.stable:
         text = f"{here}. Vibration starts at {limit.gain:.3g} × all gains ({to_db(limit.gain):.3g} dB){at}{mainly}."
-        text = text if math.isfinite(limit.gain) else f"{here}. No common factor on all gains makes it vibrate."
+        text = text if math.isfinite(limit.gain) else f"{here}. No common factor up to 1000 on all gains makes it vibrate."
     else:
         text = f"Unstable in {state.title}" + (f"{at}: stable below {limit.gain:.3g} × all gains{mainly}." if limit.gain > 0 else ".")
     asked = state.system.requirements

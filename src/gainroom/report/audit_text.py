@@ -160,7 +160,7 @@ def reason(result: Audit) -> str:
     factor, level = (f"{pair[0]:.3g}" if result.enough_together_in(worst) else beside(*pair) for pair in (factors, levels))
     factor = factor if factor != "1" else beside(limit.gain, 1.0)
     start = f"Vibration starts at {factor} × these gains ({level} dB){about}"
-    start = "No common factor on all gains makes it vibrate" if math.isinf(limit.gain) else start
+    start = "No common factor up to 1000 on all gains makes it vibrate" if math.isinf(limit.gain) else start
     if worst.margins.paths is not None and worst.margins.paths.headroom < limit.gain:
         start = _weakest_path(worst.margins.paths)
     return f"{where} {start}. {delay}".strip()

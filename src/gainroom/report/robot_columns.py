@@ -270,10 +270,11 @@ def audited_joints(result: "Audit") -> list[Column]:
 def legend(result: "Audit", shown: Collection[str]) -> str:
     """What the columns with these titles are, in a line or two."""
     units = joint_units(result.system.source.body)
+    endless = " (∞: none up to 1000)" if any(math.isinf(joint.limit_others_closed) for joint in result.joints) else ""
     parts = {
         "use": f"use: {USE}",
         "alone": "alone: factor on a joint's gains until vibration, the others switched off",
-        "one loop": "one loop: the factor on one joint's gains until vibration, the other loops closed",
+        "one loop": f"one loop: the factor on one joint's gains until vibration, the other loops closed{endless}",
         "K needed": f"K needed [{units['kp']}]: of every gearbox",
     }
     gains = units_of(shown, {name: units[name] for name in ("kp", "kd", "ki")})

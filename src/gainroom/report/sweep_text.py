@@ -40,7 +40,7 @@ def sentence(found: SweepSummary) -> str:
             return f"Unstable in {share} of {states}: no common factor on these gains is stable{there}."
         return f"Unstable in {share} of {states}: the lowest gain limit is {gain_factor(worst.gain, 3)} × these gains{where},{there}."
     if math.isinf(worst.gain):
-        return f"No common factor on all gains makes it vibrate in any of {states}."
+        return f"No common factor up to 1000 on all gains makes it vibrate in any of {states}."
     factor, level = (f"{worst.gain:.3g}", f"{to_db(worst.gain):.3g}")
     asked = ""
     if found.margin > 1:
