@@ -19,7 +19,7 @@ from gainroom.cli import main
 from gainroom.design.robot_gains import GainSet, RobotGains, recommend_robot
 from gainroom.files.robot_yaml import load_robot_system, parse_robot
 from gainroom.report.gains_to_use import typed
-from gainroom.report.robot_text import free_joints, warnings
+from gainroom.report.robot_text import free_joints, sentence, warnings
 from gainroom.studies.robot import study_robot
 from gainroom.system.system import System
 from independent.quick_margins import quick_margins
@@ -217,6 +217,24 @@ def test_without_weight_where_it_cannot_be_kept():
     assert found.topples == ("stand/all",)
     assert not quick_margins(loops(spec, found.kp, found.kd, True)["stand/all"]).stable
     assert_none_can_be_raised(spec, found)
+
+
+@pytest.mark.slow
+def test_where_the_file_counts_the_weight_no_gains_are_found_without_it():
+    """The same robot: gains on which it topples are no answer then, and where nothing is said of the weight they are not called safe alone."""
+    spec = parse_robot(SOLO, "solo")
+    found = safe(recommend_robot(spec))
+    counted = recommend_robot(replace(spec, source=replace(spec.source, gravity=True)))
+    assert counted.everywhere is None
+    assert counted.nearest[""]
+    own = replace(spec, control=replace(spec.control, controller=gr.PD(found.kp, found.kd)))
+    for gravity, toppling in ((None, ("stand/all",)), (False, ())):
+        study = study_robot(replace(own, source=replace(own.source, gravity=gravity)), recommend=False)
+        assert study.stable
+        assert study.topples == toppling
+        assert ("without the robot's weight" in sentence(study)) == bool(toppling)
+        assert any("topples on these gains in stand/all" in one for one in warnings(study)) == bool(toppling)
+    assert not study_robot(replace(own, source=replace(own.source, gravity=True)), recommend=False).stable
 
 
 @pytest.mark.population

@@ -22,6 +22,7 @@ from gainroom.report.robot_headroom import MOST_STATES
 from gainroom.report.robot_skeleton import common_view
 from gainroom.report.robot_text import sentence
 from gainroom.studies.robot import RobotStudy, study_robot
+from gainroom.system.requirements import REQUIREMENTS
 from independent.quick_margins import quick_margins
 from robot_files import changed
 from robot_truths import hinge, link, write_robot
@@ -36,6 +37,14 @@ drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2.0}
 postures: {stand: {".*_hip_pitch": -0.3, ".*_knee": 0.6, ".*_ankle_pitch": -0.3}}
 contacts: {double: [left_sole, right_sole], left: [left_sole], flight: []}
 """
+UNCERTAIN = (
+    BIPED.replace(", flight: []", "")
+    + """\
+control: {type: pd, feedback: motor, sample_rate_hz: 1000, kp: {default: 2000.0, ".*_knee": 3000.0}, kd: 150.0}
+limits: {peak_sensitivity: 2.0}
+uncertainty: {delay_ms: [2.0, 3.0], stiffness: 20%}
+"""
+)
 JOINT_SPACE = "control: {type: pd, feedback: motor, kp: 2000.0, kd: 100.0}\n"
 # theory: harmless on a rigid robot, unstable with elasticity and delay, least of all on one foot
 TASK_SPACE = "control: {type: pd, space: task, feedback: motor}\ntasks: [{name: com, type: com, kp: 100, kd: 20}]\n"
@@ -171,6 +180,18 @@ def test_the_first_picture_is_of_what_fails(page, biped):
     for name, part in zip(motion.state.model.joint_names, parts / parts.max(), strict=True):
         assert shown[name][2] == approx(part, rel=1e-5, abs=1e-9)
     assert f"What fails: peak sensitivity Ms {worst:.3g} in {title}" in unescape(page)
+
+
+@pytest.mark.slow
+def test_the_first_picture_is_of_the_worst_of_the_uncertainty():
+    """Where the worst value is another resonance's than the nominal one: value, frequency and place of the same loop."""
+    study = study_robot(parse_robot(UNCERTAIN, "biped.yaml"), recommend=False)
+    motion, one = study.decisive_motion, REQUIREMENTS[study.decisive]
+    assert motion is not None
+    nominal = study.worst[study.decisive].margins
+    assert one.value(motion.state.margins) == approx(study.least(study.worst[study.decisive], one.name), rel=1e-9)
+    assert motion.limit.frequency == one.frequency(motion.state.margins) != approx(one.frequency(nominal), rel=0.5)
+    assert motion.place == study.case_of(study.decisive) != ""
 
 
 @pytest.mark.slow

@@ -117,6 +117,7 @@ def test_every_row_that_an_audit_does_not_meet_is_in_both_headlines(
     terminal, headline, told, own = said(capsys, tmp_path, "audit", str(LEG), "--delay-ms", delay, *more)
     assert_one_verdict(terminal, headline, own)
     assert told["safe"] == (not headline.startswith("Not safe"))
+    assert told["decided"] == (not headline.startswith("Not decided"))
     rows = [
         re.findall("<td.*?>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", own.partition("Do this")[2].partition("</table>")[0])
     ]

@@ -160,6 +160,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
         "robot": result.system.source.name,
         "gainroom": __version__,
         "safe": result.safe,
+        "decided": result.decided,
         "sentence": audit_sentence(result),
         "requirements_met": result.safe,
         "unmet": list(result.missed),

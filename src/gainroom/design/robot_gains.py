@@ -229,6 +229,9 @@ def _set(
         found = _searched(acting, cases, beginning, weighed, free, progress, safe, failed)
     without = weighed and not found.holds
     near = "" if found.holds else _nearest(cases, found)
+    if without and any(state.state.system.source.gravity for state in acting):  # as the file says: gains without it are no answer
+        nearest[contact] = near
+        return None
     if without:
         cases = [state.without for state in acting]
         found = _searched(acting, cases, beginning, False, free, progress, safe, failed)

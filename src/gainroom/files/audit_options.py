@@ -157,7 +157,7 @@ class AuditOptions:
         rubbed = {k: {"link_viscous": float(body.damping[k])} for k in given if self.joint_damping == "friction" and k < body.size}
         columns = {"kp": gains.kp, "kd": gains.kd} | ({"ki": gains.ki} if np.any(gains.ki) else {})
         data: dict[str, Any] = {
-            "model": {"file": file, "gravity_stiffness": False},
+            "model": {"file": file},
             "joints": {
                 DEFAULT: {},
                 **{names[k]: {**rubbed.get(k, {}), **gains.actuators[k]} for k in given if gains.actuators[k] or k in rubbed},

@@ -9,7 +9,7 @@ from ..errors import apart, listed
 from ..studies.audit import Audit
 from ..system.requirements import REQUIREMENTS, Requirement, enough
 from .audit_headroom import PATHS, deciding, headroom, headroom_rows
-from .audit_text import audit_sentence, audit_warnings, reason, verdict, what_to_do
+from .audit_text import audit_sentence, audit_warnings, besides, reason, verdict, what_to_do
 from .columns import Column, definitions, tabulated, yes
 from .gearboxes import gearbox_assumptions, needed_table
 from .margin_columns import margin_value, requirement
@@ -86,12 +86,16 @@ def audit_page(
 
 def _reasons(result: Audit) -> list[Section]:
     """What is open: the picture of what fails, what the verdict rests on, and the motion."""
-    besides = [REQUIREMENTS[name].title for name in result.missed]
-    title = f"Gain margin {_deciding(result)}" if result.safe else f"What fails: gain margin {_deciding(result)}"
-    if not result.safe and "gain_margin" not in result.missed:
-        title = f"What fails: {listed(besides)}; gain margin {_deciding(result)}"
+    gain = f"ain margin {_deciding(result)}"
+    if result.safe or "gain_margin" in result.missed:  # else the picture is not of what fails
+        first = [Section(f"G{gain}" if result.safe else f"What fails: g{gain}", [headroom(result)])]
+    else:
+        names = {name for state in result.states for name in result.joints_that_miss_in(state)}
+        joints = [joint.name for joint in result.joints if joint.name in names]
+        where = paragraph(f"In the loops of {listed(joints)}, or where these move.")
+        first = [Section(f"What fails: {'; '.join(besides(result))}", [where]), Section(f"G{gain}, is enough", [headroom(result)])]
     return [
-        Section(title, [headroom(result)]),
+        *first,
         *([] if result.needed is None else [Section("Safe if the gearboxes are stiff enough", [needed_table(result, result.needed)])]),
         Section("The motion of the vibration", [hero(result.tightest, len(result.states) == 1)]),
     ]

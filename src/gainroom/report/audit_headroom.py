@@ -74,11 +74,16 @@ def deciding(result: Audit, rows: list[Row]) -> Row:
     return min([row for row in rows if short or row.name in WHOLE], key=lambda row: row.least)
 
 
+def _is_named(result: Audit) -> bool:
+    """Whether the verdict is about a factor on gains."""
+    return result.safe or "gain_margin" in result.missed
+
+
 def headroom(result: Audit) -> Html:
     """Of all gains together and of each of the tightest joints a mark per state: the worst filled, the deciding one a star."""
     every = headroom_rows(result)
     rows = every[:MOST_ROWS]
-    decides = deciding(result, every)
+    decides = deciding(result, every) if _is_named(result) else None
     known = [value for row in rows for value in row.factors.tolist() if math.isfinite(value) and value > 0]
     low, high = min([1.0, *known]), max([result.margin, *known])
     left, right = 0.75 * low, max(1.7 * min(high, WIDEST * low), 7.6 * low)  # more than a decade: ticks at 1, 2 and 5
@@ -138,10 +143,8 @@ def _title(result: Audit) -> str:
 def _caption(result: Audit, hidden: int) -> str:
     paths = any(state.margins.paths is not None for state in result.states)
     words = "Factors on kp or kd by itself count up and down: at 10 × also a tenth. " if paths else ""
-    words += (
-        "Star: what the verdict names. Dotted: factor 1, these gains; what vibrates at less is unstable. Left of the other line the margin "
-        "is too small."
-    )
+    words += "Star: what the verdict names. " if _is_named(result) else ""
+    words += "Dotted: factor 1, these gains; what vibrates at less is unstable. Left of the other line the margin is too small."
     if len(result.states) > 1:
         words += " Filled: the worst state; open: the others."
     return words + (f" {hidden} more rows with no less headroom are not drawn; the tables below have all joints." if hidden > 0 else "")

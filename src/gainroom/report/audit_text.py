@@ -9,11 +9,12 @@ import numpy as np
 from ..analysis.margin_record import PathMargins
 from ..errors import apart, at_frequency, beside, listed
 from ..studies.audit import Audit
+from ..studies.deciding_joints import joints_that_miss
 from ..studies.factors import typed_factor
 from ..studies.lowered_gains import GainsToUse
 from ..studies.state import HELD, USUAL_RATE
 from ..system.excluded_sets import ROUND_OFF
-from ..system.requirements import REQUIREMENTS, to_db
+from ..system.requirements import REQUIREMENTS, Requirement, to_db
 from .gains_to_use import gain_file
 from .gearboxes import needed_text, over_range, worst_gearboxes
 from .margin_columns import margin_value, requirement, short_text
@@ -42,8 +43,7 @@ def verdict(result: Audit) -> str:
         return f"Not safe{over}: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
     if result.safe:
         return _safe_text(result, over)
-    besides = _besides(result)
-    short = "; ".join([*([_short_of_gain(result)] if "gain_margin" in result.missed else []), *besides])
+    short = "; ".join([*([_short_of_gain(result)] if "gain_margin" in result.missed else []), *besides(result)])
     less = "; any loop rate leaves less" if result.system.control.sample_time is None else ""
     return f"Not safe{over}: {short}{less}. {_count(count, result)}{_without_inertia(result)}{_hardly_damped(result)}"
 
@@ -68,7 +68,11 @@ def _safe_text(result: Audit, over: str) -> str:
         gearboxes, more = needed_text(result)
         needs.append(gearboxes)
     if not unknown:
-        return f"Not decided{over}: all that is required holds.{_hardly_damped(result)}" if result.hardly_damped else f"Safe{over}."
+        return (
+            f"Not decided{over}: all that is required holds.{_hardly_damped(result)}"
+            if result.hardly_damped
+            else f"Safe{over}{_tightest(result)}."
+        )
     text = f"Not decided{over}: {listed(unknown)} {'are' if len(unknown) > 1 else 'is'} not given."
     only = "only if" if result.system.control.sample_time is None else "if"  # of a rate's cost only an estimate is known
     least = f" Safe {only} {' and '.join(needs)}." if needs else ""
@@ -80,7 +84,7 @@ def _needed_rate(result: Audit) -> list[str]:
     enough, lost = result.delay_with_margin, result.least_extra_delay
     if not 0 < enough < math.inf:
         return []
-    vibrates = f" (an estimate; below {digits(1 / lost, 'Hz', 3)} it vibrates)" if 0 < lost < math.inf else ""
+    vibrates = f" (estimated; below about {digits(1 / lost, 'Hz', 3)} it may vibrate)" if 0 < lost < math.inf else ""
     return [f"the loop runs at {digits(1 / enough, 'Hz', 3)} or faster{vibrates}"]
 
 
@@ -262,7 +266,7 @@ def _not_yet(result: Audit, found: GainsToUse, call: str, written: Path | None) 
     folded = f"Not yet to use: × {found.factor:.4g} on {joints}, the others as they are"
     if not rate:
         margin, extra = to_db(found.audited.tightest.limit.gain), found.audited.least_extra_delay
-        lost = f"; below about {digits(1 / extra, 'Hz', 3)} it would vibrate with these, too" if 0 < extra < math.inf else ""
+        lost = f"; below about {digits(1 / extra, 'Hz', 3)} these gains may vibrate, too" if 0 < extra < math.inf else ""
         why = f"× {found.factor:.4g} on {joints} leaves gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
         remarks = [f"Without a rate, {why}", *([] if damped else [f"{change}."])]
         return Advice("Give the loop's rate and audit again, such as:", [f"{call} --rate-hz {USUAL_RATE:.0f}{options}"], remarks, (
@@ -304,18 +308,35 @@ def _required(result: Audit) -> str:
     return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}"
 
 
-def _besides(result: Audit) -> list[str]:
-    """What there is too little of besides the gain margin, each beside what is required."""
+def besides(result: Audit) -> list[str]:
+    """What there is too little of besides the gain margin, each beside what is required, and where."""
     parts = []
     for one, needed in result.required.asked_for:
         state = result.worst_of(one)
-        value, omega = result.value_in(state, one), one.frequency(state.margins)
+        value = result.value_in(state, one)
         if one.name == "gain_margin" or one.met(needed, value):
             continue
-        short = f"{margin_value(result.required, one.name, value, False, 3)} ({one.sign} {one.text(needed)})"
-        known = f"{one.label} {short}{at_frequency(omega)}"
-        parts.append(f"the {one.title} is not known" if math.isnan(value) else known)
+        joints = joints_that_miss(state, one, needed)
+        mainly = f", mainly {listed(joints, most=2)}" if 0 < len(joints) < len(result.joints) else ""
+        parts.append(f"the {one.title} is not known" if math.isnan(value) else f"{_beside_required(result, one, needed)}{mainly}")
     return parts
+
+
+def _beside_required(result: Audit, one: Requirement, needed: float) -> str:
+    """The least that is left of a requirement, beside what is asked for, and where."""
+    state = result.worst_of(one)
+    shown = margin_value(result.required, one.name, result.value_in(state, one), False, 3)
+    where = f" in {state.contact}" if len(result.states) > 1 else ""
+    return f"{one.label} {shown} ({one.sign} {one.text(needed)}){at_frequency(one.frequency(state.margins))}{where}"
+
+
+def _tightest(result: Audit) -> str:
+    """Which requirement has least left, of gains that meet all."""
+    asked = result.required.asked_for
+    if not asked:
+        return ""
+    one, needed = max(asked, key=lambda each: each[0].shortfall(each[1], result.value_in(result.worst_of(each[0]), each[0])))
+    return f": every requirement is met; the tightest is {_beside_required(result, one, needed)}"
 
 
 def unjudged(result: Audit) -> str:

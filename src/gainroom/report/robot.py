@@ -91,8 +91,8 @@ def _deciding_title(study: RobotStudy) -> str:
     if motion is None:
         return "Vibration at the limit"
     one = REQUIREMENTS[study.decisive]
-    what, text = "What fails" if study.unmet else "What is tightest", one.text(study.least(motion.state, one.name))
-    return f"{what}: {one.label} {text} in {motion.state.title}, at {hertz(motion.limit.frequency)}"
+    what, text = "What fails" if study.unmet else "What is tightest", one.text(one.value(motion.state.margins))
+    return f"{what}: {one.label} {text} in {motion.title}, at {hertz(motion.limit.frequency)}"
 
 
 def _deciding(study: RobotStudy) -> Html:
@@ -103,7 +103,7 @@ def _deciding(study: RobotStudy) -> Html:
     what = "joints as they move where all loops together come nearest to vibration"
     if motion.joint:
         what = f"joints as they move with a disturbance of {motion.joint}, whose loop comes nearest to vibration"
-    return hero(motion.state, len(study.states) == 1, motion.limit, f"{motion.state.title}, {hertz(motion.limit.frequency)}: {what}")
+    return hero(motion.state, len(study.states) == 1, motion.limit, f"{motion.title}, {hertz(motion.limit.frequency)}: {what}")
 
 
 def _vibrations(study: RobotStudy, shown: Sequence[State]) -> list[Html]:

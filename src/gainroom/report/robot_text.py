@@ -91,6 +91,7 @@ def _verdict(study: RobotStudy) -> str:
     act = " in which the gains act" if study.immobile else ""
     act += " examined so far" if study.examined and count > 1 else ""
     every = "" if study.examined else f"{' in the one state' if act else ''}{act}" if count == 1 else f" in all {count} states{act}"
+    every += " without the robot's weight" if study.topples else ""
     unstable = sum(not state.limit.stable for state in study.states)
     at, joints = frequency_text(limit.frequency), listed(worst.limiting_joints)
     if not unstable:
@@ -126,7 +127,7 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     found = [f"{state.title}: the tasks' gains are unstable{_at_most(state.task_limit)}" for state in study.unstable_tasks]
     found += [*lost_at_usual_rate(study), *_immobile(study)]
     found += _uncontrolled(study) if in_tasks else []
-    found += [*unconfirmed(study.states), *free_joints(system)]
+    found += [*unconfirmed(study.states), *free_joints(system), *_toppling(study)]
     found += [text for gains in study.recommended for text in weight_warnings(gains) if gains.space == system.control.space]
     found += [*_not_found(study), *_undamped(study), *system.warnings]
     found += [CONTINUOUS] if study.rate_is_missing and study.at_usual_rate is None else []
@@ -204,10 +205,20 @@ def free_joints(system: System) -> list[str]:
     ]
 
 
+def _toppling(study: RobotStudy) -> list[str]:
+    """A warning where the weight, which does not count, topples the robot on the file's gains."""
+    if not study.topples:
+        return []
+    return [
+        f"with its weight the robot topples on these gains in {listed(study.topples)}: a balance controller must prevent that; "
+        "model.gravity_stiffness: true counts the weight, false says that it is compensated"
+    ]
+
+
 def _weightless(study: RobotStudy) -> list[str]:
     """A warning where gravity is left out for a standing robot."""
     robot = study.system.source
-    if robot.gravity or robot.body.base == "fixed" or not any(robot.contacts.values()):
+    if study.topples or robot.gravity or robot.body.base == "fixed" or not any(robot.contacts.values()):
         return []
     return ["gravity is left out: a standing robot has less margin at low frequencies, and may topple; set model.gravity_stiffness: true"]
 

@@ -157,7 +157,8 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
     if usual is not None and not asked.met_by(usual):
         return replace(_state_rate(call), folded=(_not_at_usual_rate(usual, asked, f"{place}{now}"), lines))
     if found.without_weight:
-        remarks.append("Found without the robot's weight: see the warning.")
+        topples = f" and the robot topples on these in {found.topples[0]}" if found.topples else ""
+        remarks.append(f"For a controller that compensates the robot's weight: with it no gains meet the requirements{topples}.")
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
     if study.raised:

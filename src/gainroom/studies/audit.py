@@ -99,6 +99,12 @@ class Audit(Analysis):
         """Every state and every joint has what is required, with all gearboxes that were looked at."""
         return (self.over is None or self.over.safe) and all(map(self.enough_in, self.states)) and all(joint.safe for joint in self.joints)
 
+    @property
+    def decided(self) -> bool:
+        """False where gains are safe only if the rate or the gearboxes, which are not known, allow it, or hardly damp the motion."""
+        given = self.system.control.sample_time is not None and not self.assumed_rigid.any()
+        return not self.safe or (given and not self.hardly_damped)
+
     def enough_in(self, state: State) -> bool:
         """Whether a state is stable and has what is required."""
         return not self.missed_in(state)

@@ -12,14 +12,12 @@ from ..system.requirements import Requirement
 from .state import STRONG, State, limiting_joints
 
 
-def joints_that_miss(state: State, one: Requirement, needed: float) -> set[str]:
-    """The joints that decide a requirement that a state misses, and all whose own loop misses it, the others as they are."""
-    names, own = state.model.joint_names, one.of_loops(state.margins)
-    deciding = deciding_joints_in(state, one.name)
-    return {
-        *deciding,
-        *(name for name, value in zip(names, [] if own is None else own.tolist(), strict=False) if not one.met(needed, value)),
-    }
+def joints_that_miss(state: State, one: Requirement, needed: float) -> tuple[str, ...]:
+    """The joints that decide a requirement that a state misses, then all whose own loop misses it, the others as they are."""
+    own = one.of_loops(state.margins)
+    values = [] if own is None else own.tolist()
+    short = [name for name, value in zip(state.model.joint_names, values, strict=False) if not one.met(needed, value)]
+    return tuple(dict.fromkeys([*deciding_joints_in(state, one.name), *short]))
 
 
 def deciding_joints_in(state: State, name: str) -> tuple[str, ...]:

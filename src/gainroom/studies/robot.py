@@ -29,11 +29,21 @@ NUMBERS = ("margins", "worst", "joints", "tasks")
 
 @dataclass(frozen=True)
 class Motion:
-    """How joints move where a margin is: in a state, `limit` with its frequency and mode; `joint`: of one loop by itself."""
+    """How joints move where a margin is: in a state, `limit` with its frequency and mode.
+
+    place   where in the uncertainty, as text; "" at the nominal values
+    joint   of one loop by itself: whose; else ""
+    """
 
     state: State
+    place: str
     limit: GainLimit
     joint: str = ""
+
+    @property
+    def title(self) -> str:
+        """Where it is."""
+        return f"{self.state.title} ({self.place})" if self.place else self.state.title
 
 
 @dataclass(frozen=True)
@@ -97,13 +107,13 @@ class RobotStudy(Analysis):
 
     @cached_property
     def decisive_motion(self) -> Motion | None:
-        """Where the requirement that decides is worst, at the nominal values; None where that is the gain limit, or has no frequency.
+        """Where the requirement that decides is worst; None where that is the gain limit, or has no frequency.
 
         All loops together: the eigenvector of L whose value is nearest to −1. One loop: S's column, the answer to what disturbs its joint.
         """
         if self.decisive not in ("phase_margin", "peak_sensitivity"):
             return None
-        state = self.worst[self.decisive]
+        state, place = self._worst_case(self.decisive)
         found, one = state.margins, REQUIREMENTS[self.decisive]
         omega = one.frequency(found)
         if not math.isfinite(omega) or omega <= 0:
@@ -115,7 +125,26 @@ class RobotStudy(Analysis):
         else:
             sensitivity, k = most_sensitive(response)
             mode, joint = sensitivity[:, k], state.model.joint_names[k]
-        return Motion(state, replace(found.limit, frequency=omega, mode=mode / mode[np.argmax(np.abs(mode))]), joint)
+        return Motion(state, place, replace(found.limit, frequency=omega, mode=mode / mode[np.argmax(np.abs(mode))]), joint)
+
+    def _worst_case(self, name: str) -> tuple[State, str]:
+        """The worst state at the place in the uncertainty where it has least left of a requirement; and that place, as text."""
+        state, place = self.worst[name], self.case_of(name)
+        for case in self.system.cases_of(state.posture, state.contact, inside=True) if place else ():
+            if case.place == place:
+                return State(case.system, case.posture, case.contact, case.model), place
+        return state, ""
+
+    @cached_property
+    def topples(self) -> tuple[str, ...]:
+        """The stable states in which the weight, of which the file does not say whether it counts, makes the joints' gains unstable."""
+        source = self.system.source
+        if source.gravity is not None or self.system.control.space == "task":
+            return ()
+        stable = [state for state in self.states if state.limit.stable]
+        models = [source.linearize(state.model.posture, state.model.contact, weight=True) for state in stable]
+        weighed = [replace(state, model=model) for state, model in zip(stable, models, strict=True) if model.gravity_stiffness is not None]
+        return tuple(state.title for state in weighed if state.moves and not state.stable)
 
     @property
     def unstable_tasks(self) -> list[State]:

@@ -13,7 +13,7 @@ namespace gainroom {
 
 struct ContactState {
     static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each channel
-    static constexpr double kNear = 0.15, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
+    static constexpr double kNear = 0.15, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0;
     static constexpr double kHigh = 10.0, kLowest = 1.1, kBelow = 0.95, kFar = 0.3;
     static constexpr double kOften = 3.0;  // counts in the time in which one becomes too old
 
@@ -63,9 +63,10 @@ struct ContactState {
     }
 
     // What is left of the last certified gain where the robot has moved on: crossings are taken to move as fast as the fastest one that was
-    // known then, times kFaster, but no less than kIdle. Nothing is left where the robot has moved by 2 kFar and the loop may be unstable at any factor.
+    // known then, times kFaster, but no less than kSlowest: another one may have come nearer. Nothing is left where the robot has moved by
+    // 2 kFar and the loop may be unstable at any factor.
     double remembered() const {
-        const double ahead = path - certified_path, speed = std::max(kIdle, kFaster * certified_speed);
+        const double ahead = path - certified_path, speed = std::max(kSlowest, kFaster * certified_speed);
         return certified_gain * std::exp(-speed * ahead) * (slow_needed ? std::max(0.0, 1.0 - 0.5 * ahead / kFar) : 1.0);
     }
 
