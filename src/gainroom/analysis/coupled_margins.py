@@ -45,8 +45,10 @@ class CurveTolerances:
 CURVES = CurveTolerances()
 
 
-def coupled_margins(loop: Loop) -> Margins:
+def coupled_margins(loop: Loop, largest: bool = True) -> Margins:
     """All margins of a loop built with build_loop, n >= 1, from its loci and from each loop's own curve.
+
+    largest   also each joint's largest gains
 
     Raises GainroomError for gains that are all zero, and where the loci cannot be followed.
     """
@@ -59,7 +61,7 @@ def coupled_margins(loop: Loop) -> Margins:
     delay = _common_delay(sweep)
     peak = max(own_peaks)
     own_heights = np.array([one.height for one in own_peaks])
-    one_loop = replace(one_loop_margins(sweep), phase_margin=own_phase, peak_sensitivity=own_heights)
+    one_loop = replace(one_loop_margins(sweep, largest), phase_margin=own_phase, peak_sensitivity=own_heights)
     disk = _disk(loop)
     certificates = [end.certificate.holds for end in (phase, delay) if end is not None]
     return Margins(
@@ -126,8 +128,8 @@ def _common_delay(sweep: Sweep) -> End | None:
     return None if longest is None else family.end(0.0, min(1.1 * longest, CURVES.longest_delay))
 
 
-def one_loop_margins(sweep: Sweep) -> OneLoop:
-    """Largest and smallest factor on one joint's gains, certified, and its largest diagonal kp and kd where it has such; no phases.
+def one_loop_margins(sweep: Sweep, largest: bool = True) -> OneLoop:
+    """Largest and smallest factor on one joint's gains, certified, and its `largest` diagonal kp and kd where it has such; no phases.
 
     All other gains stay as they are. A factor 1 + δ on joint i's gains adds δ T_ii to the determinant of the return difference, relative
     to itself, T = (I + L)⁻¹ L; a change δ of one of its diagonal gains adds δ times (I + L)⁻¹ P C e^{−sT} at (i, i), times what that
@@ -153,15 +155,17 @@ def one_loop_margins(sweep: Sweep) -> OneLoop:
         closed = np.where((np.abs(closed) > 1e-3) | (spread > 1), closed, product)
         return np.hstack([closed, -closed, *alone])
 
-    farthest = np.repeat([math.inf, 1 - CURVES.least_factor, *(math.inf for _ in units)], size)
+    # The curves of largest gains are sampled anyway: samples, and with them the last digits of factors, do not depend on what is asked for.
+    farthest = np.repeat([math.inf, 1 - CURVES.least_factor, *(math.inf if largest else 0.0 for _ in units)], size)
     found, certified = distances(sweep, curves, farthest)
     found, certified = found.reshape(-1, size), np.all(certified.reshape(-1, size), axis=0, keepdims=True)[0]
     smallest = np.where(np.isfinite(found[1]), 1 - found[1], 0.0)
-    largest = {
+    gains = {
         f"largest_{name}": np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain + more
         for name, more in zip(units, found[2:], strict=True)
+        if largest
     }
-    return OneLoop(1 + found[0], smallest, np.full(size, math.nan), certified, **largest)
+    return OneLoop(1 + found[0], smallest, np.full(size, math.nan), certified, **gains)
 
 
 def sensitivity(loop: Loop, returned: Complexes) -> Complexes:

@@ -24,14 +24,14 @@ def margins(loop: Loop) -> Margins:
     """All margins of a loop of n >= 1 joints: for one joint from the certified scan, else from the characteristic loci.
 
     The delay margin of a sampled loop that was built from its parts is exact for any fraction of a tick; that of a sampled LTI system,
-    and those listed with the crossings, count a fraction of a tick as the phase that it costs. Where kd closes on a path of its own, peak
-    sensitivities and the disk margin are not known (NaN).
+    and those listed with the crossings, count a fraction of a tick as the phase that it costs. Each joint's largest gains are not among
+    them (joint_margins). Where kd closes on a path of its own, peak sensitivities and the disk margin are not known (NaN).
     Raises GainroomError for several joints whose gains are all zero, or whose loci cannot be followed.
     """
     if loop.kd_path is not None:
         return TwoPaths(loop).margins()
     if loop.size > 1:
-        return coupled_margins(loop)
+        return coupled_margins(loop, largest=False)
     found = margins_of(loop, scan_loop(loop))
     if not found.stable:
         with suppress(GainroomError):
@@ -40,7 +40,7 @@ def margins(loop: Loop) -> Margins:
 
 
 def joint_margins(loop: Loop) -> Margins:
-    """`margins` of a loop built with build_loop, its phase margin without sign; for one joint with largest kp, kd and a counted limit.
+    """`margins` of a loop built with build_loop, its phase margin without sign; with largest kp and kd, and a counted limit of one joint.
 
     Raises GainroomError for other loops, and for gains that are all zero.
     """
@@ -52,7 +52,7 @@ def joint_margins(loop: Loop) -> Margins:
         one_loop = replace(found.one_loop, certified=gains.certified, largest_kp=gains.largest_kp, largest_kd=gains.largest_kd)
         found = replace(found, limit=limit, one_loop=one_loop)
     else:
-        found = margins(loop)
+        found = coupled_margins(loop) if loop.kd_path is None else margins(loop)
     return replace(found, phase_margin=abs(found.phase_margin))
 
 

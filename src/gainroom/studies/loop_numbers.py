@@ -27,11 +27,12 @@ def moves(loop: Loop) -> bool:
     return bool(np.any(loop.response(ANYWHERE)))
 
 
-def margins_of(loop: Loop) -> Margins:
-    """joint_margins (of one joint without its largest gains, the phase margin signed); the verdict alone where loci cannot be followed."""
+def margins_of(loop: Loop, largest: bool = False) -> Margins:
+    """`margins`, of several joints the phase margin without sign and, if so, `largest` gains; the verdict alone where loci are lost."""
     try:
         if loop.size > 1:
-            return joint_margins(loop)
+            found = joint_margins(loop) if largest else margins(loop)
+            return replace(found, phase_margin=abs(found.phase_margin))
         return margins(loop) if loop.kd_path is not None else replace(margins(loop), limit=gain_limit(loop))
     except GainroomError as error:
         return Margins.unknown(_verdict(loop, error))

@@ -94,12 +94,16 @@ class TaskStudy:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """One posture in one contact state. Where its gains act on no motion, all numbers of its loop are NaN."""
+    """One posture in one contact state. Where its gains act on no motion, all numbers of its loop are NaN.
+
+    largest_gains   whether the margins of several joints come with their largest gains, which takes a third more time
+    """
 
     system: System
     posture: str
     contact: str
     model: Any
+    largest_gains: bool = True
 
     @property
     def title(self) -> str:
@@ -125,7 +129,7 @@ class State:
     def at_usual_rate(self) -> "State":
         """The same, sampled at USUAL_RATE. Its numbers may raise GainroomError: some controllers are made for continuous time alone."""
         sampled = replace(self.system, control=replace(self.system.control, sample_time=1 / USUAL_RATE))
-        return State(sampled, self.posture, self.contact, self.model)
+        return State(sampled, self.posture, self.contact, self.model, largest_gains=False)
 
     @cached_property
     def moves(self) -> bool:
@@ -140,7 +144,7 @@ class State:
     @cached_property
     def margins(self) -> Margins:
         """Of all loops together, and of each with the other loops closed."""
-        return margins_of(self.loop) if self.moves else Margins.unknown(GainLimit.unknown(self.model.size))
+        return margins_of(self.loop, self.largest_gains) if self.moves else Margins.unknown(GainLimit.unknown(self.model.size))
 
     @cached_property
     def worst(self) -> Worst:
@@ -214,7 +218,7 @@ class State:
         terms = self.controller.terms()
         kp, kd = ([own_gain(terms.get(powers, 0.0), k, size) for k in range(size)] for powers in ((0, 0), (1, 0)))
         nothing = np.full(size, math.nan)
-        complete = size > 1 or self.loop.kd_path is not None or not margins.stable
+        complete = (size > 1 and self.largest_gains) or self.loop.kd_path is not None or not margins.stable
         one_loop = margins.one_loop if complete else joint_margins(self.loop).one_loop
         with np.errstate(divide="ignore"):
             load = 1 / np.diagonal(_at_least_zero(model.link_inverse_inertia, model.link_inverse_inertia))
@@ -266,7 +270,7 @@ class State:
 
 def state_of(system: System, posture: str, contact: str, numbers: tuple[str, ...] = ()) -> State:
     """One posture in one contact state; see analyze in analysis.py."""
-    state = State(system, posture, contact, system.source.linearize(posture, contact))
+    state = State(system, posture, contact, system.source.linearize(posture, contact), not numbers or "joints" in numbers)
     where = f": posture {posture!r}, contact {contact!r}" if posture else ""
     with computable(system.source.name + where):
         for name in ("moves", *numbers):
