@@ -73,7 +73,7 @@ def keeps_margins(loop: Loop, modal: ModalLoop, gain: float, delay: float) -> bo
     """
     if modal.torque is not None or not _begins_at_rest(loop, modal) or (delay > 0 and modal.last is not None):
         return False
-    return all(_excludes(modal, factor, later) for factor, later in ((gain, 0.0), (1.0, delay)) if factor > 1 or later > 0)
+    return _excludes(modal, gain, 0.0) and (delay == 0 or _excludes(modal, 1.0, delay))
 
 
 def _excludes(modal: ModalLoop, gain: float, delay: float) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..system.linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Complexes, Floats, distinct
 from ..system.loop import Loop
 
 
@@ -76,8 +76,9 @@ class Boundary:
 
     def eigen(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """Eigenvalues (k, r) and vectors (k, r, r) of the core of L at omega (k,), computed once for frequencies that are the same."""
-        distinct, place = np.unique(omega, return_inverse=True)
-        values, vectors = np.linalg.eig(self.core(distinct))
+        each = distinct(omega)
+        values, vectors = np.linalg.eig(self.core(each))
+        place = np.searchsorted(each, omega)
         return values[place], vectors[place]
 
     def mode(self, omega: float, value: complex) -> Complexes:

@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(arguments)
     leave_when_asked()
     open_closed()
-    gc.set_threshold(20_000)  # modules and schemas are no garbage: looking for it every 700 objects takes a twentieth of a short command
+    gc.set_threshold(200_000)  # modules and schemas are no garbage: looking for it every 700 objects takes a tenth of a short command
     # Threads of a search take and free large arrays: with a heap for each, what one has freed another does not get, which is a quarter of
     # the memory of a humanoid's study. Only glibc knows this setting.
     with suppress(OSError, AttributeError, TypeError):

@@ -1,6 +1,7 @@
 """gainroom app: the interactive page."""
 
 import contextlib
+import gc
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -97,6 +98,8 @@ def app(
 
     with opened() as bench:
         pass  # what is written stands before the page is served
+    gc.freeze()  # what is loaded stays; from here on garbage is looked for in small portions, so that no answer waits for it
+    gc.set_threshold(20_000)
     serve(bench, host, port, ready, examples() if file is None else {})
     return 0
 

@@ -4,7 +4,6 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -51,6 +50,8 @@ def side_by_side(jobs: Sequence[Job[Found]], progress: Callable[[], None]) -> li
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if min(cores, len(jobs)) < 2:
         return [job(progress) for job in jobs]
+    from concurrent.futures import ThreadPoolExecutor  # loads logging
+
     stopped = threading.Event()
 
     def told() -> None:

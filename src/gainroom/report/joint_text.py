@@ -1,22 +1,25 @@
 """The results for one joint in sentences, for terminal and page."""
 
 import math
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..design.joint_gains import COST_ACCURACY, Recommendation
-from ..design.uncertainty_cost import KnownExactly
+from ..design.joint_gains import COST_ACCURACY
 from ..errors import apart, at_frequency, case_text, frequency_text, listed
 from ..studies.analysis import Analysis
 from ..studies.deciding_joints import deciding_joints_in
-from ..studies.joint import JointStudy
 from ..studies.state import USUAL_RATE
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of, to_db
 from ..system.system import System
 from .margin_columns import short_text, stable_but
 from .number_format import digits, own_gains, plane_names, quantity
+
+if TYPE_CHECKING:
+    from ..design.joint_gains import Recommendation
+    from ..design.uncertainty_cost import KnownExactly
+    from ..studies.joint import JointStudy
 
 AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
 NOT_EVERYWHERE = "Not safe: stable nominally, but not everywhere in the uncertainty ranges"
@@ -43,7 +46,7 @@ EXACT = "stiffness, damping and delay are taken as exact; give uncertainty: for 
 RULE = "10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2, J the motor inertia."
 
 
-def sentence(study: JointStudy) -> str:
+def sentence(study: "JointStudy") -> str:
     """Verdict, unmet requirements, and the gain limit with its frequency; first of all, where the uncertainty makes it unstable."""
     if study.unstable_at:
         return f"{NOT_EVERYWHERE}: unstable at {case_text(study.unstable_at)}.{_instead(study)}"
@@ -69,13 +72,13 @@ def sentence(study: JointStudy) -> str:
     return f"Not safe: unstable. No lower gains in the same ratio are stable.{_instead(study)}"
 
 
-def _instead(study: JointStudy) -> str:
+def _instead(study: "JointStudy") -> str:
     if study.recommended is None:
         return ""
     return f" Use {', '.join(f'{name} {digits(value)}' for name, value, _ in own_gains(study.recommended.controller))}."
 
 
-def cause(study: JointStudy) -> str:
+def cause(study: "JointStudy") -> str:
     """What sets the gain limit, in a sentence; "" where there is no limit."""
     return _cause(study.limit.gain, study.without).strip() if 0 < study.limit.gain < math.inf else ""
 
@@ -207,7 +210,7 @@ def _change(rise: float) -> str:
     return f"{abs(rise):.3g} dB {'more' if rise >= 0 else 'less'}"
 
 
-def recommended_text(recommended: Recommendation) -> str:
+def recommended_text(recommended: "Recommendation") -> str:
     """The requirement that limits the recommended kp, and the largest kp without each."""
     without = {name: f"without the {title_of(name)}" for name in recommended.costs}
     kp_name, _ = plane_names(recommended.controller)
@@ -222,7 +225,7 @@ def recommended_text(recommended: Recommendation) -> str:
     return " ".join([*parts, f"Checked: {recommended.certificate}."])
 
 
-def uncertainty_cost_text(study: JointStudy, ranked: bool) -> str:
+def uncertainty_cost_text(study: "JointStudy", ranked: bool) -> str:
     """What the uncertainty costs in gain; `ranked`: and what to measure better, which takes longer. Empty where that has no meaning."""
     exact, cost = study.exact, study.cost
     if exact is None or cost is None:
@@ -242,12 +245,12 @@ def uncertainty_cost_text(study: JointStudy, ranked: bool) -> str:
     return f"{text} Measure the {first.name.replace('_', ' ')} better first: {best} ({words})."
 
 
-def gains_by(study: JointStudy, known: KnownExactly) -> bool:
+def gains_by(study: "JointStudy", known: "KnownExactly") -> bool:
     """Whether more is recommended once that is known exactly."""
     return known.kp > 0 and (study.recommended is None or known.kp >= (1 + COST_ACCURACY) * study.recommended.kp)
 
 
-def rise_text(study: JointStudy, known: KnownExactly) -> str:
+def rise_text(study: "JointStudy", known: "KnownExactly") -> str:
     """Of the recommended kp: "22 % more", "2.4 times as much", "nothing more"; of none at all "instead of none"."""
     if not gains_by(study, known):
         return "nothing more"
@@ -257,7 +260,7 @@ def rise_text(study: JointStudy, known: KnownExactly) -> str:
     return f"{100 * (rise - 1):.0f} % more" if rise < 2 else f"{digits(rise, '', 3)} times as much"
 
 
-def warnings(study: JointStudy) -> tuple[str, ...]:
+def warnings(study: "JointStudy") -> tuple[str, ...]:
     """What changes the decision, each with its remedy; first what takes certainty from the verdict, as only the first are always shown."""
     system, found = study.system, study.margins
     joint, control = system.source, system.control
@@ -285,7 +288,7 @@ def warnings(study: JointStudy) -> tuple[str, ...]:
     return tuple(said)
 
 
-def notes(study: JointStudy) -> tuple[str, ...]:
+def notes(study: "JointStudy") -> tuple[str, ...]:
     """What else a user should know."""
     said, system, found = [], study.system, study.margins
     if not found.stable and 0 < study.limit.gain < math.inf:

@@ -2,28 +2,29 @@
 
 import math
 from collections.abc import Iterable
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
 from ..errors import at_frequency, frequency_text, listed
 from ..studies.analysis import THIS_STATE
-from ..studies.robot import RobotStudy
 from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
 from ..system.system import System
 from .joint_text import CONTINUOUS, NOT_EVERYWHERE, at_usual_rate_text, lost_at_usual_rate, verdict_text, vibration_starts
 from .joint_text import severity as severity_of_loops
 from .margin_columns import short_text
-from .recommended_gains import weight_warnings
+
+if TYPE_CHECKING:
+    from ..studies.robot import RobotStudy
 
 EXACT_ROBOT = "stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range"
 COUPLED = 0.95
 """Coupling is reported where the limit is below this part of the tightest joint's own."""
 
 
-def sentence(study: RobotStudy) -> str:
+def sentence(study: "RobotStudy") -> str:
     """Verdict, unmet requirements, gain limit with frequency, state and joints, cost of coupling; more where something is not known.
 
     Of a study that lacks some of the robot's states (Analysis.examined) it begins with which it is of, unless one of them is unstable.
@@ -39,12 +40,12 @@ def sentence(study: RobotStudy) -> str:
     return " ".join(parts)
 
 
-def severity(study: RobotStudy) -> Literal["good", "warn", "bare"]:
+def severity(study: "RobotStudy") -> Literal["good", "warn", "bare"]:
     """As joint_text has it; not decided, too, where only tasks that the controller does not close are unstable."""
     return "warn" if study.unstable_tasks and not study.unmet else severity_of_loops(study)
 
 
-def _so_far(study: RobotStudy, text: str) -> str:
+def _so_far(study: "RobotStudy", text: str) -> str:
     """A verdict that claims no more than is known: "safe" is said of all states alone, "not safe" of the first that is not."""
     if not study.examined or not study.stable:
         return text
@@ -52,7 +53,7 @@ def _so_far(study: RobotStudy, text: str) -> str:
     return f"{'In' if study.examined == THIS_STATE else 'So far, in'} {study.examined}: {text[0].lower()}{text[1:]}"
 
 
-def _lost_tasks(study: RobotStudy) -> list[str]:
+def _lost_tasks(study: "RobotStudy") -> list[str]:
     """A sentence where the file's tasks, which its controller does not close, are unstable in some states."""
     lost = study.unstable_tasks
     if not lost:
@@ -64,7 +65,7 @@ def _lost_tasks(study: RobotStudy) -> list[str]:
     return [f"The file's tasks, closed in place of the joints' gains, are UNSTABLE{where}{_at_most(worst.task_limit)}."]
 
 
-def _weak_tasks(study: RobotStudy) -> list[str]:
+def _weak_tasks(study: "RobotStudy") -> list[str]:
     """A sentence where those tasks are stable, but have less gain margin than is required."""
     state = study.weakest_tasks
     if state is None or state.task_limit is None:
@@ -75,7 +76,7 @@ def _weak_tasks(study: RobotStudy) -> list[str]:
     return [f"If you run the file's task-space gains instead (control.space: task): {short} in {state.title}{at}."]
 
 
-def _uncontrolled(study: RobotStudy) -> list[str]:
+def _uncontrolled(study: "RobotStudy") -> list[str]:
     """Motions that no task controls: the verdict on the tasks counts them as at rest."""
     found: dict[str, list[str]] = {}
     for state in study.states:
@@ -85,7 +86,7 @@ def _uncontrolled(study: RobotStudy) -> list[str]:
     return [f"In {listed(titles)} {text}, so they drift. Add a posture task." for text, titles in found.items()]
 
 
-def _verdict(study: RobotStudy) -> str:
+def _verdict(study: "RobotStudy") -> str:
     worst, count = study.tightest, len(study.states)
     limit, where = worst.limit, f"in {worst.title}"
     act = " in which the gains act" if study.immobile else ""
@@ -121,33 +122,41 @@ def _coupling(state: State) -> str:
     return f" One joint alone suggests {alone:.3g} ×; coupling lowers it." if state.limit.gain < COUPLED * alone else ""
 
 
-def warnings(study: RobotStudy) -> tuple[str, ...]:
+def warnings(study: "RobotStudy") -> tuple[str, ...]:
     """What changes the decision, each with its remedy."""
     system, in_tasks = study.system, study.system.control.space == "task"
     found = [f"{state.title}: the tasks' gains are unstable{_at_most(state.task_limit)}" for state in study.unstable_tasks]
     found += [*lost_at_usual_rate(study), *_immobile(study)]
     found += _uncontrolled(study) if in_tasks else []
     found += [*unconfirmed(study.states), *free_joints(system), *_toppling(study)]
-    found += [text for gains in study.recommended for text in weight_warnings(gains) if gains.space == system.control.space]
+    found += _of_weights(study, own_space=True)
     found += [*_not_found(study), *_undamped(study), *system.warnings]
     found += [CONTINUOUS] if study.rate_is_missing and study.at_usual_rate is None else []
     return tuple(dict.fromkeys(found))
 
 
-def notes(study: RobotStudy) -> tuple[str, ...]:
+def notes(study: "RobotStudy") -> tuple[str, ...]:
     """What else a user should know."""
     system, in_tasks = study.system, study.system.control.space == "task"
     found = _unstable(study)
     found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
     found += [] if in_tasks else _uncontrolled(study)
-    found += [text for gains in study.recommended for text in weight_warnings(gains) if gains.space != system.control.space]
+    found += _of_weights(study, own_space=False)
     found += _weightless(study)
     found += [CONTINUOUS] if study.rate_is_missing and study.at_usual_rate is not None else []
     found += [] if system.uncertainty.names else [EXACT_ROBOT]
     return tuple(dict.fromkeys(found))
 
 
-def _not_found(study: RobotStudy) -> list[str]:
+def _of_weights(study: "RobotStudy", own_space: bool) -> list[str]:
+    """Of recommended gains in the file's own space, or in others."""
+    from .recommended_gains import weight_warnings  # loads the search for gains, which audits do without
+
+    space = study.system.control.space
+    return [text for gains in study.recommended for text in weight_warnings(gains) if (gains.space == space) is own_space]
+
+
+def _not_found(study: "RobotStudy") -> list[str]:
     """A warning where no gains for every state were found."""
     missing = [gains for gains in study.recommended if gains.space == study.system.control.space and gains.everywhere is None]
     return [f"no gains were found that meet the requirements in every state; nearest: {gains.nearest['']}" for gains in missing]
@@ -161,14 +170,14 @@ def unconfirmed(states: Iterable[State]) -> list[str]:
     return [f"{listed(names)}: a limit or margin is an estimate: its roots could not be counted on both sides, so it is not certified"]
 
 
-def _unstable(study: RobotStudy) -> list[str]:
+def _unstable(study: "RobotStudy") -> list[str]:
     limit = study.tightest.limit
     if limit.stable or not 0 < limit.gain < math.inf:
         return []
     return [f"these gains are unstable: multiply all of them by less than {limit.gain:.3g}"]
 
 
-def _immobile(study: RobotStudy) -> list[str]:
+def _immobile(study: "RobotStudy") -> list[str]:
     """The states without a verdict, and those whose verdict has no limit."""
     found = []
     if study.immobile:
@@ -205,7 +214,7 @@ def free_joints(system: System) -> list[str]:
     ]
 
 
-def _toppling(study: RobotStudy) -> list[str]:
+def _toppling(study: "RobotStudy") -> list[str]:
     """A warning where the weight, which does not count, topples the robot on the file's gains."""
     if not study.topples:
         return []
@@ -215,7 +224,7 @@ def _toppling(study: RobotStudy) -> list[str]:
     ]
 
 
-def _weightless(study: RobotStudy) -> list[str]:
+def _weightless(study: "RobotStudy") -> list[str]:
     """A warning where gravity is left out for a standing robot."""
     robot = study.system.source
     if study.topples or robot.gravity or robot.body.base == "fixed" or not any(robot.contacts.values()):
@@ -223,7 +232,7 @@ def _weightless(study: RobotStudy) -> list[str]:
     return ["gravity is left out: a standing robot has less margin at low frequencies, and may topple; set model.gravity_stiffness: true"]
 
 
-def _undamped(study: RobotStudy) -> list[str]:
+def _undamped(study: "RobotStudy") -> list[str]:
     """Warnings about springs without damping."""
     actuators = study.system.source.actuators
     if not np.any(np.isfinite(actuators.stiffness) & (actuators.damping == 0)):

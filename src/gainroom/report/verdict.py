@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..design.joint_gains import Recommendation
 from ..studies.analysis import Analysis
-from ..studies.joint import JointStudy
 from ..studies.state import USUAL_RATE
 from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, tabulated, yes
@@ -22,6 +20,8 @@ from .page import advice_box as advised
 from .robot_units import joint_units
 
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
+    from ..design.joint_gains import Recommendation
+    from ..studies.joint import JointStudy
     from ..studies.robot import RobotStudy
 
 STATE = "posture/contact"
@@ -105,7 +105,7 @@ class ToUse(Advice):
 NOTHING = ToUse("")
 
 
-def joint_to_use(study: JointStudy, call: str = "gainroom joint FILE") -> ToUse:
+def joint_to_use(study: "JointStudy", call: str = "gainroom joint FILE") -> ToUse:
     """Recommended gains; where the file has no rate and they fail at the usual one, those recommended there. `call`: see robot_to_use."""
     best, usual, asked = study.recommended, study.at_usual_rate, study.system.requirements
     if best is None:
@@ -126,7 +126,7 @@ def joint_to_use(study: JointStudy, call: str = "gainroom joint FILE") -> ToUse:
     return ToUse(_heading(study, _place(call, "control")), lines, remarks, margins=best.worst)
 
 
-def _over_ranges(found: Recommendation) -> list[str]:
+def _over_ranges(found: "Recommendation") -> list[str]:
     """What is to be said of gains for uncertain values: whether they are proved, and what they were searched with to spare."""
     spare = f"They were searched with {100 * found.reserve:g} % of each requirement to spare, as the proof over the ranges needs some."
     return [*([] if found.proved else ["Searched over the uncertainty, not proved."]), *([spare] if found.reserve > 0.01 else [])]

@@ -300,7 +300,7 @@ class Audit(Analysis):
     @cached_property
     def delay_with_margin(self) -> float:
         """[s] of extra delay that leaves the required gain margin, over all states; NaN where it is not known, or is not there at all."""
-        return float(np.min([extra_delay(state.loop.scaled(self.margin)) for state in self.states]))
+        return float(np.min([extra_delay(state.loop, self.margin) for state in self.states]))
 
     def of_gains(self, gains: Mapping[str, Floats]) -> "Audit":
         """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes: of a range the worst of now."""

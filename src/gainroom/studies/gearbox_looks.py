@@ -93,16 +93,30 @@ class Looks:
 
     def at(self, omega: Floats | float, ratio: Floats | float) -> Gearboxes:
         """Every varied gearbox at Ω and a damping ratio, each a number for all or (n,)."""
+        gearboxes = self.gearboxes(omega, ratio)
+        limbs = self.limbs_with(*gearboxes)
+        least = float(np.min([limb.first_factor for own in limbs for limb in own]))
+        safe = enough(least, self.required.gain_margin or 1.0) and all(
+            self.holds(state, own, *gearboxes) for state, own in zip(self.states, limbs, strict=True)
+        )
+        return Gearboxes(float(omega) if np.ndim(omega) == 0 else math.nan, *gearboxes, least, safe)
+
+    def safe_at(self, omega: Floats | float, ratio: Floats | float) -> bool:
+        """Whether they are safe there: without their limit where that is proved."""
+        limbs = self.limbs_with(*self.gearboxes(omega, ratio))
+        return all(limb.keeps(self.required) for own in limbs for limb in own) or self.at(omega, ratio).safe
+
+    def gearboxes(self, omega: Floats | float, ratio: Floats | float) -> tuple[Floats, Floats]:
+        """(n,) stiffness and damping of all joints."""
         joints = self.system.source.quantities
         stiffness = np.where(self.varied, self.inertia * np.square(omega), joints["stiffness"])
-        damping = np.where(self.varied, 2 * np.asarray(ratio) * self.inertia * omega, joints["damping"])
-        states = self.states_with(stiffness, damping)
-        limbs = [[_Limb(limb.regeared(stiffness[joints], damping[joints])) for joints, limb in own] for own in self.parts]
-        least = float(np.min([limb.first_factor for own in limbs for limb in own]))
-        safe = enough(least, self.required.gain_margin or 1.0) and all(map(self.holds, states, limbs))
-        return Gearboxes(float(omega) if np.ndim(omega) == 0 else math.nan, stiffness, damping, least, safe)
+        return stiffness, np.where(self.varied, 2 * np.asarray(ratio) * self.inertia * omega, joints["damping"])
 
-    def holds(self, state: State, limbs: "Sequence[_Limb]") -> bool:
+    def limbs_with(self, stiffness: Floats, damping: Floats) -> "list[list[_Limb]]":
+        """The limbs of every state with these gearboxes, (n,) each."""
+        return [[_Limb(limb.regeared(stiffness[joints], damping[joints])) for joints, limb in own] for own in self.parts]
+
+    def holds(self, state: State, limbs: "Sequence[_Limb]", stiffness: Floats, damping: Floats) -> bool:
         """Whether a state has what is required: proved limb by limb, else by samples; a delay margin near what is needed is certified.
 
         A root on the boundary is one limb's, so that the delay margin is what those have of which it is not proved.
@@ -110,18 +124,14 @@ class Looks:
         doubtful = [limb for limb in limbs if not limb.keeps(self.required)]
         if not doubtful:
             return True
-        found = judged_margins(StateCase(state.posture, state.contact, "", state.system, state.model), near=True)
+        system = self.system.with_values(stiffness=stiffness, damping=damping)
+        model = replace(state.model, stiffness=stiffness, damping=damping)
+        found = judged_margins(StateCase(state.posture, state.contact, "", system, model), near=True)
         needed = self.required.delay_margin
         if needed is None or not found.delay_margin < LATE * needed:
             return self.required.met_by(found)
         others = self.required.met_by(replace(found, delay_margin=math.inf))
         return others and all(enough(extra_delay(limb.loop), needed) for limb in doubtful)
-
-    def states_with(self, stiffness: Floats, damping: Floats) -> list[State]:
-        """All states with these gearboxes, (n,) each."""
-        system = self.system.with_values(stiffness=stiffness, damping=damping)
-        models = [replace(state.model, stiffness=stiffness, damping=damping) for state in self.states]
-        return [State(system, state.posture, state.contact, model) for state, model in zip(self.states, models, strict=True)]
 
 
 def lowest_point(x: Sequence[float], limits: Sequence[float]) -> float | None:

@@ -38,10 +38,13 @@ def margins_of(loop: Loop, largest: bool = False) -> Margins:
         return Margins.unknown(_verdict(loop, error))
 
 
-def extra_delay(loop: Loop) -> float:
-    """The delay margin [s], inf where no extra delay makes the loops vibrate; NaN for unstable ones, and where it is not known."""
+def extra_delay(loop: Loop, factor: float = 1.0) -> float:
+    """The delay margin [s], inf where no extra delay makes the loops vibrate; NaN for unstable ones, and where it is not known.
+
+    factor   on all gains
+    """
     try:
-        return delay_margin(loop) if loop.size > 1 else margins_of(loop).delay_margin
+        return delay_margin(loop, factor) if loop.size > 1 else margins_of(loop.scaled(factor)).delay_margin
     except GainroomError:
         return math.nan
 

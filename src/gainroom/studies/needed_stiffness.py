@@ -170,7 +170,7 @@ class _Search:
         parts[0, 1] = 1 - parts[0, 0]
         for _ in range(SEARCH.tries):
             ratios = self.ratio * SEARCH.damped ** parts[1]
-            if all(self.looks.at(least.resonance * SEARCH.spread**one, ratio).safe for one, ratio in zip(parts[0], ratios, strict=True)):
+            if all(self.looks.safe_at(least.resonance * SEARCH.spread**one, ratio) for one, ratio in zip(parts[0], ratios, strict=True)):
                 return least
             least = self.look(SEARCH.raised * least.resonance)
             if not least.safe:

@@ -6,7 +6,6 @@ Numbers are written with ten digits: recommended gains lie at the edge of what i
 import json
 import re
 from collections.abc import Mapping, Sequence
-from xml.sax.saxutils import quoteattr
 
 from ...errors import GainroomError, printable
 from .gain_record import Gain
@@ -128,6 +127,8 @@ def copied_gains(gains: Mapping[str, Gain], form: str, margins: str, rate: float
         return ros2_control_text(gains, header, rate)
     if any(gain.ki for gain in gains.values()):
         raise GainroomError("mjcf: a position actuator holds no integral gain; ros2_control and yaml do")
+    from xml.sax.saxutils import quoteattr  # loads urllib, http and ssl
+
     lines = [
         f"  <position joint={quoteattr(name)} kp={quoteattr(number_text(gain.kp))} kv={quoteattr(number_text(gain.kd))}/>\n"
         for name, gain in gains.items()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .arrays import Booleans, Complexes, Floats, Integers
+from .arrays import Booleans, Complexes, Floats, Integers, distinct
 
 
 def parts_of(coupled: Booleans) -> list[Integers]:
@@ -11,7 +11,7 @@ def parts_of(coupled: Booleans) -> list[Integers]:
     both = coupled | coupled.T | np.eye(len(coupled), dtype=bool)
     while not np.array_equal(least := np.where(both, label, len(label)).min(axis=1, initial=len(label)), label):
         label = least
-    parts = [np.flatnonzero(label == one) for one in np.unique(label)]
+    parts = [np.flatnonzero(label == one) for one in distinct(label)]
     return [np.array([part for part in parts if len(part) == size]) for size in sorted({len(part) for part in parts})]
 
 
