@@ -221,7 +221,7 @@ def test_without_weight_where_it_cannot_be_kept():
 
 @pytest.mark.slow
 def test_where_the_file_counts_the_weight_no_gains_are_found_without_it():
-    """The same robot: gains on which it topples are no answer then, and where nothing is said of the weight they are not called safe alone."""
+    """The same robot: gains on which it topples are no answer then, and are not called safe alone where nothing is said of the weight."""
     spec = parse_robot(SOLO, "solo")
     found = safe(recommend_robot(spec))
     counted = recommend_robot(replace(spec, source=replace(spec.source, gravity=True)))
