@@ -89,9 +89,14 @@ def listed(names: Sequence[str], word: str = "and", most: int = 4) -> str:
     return f" {word} ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
+THIN = "\u202f"
+"""A narrow space that does not break: between groups of three digits."""
+
+
 def frequency_text(omega: float) -> str:
     """A frequency [rad/s] in a sentence, in Hz."""
-    return f"{omega / (2 * math.pi):.3g} Hz"
+    text = f"{omega / (2 * math.pi):.3g}"
+    return (f"{float(text):,.0f}".replace(",", THIN) if "e+" in text else text) + " Hz"
 
 
 def at_frequency(omega: float, before: str = " at ") -> str:

@@ -5,14 +5,13 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from ..errors import QUANTITIES, apart
+from ..errors import QUANTITIES, THIN, apart
 
 if TYPE_CHECKING:
     from ..system.gain_path import GainPath
 
 LARGE = 0.5
 """[rad, m] from which on distances are not in thousandths."""
-THIN = "\u202f"
 UNITS = re.compile(r"(?<=[≥≤]) (?=[\d−])|(?<=[\d∞]) (?=(?:×|%|°|dB|k?Hz|m?rad|m?s|m?m|kg|N·m[^\s,;)]*)(?![\w·/]))")
 """The spaces at which no line is broken: between number and unit, and before what is required. page.js has the same."""
 

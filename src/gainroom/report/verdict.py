@@ -162,7 +162,7 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
     if study.raised:
-        remarks.append(f"Some rise by more than {study.tightest.limit.gain:.3g} ×: that limit is for all gains by one factor.")
+        remarks.append(f"Some are more than {study.tightest.limit.gain:.3g} × the present ones: that limit is of one factor on all gains.")
     return ToUse(_heading(study, f"{_place(call, place)}{now}"), lines, remarks, margins=study.margins_to_use)
 
 

@@ -77,7 +77,7 @@ class RobotStudy(Analysis):
     def raised(self) -> bool:
         """Whether a recommended gain is above the limit of all gains by one factor times what it is now."""
         limit, control = self.tightest.limit, self.system.control
-        if self.to_use is None or control.space != "joint" or not math.isfinite(limit.gain):
+        if self.to_use is None or control.space != "joint" or not (limit.stable and math.isfinite(limit.gain)):
             return False
         found = self.to_use[1]
         pairs = ((found.kp, getattr(control.controller, "kp", None)), (found.kd, getattr(control.controller, "kd", None)))
