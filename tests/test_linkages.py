@@ -9,8 +9,10 @@ from numpy.testing import assert_allclose
 
 import gainroom as gr
 from gainroom.cli import main
+from gainroom.files.robot_yaml import load_robot_system
 from gainroom.robot import load_model
 from gainroom.robot.contact import Contact
+from gainroom.robot.held_followers import followers, on_a_tree
 from gainroom.robot.linearize import gravity_stiffness, linearize
 from gainroom.simulation.mujoco_model import build_mujoco
 from mujoco_loops import in_mujoco, posed, projected, solid
@@ -373,3 +375,34 @@ control: {type: pd, space: joint, feedback: motor, kp: 100, kd: 3, sample_rate_h
     error = capsys.readouterr().err
     assert "closed loops" in error
     assert len(error.strip().splitlines()) == 1
+
+
+def test_on_a_tree_followers_are_held_where_they_stand(tmp_path):
+    """Sweeps and simulations carry no joints that follow others: the same numbers as with the joint locked there, and a warning."""
+    finger = '<joint name="finger" axis="0 0 1" armature="0.01"/>' + solid(0.3, 0.02, "0.1 0 0")
+    twin = '<joint name="twin" axis="0 0 1"/>' + solid(0.2, 0.02, "0.1 0 0.05")
+    gripper = f"""<mujoco><compiler angle="radian"/><worldbody><body name="palm"><joint name="wrist" axis="0 1 0" armature="0.02"/>
+{solid(0.5, 0.05, "0 0 0.1")}<body name="f" pos="0 0 0.2">{finger}</body><body name="t" pos="0 0.1 0.2">{twin}</body></body></worldbody>
+<equality><joint name="gear" joint1="twin" joint2="finger" polycoef="0.1 -1 0 0 0"/></equality>
+<actuator><motor joint="wrist"/><motor joint="finger"/></actuator></mujoco>"""
+    (tmp_path / "gripper.xml").write_text(gripper, "utf-8")
+    text = """model: {file: gripper.xml, base: fixed}
+joints: {default: {motor_inertia: 0.02, stiffness: 200, damping: 0.2}%s}
+drive: {bandwidth: 3000, delay_ms: 2}
+postures: {open: {wrist: 0.3, finger: 0.5}}
+contacts: {free: []}
+control: {type: pd, feedback: motor, kp: 3, kd: 0.2, sample_rate_hz: 1000}
+"""
+    found = {}
+    for name, locked in (("moving", ""), ("locked", ", locked: [twin]")):
+        path = tmp_path / f"{name}.yaml"
+        path.write_text(text % locked, "utf-8")
+        system = load_robot_system(path)
+        found[name] = on_a_tree(system)
+        assert found[name].source.body.locked.keys() == {"twin"}
+        assert sum("joints that follow others" in one for one in found[name].warnings) == (name == "moving")
+        assert followers(system.source.body) == (("twin",) if name == "moving" else ())
+    here, there = (each.source.linearize("open", "free") for each in found.values())
+    assert found["moving"].source.body.locked["twin"] == pytest.approx(0.1 - 0.5)
+    assert_allclose(here.link_inverse_inertia, there.link_inverse_inertia, rtol=1e-12)
+    assert main(["verify", str(tmp_path / "moving.yaml"), "--json"]) == 0

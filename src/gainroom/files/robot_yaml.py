@@ -118,9 +118,9 @@ def _posture(name: str, patterns: Mapping[str, float], path: Path, base: Base | 
     """One posture, with links whose locked joints stand as it says."""
     angles = _angles(name, patterns, body.every_joint)
     held = {joint: angles.pop(joint) for joint in body.locked if joint in angles}
-    if any(held[joint] != body.locked[joint] for joint in held):
-        joints = file.joints
-        body = load_model(path, base, joints.locked, posture_for_locked=held, locked_key=LOCKED, passive=joints.passive)
+    if any(held[joint] != body.locked[joint] for joint in held) or (body.led and angles):
+        joints, place = file.joints, {**angles, **held}
+        body = load_model(path, base, joints.locked, posture_for_locked=place, locked_key=LOCKED, passive=joints.passive)
         body = _carrying(file, body)
     return Posture(body, angles)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import GainroomError, first_of_many, nearest
 from ..robot.body import RigidBody
+from ..robot.held_followers import on_a_tree
 from ..robot.name_patterns import compile_pattern
 from ..robot.robot import Robot
 from ..studies.sweep.plan import SweepPlan, drawn
@@ -50,9 +51,10 @@ SAMPLES = 10_000
 
 def sweep_plan(system: System, options: SweepOptions) -> SweepPlan:
     """Raises GainroomError for what contradicts itself, or the robot."""
-    robot = system.source
-    if not isinstance(robot, Robot):
-        raise GainroomError(f"{robot.name}: a sweep needs a robot: a robot.yaml, or a model")
+    if not isinstance(system.source, Robot):
+        raise GainroomError(f"{system.source.name}: a sweep needs a robot: a robot.yaml, or a model")
+    known, system = system.warnings, on_a_tree(system)
+    robot, held = system.source, tuple(text for text in system.warnings if text not in known)
     robot.body.require_tree(f"{robot.name}: sweep")
     ways = {"--samples": options.samples is not None, "--grid": bool(options.grid), "--trajectory": options.trajectory is not None}
     asked = [name for name, given in ways.items() if given]
@@ -71,7 +73,7 @@ def sweep_plan(system: System, options: SweepOptions) -> SweepPlan:
         postures, notes = _logged(robot, options.trajectory, options.posture)
     else:
         postures = _postures(robot, options)
-    return SweepPlan(system, postures, contacts, drawn(system, options.draws, options.seed), options.seed, notes=notes)
+    return SweepPlan(system, postures, contacts, drawn(system, options.draws, options.seed), options.seed, notes=(*held, *notes))
 
 
 def _logged(robot: Robot, path: Path, posture: str) -> tuple[Postures, tuple[str, ...]]:

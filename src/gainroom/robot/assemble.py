@@ -108,6 +108,7 @@ def assemble(
             name: (description.springs[name], _damping(model, name)) for name in idle if description.springs.get(name, 0.0) > 0
         },
         looped=frozenset(_looped(description) | _geared(description, held)),
+        led=frozenset(name for name, one in _leaders(description).items() if name in held and one.leader not in held),
     )
     _require_mass(body)
     return body
@@ -227,7 +228,7 @@ def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float], pas
         if joint.nv == 1:
             put_position(q, joint, positions.get(name, 0.0))
     rotors = _rotors(model)
-    reduced = _hold(pin, model, [model.getJointId(name) for name in held], q)
+    reduced = hold(pin, model, [model.getJointId(name) for name in held], q)
     # Pinocchio adds the armature to the mass matrix; here it is the motors' own degree of freedom.
     armature = np.zeros(reduced.nv)
     for name in (*reduced.names[1 : 1 + floats(reduced)], *passive):
@@ -243,7 +244,7 @@ def _rotors(model: Any) -> Floats:
     return np.array(model.armature) + np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
 
 
-def _hold(pin: Any, model: Any, joints: list[int], q: Floats) -> Any:
+def hold(pin: Any, model: Any, joints: list[int], q: Floats) -> Any:
     """buildReducedModel, which gives up where a joint has the name of a link."""
     renamed = pin.Model(model)
     mark = LINK

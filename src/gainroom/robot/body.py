@@ -58,6 +58,7 @@ class RigidBody:
     base          "fixed" | "floating"
     armature      (n,) reflected rotor inertia given in the file, 0 where none [kg m²; kg if prismatic]
     locked        joints of the file that are held, and at which position [rad; m if prismatic]
+    led           those of them that would follow a joint that moves: they are held where it puts them in the posture
     notes         warnings about how the file was read
     bones         joints of the file, parents first, for a drawing
     springs       of joints that have one of their own, beside the gearbox, by name [N m/rad; N/m if prismatic]
@@ -85,6 +86,7 @@ class RigidBody:
     passive_springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     looped: frozenset[str] = frozenset()
     payload: Mapping[str, float] = field(default_factory=dict)
+    led: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
         return f"RigidBody({self.source!r}: {self.size} joints, {len(self.locked)} locked, {self.base} base)"
@@ -97,7 +99,9 @@ class RigidBody:
     def require_tree(self, owner: str) -> None:
         """Raise GainroomError, which begins with `owner`, where there are closed loops or passive joints."""
         if self.linkages or self.passive:
-            what = first_of_many([*(linkage.name for linkage in self.linkages), *(f"passive joint {name!r}" for name in self.passive)])
+            named = {name for name in self.passive if any(repr(name) in linkage.name for linkage in self.linkages)}
+            passive = [f"passive joint {name!r}" for name in self.passive if name not in named]
+            what = first_of_many([*(linkage.name for linkage in self.linkages), *passive])
             them = "closed loops, passive joints and joints that follow others"
             raise GainroomError(f"{owner}: {them} are not carried here, and this robot has {what}; lock joints that do not matter")
 

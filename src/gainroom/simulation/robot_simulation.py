@@ -10,6 +10,7 @@ from ..analysis.margin_record import Margins
 from ..design.judged_cases import judged_margins
 from ..errors import GainroomError, named
 from ..robot.ground import Footing, footings
+from ..robot.held_followers import on_a_tree
 from ..robot.model import RobotModel
 from ..robot.name_patterns import select
 from ..robot.robot import RobotScenario
@@ -63,7 +64,7 @@ class RobotSimulation(SimulationSpec):
         """Raises GainroomError for continuous control, and where the scenario does not fit."""
         require_sampled(system)
         with named(system.source.name):
-            return cls._of(system)
+            return cls._of(on_a_tree(system))
 
     @classmethod
     def _of(cls, system: System) -> "RobotSimulation":

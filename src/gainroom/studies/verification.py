@@ -14,6 +14,7 @@ from ..analysis.gain_limit import GainLimit, gain_limit
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
 from ..robot.body import library
+from ..robot.held_followers import on_a_tree
 from ..simulation.onset import FURTHEST_FACTOR, Onset, linear_onset, linear_vibration
 from ..simulation.robot_onset import robot_onset
 from ..simulation.robot_run import RobotStepper
@@ -119,7 +120,8 @@ def verify(system: System, progress: Progress = untold, effects: Sequence[str] =
     Raises GainroomError for continuous control, and where the gains act on no motion in any state.
     """
     require_sampled(system)
-    warnings: list[str] = []
+    known, system = system.warnings, on_a_tree(system)
+    warnings = [text for text in system.warnings if text not in known]
     asked = system.requirements.needed.get("gain_margin")
     jobs = [
         (job, asked if space.control.space == system.control.space else None) for space in spaces(system) for job in _jobs(space, warnings)

@@ -45,7 +45,7 @@ class SweepPlan:
 
     places   where in the system's uncertainty: NOMINAL first, then the draws
     chunk    postures of a task, but for the last; 0: as suits their number
-    notes    on where the postures come from: what of a log was left out
+    notes    what of the robot, or of the log that the postures come from, was left out
     """
 
     system: System
