@@ -92,7 +92,7 @@ def _reasons(result: Audit) -> list[Section]:
     else:
         names = {name for state in result.states for name in result.joints_that_miss_in(state)}
         joints = [joint.name for joint in result.joints if joint.name in names]
-        where = paragraph(f"In the loops of {listed(joints)}, or where these move.")
+        where = paragraph(f"Joints whose loops miss it, or that move there: {listed(joints)}.")
         first = [Section(f"What fails: {'; '.join(besides(result))}", [where]), Section(f"G{gain}, is enough", [headroom(result)])]
     return [
         *first,
