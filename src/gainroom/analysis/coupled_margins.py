@@ -46,9 +46,7 @@ CURVES = CurveTolerances()
 
 
 def coupled_margins(loop: Loop, largest: bool = True) -> Margins:
-    """All margins of a loop built with build_loop, n >= 1, from its loci and from each loop's own curve.
-
-    largest   also each joint's largest gains
+    """All margins of a loop built with build_loop, n >= 1, from its loci and each loop's own curve; also `largest` gains of each joint.
 
     Raises GainroomError for gains that are all zero, and where the loci cannot be followed.
     """
@@ -115,9 +113,7 @@ def common_phase(sweep: Sweep) -> End | None:
 def delay_margin(loop: Loop, factor: float = 1.0) -> float:
     """The smallest extra delay [s] in all loops, n > 1, at which a stable set vibrates, inf where none is; NaN for an unstable one.
 
-    factor   on all gains: quicker than of `loop.scaled(factor)` where the margins of `loop` are known without its largest gains
-
-    Raises GainroomError as coupled_margins does.
+    With all gains times `factor`: quicker than of `loop.scaled(factor)` after coupled_margins without largest gains. Raises as that does.
     """
     sweep = Sweep.of_scaled(loop, factor)
     if sweep.unstable(1.0) != 0 or sweep.full:
@@ -164,11 +160,8 @@ def one_loop_margins(sweep: Sweep, largest: bool = True) -> OneLoop:
     found, certified = distances(sweep, curves, farthest)
     found, certified = found.reshape(-1, size), np.all(certified.reshape(-1, size), axis=0, keepdims=True)[0]
     smallest = np.where(np.isfinite(found[1]), 1 - found[1], 0.0)
-    gains = {
-        f"largest_{name}": np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain + more
-        for name, more in zip(units, found[2:], strict=True)
-        if largest
-    }
+    now = {name: np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain for name in units if largest}
+    gains = {f"largest_{name}": gain + more for (name, gain), more in zip(now.items(), found[2:], strict=largest)}
     return OneLoop(1 + found[0], smallest, np.full(size, math.nan), certified, **gains)
 
 

@@ -6,8 +6,8 @@ A gearbox is told by the resonance Ω of its motor with the output held, and by 
 
 A resonance of height k_d μ²/B, μ = J_L/(J_m + J_L), does harm where delay has turned its phase: so neither more stiffness nor more of it
 with the same B need be safer. Looks along Ω are taken in steps that turn that phase by a sixth of a turn at most, and, where the limit
-dips, at its lowest point. Each look is a certified gain limit and, where that is enough, the margins of sampled curves; between looks
-nothing is proved.
+dips, at its lowest point. Each look is a certified gain limit and, where that is enough, a proof that gain and delay margins are kept, else
+the margins of sampled curves; between looks nothing is proved.
 """
 
 import math
@@ -56,7 +56,7 @@ class Gearboxes:
     resonance    Ω [rad/s] where all have the same; else NaN
     stiffness, damping   (n,) of all joints [N m/rad], [N m s/rad]; inf and 0 where a joint stays rigid
     gain_limit   the factor on all gains at which vibration starts, in the worst state; NaN: not known
-    safe         all that is required is there in every state, by sampled curves
+    safe         all that is required is there in every state, proved or by sampled curves
     """
 
     resonance: float
