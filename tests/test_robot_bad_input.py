@@ -220,7 +220,8 @@ def test_what_doubles_cannot_hold_is_one_line(folder: Path, capsys: pytest.Captu
     def singular(loop: gr.Loop) -> None:
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr("gainroom.studies.loop_numbers.joint_margins", singular)
+    for name in ("margins", "joint_margins"):
+        monkeypatch.setattr(f"gainroom.studies.loop_numbers.{name}", singular)
     for told in (robot_line(capsys, folder, ROBOT), audit_line(capsys, folder)):
         assert "cannot be computed (singular matrix): look for values that are many orders of magnitude off" in told
 

@@ -454,7 +454,7 @@ def test_audit_without_a_limit_is_not_safe(folder: Path, monkeypatch: pytest.Mon
     def lost(loop: gr.Loop) -> None:
         raise gr.GainroomError("the loci could not be followed")
 
-    monkeypatch.setattr("gainroom.studies.loop_numbers.joint_margins", lost)
+    monkeypatch.setattr("gainroom.studies.loop_numbers.margins", lost)
     result = audited(folder)
     assert result.tightest.limit.stable
     assert not result.safe
