@@ -86,14 +86,16 @@ def audit_page(
 
 def _reasons(result: Audit) -> list[Section]:
     """What is open: the picture of what fails, what the verdict rests on, and the motion."""
-    gain = f"ain margin {_deciding(result)}"
-    if result.safe or "gain_margin" in result.missed:  # else the picture is not of what fails
-        first = [Section(f"G{gain}" if result.safe else f"What fails: g{gain}", [headroom(result)])]
+    gain, picture = _deciding(result), [headroom(result)]
+    if result.safe:
+        first = [Section(f"Gain margin {gain}", picture)]
+    elif "gain_margin" in result.missed:
+        first = [Section(f"What fails: gain margin {gain}", picture)]
     else:
         names = {name for state in result.states for name in result.joints_that_miss_in(state)}
         joints = [joint.name for joint in result.joints if joint.name in names]
         where = paragraph(f"Joints whose loops miss it, or that move there: {listed(joints)}.")
-        first = [Section(f"What fails: {'; '.join(besides(result))}", [where]), Section(f"G{gain}, is enough", [headroom(result)])]
+        first = [Section(f"What fails: {'; '.join(besides(result))}", [where]), Section(f"Gain margin {gain}, is enough", picture)]
     return [
         *first,
         *([] if result.needed is None else [Section("Safe if the gearboxes are stiff enough", [needed_table(result, result.needed)])]),

@@ -67,12 +67,10 @@ def _safe_text(result: Audit, over: str) -> str:
         unknown.append("the gearboxes' stiffness")
         gearboxes, more = needed_text(result)
         needs.append(gearboxes)
+    if result.decided:
+        return f"Safe{over}{_tightest(result)}."
     if not unknown:
-        return (
-            f"Not decided{over}: all that is required holds.{_hardly_damped(result)}"
-            if result.hardly_damped
-            else f"Safe{over}{_tightest(result)}."
-        )
+        return f"Not decided{over}: all that is required holds.{_hardly_damped(result)}"
     text = f"Not decided{over}: {listed(unknown)} {'are' if len(unknown) > 1 else 'is'} not given."
     only = "only if" if result.system.control.sample_time is None else "if"  # of a rate's cost only an estimate is known
     least = f" Safe {only} {' and '.join(needs)}." if needs else ""

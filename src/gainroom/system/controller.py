@@ -151,10 +151,6 @@ class Controller:
         numerator = sum((float(np.reshape(gain, ())) * part for gain, part in zip(terms.values(), parts, strict=True)), np.zeros(1))
         return self.shaping(sample_time) * ratio(numerator, denominator, sample_time)
 
-    def on_joints(self, size: int, sample_time: float | None) -> list[Factored]:
-        """D of each of `size` joints, of gains on the diagonal."""
-        return self.apart({powers: np.diagonal(gain) for powers, gain in self._matrices(size).items()}, sample_time)
-
     def apart(self, terms: Terms, sample_time: float | None) -> list[Factored]:
         """With this controller's filters, D of each of m channels whose gains are `terms`, each (m,)."""
         parts, denominator = self._polynomials(terms, sample_time)
