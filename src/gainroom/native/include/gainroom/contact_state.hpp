@@ -13,12 +13,13 @@ namespace gainroom {
 
 struct ContactState {
     static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each channel
-    static constexpr double kNear = 0.15, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0;
+    static constexpr double kNear = 0.15, kLeast = 0.02, kFaster = 3.0;
     static constexpr double kHigh = 10.0, kLowest = 1.1, kBelow = 0.95, kFar = 0.3;
     static constexpr double kOften = 3.0;  // counts in the time in which one becomes too old
 
     ContactState(const TrackedLoop& loop, std::size_t index)
-        : number(index), slow_needed(loop.slowest() < loop.lowest()), farthest(loop.farthest()), posture(loop.posture_size()) {
+        : number(index), slow_needed(loop.slowest() < loop.lowest()), farthest(loop.farthest()), slowest_speed(loop.slowest_speed()),
+          posture(loop.posture_size()) {
         const std::size_t most = loop.channels() + kSpare;
         pool.reserve(most);
         for (std::size_t k = 0; k < most; k++) pool.emplace_back(loop.mode_size());
@@ -28,13 +29,14 @@ struct ContactState {
 
     std::size_t number;
     bool slow_needed;
-    double farthest;  // of `reach`
+    double farthest, slowest_speed;  // of `reach`, of crossings
     std::vector<double> posture;  // at which the crossings are
     std::vector<TrackedCrossing> pool;
     std::vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
     std::size_t count = 0;
     PhaseSweep sweep;  // the count under way, where `sweeping`
-    bool sweeping = false;
+    bool sweeping = false, looking = false;      // looking: a search goes along with it
+    bool sweep_after_slow = false;               // whether the slow count held as it began
     double sweep_from = 0.0, owed = 0.0;       // the path at its first slice; slices that ticks have left over
     double rate = 0.0, length = 40.0;          // of the path, per tick; slices of the last count
     int missed = 0, agreed = 0;  // counts in a row that did not agree, that did
@@ -42,6 +44,8 @@ struct ContactState {
     bool begun = false, searching = false;
     double path = 0.0;                         // how far the robot has moved in all
     double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
+    bool counted_after_slow = false;            // of that count, see `slow_holds`
+    double unforeseen = 0.0, unforeseen_at = 0.0;  // how fast a crossing has come below the last count, the path at which it was found
     PhaseSweep slow;             // of frequencies below `lowest`, while `slowing`: its factor is high, kHigh times the lowest crossing
     bool slowing = false, loose = false;  // loose: it found that the loop is not stable at low factors
     double slow_from = 0.0, slow_length = 300.0, slow_factor = kHigh;
@@ -53,20 +57,30 @@ struct ContactState {
 
     // How fast a crossing is taken to move at most, in ln g along the path: three times as fast as it has moved lately, unless that is more
     // than any motion can do to it.
-    static double speed(const TrackedCrossing& one) { return std::max(kSlowest, std::min(one.spread, kFaster * one.speed)); }
+    double speed(const TrackedCrossing& one) const { return std::max(slowest_speed, std::min(one.spread, kFaster * one.speed)); }
+
+    // How fast unknown ones have come lately.
+    double surprise() const { return unforeseen * std::exp(unforeseen_at - path); }
+
+    // A crossing that the last count did not know has been found at `gain`.
+    void surprised(double gain) {
+        if (!(gain < counted && path > counted_from)) return;
+        unforeseen = std::max(std::log(counted / gain) / (path - counted_from), surprise());
+        unforeseen_at = path;
+    }
 
     // Of an unknown one: as the fastest known one up to the factor of the last count. Above it a pair about to merge moves without bound.
     double speed() const {
-        double most = kSlowest;
+        double most = std::max(slowest_speed, kFaster * surprise());
         for (std::size_t k = 0; k < count && (k == 0 || order[k]->gain < counted); k++) most = std::max(most, speed(*order[k]));
         return most;
     }
 
-    // What is left of the last certified gain where the robot has moved on: crossings are taken to move as fast as the fastest one that was
-    // known then, times kFaster, but no less than kSlowest: another one may have come nearer. Nothing is left where the robot has moved by
-    // 2 kFar and the loop may be unstable at any factor.
-    double remembered() const {
-        const double ahead = path - certified_path, speed = std::max(kSlowest, kFaster * certified_speed);
+    // What is left of the last certified gain where the robot has moved on, by `left` farther than crossings have been followed: they are taken to move
+    // as fast as the fastest one that was known then, times kFaster, but no less than `slowest_speed`: another one may have come nearer. Nothing is
+    // left where the robot has moved by 2 kFar and the loop may be unstable at any factor.
+    double remembered(double left) const {
+        const double ahead = path + left - certified_path, speed = std::max(slowest_speed, kFaster * certified_speed);
         return certified_gain * std::exp(-speed * ahead) * (slow_needed ? std::max(0.0, 1.0 - 0.5 * ahead / kFar) : 1.0);
     }
 
@@ -85,9 +99,14 @@ struct ContactState {
         return lowest.converged && lowest.clear && lowest.seen_at == path && holds(counted, counted_from) && slow_holds();
     }
 
-    // The same of the slow count, which does not outlast kFar of the path, however high its factor was: crossings may come from infinity and from 0.
-    bool slow_holds(double often = 1.0) const {
-        return !slow_needed || (slow_counted > order[0]->gain && often * (path - slow_counted_from) < slow_reach());
+    // The same of the slow count. The other count must have begun when it held already: else a crossing may have gone from its frequencies to those
+    // of the other count between them.
+    bool slow_holds() const { return !slow_needed || (counted_after_slow && slow_tells()); }
+
+    // Whether the slow count tells about the lowest crossing here: not beyond kFar of the path, however high its factor was, as crossings may come from
+    // infinity and from 0.
+    bool slow_tells(double often = 1.0) const {
+        return slow_counted > order[0]->gain && often * (path - slow_counted_from) < slow_reach();
     }
     double slow_reach() const { return std::min(std::log(slow_counted / order[0]->gain) / speed(), kFar); }
 
@@ -95,7 +114,7 @@ struct ContactState {
     bool slow_turn(bool odd) const {
         if (!slow_needed || count == 0) return false;
         if (!holds(counted, counted_from)) return loose && odd;
-        return !slow_holds() || (odd && (slowing || !slow_holds(kOften)));
+        return !slow_tells() || (odd && (slowing || !slow_tells(kOften)));
     }
 
     // Where something crosses above the lowest crossing only, the next one is below that.
@@ -113,6 +132,13 @@ struct ContactState {
         loose = crossed && clear < kLowest;
         if (loose) slow_counted = 0.0;
         slow_factor = std::max(std::min(clear, slow_factor), kLowest);
+    }
+
+    // Where the loop is not stable at low factors.
+    void loosen() {
+        loose = true;
+        slowing = false;
+        slow_counted = 0.0;
     }
 
     // Whether a count at `factor`, begun at the path `from`, tells about the lowest crossing here.

@@ -32,7 +32,9 @@ protected:
         for (std::size_t k = 0; k < state.count; k++) trial_.speed = std::max(trial_.speed, state.order[k]->speed);
         for (std::size_t k = 0; k < state.count; k++)
             if (known_.doubles(state, *state.order[k], trial_, work)) return;
-        if (independent(state)) known_.keep(state, trial_);
+        if (!independent(state)) return;
+        state.surprised(trial_.gain);
+        known_.keep(state, trial_);
     }
 
     CrossingSet& known_;

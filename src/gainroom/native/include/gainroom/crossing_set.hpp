@@ -37,7 +37,7 @@ public:
                 for (std::size_t m = 1; m < state.count; m++) {
                     TrackedCrossing& one = *state.order[m];
                     const double left = state.path - one.seen_at;
-                    const double off = std::max(ContactState::speed(one) * left, one.converged ? 0.0 : kRough);
+                    const double off = std::max(state.speed(one) * left, one.converged ? 0.0 : kRough);
                     const bool may_be_lowest = one.gain * (1.0 - off) < state.order[0]->gain;
                     if ((left > 2.0 * kLate || may_be_lowest) && !follow(state, m, false, work)) m--;  // another one is in its place
                 }
@@ -92,6 +92,7 @@ public:
 
 private:
     static constexpr double kForgets = 0.95, kDouble = 1e-5;  // see arrange, moved, doubles
+    static constexpr double kPassed = 1.2;  // of `lowest`
     static constexpr double kLate = 0.06;    // a path along which a crossing is left; twice as long at most
     static constexpr double kStride = 0.1;   // work of a further stride, also where no crossing is known
     static constexpr double kRough = 0.01;  // a gain that has been followed roughly is nearer than this
@@ -200,8 +201,11 @@ private:
 
     double highest_omega() const { return loop_.sample_time() > 0.0 ? kPi / loop_.sample_time() : 1e9; }
 
-    static void drop(ContactState& state, std::size_t k) {
-        if (state.order[k]->gain < state.counted) state.counted = 0.0;  // the count relied on it
+    // One that could not be followed has a gain that says nothing: that of before counts as well.
+    void drop(ContactState& state, std::size_t k) {
+        const TrackedCrossing& one = *state.order[k];
+        if (one.omega < kPassed * loop_.lowest()) state.slow_counted = 0.0;  // it may have gone where the slow count says that nothing crosses
+        if (std::min(one.gain, one.gain_before) < state.counted) state.counted = 0.0;  // the count relied on it
         std::rotate(state.order.begin() + long(k), state.order.begin() + long(k) + 1, state.order.begin() + long(state.count));
         state.count--;
     }

@@ -65,6 +65,8 @@ public:
 
     double farthest() const override { return 0.6; }
     double followed() const override { return 2.0; }
+    // As far as `distance` is, |g μ| changes by that about, and those of the count by more than the lowest crossing's: 1 to 1.6 in its logarithm.
+    double slowest_speed() const override { return 1.25; }
 
     // Of W, as PostureChange has it, and of the damping, relative to the larger of both: as far as that is there is a way of finitely many strides.
     double distance(const double* before, const double* now) override {
@@ -140,6 +142,14 @@ public:
         return sum;
     }
 
+    // Where eigenvalues of two directions meet, as near singular postures, they part as a pair, one of them upwards, within hardly any motion. Damping
+    // keeps them below the axis, the less so the lower the frequency: so it is seen here first.
+    bool leads_slowly(const double* posture, double gain) override {
+        matrix_.evaluate(posture, slowest_, false);
+        gain_ = gain;
+        return find_eigenvalues() && leading();
+    }
+
     // Eigenvalues above the negative half of the axis may have come across it, or are about to; those above the positive half came across that, or
     // the count is not 0.
     double clear_gain() override {
@@ -161,6 +171,19 @@ public:
             if (end == lowest_) break;
         }
         return end;
+    }
+
+    // Of the damping: symmetric gains take energy out.
+    bool one_sided(const double* posture) override {
+        const double* damping = posture + posture_size() - size_ * size_;
+        double apart = 0.0, whole = 0.0;
+        for (std::size_t i = 0; i < size_; i++)
+            for (std::size_t j = 0; j < size_; j++) {
+                const double one = damping[i * size_ + j], off = one - damping[j * size_ + i];
+                apart += off * off;
+                whole += one * one;
+            }
+        return apart > kOneSided * kOneSided * whole;
     }
 
     bool has_poles() const override { return true; }
@@ -188,6 +211,7 @@ private:
     static constexpr double kPace = 1.1;   // of ω, from one look to the next
     static constexpr double kBelow = 0.9;  // of `leading`
     static constexpr double kSlow = 0.003, kSmooth = 0.9, kLong = 0.4;  // of the first corner of the plant; steps up to there
+    static constexpr double kOneSided = 0.7;  // |D − Dᵀ|/|D|, of which √2 is the most there can be
     static constexpr double kDefinite = 1e-6;                    // of a pivot
     static constexpr double kWeak = 1e-6, kNever = 0.9;          // |g μ| that does not turn the phase, or never becomes 1 at lower g
     static constexpr double kRough = 1e-3, kResidual = 1e-6, kTurned = 1e-3, kNear = 1e-4;  // of steps; kNear: of a resonance's width

@@ -33,8 +33,8 @@ struct TrackedCrossing {
 
     // A start at a place, with a mode that is to be filled in.
     void begin(double at, double factor) {
-        omega = at;
-        gain = factor;
+        omega = omega_before = at;
+        gain = gain_before = factor;
         factored = 0;
         stride = 0.0;
         clear = has_beside = false;
@@ -87,6 +87,8 @@ public:
     // How far above the lowest crossing, as a share of it, the unstable roots are counted at most, and up to which factor of it others are followed.
     virtual double farthest() const { return 0.2; }
     virtual double followed() const { return 1.4; }
+    // How fast a crossing that is not known is taken to move at least, |d ln g| along the path.
+    virtual double slowest_speed() const { return 0.5; }
 
     // How far a robot has moved from the posture `before` to `now`; not finite where one of them is none.
     virtual double distance(const double* before, const double* now) = 0;
@@ -110,6 +112,10 @@ public:
     virtual double clear_until(const double*, double omega, double) { return omega; }
     // Up to which factor nothing crosses where `phase` was last, and nothing is near; of the frequencies below `lowest`.
     virtual double clear_gain() { return std::numeric_limits<double>::infinity(); }
+    // Whether at `slowest` all that turns the phase at a factor lies where it does in a loop that is stable at low factors.
+    virtual bool leads_slowly(const double*, double) { return true; }
+    // Whether gains act on each other one way, so that a crossing may come from far away within hardly any motion.
+    virtual bool one_sided(const double*) { return false; }
     // Whether it has the plant's poles.
     virtual bool has_poles() const { return false; }
     // Above every resonance of the plant [rad/s].

@@ -77,8 +77,9 @@ public:
             const double room = room_for(state);
             work_ += room;
             count(state, room);
+            if (state.slow_needed && state.count > 0 && !loop_.leads_slowly(state.posture.data(), state.order[0]->gain)) state.loosen();
         }
-        return answer(state, arrived);
+        return answer(state, arrived, arrived ? 0.0 : known_.distance(state, posture));
     }
 
     // Whether the last tick has left time for `prepare`.
@@ -136,13 +137,17 @@ private:
                 continue;
             }
             if (!state.sweeping) {
-                if (state.searching) search_.begin(state);
+                const bool one_sided = loop_.one_sided(state.posture.data());
+                state.slowest_speed = (one_sided ? State::kFaster : 1.0) * loop_.slowest_speed();
+                state.looking = state.searching || one_sided;
+                if (state.looking) search_.begin(state);
                 state.sweep_from = state.path;
+                state.sweep_after_slow = state.slow_needed && state.count > 0 && state.slow_tells();
                 state.sweeping = state.sweep.begin(loop_, state.posture.data(), state.next_factor()) == PhaseSweep::State::running;
                 continue;
             }
             const PhaseSweep::State now = state.sweep.advance(loop_, state.posture.data());
-            if (state.searching) spent += search_.look(state);
+            if (state.looking) spent += search_.look(state);
             if (now == PhaseSweep::State::running) continue;
             state.sweeping = false;
             state.length = double(state.sweep.slices());
@@ -177,6 +182,7 @@ private:
             state.searching = false;
             state.counted = factor;
             state.counted_from = state.sweep_from;
+            state.counted_after_slow = state.sweep_after_slow;
             state.lengthen();
             state.empty_below = expected == 0 ? factor : 0.0;
             if (state.count == 0) state.seek = std::min(1.5 * factor, settings_.highest);
@@ -192,7 +198,8 @@ private:
         if (state.searching) state.seek = factor;
     }
 
-    Limit answer(State& state, bool arrived) {
+    // At the posture, or `left` before it.
+    Limit answer(State& state, bool arrived, double left) {
         Limit limit;
         if (state.count > 0) {
             limit.gain = state.order[0]->gain;
@@ -203,7 +210,7 @@ private:
             state.certify(limit.gain, tick_);
             limit.safe_gain = (1.0 - kCertain) * limit.gain;
         } else if (state.certified_at >= 0) {
-            limit.safe_gain = kShrunk * state.remembered();
+            limit.safe_gain = kShrunk * state.remembered(left);
         } else if (!state.slow_needed) {
             limit.safe_gain = without_evidence(Flag::fine).safe_gain;
         }
