@@ -9,11 +9,11 @@ TYPE_CHECKING = False  # as typing has it, which takes a third of the way to `ga
 if TYPE_CHECKING:
     from typing import Any
 
-    from .analysis.gain_limit import GainLimit as GainLimit
     from .analysis.gain_limit import gain_limit as gain_limit
     from .analysis.gain_region import PDRegion as PDRegion
     from .analysis.gain_region import pd_region as pd_region
-    from .analysis.margins import Margins as Margins
+    from .analysis.margin_record import GainLimit as GainLimit
+    from .analysis.margin_record import Margins as Margins
     from .analysis.margins import joint_margins as joint_margins
     from .analysis.margins import margins as margins
     from .analysis.stability import Roots as Roots
@@ -75,9 +75,10 @@ _HOME = {
     "system.loop": ("Loop", "build_loop", "loop_from"),
     "system.closed_loop": ("closed_loop", "ClosedLoop"),
     "analysis.stability": ("is_stable", "rightmost_roots", "Roots"),
-    "analysis.margins": ("margins", "Margins", "joint_margins"),
+    "analysis.margins": ("margins", "joint_margins"),
     "analysis.gain_region": ("pd_region", "PDRegion"),
-    "analysis.gain_limit": ("gain_limit", "GainLimit"),
+    "analysis.gain_limit": ("gain_limit",),
+    "analysis.margin_record": ("Margins", "GainLimit"),
     "design.joint_gains": ("recommend_pd", "Recommendation"),
     "system.requirements": ("Requirements",),
     "system.uncertainty": ("Uncertainty",),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.every_loop import EveryLoop
-from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import GainLimit
 from ..analysis.part_plane import PartPlane
 from ..analysis.part_requirements import required_columns, unread
 from ..analysis.stability import rightmost_roots

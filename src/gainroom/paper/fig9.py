@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
-from ..analysis.margins import Margins, margins
+from ..analysis.margin_record import Margins
+from ..analysis.margins import margins
 from ..system.loop import Loop, build_loop
 from ..system.requirements import from_db, to_db
 from .joints import DRIVE, GAINS, RATIO, joint_with_load, rigid

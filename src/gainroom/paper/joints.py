@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from ..analysis.gain_limit import GainLimit, gain_limit
+from ..analysis.gain_limit import gain_limit
+from ..analysis.margin_record import GainLimit
 from ..system.controller import PD
 from ..system.drive import Drive
 from ..system.loop import Loop, build_loop

@@ -7,7 +7,8 @@ from functools import cache
 from scipy.optimize import root_scalar
 
 from ..analysis.gain_region import PDRegion, pd_region
-from ..analysis.margins import PhaseCrossing, margins
+from ..analysis.margin_record import PhaseCrossing
+from ..analysis.margins import margins
 from ..analysis.stability import is_stable
 from ..system.controller import PD
 from ..system.loop import build_loop

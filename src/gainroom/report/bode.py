@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..analysis.margins import Margins
+from ..analysis.margin_record import Margins
 from ..studies.joint import JointStudy
 from ..system.linear.arrays import Complexes, Floats, distinct
 from ..system.loop import Loop

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..analysis.crossings import scan
 from ..analysis.gain_region import PDRegion
-from ..analysis.margins import Margins
+from ..analysis.margin_record import Margins
 from ..studies.joint import JointStudy
 from ..system.linear.arrays import Floats
 from ..system.requirements import to_db

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..analysis.margins import Margins
+from ..analysis.margin_record import Margins
 from ..errors import case_text
 from ..simulation.step_response import StepResponse, step_response
 from ..studies.joint import JointStudy

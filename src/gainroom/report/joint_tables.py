@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ..analysis.margins import Margins
+from ..analysis.margin_record import Margins
 from ..studies.joint import JointStudy
 from ..system.requirements import REQUIREMENTS, to_db
 from ..system.system import System

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import GainLimit
 from ..errors import listed
 from ..studies.state import State
 from ..system.requirements import REQUIREMENTS, Requirements

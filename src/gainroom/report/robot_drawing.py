@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import GainLimit
 from ..robot.model import RobotModel
 from ..studies.state import State, limiting_joints, strongest_first
 from . import style

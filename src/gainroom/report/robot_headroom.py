@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import GainLimit
 from ..errors import listed
 from ..studies.analysis import Analysis
 from ..studies.state import State, by_headroom

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import GainLimit
 from ..robot.model import RobotModel
 from ..studies.state import State, limiting_joints
 from ..system.linear.arrays import Floats, Integers

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import GainLimit
 from ..errors import at_frequency, frequency_text, listed
 from ..studies.analysis import THIS_STATE
 from ..studies.state import State, task_headroom

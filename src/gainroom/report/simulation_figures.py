@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import GainLimit
 from ..simulation import Run
 from ..simulation.robot_run import RobotRun
 from ..simulation.robot_simulation import RobotSimulation

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import GainLimit
 from ..errors import at_frequency, beside, frequency_text, listed, printable
 from ..simulation.simulation_spec import SimulationSpec
 from ..studies.oscillation import EXACT, MUJOCO

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import GainLimit
 from ..analysis.stability import rightmost_roots
 from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, rows_after, vibration, windows
 from ..simulation.run_record import Run

@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..analysis.gain_limit import GainLimit
-from ..analysis.margin_record import Margins
+from ..analysis.margin_record import GainLimit, Margins
 from ..design.joint_gains import rounded_down
 from ..errors import GainroomError
 from ..simulation.oscillation import Vibration

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..analysis.gain_limit import GainLimit, gain_limit
+from ..analysis.gain_limit import gain_limit
+from ..analysis.margin_record import GainLimit
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
 from ..robot.body import library

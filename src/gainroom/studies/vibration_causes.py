@@ -18,8 +18,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..analysis.gain_limit import GainLimit, gain_limit
-from ..analysis.margins import Margins, margins
+from ..analysis.gain_limit import gain_limit
+from ..analysis.margin_record import GainLimit, Margins
+from ..analysis.margins import margins
 from ..analysis.stability import rightmost_roots
 from ..identification.record import Record
 from ..identification.recorded_oscillation import TORQUES, RecordedOscillation
