@@ -66,8 +66,8 @@ def simulator_assumptions(result: SimulatorAudit) -> tuple[str, ...]:
     notes = [*result.assumed, *ASSUMED]
     if any(result.audit.system.source.contacts[state.contact] for state in result.states):
         notes.append(HELD)
-    if result.without_rotor:
-        names = listed(result.without_rotor)
+    if result.armature_differs:
+        names = listed(result.armature_differs)
         notes.append(f"the simulator has the file's armature, which is not the motor inertia, on {names}: or give --armature motor")
     if any(joint.ki for joint in result.audit.joints):
         notes.append("ki is left out in the simulator")

@@ -78,7 +78,7 @@ class SimulatorAudit:
         return ("simulator" if simulator > robot else "robot"), min(simulator, robot), max(simulator, robot)
 
     @property
-    def without_rotor(self) -> tuple[str, ...]:
+    def armature_differs(self) -> tuple[str, ...]:
         """Joints whose armature in the simulator is not their motor's inertia."""
         source = self.audit.system.source
         if self.simulator.armature == "motor":

@@ -205,7 +205,7 @@ class _Tree:
         """Armature and damping, the same for each velocity of the joint: of a free one they are in no axes of their own."""
         model, record = self.mujoco_model, self.result.joints[joint]
         velocities = slice(record.idx_v, record.idx_v + record.nv)
-        self._put("armature", velocities, _rotor(model, index))
+        self._put("armature", velocities, _armature(model, index))
         self._put("damping", velocities, _damping(model, index))
 
     def _put(self, name: str, at: slice, value: float) -> None:
@@ -289,7 +289,7 @@ def _not_counted(model: Any) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _rotor(model: Any, joint: int) -> float:
+def _armature(model: Any, joint: int) -> float:
     """Armature of a joint, and of the actuators on it, which stand before their gear [kg m²; kg if prismatic]."""
     return float(model.dof_armature[model.jnt_dofadr[joint]]) + _actuators_part(model, "armature", joint)
 
