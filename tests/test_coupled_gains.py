@@ -9,7 +9,7 @@ import pytest
 
 import gainroom as gr
 from draws import draw_plant, seeds
-from gainroom.analysis.coupled_margins import delay_margin
+from gainroom.analysis.coupled_margins import coupled_delay_margin
 from gainroom.analysis.margin_record import GainLimit, Margins, OneLoop
 from gainroom.analysis.margins import joint_margins
 from gainroom.design.gain_search import PRICES, RAISE, Raised, raised_gains, rounded, stiffer
@@ -279,7 +279,7 @@ def test_delay_margins_and_their_slopes(seed, sample_time):
     case = case_of(plant, sample_time=sample_time)
 
     def exact(gains) -> float:
-        return delay_margin(case.loop(gains))
+        return coupled_delay_margin(case.loop(gains))
 
     here = exact(gains)
     case = replace(case, required=gr.Requirements(delay_margin=1.1 * here))

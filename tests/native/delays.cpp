@@ -1,7 +1,7 @@
 // Delay margins of sampled loops from standard input with the core's headers alone: one line per loop, numbers in hexadecimal.
 #include <cstdio>
 
-#include "gainroom/delay_margin.hpp"
+#include "gainroom/scalar_delay_margin.hpp"
 #include "input.hpp"
 
 int main() {

@@ -110,7 +110,7 @@ def common_phase(sweep: Sweep) -> End | None:
     return min(ends, key=lambda end: abs(end.at), default=None)
 
 
-def delay_margin(loop: Loop, factor: float = 1.0) -> float:
+def coupled_delay_margin(loop: Loop, factor: float = 1.0) -> float:
     """The smallest extra delay [s] in all loops, n > 1, at which a stable set vibrates, inf where none is; NaN for an unstable one.
 
     With all gains times `factor`: quicker than of `loop.scaled(factor)` after coupled_margins without largest gains. Raises as that does.

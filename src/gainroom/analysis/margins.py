@@ -17,7 +17,7 @@ from .margin_record import GainCrossing, GainLimit, Margins, OneLoop, PhaseCross
 from .stability import scan_loop, unstable_roots
 from .two_paths import TwoPaths
 
-NOTHING, _, HALVED, ENDLESS, FAILED = range(5)  # of Found in delay_margin.hpp
+NOTHING, _, HALVED, ENDLESS, FAILED = range(5)  # of Found in scalar_delay_margin.hpp
 
 
 def margins(loop: Loop) -> Margins:
@@ -57,7 +57,7 @@ def joint_margins(loop: Loop) -> Margins:
 
 
 def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
-    """`found` with the extra delay that puts a root of a sampled loop on the boundary, confirmed on both sides of it (delay_margin.hpp)."""
+    """`found` with the extra delay that puts a root of a sampled loop on the boundary, as scalar_delay_margin.hpp confirms it."""
     plant, control, tick = loop.unsampled, loop.control, loop.sample_time
     assert plant is not None
     assert control is not None

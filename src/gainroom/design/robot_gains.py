@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..analysis.coupled_margins import delay_margin
+from ..analysis.coupled_margins import coupled_delay_margin
 from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..errors import GainroomError
 from ..system.linear.arrays import Floats, Integers
@@ -143,7 +143,7 @@ def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:
     """
     weights = {space == "joint" and not found.without_weight, False}
     try:
-        return min(delay_margin(case.loop(gains)) for weight in weights for case, gains in _acting(system, found, space, weight))
+        return min(coupled_delay_margin(case.loop(gains)) for weight in weights for case, gains in _acting(system, found, space, weight))
     except GainroomError:
         return math.nan
 

@@ -39,7 +39,7 @@ def delay_margin(
     unstable_poles: int,
     crossings: Floats,
 ) -> tuple[int, float, float]:
-    """As delay_margin.hpp: what was found (its enum's number), the extra delay [s] and its ω; crossings (k, 2)."""
+    """As scalar_delay_margin.hpp: what was found (its enum's number), the extra delay [s] and its ω; crossings (k, 2)."""
 
 def split_delays(delays: Floats, sample_time: float) -> Floats:
     """(k, 2) whole ticks and the rest as a fraction of a tick, of delays (k,) [s]."""

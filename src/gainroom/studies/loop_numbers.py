@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..analysis.coupled_margins import delay_margin
+from ..analysis.coupled_margins import coupled_delay_margin
 from ..analysis.gain_limit import gain_limit
 from ..analysis.loci import Sweep
 from ..analysis.margin_record import GainLimit, Margins
@@ -44,7 +44,7 @@ def extra_delay(loop: Loop, factor: float = 1.0) -> float:
     factor   on all gains
     """
     try:
-        return delay_margin(loop, factor) if loop.size > 1 else margins_of(loop.scaled(factor)).delay_margin
+        return coupled_delay_margin(loop, factor) if loop.size > 1 else margins_of(loop.scaled(factor)).delay_margin
     except GainroomError:
         return math.nan
 

@@ -1,5 +1,5 @@
 #include "gainroom/assignment.hpp"
-#include "gainroom/delay_margin.hpp"
+#include "gainroom/scalar_delay_margin.hpp"
 
 #include "arrays.hpp"
 
