@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 import gainroom as gr
 from draws import draw_setup, log_uniform
-from gainroom.analysis.margins import margins_of
+from gainroom.analysis.margins import margins_from_scan
 from gainroom.analysis.stability import scan_loop
 from gainroom.system.requirements import Requirements
 
@@ -53,7 +53,7 @@ class Uncertain:
     def slacks(self, controller: Any, shares: np.ndarray) -> dict[str, float]:
         """How far each requirement is kept, relative to it; < 0: broken; −inf: unstable."""
         loop, asked = self.loop(controller, shares), self.requirements
-        found = margins_of(loop, scan_loop(loop))  # gr.margins without the delay margin, which nothing here asks for
+        found = margins_from_scan(loop, scan_loop(loop))  # gr.margins without the delay margin, which nothing here asks for
         if not found.stable:
             return dict.fromkeys(asked.asked, -inf)
         slacks = {}

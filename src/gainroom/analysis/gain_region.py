@@ -26,7 +26,7 @@ from .crossings import scan
 from .excluded_region import Lines
 from .gain_plane import Curve, GainPlane
 from .margin_record import Margins
-from .margins import margins_of
+from .margins import margins_from_scan
 
 SAMPLED = 24  # gains in each interval of kd, where a requirement gives no excluded set
 HALVED, FEW_HALVED = 40, 10  # times, from one of them to the next: where ends are polished and where not
@@ -124,7 +124,7 @@ class PDRegion:
         for gains in zip(kps, kds, strict=True):
             control = self.template.in_plane(*gains, step)
             loops.append(Loop(1, step, self.actuated, control, unstable_poles=(self.actuated * control).unstable_poles))
-        return [margins_of(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
+        return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
 
     def stable_columns(self, kps: Floats, polish: bool = True) -> list[Floats]:
         """As `columns`, for bare stability."""

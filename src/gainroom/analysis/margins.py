@@ -32,7 +32,7 @@ def margins(loop: Loop) -> Margins:
         return TwoPaths(loop).margins()
     if loop.size > 1:
         return coupled_margins(loop, largest=False)
-    found = margins_of(loop, scan_loop(loop))
+    found = margins_from_scan(loop, scan_loop(loop))
     if not found.stable:
         with suppress(GainroomError):
             return replace(found, limit=gain_limit(loop))
@@ -86,7 +86,7 @@ def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
     return replace(found, delay_margin=extra, delay_crossover=omega, certified=found.certified and not tried)
 
 
-def margins_of(loop: Loop, scan: Scan) -> Margins:
+def margins_from_scan(loop: Loop, scan: Scan) -> Margins:
     """The margins of one joint from a finished scan; without the gain limit of an unstable loop."""
     unstable = unstable_roots(loop, scan)
     gain_crossings = tuple(_gain_crossing(omega, phase) for omega, phase in scan.gains.tolist())

@@ -17,7 +17,7 @@ import numpy as np
 from ..analysis.crossings import scan
 from ..analysis.gain_region import PDRegion, pd_region
 from ..analysis.margin_record import Margins, worst_of
-from ..analysis.margins import margins, margins_of
+from ..analysis.margins import margins, margins_from_scan
 from ..analysis.range_proof import Proof, prove
 from ..errors import GainroomError
 from ..system.controller import PD
@@ -228,7 +228,7 @@ class _Search:
         if any(one.excluded(needed) is None for one, needed in self.requirements.asked_for):  # which may be of any margin there is
             controller = self.template.from_plane(kp, kd)
             return [margins(build_loop(*self.case(place), controller, self.feedback, self.sample_time)) for place in places]
-        return [margins_of(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
+        return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
 
     def worst(self, kp: float, kd: float) -> Found:
         """The screened case that misses most. Stops at the first screening that finds one that misses something."""

@@ -138,7 +138,7 @@ def _do_this(result: Audit, call: str) -> Html | str:
         return advice_box(found)
     units = joint_units(result.system.source.body)
     caption = "" if result.ready_to_use is None else f"kp {units['kp']}, kd {units['kd']}"
-    beside_it = table(*tabulated(audited_margins(result), margins_of_audit(result)), caption, MARKS, sorts=False)
+    beside_it = table(*tabulated(audited_margins(result), shown_requirements(result)), caption, MARKS, sorts=False)
     return advice_box(found, beside_it, paragraph(reason(result)))
 
 
@@ -216,7 +216,7 @@ def _certificate(result: Audit) -> Html:
     return facts(pairs)
 
 
-def margins_of_audit(result: Audit) -> list[Requirement]:
+def shown_requirements(result: Audit) -> list[Requirement]:
     """What is required first; then what is not."""
     return sorted(REQUIREMENTS.values(), key=lambda one: one.name not in result.required.asked)
 

@@ -9,7 +9,7 @@ from typing import Any
 from ..analysis.crossings import scan
 from ..analysis.gain_region import PDRegion, pd_region
 from ..analysis.margin_record import GainLimit, Margins, worst_of
-from ..analysis.margins import margins, margins_of
+from ..analysis.margins import margins, margins_from_scan
 from ..analysis.range_proof import Proof, prove
 from ..design.joint_gains import FILLING, MOST_BOXES, QUICK_BOXES, Recommendation, recommend_pd
 from ..design.uncertainty_cost import UncertaintyCost, cost_of, uncertainty_cost
@@ -195,7 +195,7 @@ class JointStudy(Analysis):
         places += [uncertain.values(place) for place in (*uncertain.corners, *uncertain.inside(FILLING))]
         systems = [self.system.with_values(**values) for values in places]
         loops = [system.loop() for system in systems]
-        found = [margins_of(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
+        found = [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
         for values, one in zip(places, found, strict=True):
             if not one.stable:
                 return InRange(_numbers(values), one, True, False)
