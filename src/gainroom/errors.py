@@ -7,7 +7,7 @@ import contextlib
 import difflib
 import math
 import numbers
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -99,9 +99,9 @@ def frequency_text(omega: float) -> str:
     return (f"{float(text):,.0f}".replace(",", THIN) if "e+" in text else text) + " Hz"
 
 
-def at_frequency(omega: float, before: str = " at ") -> str:
-    """The same behind what is said there: " at 3.2 Hz"; "" where there is no frequency."""
-    return f"{before}{frequency_text(omega)}" if math.isfinite(omega) else ""
+def at_frequency(omega: float, before: str = " at ", text: Callable[[float], str] = frequency_text) -> str:
+    """The same behind what is said there: " at 3.2 Hz"; "" where there is no frequency. `text`: what makes text of it."""
+    return f"{before}{text(omega)}" if math.isfinite(omega) else ""
 
 
 def option_name(name: str) -> str:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import apart, listed
+from ..errors import apart, at_frequency, listed
 from ..studies.audit import Audit
 from ..system.requirements import REQUIREMENTS, Requirement, enough
 from .audit_headroom import PATHS, deciding, headroom, headroom_rows
@@ -13,7 +13,7 @@ from .audit_text import audit_sentence, audit_warnings, besides, reason, verdict
 from .columns import Column, definitions, tabulated, yes
 from .gearboxes import gearbox_assumptions, needed_table
 from .margin_columns import margin_value, requirement
-from .number_format import at_hertz, digits, model_kind, rounded_up, span
+from .number_format import digits, hertz, model_kind, rounded_up, span
 from .page import Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_columns import asked, audited_joints, audited_states, joint_caption
@@ -150,7 +150,9 @@ def _cards(result: Audit) -> list[Card]:
     if limit.stable and paths is not None and paths.headroom < limit.gain:
         first = margin_card(asked, "gain_margin", paths.headroom, f"{PATHS}, up or down, {worst.contact}")
     elif limit.stable:
-        first = margin_card(asked, "gain_margin", limit.gain, f"all gains together{at_hertz(limit.frequency, ', ')}, {worst.contact}")
+        first = margin_card(
+            asked, "gain_margin", limit.gain, f"all gains together{at_frequency(limit.frequency, ', ', hertz)}, {worst.contact}"
+        )
     extra = result.least_extra_delay
     until = digits(1e3 * result.delay_limit, "ms", apart(result.delay_limit, result.system.delay, 3))
     delay = Card(

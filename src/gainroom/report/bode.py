@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..analysis.margin_record import Margins
+from ..errors import at_frequency
 from ..studies.joint import JointStudy
 from ..system.linear.arrays import Complexes, Floats, distinct
 from ..system.loop import Loop
 from ..system.requirements import to_db
 from . import style
-from .number_format import at_hertz, digits, frequency, hertz
+from .number_format import digits, frequency, hertz
 from .page import Html, figure
 
 PER_DECADE = 120
@@ -185,7 +186,7 @@ def _caption(study: JointStudy, shown: list[Case]) -> str:
     for case in shown:
         found = case.margins
         margin = digits(to_db(found.gain_margin), "dB", 3) if found.stable else "unstable"
-        cases.append(f"{case.name}: {margin}{at_hertz(found.phase_crossover)}")
+        cases.append(f"{case.name}: {margin}{at_frequency(found.phase_crossover, text=hertz)}")
     text = f"Gain margins: {'; '.join(cases)}. "
     if study.system.delay > 0:
         text += "The delay does not change the magnitude and turns the phase by −ωT. "

@@ -9,12 +9,13 @@ import numpy as np
 from ..analysis.crossings import scan
 from ..analysis.gain_region import PDRegion
 from ..analysis.margin_record import Margins
+from ..errors import at_frequency
 from ..studies.joint import JointStudy
 from ..system.linear.arrays import Floats
 from ..system.requirements import to_db
 from . import style
 from .map_lines import View, contours, opened, outlines
-from .number_format import at_hertz, digits, frequency, hertz, plane_names
+from .number_format import digits, frequency, hertz, plane_names
 from .page import Html, figure
 
 BINS = 12  # colours along the boundary
@@ -215,7 +216,7 @@ def _hover(study: JointStudy, view: View) -> style.Trace:
 def _margins_text(found: Margins) -> str:
     if not found.stable:
         return "unstable"
-    vibration = at_hertz(found.phase_crossover, ", vibration at ")
+    vibration = at_frequency(found.phase_crossover, ", vibration at ", hertz)
     return (
         f"gain margin {digits(to_db(found.gain_margin), 'dB', 3)}{vibration}"
         f"<br>phase margin {digits(math.degrees(found.phase_margin), '°', 3)}<br>Ms {digits(found.peak_sensitivity, '', 3)}"

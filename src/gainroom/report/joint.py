@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..errors import case_text
+from ..errors import at_frequency, case_text
 from ..simulation.step_response import StepResponse, step_response
 from ..studies.joint import JointStudy
 from ..system.requirements import REQUIREMENTS, Requirements
@@ -16,7 +16,7 @@ from .gain_map import gain_map
 from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
 from .joint_text import cause, notes, recommended_text, sentence, severity, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns
-from .number_format import at_hertz, digits, frequency, hertz, model_kind, typed_gains
+from .number_format import digits, frequency, hertz, model_kind, typed_gains
 from .page import Card, Html, Lead, Section, block, facts, figure, page, paragraph
 from .page_parts import assumptions, footer, margin_card, unstable_card
 from .verdict import advice_box, joint_to_use
@@ -68,18 +68,18 @@ def _cards(study: JointStudy) -> list[Card]:
     time = "continuous time" if study.rate_is_missing else ""
     cards = [_margin_card(column, found, worst, asked, time) for column in bounded_columns()]
     if not found.stable:
-        cards[0] = unstable_card(asked, study.limit, f"; vibration there {at_hertz(study.limit.frequency, 'at ')}", "it")
+        cards[0] = unstable_card(asked, study.limit, f"; vibration there {at_frequency(study.limit.frequency, 'at ', hertz)}", "it")
     return cards
 
 
 def _margin_card(column: Column, found: Margins, worst: Margins | None, asked: Requirements, time: str) -> Card:
     """The margin at the worst of the uncertainty, the nominal one beside it where there is one (`worst`); `time` ends the note."""
     one = REQUIREMENTS[column.requirement]
-    note = "" if column.at is None else at_hertz(column.at(found), "at ")
+    note = "" if column.at is None else at_frequency(column.at(found), "at ", hertz)
     nominal = getattr(found, one.name, one.value(found))
     if worst is None:
         return margin_card(asked, one.name, nominal, ", ".join(filter(None, [note, time])), one.value(found))
-    note = "" if column.at is None or not found.stable else at_hertz(column.at(worst), "at ")
+    note = "" if column.at is None or not found.stable else at_frequency(column.at(worst), "at ", hertz)
     within = f"nominal {one.text(nominal)}" if found.stable else ""
     return margin_card(asked, one.name, one.value(worst), ", ".join(filter(None, [note, within, time])), label=f"{one.label}, worst case")
 

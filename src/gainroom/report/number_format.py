@@ -62,13 +62,8 @@ def gain_factor(gain: float, significant: int = 4) -> str:
 
 
 def hertz(omega: float) -> str:
-    """`omega` [rad/s] in Hz."""
+    """`omega` [rad/s] in Hz; unlike frequency_text with a power of ten below 1 mHz and from 10 MHz on."""
     return digits(omega / (2 * math.pi), "Hz", 3)
-
-
-def at_hertz(omega: float, before: str = " at ") -> str:
-    """The same behind what is said there: " at 3.2 Hz"; "" where there is no frequency."""
-    return f"{before}{hertz(omega)}" if math.isfinite(omega) else ""
 
 
 def frequency(omega: float | None, significant: int = 4) -> str:

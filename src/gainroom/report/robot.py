@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..errors import listed
+from ..errors import at_frequency, listed
 from ..studies.loop_numbers import margins_of
 from ..studies.over_uncertainty import unknown_first
 from ..studies.robot import RobotStudy
@@ -12,7 +12,7 @@ from ..studies.state import State, by_headroom, task_headroom
 from ..studies.sweep.summary import SweepSummary
 from ..system.requirements import REQUIREMENTS, Requirement
 from .margin_columns import margin_value, requirement
-from .number_format import at_hertz, digits, hertz, model_kind
+from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, details, facts, page, paragraph
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_drawing import hero, small
@@ -292,7 +292,7 @@ def _sentences(study: RobotStudy, name: str, state: State) -> list[str]:
     meaning = f"{one.label[0].upper()}{one.label[1:]} of {state.model.size} loops: {one.meaning or 'the worst of all.'}"
     if math.isnan(value):
         return [meaning, f"It is not known in {state.title}."]
-    there = f"{state.title}{at_hertz(one.frequency(state.margins), ', at ')}"
+    there = f"{state.title}{at_frequency(one.frequency(state.margins), ', at ', hertz)}"
     return [meaning, f"It is {margin_value(asked, name, value, False, 3)} in {there}.", _trials(study, one, state)]
 
 

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 
 from ..design.robot_gains import RobotGains
+from ..errors import at_frequency
 from ..robot.contact import Contact
 from ..robot.robot import Posture
 from ..studies.robot import RobotStudy
 from ..studies.state import State, TaskStudy
 from ..system.system import System
 from .columns import Column, definitions, tabulated, units_of
-from .number_format import at_hertz, digits, span
+from .number_format import digits, hertz, span
 from .page import Html, facts, paragraph, table
 from .page_parts import filters, uncertainty_text
 from .recommended_gains import Row, cost_text, gain_columns, inertia_text, rows, set_columns
@@ -71,7 +72,7 @@ def task_table(states: Sequence[State]) -> Html:
 
 def tasks_together(tasks: TaskStudy) -> str:
     """The factor on all gains of the tasks."""
-    return f"{digits(tasks.limit.gain)}{at_hertz(tasks.limit.frequency)}{'' if tasks.limit.stable else ', UNSTABLE'}"
+    return f"{digits(tasks.limit.gain)}{at_frequency(tasks.limit.frequency, text=hertz)}{'' if tasks.limit.stable else ', UNSTABLE'}"
 
 
 def _several(columns: Sequence[Column], rows: Sequence[tuple[State, Any]], named: bool, caption: Callable[[Collection[str]], str]) -> Html:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import listed
+from ..errors import at_frequency, listed
 from ..robot.ground import Sole
 from ..simulation.robot_run import RobotRun
 from ..simulation.robot_simulation import RobotSimulation
@@ -14,7 +14,7 @@ from ..simulation.simulation_spec import JointSimulation
 from ..studies.simulation import Outcome
 from ..system.requirements import REQUIREMENTS
 from . import joint_tables
-from .number_format import at_hertz, digits, hertz, milli, motion_unit, span, typed_gains
+from .number_format import digits, hertz, milli, motion_unit, span, typed_gains
 from .page import Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
 from .page_parts import filters, footer, margin_card, unstable_card
 from .robot_tables import angles_text, contacts_text, machine
@@ -270,7 +270,7 @@ def _margin_cards(outcome: Outcome) -> list[Card]:
     where += ", nominal" if outcome.spec.system.uncertainty.names else ""
     cards = []
     for name in dict.fromkeys((*outcome.missed, "gain_margin")):
-        at = where + at_hertz(REQUIREMENTS[name].frequency(outcome.margins), ", ")
+        at = where + at_frequency(REQUIREMENTS[name].frequency(outcome.margins), ", ", hertz)
         cards.append(replace(margin_card(asked, name, REQUIREMENTS[name].value(outcome.margins), at), met=outcome.met(name)))
     return cards
 

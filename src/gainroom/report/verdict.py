@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..analysis.margin_record import Margins
+from ..errors import at_frequency
 from ..studies.analysis import Analysis
 from ..studies.state import USUAL_RATE
 from ..system.requirements import REQUIREMENTS, Requirements
@@ -14,7 +15,7 @@ from .columns import Column, tabulated, yes
 from .gains_to_use import joint_gains, kept, robot_gains, typed
 from .joint_text import AT_USUAL
 from .margin_columns import margin_value, requirement, short_text
-from .number_format import at_hertz, digits, own_gains, span
+from .number_format import digits, hertz, own_gains, span
 from .page import Advice, Html, table
 from .page import advice_box as advised
 from .robot_units import joint_units
@@ -84,7 +85,7 @@ def judged_columns(study: Analysis, use: "ToUse") -> list[Column]:
         *([Column("nominal", "", lambda row: row.nominal)] if uncertain else []),
         Column("required", "", lambda row: row.required),
         Column("met", "", lambda row: "" if row.met is None else yes(row.met)),
-        Column("at", "", lambda row: at_hertz(row.omega, "")),
+        Column("at", "", lambda row: at_frequency(row.omega, "", hertz)),
         *([Column(STATE, "", lambda row: row.where)] if several else []),
         *([Column(use.column, "", lambda row: row.to_use)] if use.margins is not None else []),
     ]
