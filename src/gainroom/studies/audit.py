@@ -270,7 +270,7 @@ class Audit(Analysis):
         return (self.delay_margin == 0 or enough(extra_delay(loop), self.delay_margin)) and self.required.met_by(margins_of(loop))
 
     @cached_property
-    def to_use(self) -> GainsToUse | None:
+    def to_use(self) -> "GainsToUse[Audit] | None":
         """Gains to use in place of unsafe ones; None where none are known, and for safe gains."""
         return None if self.safe else gains_to_use(self)
 
@@ -281,7 +281,7 @@ class Audit(Analysis):
         return "peak_sensitivity" not in self.required.asked and value > BARE
 
     @property
-    def ready_to_use(self) -> GainsToUse | None:
+    def ready_to_use(self) -> "GainsToUse[Audit] | None":
         """Those, unless the loop's rate is not known, which costs margin, or they hardly damp the motion."""
         found = self.to_use
         return None if found is None or self.system.control.sample_time is None or found.audited.hardly_damped else found

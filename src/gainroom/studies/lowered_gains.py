@@ -3,26 +3,55 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from ..system.linear.arrays import Booleans, Floats
+from ..system.loop import Loop
 from ..system.requirements import enough
+from ..system.system import System
 from .factors import typed_factor
 from .loop_numbers import limit_of
-from .state import limiting_joints
+from .state import State, limiting_joints
 
-Audit = Any
-"""An audit of audit.py, which asks for these gains."""
 MOST_DIGITS = 7
 """Of a gain that is typed."""
 GROWTHS = 5
 """Times that joints are added to those whose gains are lowered."""
 
 
+class Audited(Protocol):
+    """What gains in place of others are made from: an audit (audit.py), which asks for them."""
+
+    @property
+    def system(self) -> System: ...
+    @property
+    def states(self) -> tuple[State, ...]: ...
+    @cached_property
+    def joints(self) -> tuple[Any, ...]: ...
+    @property
+    def gain_names(self) -> tuple[str, ...]: ...
+    @property
+    def margin(self) -> float: ...
+    @property
+    def safe(self) -> bool: ...
+    @property
+    def has_two_paths(self) -> bool: ...
+    @cached_property
+    def scale(self) -> float: ...
+    def enough_together_in(self, state: State) -> bool: ...
+    def loops_at(self, lowered: Booleans, factor: float) -> Iterator[Loop]: ...
+    def seen_factor(self, lowered: Booleans, most: float) -> float: ...
+    def of_gains(self, gains: Mapping[str, Floats]) -> Self: ...
+
+
+Audit = TypeVar("Audit", bound=Audited)
+
+
 @dataclass(frozen=True)
-class GainsToUse:
+class GainsToUse(Generic[Audit]):
     """Gains in place of unsafe ones, certified as they are typed.
 
     factor   on the gains of `joints`; all others stay
@@ -36,7 +65,7 @@ class GainsToUse:
     audited: Audit
 
 
-def gains_to_use(result: Audit) -> GainsToUse | None:
+def gains_to_use(result: Audit) -> GainsToUse[Audit] | None:
     """The gains of some joints, or else of all, lowered by one factor; None where none are known to be safe.
 
     The factor has three digits, the gains four or as many more as leave them safe.
@@ -58,7 +87,7 @@ def gains_to_use(result: Audit) -> GainsToUse | None:
     return None
 
 
-def _lowered(result: Audit) -> Iterator[tuple[Booleans, float]]:
+def _lowered(result: Audited) -> Iterator[tuple[Booleans, float]]:
     """Sets of joints (n,), each with the largest factor found on their gains alone; NaN: none was found.
 
     First those that are short of the gain margin, then all unsafe ones, each with the joints that vibrate once they are lowered; last all.
