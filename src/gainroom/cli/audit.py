@@ -130,7 +130,7 @@ def audit(
         show(
             as_json,
             lambda: _facts(result, simulated, swept),
-            lambda: _terminal(result, simulated, swept, call, report, write_robot, verbose),
+            lambda: _terminal(result, simulated, swept, call, options.where_gains_run, report, write_robot, verbose),
         )
         if robot is not None and write_robot is not None:
             robot.write(audited_text(found, result, model, result.required, call, write_robot))
@@ -211,12 +211,13 @@ def _terminal(
     simulated: "SimulatorAudit | None",
     swept: "AuditedWorkspace | None",
     call: str,
+    gains_run: str,
     report: Path | None,
     written: Path | None,
     verbose: bool,
 ) -> str:
-    """`call`, `written`: see what_to_do; `verbose`: also every contact state and joint, and all that is assumed."""
-    from ..report.audit_text import audit_warnings, in_few_lines, reason, unjudged, verdict, what_to_do
+    """`call`, `written`: see what_to_do; `gains_run`: where; `verbose`: also every contact state and joint, and all that is assumed."""
+    from ..report.audit_text import audit_warnings, reason, unjudged, verdict, what_to_do
     from ..report.columns import definitions
     from ..report.gearboxes import CAPTION, gearbox_assumptions, look_columns, shown_looks
     from ..report.robot_columns import audited_joints, audited_states, joint_caption, legend
@@ -227,8 +228,8 @@ def _terminal(
     columns = audited_states(result.enough_in)
     said, assumed = _further_text(simulated, swept, result.safe)
     assumed, warned = result.system.assumptions + gearbox_assumptions(result) + assumed, audit_warnings(result)
-    needed, do = result.needed, what_to_do(result, call, written)
-    answer = [verdict(result), *do_this(do if verbose else in_few_lines(do, FEW_LINES)), reason(result)]
+    needed, do = result.needed, what_to_do(result, call, written, None if verbose else FEW_LINES)
+    answer = [verdict(result), *do_this(do), reason(result)]
     if swept is not None and not swept.safe:
         from ..report.workspace import advice_there, in_workspace
 
@@ -253,7 +254,7 @@ def _terminal(
                 *closing({"Report": report, "Robot": written}, few(warned, MOST_WARNINGS)),
                 *filter(None, [unjudged(result)]),
                 f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
-                f"{_gains_run(result)} (--gains-run). {len(assumed)} assumptions: --verbose.",
+                f"{gains_run} (--gains-run). {len(assumed)} assumptions: --verbose.",
             )
 
         screens = (screen(count) for count in range(FEW_JOINTS, 0, -1))
@@ -283,12 +284,6 @@ def _rigid(result: "Audit") -> str:
     count = sum(rigid)
     which = "" if all(rigid) else f"{count} of {len(rigid)} "
     return f"; {which}gearboxes assumed rigid (--stiffness, --damping)" if count else ""
-
-
-def _gains_run(result: "Audit") -> str:
-    """Which of the three cases of a delay is assumed, in a few words: the first assumption's own."""
-    first = result.system.assumptions[0].partition(" at ")[0].partition(":")[0]
-    return first if result.system.control.kd_path is None else f"{first}, kp on the host"
 
 
 def _further_facts(simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> dict[str, Any]:

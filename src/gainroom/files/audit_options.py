@@ -179,19 +179,24 @@ class AuditOptions:
                 reduce(lambda section, name: section.setdefault(name, {}), sections, data)[key] = value
         return data
 
-    def paths(self) -> tuple[str, ...]:
+    @property
+    def where_gains_run(self) -> str:
+        """In a few words."""
+        if self.gains_run == "split":
+            return "kd runs on the drives, kp on the host"
+        return f"kp and kd run on the {'drives' if self.on_drive else 'host'}"
+
+    def path_assumption(self) -> str:
         """What is assumed of the delay."""
         delay = f"{self.delay_ms:g} ms"
         if self.on_drive:
-            there = f"on the drives at {self.drive_rate_hz:g} Hz, {self.drive_delay_ms:g} ms from measurement to torque"
+            there = f"at {self.drive_rate_hz:g} Hz, {self.drive_delay_ms:g} ms from measurement to torque"
             if self.gains_run == "drive":
-                return (f"kp and kd run {there}; the {delay} of --delay-ms delay set-points alone, so no margin depends on them",)
+                return f"{self.where_gains_run} {there}; the {delay} of --delay-ms delay set-points alone, so no margin depends on them"
             kp = f"kp on the host at {self.rate_hz:g} Hz, {delay} from measurement to torque"
-            return (f"kd runs {there}; {kp}; the delay limit is that of kp's path",)
-        told = f"kp and kd run on the host: the {delay} of --delay-ms lie between measurement and torque"
-        if self.gains_run == "host":
-            return (told,)
-        return (f"{told}; if they run on the drives, give --gains-run drive, or split for kd alone",)
+            return f"kd runs on the drives {there}; {kp}; the delay limit is that of kp's path"
+        text = f"{self.where_gains_run}: the {delay} of --delay-ms lie between measurement and torque"
+        return text if self.gains_run == "host" else f"{text}; if they run on the drives, give --gains-run drive, or split for kd alone"
 
 
 @dataclass(frozen=True)
@@ -224,7 +229,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     path = locate(model)
     _require_model(path)
     source = path if gains is None else gains
-    told: list[str] = []
+    read: list[str] = []
     with _options_named(options):
         body = load_model(path, base_of(options.base, path, bool(options.contacts))[0])
         found = gains_of(read_gains(source), body.every_joint)
@@ -232,15 +237,15 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
             raise GainroomError(f"{path}: no joint that can move has gains")
         if options.rate_hz is None and found.rate_hz is not None and options.gains_run != "drive":
             options = replace(options, rate_hz=found.rate_hz)
-            told.append(f"the controller runs at {found.rate_hz:g} Hz, as {source} has it: --rate-hz says another")
+            read.append(f"the controller runs at {found.rate_hz:g} Hz, as {source} has it: --rate-hz says another")
         if options.joint_damping == "controller":
             found = replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0))
         if not options.posture and len(found.postures) == 1:
             (name,) = found.postures
             options = replace(options, posture=(name,))
-            told.append(f"the posture is {name} of {source}: --posture says another")
+            read.append(f"the posture is {name} of {source}: --posture says another")
         elif not options.posture and found.postures:
-            told.append(f"{source} holds postures, none of which is taken: --posture {first_of_many(tuple(found.postures))}")
+            read.append(f"{source} holds postures, none of which is taken: --posture {first_of_many(tuple(found.postures))}")
         if options.gains_run == "split" and options.rate_hz is None:
             raise GainroomError("--gains-run split: needs --rate-hz, at which kp runs on the host")
         sections = options.sections(str(path), body, found)
@@ -251,7 +256,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         spec = robot_spec(file, str(path), path, known=body)
     with named(str(source)):
         spec = examined(spec)
-    told += [
+    read += [
         f"--posture {name}: the keyframe of {scene}"
         for name in options.posture
         if "=" not in name and name not in found.postures and (scene := model_keyframes(path)[name].file) != path
@@ -266,10 +271,10 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     slight = _slight_damping(body, found, options)
     taken += [text for text in spec.warnings if slight and text.startswith(DAMPING_NOTE)]
     assumptions = (
-        *options.paths(),
+        options.path_assumption(),
         *spec.assumptions,
         *(slight if text.startswith(DAMPING_NOTE) else text for text in taken),
-        *told,
+        *read,
         *_assumptions(spec.source.body, file.joints.locked, options, elastic),
     )
     warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings if text not in taken]

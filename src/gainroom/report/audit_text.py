@@ -1,7 +1,6 @@
 """The result of an audit in sentences: the verdict, what to do, why, and warnings with remedies."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from .number_format import digits
 from .page import Advice
 from .robot_text import free_joints, unconfirmed
 
+PEAK = REQUIREMENTS["peak_sensitivity"]
 SLIGHT = 0.05
 """Damping ratio of a motor on its spring proposed as a first guess where none is given."""
 
@@ -105,10 +105,6 @@ def _hardly_damped(result: Audit) -> str:
     return f" The motion is hardly damped: {listed(found)}."
 
 
-USUAL_PEAK = 2.0
-"""Ms that is usually allowed."""
-
-
 def _short_of_gain(result: Audit) -> str:
     """The gain margin that is too small: of all gains together, or the lesser one of a path or a joint, the others as they are."""
     state = result.worst["gain_margin"]
@@ -168,11 +164,14 @@ def reason(result: Audit) -> str:
     return f"{where} {start}. {delay}".strip()
 
 
-def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS", written: Path | None = None) -> Advice:
+def what_to_do(
+    result: Audit, call: str = "gainroom audit MODEL --delay-ms MS", written: Path | None = None, most: int | None = None
+) -> Advice:
     """Gains that are safe, or the command that finds some; of safe ones what is still to be known.
 
     call      the command of this audit
     written   the robot.yaml that it writes
+    most      lines that a file of gains to use may have, else how to get it stands in its place; None: any number
     """
     actuators, found = result.system.source.actuators, result.to_use
     if result.safe:
@@ -184,8 +183,11 @@ def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS", 
     if found is not None:
         again = " Audit them over the range again, where other gearboxes may be the worst." if result.over is not None else ""
         rigid = ", with rigid gearboxes," if result.assumed_rigid.all() else ""
-        heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}.{again} {AS_A_FILE}"
-        return Advice(heading, _gain_file(result, found))
+        lines = _gain_file(result, found)
+        shown = most is None or len(lines) <= most
+        file = "As a file for `--gains` and `export`:" if shown else "As a file: `--verbose`, or `gainroom export` of what `--json` prints."
+        heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}.{again} {file}"
+        return Advice(heading, lines if shown else ())
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
     none = "No common factor on the gains was found that gives all margins."
@@ -195,25 +197,13 @@ def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS", 
     return Advice(f"{none} Search joint by joint:", _searched(call, written), [AGAIN])
 
 
-def _inertia_first(result: Audit, found: GainsToUse) -> Advice:
+def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:
     """Where gains with the required margins are known, as motors without inertia need them."""
     how = "Give the motors' inertias (rotor inertia × gear ratio²), as `motor_inertia` of each joint in the file of gains or with"
     multiply = _multiply(result, found)
     without = f"Where they are really 0: {multiply[0].lower()}{multiply[1:]}; then {_required(result)}."
     folded = f"With motor inertia 0, × {found.factor:.4g} on {_joints_of(result, found)}, the others as they are:"
     return Advice(f"{how} `--motor-inertia`, and audit again.", (), [without], (folded, _gain_file(result, found)))
-
-
-AS_A_FILE = "As a file for `--gains` and `export`:"
-
-
-def in_few_lines(found: Advice, most: int) -> Advice:
-    """Where a file of gains to use has more lines than `most`, how to get them in their place."""
-    if len(found.lines) <= most:
-        return found
-    return replace(
-        found, heading=found.heading.replace(AS_A_FILE, "As a file: `--verbose`, or `gainroom export` of what `--json` prints."), lines=()
-    )
 
 
 def _searched(call: str, written: Path | None = None) -> list[str]:
@@ -226,7 +216,7 @@ AGAIN = "Then audit the gains that `gainroom robot` finds, with `--gains` and th
 """After a search."""
 
 
-def _gain_file(result: Audit, found: GainsToUse) -> list[str]:
+def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
     """The gains to use, with all that is known of the joints' actuators but what the model says itself."""
     source = result.system.source
     inertia = source.actuators.motor_inertia
@@ -245,22 +235,22 @@ def _to_decide(result: Audit, call: str) -> Advice:
             known = np.any(result.system.source.actuators.motor_inertia > 0)
             options += " --gearbox harmonic" if known else " --stiffness 10000 --damping 10"
     if result.hardly_damped:
-        given, options = given or ["a required Ms"], f"{options} --peak-sensitivity {USUAL_PEAK:g}"
+        given, options = given or ["a required Ms"], f"{options} --peak-sensitivity {PEAK.usual:g}"
     if not given:
         return Advice("These gains may stay.")
     remarks = ["On softer gearboxes these gains may not be safe."] if rigid.any() else []
     return Advice(f"Audit again with {listed(given)}, such as:", [f"{call}{options}"], remarks)
 
 
-def _not_yet(result: Audit, found: GainsToUse, call: str, written: Path | None) -> Advice:
+def _not_yet(result: Audit, found: GainsToUse[Audit], call: str, written: Path | None) -> Advice:
     """Where gains with the required margins are known, but not the loop's rate, or they hardly damp the motion."""
     damped, rate = not found.audited.hardly_damped, result.system.control.sample_time is not None
     joints = _joints_of(result, found)
-    options = "" if damped else f" --peak-sensitivity {USUAL_PEAK:g}"
-    one, before, after = REQUIREMENTS["peak_sensitivity"], result.worst["peak_sensitivity"], found.audited.worst["peak_sensitivity"]
-    at = at_frequency(one.frequency(after.margins))
-    was, becomes = (one.text(one.value(state.margins)) for state in (before, after))
-    change = f"{one.heading} would {f'go from {was} to' if result.stable else 'be'} {becomes}{at}, where {USUAL_PEAK:g} is usual"
+    options = "" if damped else f" --peak-sensitivity {PEAK.usual:g}"
+    before, after = result.worst[PEAK.name], found.audited.worst[PEAK.name]
+    at = at_frequency(PEAK.frequency(after.margins))
+    was, becomes = (PEAK.text(PEAK.value(state.margins)) for state in (before, after))
+    change = f"{PEAK.heading} would {f'go from {was} to' if result.stable else 'be'} {becomes}{at}, where {PEAK.usual:g} is usual"
     folded = f"Not yet to use: × {found.factor:.4g} on {joints}, the others as they are"
     if not rate:
         margin, extra = to_db(found.audited.tightest.limit.gain), found.audited.least_extra_delay
@@ -271,7 +261,7 @@ def _not_yet(result: Audit, found: GainsToUse, call: str, written: Path | None) 
             f"{folded}; found in continuous time:", _gain_file(result, found)
         ))  # fmt: skip
     text = f"Do not use × {found.factor:.4g} on {joints} yet: {_required(result)}, but {change}."
-    heading = f"Search gains joint by joint, from the present ones, with Ms ≤ {USUAL_PEAK:g}:"
+    heading = f"Search gains joint by joint, from the present ones, with Ms ≤ {PEAK.usual:g}:"
     return Advice(
         heading,
         _searched(f"{call}{options}", written if damped else None),
@@ -280,12 +270,12 @@ def _not_yet(result: Audit, found: GainsToUse, call: str, written: Path | None) 
     )
 
 
-def _joints_of(result: Audit, found: GainsToUse) -> str:
+def _joints_of(result: Audit, found: GainsToUse[Audit]) -> str:
     """Those whose gains are lowered."""
     return "all joints" if len(found.joints) == len(result.joints) else listed(found.joints, most=3)
 
 
-def _multiply(result: Audit, found: GainsToUse) -> str:
+def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
     """Which gains by which factor, with the values of the joint that has the least headroom."""
     names = result.system.source.joint_names
     first = next(joint.name for joint in result.by_headroom if joint.name in found.joints)
