@@ -279,7 +279,7 @@ def test_recommended_gains_of_a_cascade_are_gains_that_it_has():
     for law, (gains, _) in LAWS.items():
         text = TYPED.replace("type: pd", f"type: {law}").replace("limits: {{}}", "limits: {{gain_margin_db: 6.0, phase_margin_deg: 30.0}}")
         bench = bench_of(text.format(delay=2.0, gains=gains, rate=""))
-        laws[law] = bench, dict(bench.found(View(), lambda *_: None))["use"]
+        laws[law] = bench, dict(bench.recommended(View(), lambda *_: None))["use"]
     (bench, use), (other, pd) = laws["ppi"], laws["pd"]
     assert set(use["gains"]["left_knee"]) == {"kp", "kv", "ki"}
     view = View.model_validate({"gains": use["gains"]})
@@ -307,7 +307,7 @@ def of_tasks(com: str) -> str:
 def test_recommended_gains_of_tasks_stay_the_recommended_ones(com: str):
     """Once they are taken they are found, starred and good, which Nyquist's criterion on a dense grid says, too, of every state."""
     bench = bench_of(of_tasks(com))
-    first = dict(bench.found(View(), lambda *_: None))["use"]
+    first = dict(bench.recommended(View(), lambda *_: None))["use"]
     taken = View.model_validate({"gains": first["gains"]})
     parts = bench.full(taken, None, lambda *_: None)
     verdict, use = (last for name, last in dict(parts).items() if name in ("verdict", "use"))

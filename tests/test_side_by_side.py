@@ -7,12 +7,12 @@ import pytest
 
 from gainroom.design.side_by_side import HANDOVER, Job, side_by_side
 
-Told = Callable[[], None]
+Checkpoint = Callable[[], None]
 
 
-def intervals(told: Told) -> list[float]:
+def intervals(checkpoint: Checkpoint) -> list[float]:
     """How quickly threads take turns here, and after jobs within this one."""
-    return [sys.getswitchinterval(), *side_by_side([lambda told: sys.getswitchinterval()] * 2, told), sys.getswitchinterval()]
+    return [sys.getswitchinterval(), *side_by_side([lambda checkpoint: sys.getswitchinterval()] * 2, checkpoint), sys.getswitchinterval()]
 
 
 def test_threads_take_turns_quickly_only_meanwhile(monkeypatch: pytest.MonkeyPatch):
@@ -24,11 +24,11 @@ def test_threads_take_turns_quickly_only_meanwhile(monkeypatch: pytest.MonkeyPat
 
 
 def test_what_the_first_that_fails_raises_ends_the_others():
-    def endless(told: Told) -> None:
+    def endless(checkpoint: Checkpoint) -> None:
         while True:
-            told()
+            checkpoint()
 
-    def fails(told: Told) -> None:
+    def fails(checkpoint: Checkpoint) -> None:
         raise ZeroDivisionError
 
     before = sys.getswitchinterval()
@@ -36,4 +36,4 @@ def test_what_the_first_that_fails_raises_ends_the_others():
     with pytest.raises(ZeroDivisionError):
         side_by_side(jobs, lambda: None)
     assert sys.getswitchinterval() == before
-    assert side_by_side([lambda told, k=k: k for k in range(5)], lambda: None) == list(range(5))
+    assert side_by_side([lambda checkpoint, k=k: k for k in range(5)], lambda: None) == list(range(5))

@@ -32,12 +32,12 @@ Look = Callable[[Floats], list[Floats]]
 class EveryLoop:
     """The same part in each of `loops`, which are those of one robot; gains up to `window`.
 
-    told    called between loops; it ends what goes on by raising
+    checkpoint   called between loops; it ends what goes on by raising
     """
 
     loops: Sequence[tuple[Loop, LoopPart]]
     window: tuple[float, float]
-    told: Callable[[], None] = lambda: None
+    checkpoint: Callable[[], None] = lambda: None
 
     @cached_property
     def planes(self) -> list[PartPlane]:
@@ -45,7 +45,7 @@ class EveryLoop:
         return [self._plane(*each) for each in self.loops]
 
     def _plane(self, loop: Loop, part: LoopPart) -> PartPlane:
-        self.told()
+        self.checkpoint()
         return PartPlane.of(loop, part, self.window)
 
     @cached_property
@@ -90,7 +90,7 @@ class EveryLoop:
         """What is left of sets of kd, one per kp, after each look; where nothing is left nothing more is looked at."""
         left = list(kept)
         for look in looks:
-            self.told()
+            self.checkpoint()
             alive: Any = np.flatnonzero([len(one) for one in left])
             if not len(alive):
                 break

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import GainroomError
 from ..io.yaml_text import read_text
 from ..report.verdict import ToUse
-from ..studies.progress import Progress, untold
+from ..studies.progress import Progress, quiet
 from ..system.linear.arrays import Complexes, Floats
 from .messages import View
 
@@ -22,8 +22,6 @@ REMEMBERED = 24
 """Studies, recommendations, planes: of each kind."""
 Part = tuple[str, dict[str, Any]]
 """A piece of an answer: its name and what it holds; strict() makes JSON of it."""
-Told = Progress
-"""It raises Cancelled where nobody waits any more."""
 
 
 class Cancelled(Exception):  # noqa: N818 - asked for, not an error
@@ -97,15 +95,15 @@ class Bench(Protocol):
         """What follows a gesture, the quickest first; `known`: the map that the page has."""
         ...
 
-    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, told: Told = untold) -> Iterator[Part]:
+    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, progress: Progress = quiet) -> Iterator[Part]:
         """What follows a gesture a little later; `final`: it has ended, so there is time for more."""
         ...
 
-    def full(self, view: View, window: tuple[float, float] | None, told: Told) -> Iterator[Part]:
+    def full(self, view: View, window: tuple[float, float] | None, progress: Progress) -> Iterator[Part]:
         """What the command line would print for the same gains, certified as it is there."""
         ...
 
-    def found(self, view: View, told: Told) -> Iterator[Part]:
+    def recommended(self, view: View, progress: Progress) -> Iterator[Part]:
         """Recommended gains, where they take too long to be found with everything else."""
         ...
 
@@ -113,7 +111,7 @@ class Bench(Protocol):
         """What tells views with other recommended gains from each other."""
         ...
 
-    def shaken(self, view: View, told: Told) -> Iterator[Part]:
+    def shaken(self, view: View, progress: Progress) -> Iterator[Part]:
         """A simulated run."""
         ...
 

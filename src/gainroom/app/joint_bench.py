@@ -22,10 +22,10 @@ from ..report.number_format import own_gains, plane_names
 from ..report.verdict import joint_to_use, judged
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
-from ..studies.progress import untold
+from ..studies.progress import Progress, quiet
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
-from .bench import Opened, Part, Told, advised, remember
+from .bench import Opened, Part, advised, remember
 from .edits import at_point, conditions, gain_of, put, ranges, timing
 from .joint_curves import bode, limits, map_window, required_gains, stable_gains, step, sweep_span
 from .messages import View
@@ -122,7 +122,7 @@ class JointBench:
         if plant != known:
             yield "map", stable_gains(study, window or self._window) | {"plant": plant}
 
-    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, told: Told = untold) -> Iterator[Part]:
+    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, progress: Progress = quiet) -> Iterator[Part]:
         study, plant = _nominal(self._followed(view)), self.plant(view)
         if plant != known:
             for part in required_gains(study, window or self._window):
@@ -131,14 +131,14 @@ class JointBench:
             yield "before", step(_nominal(self._system))
         yield "step", step(study)
 
-    def full(self, view: View, window: tuple[float, float] | None, told: Told) -> Iterator[Part]:
-        told(0, 2, "ranges")
+    def full(self, view: View, window: tuple[float, float] | None, progress: Progress) -> Iterator[Part]:
+        progress(0, 2, "ranges")
         system = self.system(view)
         study = JointStudy(system, analyze(system).every)
         vars(study).update(recommended=None, exact=None)
         if system.uncertainty.names:
             yield "verdict", _verdict(study, "certified") | self._gains(study)  # before recommended gains, which take longer
-        told(1, 2, "recommended gains")
+        progress(1, 2, "recommended gains")
         study = self._study(view)
         use = joint_to_use(study, self.opened.call("joint"))
         yield "verdict", _verdict(study, "certified") | self._gains(study)
@@ -155,11 +155,11 @@ class JointBench:
             },
         )
 
-    def found(self, view: View, told: Told) -> Iterator[Part]:
-        yield from self.full(view, None, told)
+    def recommended(self, view: View, progress: Progress) -> Iterator[Part]:
+        yield from self.full(view, None, progress)
 
-    def shaken(self, view: View, told: Told) -> Iterator[Part]:
-        yield from shaken(parse_simulation(self.text(view), self.opened.source), told)
+    def shaken(self, view: View, progress: Progress) -> Iterator[Part]:
+        yield from shaken(parse_simulation(self.text(view), self.opened.source), progress)
 
     def _gains(self, study: JointStudy) -> dict[str, Any]:
         controller = study.system.control.controller

@@ -31,11 +31,11 @@ from ..robot.robot import Posture, Robot
 from ..simulation.robot_simulation import RobotSimulation
 from ..studies.deciding_joints import deciding_joints_in
 from ..studies.loop_numbers import limit_of
-from ..studies.progress import untold
+from ..studies.progress import Progress, quiet
 from ..studies.robot import RobotStudy, study_robot
 from ..studies.state import State, by_headroom, strongest_first
 from ..system.system import System
-from .bench import Opened, Part, Told, advised, remember, rounded
+from .bench import Opened, Part, advised, remember, rounded
 from .channels import Channel, Channels
 from .edits import conditions, gain_of, ranges, timing
 from .messages import View
@@ -204,7 +204,7 @@ class RobotBench:
 
     def page(self, view: View) -> str:
         call = self.opened.call("robot")
-        return robot_page(list(self._studies(view, untold))[-1], call, call=call)
+        return robot_page(list(self._studies(view, quiet))[-1], call, call=call)
 
     def state(self, view: View) -> State:
         """The view's posture and contact state."""
@@ -253,7 +253,7 @@ class RobotBench:
             follows = len(state.system.source.states) > 1
             yield "map", gain_map(plane, channel, window, state.system.requirements) | {"plant": key, "last": True, "follows": follows}
 
-    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, told: Told = untold) -> Iterator[Part]:
+    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, progress: Progress = quiet) -> Iterator[Part]:
         state, limit = self._limited(view)
         if limit is None:
             return
@@ -270,7 +270,7 @@ class RobotBench:
         if key != known and len(state.system.source.states) > 1:
             plane = self._plane(state, channel, key, window)
             states = (self._at(state.system, view, place) for place in state.system.source.states)
-            every = EveryState(states, channel, window or fitted(plane, channel), lambda: told(0, 1, "every state"))
+            every = EveryState(states, channel, window or fitted(plane, channel), lambda: progress(0, 1, "every state"))
             for part in every.parts(final):
                 yield "map", part | {"plant": key}
         if final:
@@ -281,9 +281,9 @@ class RobotBench:
         shape = self.shapes[place] if 0 <= place < len(self.shapes) else None
         return None if shape is None or shape.corners is None else shape.packed()
 
-    def full(self, view: View, window: tuple[float, float] | None, told: Told) -> Iterator[Part]:
+    def full(self, view: View, window: tuple[float, float] | None, progress: Progress) -> Iterator[Part]:
         study = None
-        for study in self._studies(view, told):
+        for study in self._studies(view, progress):
             yield "verdict", self._verdict(study, "state" if study.examined else "certified")
         assert study is not None
         yield "heat", heat(study)
@@ -293,33 +293,33 @@ class RobotBench:
         part = {
             **advised(use, warnings(study) if study.recommended else []),
             "gains": gains or None,
-            "star": self._starred(view, gains, told) if gains else "",
+            "star": self._starred(view, gains, progress) if gains else "",
             "points": self._channels.points(own),
             "plant": self.plant(view),
             "find": study.system.requirements.asked != () and not study.recommended,
         }
         yield "use", part
 
-    def found(self, view: View, told: Told) -> Iterator[Part]:
-        study = study_robot(self.system(view), told)
+    def recommended(self, view: View, progress: Progress) -> Iterator[Part]:
+        study = study_robot(self.system(view), progress)
         there = view.model_copy(update={"gains": self._to_use(study), "point": None})
         with self._lock:
             for each in (view, there):  # P/PI gains as they are typed have proportions of their own
                 remember(self._found, self.plant(each), study)
-        yield from self.full(view, None, told)
+        yield from self.full(view, None, progress)
 
-    def shaken(self, view: View, told: Told) -> Iterator[Part]:
+    def shaken(self, view: View, progress: Progress) -> Iterator[Part]:
         system = self.system(view)
         posture, contact = self._state(view)
         spec = RobotSimulation.of(replace(system, scenario=replace(system.scenario, posture=posture, contact=contact)))
-        yield from shaken(spec, told, lambda run: film(run, self.shapes), self._channels.channel(view).name)
+        yield from shaken(spec, progress, lambda run: film(run, self.shapes), self._channels.channel(view).name)
 
-    def _studies(self, view: View, told: Told) -> Iterator[RobotStudy]:
+    def _studies(self, view: View, progress: Progress) -> Iterator[RobotStudy]:
         """See SoFar, with the recommended gains that are known. Which state and joint are looked at changes nothing of the whole."""
         place = view.posture if view.angles else None
         key = repr(view.model_copy(update={"posture": place, "contact": None, "joint": view.joint if view.point else None}))
         known = self._found.get(self.plant(view))
-        for study in self._so_far.studies(key, self.system(view), self._state(view), told):
+        for study in self._so_far.studies(key, self.system(view), self._state(view), progress):
             yield study if known is None else replace(study, recommended=known.recommended)
 
     def plant(self, view: View) -> str:
@@ -357,12 +357,12 @@ class RobotBench:
         own = self._channels.named(study.controllers_to_use if study.to_use is not None else ())
         return {name: {gain: float(typed(value)) for gain, value in each.items()} for name, each in own.items()}
 
-    def _starred(self, view: View, gains: dict[str, dict[str, float]], told: Told) -> str:
+    def _starred(self, view: View, gains: dict[str, dict[str, float]], progress: Progress) -> str:
         """What is certified of recommended gains as they are typed, by a study of their own: their search does not hold it."""
         there = view.model_copy(update={"gains": gains, "point": None, "joint": None, "contact": None})
         key = repr(there)
         if key not in self._stars:
-            found = study_robot(self.system(there), told, recommend=False)
+            found = study_robot(self.system(there), progress, recommend=False)
             open_in = [state.title for state in found.states if not state.margins.certified]
             kept = "meets every requirement in every state" if found.requirements_met else "does not meet every requirement"
             remember(self._stars, key, f"{kept}; {f'not certified in {listed(open_in)}' if open_in else 'limits certified'}")

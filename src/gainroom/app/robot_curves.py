@@ -110,18 +110,18 @@ def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | N
 
 @dataclass(frozen=True)
 class EveryState:
-    """A channel's gains in every state at once, up to `window`; `told` is called between its loops, and may end it by raising."""
+    """A channel's gains in every state at once, up to `window`; `checkpoint` is called between its loops, and may end it by raising."""
 
     states: Iterable[State]
     channel: Channel
     window: tuple[float, float]
-    told: Callable[[], None]
+    checkpoint: Callable[[], None]
 
     def parts(self, final: bool) -> Iterator[dict[str, Any]]:
         """Outlines of the gains that are stable everywhere, and if `final` of those that keep what is asked for; `next`: what follows."""
         try:
             moving = [state for state in self.states if state.moves]
-            together = EveryLoop([(state.loop, part_of(state, self.channel)) for state in moving], self.window, self.told)
+            together = EveryLoop([(state.loop, part_of(state, self.channel)) for state in moving], self.window, self.checkpoint)
             asked = moving[0].system.requirements
             more = final and bool(asked.asked)
             first = {"every": _lines(together.stable()), "safe": [], "whole": None, "missing": ""}

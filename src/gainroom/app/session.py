@@ -112,7 +112,8 @@ class Session:
             self._later("refused", ask.key, {"lane": kind, "message": "an internal error; see the terminal"})
 
     def _parts(self, ask: Ask, kind: str, stale: Stale) -> Iterator[Part]:
-        def told(done: int, total: int, what: str) -> None:
+        def progress(done: int, total: int, what: str) -> None:
+            """Raises Cancelled where nobody waits any more."""
             if stale():
                 raise Cancelled
             if kind != "curves":  # which come one after the other
@@ -120,18 +121,18 @@ class Session:
 
         if kind in self._known:
             asked = ask.view, ask.window, self._known[kind] if ask.window is None else ""
-            for name, part in self._bench.quick(*asked) if kind == "quick" else self._bench.curves(*asked, ask.final, told):
+            for name, part in self._bench.quick(*asked) if kind == "quick" else self._bench.curves(*asked, ask.final, progress):
                 yield name, part
                 if name == "map":
                     self._known[kind] = part["plant"] if kind == "quick" or part.get("last") else ""
         elif kind == "full":
-            yield from self._bench.full(ask.view, ask.window, told)
+            yield from self._bench.full(ask.view, ask.window, progress)
         elif ask.ask == "find":
-            yield from self._bench.found(ask.view, told)
+            yield from self._bench.recommended(ask.view, progress)
         elif ask.ask == "shake":
-            yield from self._bench.shaken(ask.view, told)
+            yield from self._bench.shaken(ask.view, progress)
         elif ask.ask == "page":
-            told(0, 1, "the report")
+            progress(0, 1, "the report")
             yield "page", {"text": self._bench.page(ask.view)}
         elif ask.ask == "copy":
             yield "copied", {"text": self._bench.copied(ask.view, ask.form), "form": ask.form}

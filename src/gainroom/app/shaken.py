@@ -7,20 +7,23 @@ import numpy as np
 
 from ..report.simulation_text import sentence, warnings
 from ..simulation.simulation_spec import SimulationSpec
+from ..studies.progress import Progress
 from ..studies.simulation import simulate_study
-from .bench import Part, Told, rounded
+from .bench import Part, rounded
 
 POINTS = 1500
 MOST_CHANNELS = 3
 
 
-def shaken(spec: SimulationSpec, told: Told, film: Callable[[Any], dict[str, Any]] | None = None, shown: str = "") -> Iterator[Part]:
-    """The run at the spec's gains, and what `film` makes of it. `told` ends it by raising.
+def shaken(
+    spec: SimulationSpec, progress: Progress, film: Callable[[Any], dict[str, Any]] | None = None, shown: str = ""
+) -> Iterator[Part]:
+    """The run at the spec's gains, and what `film` makes of it. `progress` ends it by raising.
 
     shown   a channel whose motion is among the curves, as the strongest are
     """
-    told(0, spec.ticks, "")
-    outcome = simulate_study(spec, 1.0, progress=told)
+    progress(0, spec.ticks, "")
+    outcome = simulate_study(spec, 1.0, progress=progress)
     run = outcome.run
     pick = slice(None, None, max(1, len(run.time) // POINTS))
     chosen = list(outcome.leading[:MOST_CHANNELS])

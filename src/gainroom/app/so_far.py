@@ -5,10 +5,10 @@ from collections.abc import Iterator
 
 from ..report.robot_text import severity
 from ..studies.analysis import analyzed, in_turn
+from ..studies.progress import Progress
 from ..studies.robot import NUMBERS, RobotStudy
 from ..studies.state import State, by_headroom
 from ..system.system import System
-from .bench import Told
 
 
 class SoFar:
@@ -17,18 +17,18 @@ class SoFar:
     def __init__(self) -> None:
         self._last: tuple[str, RobotStudy] | None = None
 
-    def studies(self, key: str, system: System, shown: tuple[str, str], told: Told) -> Iterator[RobotStudy]:
+    def studies(self, key: str, system: System, shown: tuple[str, str], progress: Progress) -> Iterator[RobotStudy]:
         """Of the state `shown`, of all so far wherever one more is unstable, and last of every state; `key`: tells systems from each other.
 
         Next come the states that had least headroom before.
         """
         last = self._last
         if last is None or last[0] != key:
-            told(0, 1, "this state")
+            progress(0, 1, "this state")
             before = {} if last is None else {_place(state): by_headroom(state.limit) for state in last[1].states}
             order = sorted(system.source.states, key=lambda place: (place != shown, before.get(place, math.inf)))
             found: dict[tuple[str, str], State] = {}
-            for state in in_turn(system, order, told, NUMBERS):
+            for state in in_turn(system, order, progress, NUMBERS):
                 found[_place(state)] = state
                 if len(found) < len(order) and state.moves and (len(found) == 1 or not state.limit.stable):
                     yield RobotStudy(system, tuple(found[place] for place in system.source.states if place in found))

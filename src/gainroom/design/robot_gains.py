@@ -94,10 +94,10 @@ def recommend_robot(
     failed: list[_Failed] = []
 
     def held(
-        contact: str, states: Sequence[SearchedState], told: Callable[[], None], safe: GainSet | None, failed: list[_Failed]
+        contact: str, states: Sequence[SearchedState], checkpoint: Callable[[], None], safe: GainSet | None, failed: list[_Failed]
     ) -> GainSet | None:
         def search(some: Sequence[SearchedState]) -> GainSet | None:
-            return _set(contact, some, required, beginning, told, nearest, safe, failed)
+            return _set(contact, some, required, beginning, checkpoint, nearest, safe, failed)
 
         return _held(contact, states, required, nearest, search)
 
@@ -108,11 +108,11 @@ def recommend_robot(
     def alike(contacts: Sequence[str]) -> Job[list[GainSet | None]]:
         """The first is searched for; what mirrors it has the same gains in another order."""
 
-        def job(told: Callable[[], None]) -> list[GainSet | None]:
+        def job(checkpoint: Callable[[], None]) -> list[GainSet | None]:
             sets: list[GainSet | None] = []
             for contact in contacts:
                 found = mirror_image(sets[0], own[contacts[0]], own[contact], required) if sets else None
-                sets.append(found or held(contact, own[contact], told, known.get(contact) or safe, list(failed)))
+                sets.append(found or held(contact, own[contact], checkpoint, known.get(contact) or safe, list(failed)))
             return sets
 
         return job

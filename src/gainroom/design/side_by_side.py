@@ -54,13 +54,13 @@ def side_by_side(jobs: Sequence[Job[Found]], progress: Callable[[], None]) -> li
 
     stopped = threading.Event()
 
-    def told() -> None:
+    def checkpoint() -> None:
         if stopped.is_set():
             raise _StoppedError
         progress()
 
     with _handover.quick(), ThreadPoolExecutor(cores) as pool:
-        futures = [pool.submit(job, told) for job in jobs]
+        futures = [pool.submit(job, checkpoint) for job in jobs]
         try:
             return [future.result() for future in futures]
         except BaseException:

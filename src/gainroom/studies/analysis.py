@@ -13,7 +13,7 @@ from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .over_uncertainty import Worst, unknown_first
-from .progress import Progress, untold
+from .progress import Progress, quiet
 from .state import State, by_headroom, state_of
 
 THIS_STATE = "this state"
@@ -177,7 +177,7 @@ def analyze(system: System, progress: Progress | None = None, numbers: tuple[str
     Raises GainroomError for a state that cannot be linearised, where its numbers are too far apart to compute with, and where the gains
     move nothing in any state.
     """
-    return analyzed(system, in_turn(system, system.source.states, progress or untold, numbers))
+    return analyzed(system, in_turn(system, system.source.states, progress or quiet, numbers))
 
 
 def in_turn(system: System, places: Sequence[tuple[str, str]], progress: Progress, numbers: tuple[str, ...]) -> Iterator[State]:

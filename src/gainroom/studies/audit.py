@@ -28,7 +28,7 @@ from .loop_numbers import extra_delay, margins_of
 from .lowered_gains import GainsToUse, gains_to_use
 from .needed_stiffness import NeededStiffness, needed_stiffness
 from .over_uncertainty import unknown_first
-from .progress import Progress, untold
+from .progress import Progress, quiet
 from .state import State, path_headroom, state_of
 
 MARGIN = 2.0
@@ -337,7 +337,7 @@ def required_of(
 def audit(
     system: System,
     required: Requirements | None = None,
-    progress: Progress = untold,
+    progress: Progress = quiet,
     damping_ratio: float | None = None,
     gearboxes: GearboxRange | None = None,
 ) -> Audit:

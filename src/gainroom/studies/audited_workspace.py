@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from ..system.requirements import Requirements
 from .audit import Audit
-from .progress import Progress, untold
+from .progress import Progress, quiet
 from .sweep.summary import SweepSummary
 from .sweep.workspace import over_workspace
 from .swept_margins import Judged, WorstStates, worst_states
@@ -57,7 +57,7 @@ class AuditedWorkspace:
         return scale if scale >= max(self.found.lower * self.found.margin, self.later.lower) else float("nan")
 
 
-def audited_workspace(result: Audit, samples: int, progress: Progress = untold) -> AuditedWorkspace:
+def audited_workspace(result: Audit, samples: int, progress: Progress = quiet) -> AuditedWorkspace:
     """`samples` postures within the joints' limits in every contact state. Raises as over_workspace does.
 
     Gains that are unstable with the extra delay that is required miss the delay margin; that those which are stable with it are so with

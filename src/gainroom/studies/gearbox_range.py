@@ -15,7 +15,7 @@ from ..robot.gearbox_types import GearboxRange
 from ..system.linear.arrays import Floats
 from ..system.system import System
 from .gearbox_looks import STEPS, Gearboxes, Looks, lowest_point
-from .progress import Progress, untold
+from .progress import Progress, quiet
 from .state import State
 
 MIXED = 12
@@ -57,7 +57,7 @@ def _first(look: Gearboxes) -> tuple[bool, bool, float]:
     return not math.isnan(look.gain_limit), look.safe, look.gain_limit
 
 
-def look_over(system: System, states: Sequence[State], found: GearboxRange, progress: Progress = untold) -> RangeOfGearboxes:
+def look_over(system: System, states: Sequence[State], found: GearboxRange, progress: Progress = quiet) -> RangeOfGearboxes:
     """Looks over a range that leaves out no joint in it with a motor's inertia; `states` of the system."""
     varied = ~np.isnan(found.softest)
     looks = Looks(system, states, varied)

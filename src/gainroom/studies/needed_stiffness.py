@@ -14,7 +14,7 @@ from ..system.controller import own_gain
 from ..system.linear.arrays import Booleans
 from ..system.system import System
 from .gearbox_looks import STEPS, Gearboxes, Looks, lowest_point
-from .progress import Progress, untold
+from .progress import Progress, quiet
 from .state import State
 
 
@@ -62,7 +62,7 @@ def needed_stiffness(
     system: System,
     states: Sequence[State],
     damping_ratio: float,
-    progress: Progress = untold,
+    progress: Progress = quiet,
 ) -> NeededStiffness | None:
     """Of a system that is safe with rigid gearboxes; None where no rigid joint has a motor inertia, or kd runs apart."""
     joints = system.source.quantities

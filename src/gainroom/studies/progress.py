@@ -6,5 +6,5 @@ Progress = Callable[[int, int, str], None]
 """Called with (done, in all, what is done or comes next)."""
 
 
-def untold(done: int, total: int, what: str) -> None:
+def quiet(done: int, total: int, what: str) -> None:
     """Progress that nobody follows."""

@@ -19,7 +19,7 @@ from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .analysis import Analysis, analyze
 from .deciding_joints import most_sensitive
-from .progress import Progress, untold
+from .progress import Progress, quiet
 from .state import USUAL_RATE, State, task_headroom
 
 EXPECTED_LOOKS = 250
@@ -165,13 +165,13 @@ class RobotStudy(Analysis):
         return [] if self.system.control.space == "task" else [state for state in self.states if state.task_limit is not None]
 
 
-def study_robot(system: System, progress: Progress = untold, recommend: bool = True) -> RobotStudy:
+def study_robot(system: System, progress: Progress = quiet, recommend: bool = True) -> RobotStudy:
     """Everything about one robot; `recommend`: with recommended gains, which takes longest. Raises as analyze does."""
     jobs = _recommended(system, progress) if recommend and system.requirements.asked else []
 
-    def analysis(told: Callable[[], None]) -> Analysis:
+    def analysis(checkpoint: Callable[[], None]) -> Analysis:
         def report(done: int, total: int, what: str) -> None:
-            told()
+            checkpoint()
             progress(done, total, what)
 
         found = analyze(system, report, NUMBERS)
@@ -190,9 +190,9 @@ def _recommended(system: System, progress: Progress) -> list[Job[RobotGains]]:
     looked, alone = itertools.count(), JointsAlone()
 
     def of(space: str) -> Job[RobotGains]:
-        def job(told: Callable[[], None]) -> RobotGains:
+        def job(checkpoint: Callable[[], None]) -> RobotGains:
             def count() -> None:
-                told()
+                checkpoint()
                 progress(min(next(looked), expected), expected, "gains")
 
             with computable(f"{system.source.name}: recommended gains, {space} space"):

@@ -19,7 +19,7 @@ from ..system.requirements import REQUIREMENTS
 from .deciding_joints import deciding_joints
 from .loop_numbers import margins_of, moves
 from .oscillation import Oscillation, judge, torque_ripple_of
-from .progress import Progress, untold
+from .progress import Progress, quiet
 
 RIPPLE = 0.1
 """Of a joint's torque peak: torque ripple above the reference's frequencies that is reported, RMS."""
@@ -194,7 +194,7 @@ def simulate_study(
     spec: SimulationSpec,
     gain: float = 1.0,
     rows: Callable[[Run], None] = lambda part: None,
-    progress: Progress = untold,
+    progress: Progress = quiet,
     interrupted: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """Simulate the scenario with all gains times `gain`, and judge it.

@@ -8,7 +8,7 @@ import numpy as np
 from ..robot.robot import Posture, Robot
 from ..system.controller import PD
 from ..system.system import System
-from .progress import Progress, untold
+from .progress import Progress, quiet
 from .robot import RobotStudy, study_robot
 from .sweep.summary import SweepSummary
 from .sweep.workspace import checked_on, with_worst_of
@@ -17,7 +17,7 @@ ROUNDS = 4
 """Of gains found and checked: what is worst depends on the gains."""
 
 
-def study_over(system: System, store: Path, progress: Progress = untold) -> tuple[RobotStudy, SweepSummary | None]:
+def study_over(system: System, store: Path, progress: Progress = quiet) -> tuple[RobotStudy, SweepSummary | None]:
     """The study with the worst postures of a sweep beside the file's, and what its gains to use keep in the swept postures.
 
     None where there are no such gains, or they are not a PD's, joint by joint. Raises as study_robot and with_worst_of do.

@@ -16,7 +16,7 @@ from ..system.requirements import Requirement
 from ..system.system import StateCase
 from .judged_states import judged
 from .loop_numbers import moves
-from .progress import Progress, untold
+from .progress import Progress, quiet
 from .state import State, state_of
 from .sweep.plan import SweepPlan
 from .sweep.summary import SweepSummary, SweptPosture
@@ -74,7 +74,7 @@ class WorstStates:
         return {one.requirement.name: one for one in self.judged if not one.met}
 
 
-def worst_states(found: SweepSummary, each: int | None = None, progress: Progress = untold) -> WorstStates:
+def worst_states(found: SweepSummary, each: int | None = None, progress: Progress = quiet) -> WorstStates:
     """The sample: `each` lowest and as many random postures of each contact state; None: as many as suit the robot; 0: the lowest one.
 
     Reproducible: the seed is the sweep's.

@@ -11,7 +11,7 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..errors import GainroomError, computable
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .progress import Progress, untold
+from .progress import Progress, quiet
 from .state import State, path_headroom
 
 
@@ -108,7 +108,7 @@ class PathStudy:
         return None if self.unknown or self.system.uncertainty.names else True
 
 
-def study_two_paths(system: System, progress: Progress = untold) -> PathStudy:
+def study_two_paths(system: System, progress: Progress = quiet) -> PathStudy:
     """Every state and case of a system whose kd closes on a path of its own. Raises GainroomError where no case can be computed."""
     every, found = list(system.cases(inside=True)), []
     for index, case in enumerate(every):

@@ -26,7 +26,7 @@ from ..system.loop import Loop
 from ..system.requirements import enough
 from ..system.system import System
 from .loop_numbers import moves
-from .progress import Progress, untold
+from .progress import Progress, quiet
 
 TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
 """By witness: the largest relative difference of gain and frequency from the prediction."""
@@ -114,7 +114,7 @@ class Verification:
         return min(judged, key=lambda case: -math.inf if math.isnan(case.predicted_gain) else case.predicted_gain)
 
 
-def verify(system: System, progress: Progress = untold, effects: Sequence[str] = ()) -> Verification:
+def verify(system: System, progress: Progress = quiet, effects: Sequence[str] = ()) -> Verification:
     """The common factor on all gains at which vibration starts, predicted and by linear simulation, in every state.
 
     A robot's in joint and in task space, with MuJoCo as a second witness. `effects`: of the scenario, by name; they are left out.

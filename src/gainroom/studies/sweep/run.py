@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..progress import Progress, untold
+from ..progress import Progress, quiet
 from .cluster import on_cluster
 from .local_pool import Stop, cores, in_processes, in_this_process
 from .store import Store
@@ -17,7 +17,7 @@ class Done:
     found: int
 
 
-def run(store: Store, workers: int | None = None, scheduler: str = "", progress: Progress = untold, stop: Stop = lambda: False) -> Done:
+def run(store: Store, workers: int | None = None, scheduler: str = "", progress: Progress = quiet, stop: Stop = lambda: False) -> Done:
     """Compute and write what `store` does not have yet; less where `stop` says so.
 
     workers     processes of this machine; None: one per core; 1: none but this one

@@ -11,7 +11,7 @@ from ...errors import GainroomError
 from ...robot.robot import Posture, Robot
 from ...system.linear.arrays import Floats
 from ...system.system import System
-from ..progress import Progress, untold
+from ..progress import Progress, quiet
 from .limits import StateLimits
 from .local_pool import cores, in_processes, in_this_process
 from .plan import SweepPlan
@@ -32,7 +32,7 @@ PART = 65536
 
 
 def over_workspace(
-    system: System, samples: int, margin: float | None = None, progress: Progress = untold, workers: int | None = None
+    system: System, samples: int, margin: float | None = None, progress: Progress = quiet, workers: int | None = None
 ) -> SweepSummary:
     """Limits within the joints' limits in every contact state; `margin` in place of the gain margin that the system asks for.
 
@@ -46,7 +46,7 @@ def over_workspace(
     return summary_of(SweepPlan(system, _workspace(robot, samples), tuple(robot.contacts)), margin, progress, workers)
 
 
-def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress = untold, workers: int | None = None) -> SweepSummary:
+def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress = quiet, workers: int | None = None) -> SweepSummary:
     """The summary of a plan that is computed without being kept."""
     tasks = map(plan.task, range(plan.tasks))
     count = min(cores() if workers is None else workers, plan.tasks)
@@ -111,7 +111,7 @@ def with_worst_of(system: System, store: Path) -> System:
     return replace(system, source=replace(robot, postures=postures))
 
 
-def checked_on(system: System, store: Path, progress: Progress = untold) -> SweepSummary:
+def checked_on(system: System, store: Path, progress: Progress = quiet) -> SweepSummary:
     """Limits of the system's gains in the postures of a sweep, at most CHECKED of them, evenly chosen."""
     robot: Robot = system.source  # type: ignore[assignment]
     found, contacts = _stored(robot, store)
