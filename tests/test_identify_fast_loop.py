@@ -42,7 +42,7 @@ def test_rows_of_an_infinitely_fast_loop_depend_on_whole_ticks_alone():
 def test_of_an_infinitely_fast_loop_the_delay_is_bounded_to_a_tick(delay, noise, demand):
     """Told 2.18 ± 0.03 ticks before, whichever of them was true."""
     found = identify_delay(log(delay, math.inf, noise, demand=demand))
-    assert not found.told
+    assert found.confounded
     assert found.ticks.low <= 2.0 + 1e-9
     assert found.ticks.high >= 3.0 - 1e-9
     assert found.ticks.high - found.ticks.low < 1.2  # one tick, and what noise adds
@@ -69,7 +69,7 @@ def test_the_interval_of_a_fast_loop_holds(speed):
 @pytest.mark.parametrize("speed", [1.0, 3.0, 5.0])
 def test_a_loop_that_the_rows_can_follow_is_told(speed):
     found = identify_delay(log(2.8, speed, 0.002))
-    assert found.told
+    assert not found.confounded
     assert holds(found.ticks, 2.8)
     assert found.ticks.half_width < 0.05
     assert found.bandwidth is not None
@@ -107,7 +107,7 @@ def test_intervals_hold_whatever_the_current_loop(capsys):
     lag = np.array([holds(each.lag, TICK * (delay + (2 * 0.8 / speed if math.isinf(speed) else 0))) if math.isinf(speed) else True
                     for each, delay, speed in found if each.lag is not None])  # fmt: skip
     fast = np.array([speed > 6 for *_, speed in found])
-    told = np.array([each.told for each, *_ in found])
+    told = np.array([not each.confounded for each, *_ in found])
     errors = np.abs([each.ticks.value - delay for each, delay, _ in found])
     with capsys.disabled():
         print(

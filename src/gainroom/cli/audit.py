@@ -106,21 +106,21 @@ def audit(
     extra, further = delay_of_margin(delay_margin_ms), further_requirements(phase_margin_deg, peak_sensitivity)
     found = audited(model, given.gains, options)
     required = required_of(found.system, margin, extra, further)
-    told = None
+    training = None
     if simulator is not None or any(value is not None for value in asked.values()):
         from ..files.simulator_options import SimulatorOptions, simulator_of
 
-        told = simulator_of(SimulatorOptions(simulator, **asked), model, given.gains is None, options.joint_damping == "controller")
+        training = simulator_of(SimulatorOptions(simulator, **asked), model, given.gains is None, options.joint_damping == "controller")
     besides = ("simulator", *asked, "workspace", "write_robot")
     call = typed_command(context, *besides, "report")
     with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:
         with progress_bar("audit:") as progress:
             result = run_audit(found.system, required, progress, options.damping_ratio, found.gearboxes)
         simulated = None
-        if told is not None:
+        if training is not None:
             from ..studies.simulator_audit import audit_simulator
 
-            simulated = audit_simulator(result, *told)
+            simulated = audit_simulator(result, *training)
         swept = None
         if workspace is not None:
             from ..studies.audited_workspace import audited_workspace

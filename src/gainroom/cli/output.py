@@ -63,8 +63,8 @@ def columns_wide() -> int:
 
     if sys.stdout is not None and sys.stdout.isatty():
         return min(WIDEST, max(NARROWEST, Console(file=sys.stdout).width))
-    told = os.environ.get("COLUMNS", "")
-    return min(WIDEST, max(NARROWEST, int(told))) if told.isdecimal() and len(told) < 6 else WIDTH
+    columns = os.environ.get("COLUMNS", "")
+    return min(WIDEST, max(NARROWEST, int(columns))) if columns.isdecimal() and len(columns) < 6 else WIDTH
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], drops: Sequence[str] = (), wide: bool = False) -> "Table":

@@ -80,14 +80,14 @@ def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tup
     from ..studies.robot import study_robot
     from ..studies.sweep.workspace import glance, worse_posture
 
-    def studied(told: Callable[[], None]) -> "RobotStudy":
+    def studied(checkpoint: Callable[[], None]) -> "RobotStudy":
         def report(done: int, total: int, what: str) -> None:
-            told()
+            checkpoint()
             progress(done, total, what)
 
         return study_robot(system, report)
 
-    jobs: list[Job[Any]] = [studied, lambda told: glance(system)]
+    jobs: list[Job[Any]] = [studied, lambda checkpoint: glance(system)]
     study, seen = side_by_side(jobs, lambda: None)
     known = study.tightest.limit.gain
     worse = worse_posture(seen, known)

@@ -6,7 +6,7 @@ both come from the actual torque alone.
 
 How sharp that is has a bound. Of 200 virtual joints' logs with 1 % of torque noise the Cramér-Rao bound of the delay's standard error,
 beside an unknown current loop, is above 0.05 ticks in 63: excitation that is slow beside the current loop shows the sum of delay and lag,
-and no unbiased estimator tells the delay there to 0.1 ticks. Such logs are not `told`, and their intervals say how far it may be off.
+and no unbiased estimator tells the delay there to 0.1 ticks. Such logs are `confounded`, and their intervals say how far it may be off.
 """
 
 import math
@@ -70,7 +70,7 @@ class TorqueDelay:
     jitter          of single commands
     lag             delay + 2ζ/ω_c, from target to actual torque of a slow command [s]; None without actual torque
     bandwidth       ω_c [rad/s], damping_ratio ζ, gain actual/demand of the current loop; None without actual torque
-    told            True where delay and current loop are told apart; False: `delay` is bounded, only `lag` is measured
+    confounded      the log does not tell delay and current loop apart: `delay` is bounded, only `lag` is measured
     sample_time     [s]
     noise           of the actual torque [N m]; None without it
     channels        the torques it rests on
@@ -85,7 +85,7 @@ class TorqueDelay:
     bandwidth: Estimate | None
     damping_ratio: Estimate | None
     gain: Estimate | None
-    told: bool
+    confounded: bool
     sample_time: float
     noise: float | None
     channels: tuple[str, ...]
@@ -149,7 +149,7 @@ def _from_demand(record: Record, seen: Arrivals, warnings: list[str]) -> TorqueD
     jitter = Jitter(seen.deviation * tick, seen.values, seen.probability)
     channels = ("target_torque", "demand_torque")
     return TorqueDelay(
-        ticks.scaled(tick), ticks, effective.scaled(tick), jitter, None, None, None, None, False, tick, None, channels, (*warnings, warning)
+        ticks.scaled(tick), ticks, effective.scaled(tick), jitter, None, None, None, None, True, tick, None, channels, (*warnings, warning)
     )
 
 
@@ -250,7 +250,7 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
     alike = [each for each in fits if each.fit.evidence < fit.evidence + UNLIKELY]
     fast = [each for each in (other.fast() for other in alike) if each is not None]
     any_speed = any(math.isinf(each.speeds[1]) for each in fast)
-    _require_told(fit, None if any_speed else lag, record)
+    _require_determined(fit, None if any_speed else lag, record)
     # What is certain without any fit: a command arrives in the tick before the demand shows it, and not before it leaves.
     certain = seen is not None and "demand_torque" in channels
     low, high = (seen.mean - 1 - 2 * late, seen.mean + 2 * late) if certain and seen is not None else (0.0, max(lag.high, fit.means[0]))
@@ -259,7 +259,7 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
     ticks, effective = (_within(_of_fast(fast, k, late) if fast else _over_laws(alike, k, late), low, high) for k in (0, 1))
     strange = abs(math.log(fit.damping) - DAMPING[0]) > STRANGE * DAMPING[1]
     wrong = min([fit.uneven, *(each.uneven for each in fast)]) >= UNEVEN or strange or (seen is None and deviation > JITTER)
-    told = ticks.half_width < UNKNOWN_TICKS and not wrong
+    confounded = not (ticks.half_width < UNKNOWN_TICKS and not wrong)
     if wrong or (ticks.half_width > UNKNOWN_LAG and not any_speed):  # what is left would rest on how fast current loops usually are
         ticks, effective = (Estimate(each.value, low, high, np.inf) for each in (ticks, effective))
     if any_speed and ticks.high - ticks.low < WHOLE_TICK:
@@ -267,7 +267,7 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
             f"the current loop may be faster than the log's rows show: every delay from {ticks.low:.3g} to {ticks.high:.3g} ticks makes "
             "the same torques; take the longest, or log more often than once per tick"
         )
-    elif not told:
+    elif confounded:
         warnings.append(
             f"the log does not tell the delay from the current loop's lag: it is between {ticks.low:.3g} and {ticks.high:.3g} ticks; "
             "record torque steps, or a multisine up to a tenth of the tick rate"
@@ -290,7 +290,7 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
         bandwidth=speeds.scaled(1 / tick),
         damping_ratio=log_interval(fit.damping, math.hypot(errors[3], LOOP_FLOOR), FREEDOM),
         gain=interval(fit.gain, errors[4], FREEDOM),
-        told=told,
+        confounded=confounded,
         sample_time=tick,
         noise=fit.noise,
         channels=channels,
@@ -336,7 +336,7 @@ def _within(estimate: Estimate, low: float, high: float) -> Estimate:
     return Estimate(value, lower, upper, estimate.standard_error)
 
 
-def _require_told(fit: Fit, lag: Estimate | None, record: Record) -> None:
+def _require_determined(fit: Fit, lag: Estimate | None, record: Record) -> None:
     """Raise GainroomError where the fit does not determine the delay."""
     if fit.explained < 0.5:
         raise GainroomError(

@@ -142,7 +142,7 @@ class _Source:
     drive          between command and torque
     prior          mean and deviation of the delay [ticks]; None: fixed
     delays         (d,) [s] from torque to motion that the rough search tries
-    told           what the torques say of the delay
+    torques        what they say of the delay
     """
 
     name: str
@@ -151,7 +151,7 @@ class _Source:
     drive: Drive
     prior: tuple[float, float] | None
     delays: Floats
-    told: TorqueDelay | None
+    torques: TorqueDelay | None
 
 
 def _source(record: Record, drive: Drive | None, warnings: list[str]) -> _Source:
@@ -162,25 +162,25 @@ def _source(record: Record, drive: Drive | None, warnings: list[str]) -> _Source
     if drive is not None:
         lag = drive.delay + (0.0 if drive.is_ideal else 2 * drive.damping_ratio / drive.bandwidth) + tick / 2
         return _Source("target_torque", target, False, drive, None, np.array([lag]), None)
-    told = None
+    torques = None
     if record.has("actual_torque"):
         try:
-            told = identify_delay(record)
+            torques = identify_delay(record)
         except GainroomError as error:
             warnings.append(f"{error}; the delay is fitted to the motion")
-    if told is None or told.lag is None:
+    if torques is None or torques.lag is None:
         warnings.append("no torque log tells the current loop: it is fitted to the motion, which hardly tells it from a delay")
         prior = (SEARCHED / 4, math.inf)
         return _Source("target_torque", target, False, Drive(), prior, tick * (0.5 + np.arange(0.0, SEARCHED, 0.5)), None)
-    warnings.extend(told.warnings)
-    assert told.bandwidth is not None
-    assert told.damping_ratio is not None
-    delay = told.effective.value
-    if math.isinf(told.bandwidth.high):  # any of a tick: the one that with this bandwidth has the lag that is measured
-        delay = max(delay - told.delay.value + told.lag.value - 2 * told.damping_ratio.value / told.bandwidth.value, 0.0)
-    found = Drive(told.bandwidth.value, told.damping_ratio.value, delay)
-    prior = delay / tick, math.hypot(told.lag.standard_error / tick, DELAY_FLOOR)
-    return _Source("target_torque", target, False, found, prior, np.array([told.lag.value + tick / 2]), told)
+    warnings.extend(torques.warnings)
+    assert torques.bandwidth is not None
+    assert torques.damping_ratio is not None
+    delay = torques.effective.value
+    if math.isinf(torques.bandwidth.high):  # any of a tick: the one that with this bandwidth has the lag that is measured
+        delay = max(delay - torques.delay.value + torques.lag.value - 2 * torques.damping_ratio.value / torques.bandwidth.value, 0.0)
+    found = Drive(torques.bandwidth.value, torques.damping_ratio.value, delay)
+    prior = delay / tick, math.hypot(torques.lag.standard_error / tick, DELAY_FLOOR)
+    return _Source("target_torque", target, False, found, prior, np.array([torques.lag.value + tick / 2]), torques)
 
 
 def _require_motion(record: Record, torque: Floats) -> None:
@@ -238,7 +238,7 @@ class _Fitting:
         self.rough = rough
         self.model = JointModel.of(
             source.torque, self.positions, source.drive, record.sample_time, elastic, friction,
-            (source.prior is not None, source.prior is not None and source.told is None, source.sampled),
+            (source.prior is not None, source.prior is not None and source.torques is None, source.sampled),
         )  # fmt: skip
         self.signals = self._signals(rough.joint, cautious=False)
         searched = source.prior is not None and len(source.delays) > 1
@@ -323,8 +323,9 @@ class _Fitting:
             )
         scale = self.model.slopes(best.parameters)
         covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
-        if self.source.told is not None:
-            delay = parameters["delay"] = self.source.told.effective  # the fit's is what remains of it beside a current loop that is held
+        if self.source.torques is not None:
+            # The fit's is what remains of it beside a current loop that is held.
+            delay = parameters["delay"] = self.source.torques.effective
             place = physical.index("delay")
             covariance[place] = covariance[:, place] = 0.0
             covariance[place, place] = (delay.half_width / quantile(FREEDOM)) ** 2
@@ -337,7 +338,7 @@ class _Fitting:
             parameters["damping"] = beside
             warnings = warnings + note
         return JointFit(
-            name, parameters, physical, covariance, joint, drive, self.source.name, seen, tests, self.source.told,
+            name, parameters, physical, covariance, joint, drive, self.source.name, seen, tests, self.source.torques,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), tuple(warnings),
         )  # fmt: skip
 

@@ -151,7 +151,7 @@ def plan_excitation(
     assumed = tuple(
         name for name, value in (("friction", friction), ("encoder_step", encoder_step), ("torque_noise", torque_noise)) if value is None
     )
-    _require_told(shape, expected)
+    _require_identifiable(shape, expected)
     warnings = _warnings(system, kind, tick, hardware, size, expected["damping"])
     return Plan(
         system, kind, shape.excitation, shape.amplitude, bounds, shape.binding, shape.reached, shape.run, closed, hardware, assumed,
@@ -257,7 +257,7 @@ def _require_motion(shape: _Shape, hardware: Hardware, size: float) -> None:
         )
 
 
-def _require_told(shape: _Shape, expected: Mapping[str, float]) -> None:
+def _require_identifiable(shape: _Shape, expected: Mapping[str, float]) -> None:
     """Raise GainroomError where identification would refuse the log, or find no stiffness in it."""
     # Of normal errors 2 standard errors make a half-width.
     for name, most in (("stiffness", 2 * MOST_RELATIVE), ("motor_inertia", 4 * MOST_INERTIA), ("link_inertia", 4 * MOST_INERTIA)):

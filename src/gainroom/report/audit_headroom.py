@@ -96,11 +96,11 @@ def headroom(result: Audit) -> Html:
                 continue  # under the worst one's mark
             color = style.BLUE if value >= result.margin else style.VERMILION
             symbol, size = ("star", 20) if row is decides and k == worst else ("circle", 12) if k == worst else ("circle-open", 9)
-            told = f"{escape(row.title)}<br>{escape(result.states[k].contact)}<br>{digits(value, '×')} ({_level(value)})"
+            hover = f"{escape(row.title)}<br>{escape(result.states[k].contact)}<br>{digits(value, '×')} ({_level(value)})"
             beside = "left" if value > left * (right / left) ** 0.9 else "right"
             text = {"mode": "markers+text", "text": [f" {digits(value, '×', 3)} "], "textposition": f"middle {beside}"}
             mark = style.markers([min(max(value, left * edge), right / edge)], [place], symbol, color, size)
-            traces.append(mark | {"hoverinfo": "text", "hovertext": [told], "cliponaxis": False} | (text if k == worst else {}))
+            traces.append(mark | {"hoverinfo": "text", "hovertext": [hover], "cliponaxis": False} | (text if k == worst else {}))
     names = [f"<b>{row.name}</b>" if row.name == TOGETHER else _label(row) for row in rows]
     words = {"yref": "paper", "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"}
     picture = style.layout(

@@ -23,8 +23,8 @@ TORQUE_COLUMNS = (
     estimated("current loop ζ", "damping_ratio", lambda found: found.damping_ratio, "", 1.0, "damping ratio of the current loop"),
     estimated("gain", "gain", lambda found: found.gain, "", 1.0, "actual over demand torque"),
     estimated("delay + lag", "lag_ms", lambda found: found.lag, "ms", 1e3, "delay + 2ζ/ω_c, from target to actual torque"),
-    Column("", "told", lambda found: found.told),
-    Column("", "confounded", lambda found: not found.told),
+    Column("", "told", lambda found: not found.confounded),
+    Column("", "confounded", lambda found: found.confounded),
     Column("", "from", lambda found: list(found.channels)),
 )
 SETPOINT_COLUMNS = (
@@ -54,7 +54,7 @@ def torque_delay_answer(found: TorqueDelay) -> Answer:
     """From torques."""
     tick = digits(1e3 * found.sample_time, "ms")
     low, high = (digits(1e3 * end, "", 4) for end in (found.delay.low, found.delay.high))
-    if found.told or "actual_torque" not in found.channels:
+    if not found.confounded or "actual_torque" not in found.channels:
         value = digits(1e3 * found.delay.value, "ms")
         sentence = f"The torque is {value} late ({low} to {high} ms), {digits(found.ticks.value)} ticks of {tick}."
     else:

@@ -23,7 +23,7 @@ def delay_page(found: TorqueDelay, record: Record, answer: Answer, command: str)
     sections = [Section("Torques", [torques(found, record)])]
     if len(found.jitter.ticks):
         sections.append(Section("Jitter", [jitter(found)]))
-    return _page("delay", answer, "good" if found.told else "warn", cards, sections, delay_advice(found), command)
+    return _page("delay", answer, "warn" if found.confounded else "good", cards, sections, delay_advice(found), command)
 
 
 def setpoint_delay_page(answer: Answer, command: str) -> str:

@@ -49,9 +49,9 @@ def torques(found: TorqueDelay, record: Record) -> Html:
     low, high = sorted((float(target[first - 1]), float(target[first])))
     level = (low + high) / 2
     shapes = [style.upright(0.0, style.SOFT, "dot"), style.upright(late, style.VERMILION, "dash", 1.6)]
-    if found.told:
+    if not found.confounded:
         shapes.append(style.stretch(1e3 * found.delay.low, 1e3 * found.delay.high, style.VERMILION, 0.15))
-    words = f"delay {digits(late, 'ms', 3)}" if found.told else f"delay at most {digits(1e3 * found.delay.high, 'ms', 3)}"
+    words = f"delay at most {digits(1e3 * found.delay.high, 'ms', 3)}" if found.confounded else f"delay {digits(late, 'ms', 3)}"
     notes = [
         style.arrow((0.0, level), (late, level), style.VERMILION),
         style.label(late, 1.0, words, style.VERMILION, yref="paper", xanchor="left", yanchor="bottom", xshift=2),

@@ -46,7 +46,7 @@ def robot_page(
     call        the command without a page
     """
     shown, sample_time = _shown(study), study.system.control.sample_time
-    told = [*warnings(study)[ON_TOP:], *notes(study)]
+    noted = [*warnings(study)[ON_TOP:], *notes(study)]
     taken = assumptions("Linear about each posture", study.system.control, "; contacts neither slip nor lift")
     loci_of = beside(*(loci(state, loci_window(shown)) for state in shown))
     sections = [
@@ -62,7 +62,7 @@ def robot_page(
         Section("Joints", _joints(study), f"{study.system.source.body.size} joints: loads, gains and largest gains"),
         Section(
             "Inputs and assumptions",
-            [inputs(study.system), taken, *assumed_and_warned(study.system.assumptions, told)],
+            [inputs(study.system), taken, *assumed_and_warned(study.system.assumptions, noted)],
             "what was read, and what it leaves out",
         ),
         Section("Certification", [_certificate(study)], "how each number was checked"),

@@ -84,8 +84,8 @@ def requirement_rows(study: PathStudy) -> list[tuple[str, ...]]:
     rows = []
     for name, needed in study.system.requirements.needed.items():
         one, (value, case), met = REQUIREMENTS[name], study.worst[name], study.met(name)
-        told = "not known" if met is None else yes(met)
-        rows.append((one.title, one.text(value), case.text, f"{one.sign} {one.text(needed)}", told))
+        verdict = "not known" if met is None else yes(met)
+        rows.append((one.title, one.text(value), case.text, f"{one.sign} {one.text(needed)}", verdict))
     return rows
 
 

@@ -44,11 +44,11 @@ def _limits(cases: Sequence[Case]) -> Html:
     def marks(some: Sequence[Case], how: str, shift: float, *look: Any, name: str) -> style.Trace:
         gains = [getattr(case, f"{how}_gain") for case in some]
         at = [hertz(getattr(case, f"{how}_frequency")) for case in some]
-        told = [
+        hover = [
             f"{escape(case.what)}<br>{name}: {digits(gain, '×', 6)}<br>{omega}" for case, gain, omega in zip(some, gains, at, strict=True)
         ]
         places = np.clip(gains, left * edge, right / edge), [rows.index(case.what) + shift for case in some]
-        return style.markers(*places, *look, name=name, showlegend=True, hoverinfo="text", hovertext=told)
+        return style.markers(*places, *look, name=name, showlegend=True, hoverinfo="text", hovertext=hover)
 
     first = [next(case for case in cases if case.what == row) for row in rows]
     traces = [marks(first, "predicted", 0.0, "line-ns-open", style.BLACK, 36, name="predicted")]
@@ -71,12 +71,12 @@ def _differences(cases: Sequence[Case]) -> Html:
         symbol, color, size, shift = MARKS[witness]
         for what, look, place in (("gain", symbol, shift - APART / 2), ("frequency", f"{symbol}-open", shift + APART / 2)):
             values = [getattr(case, f"{what}_difference") for case in some]
-            told = [
+            hover = [
                 f"{escape(case.what)}<br>{WITNESSES[witness]}, {what}: {percent(value, case.tolerance)}"
                 for case, value in zip(some, values, strict=True)
             ]
             places = np.clip(100 * np.array(values), -0.97 * reach, 0.97 * reach), [rows.index(case.what) + place for case in some]
-            named = {"name": f"{WITNESSES[witness]}, {what}", "hoverinfo": "text", "hovertext": told}
+            named = {"name": f"{WITNESSES[witness]}, {what}", "hoverinfo": "text", "hovertext": hover}
             traces.append(style.markers(*places, look, color, size, **named))
     axis = style.axis("difference from the prediction [%]", range=[-reach, reach], fixedrange=True)
     bands = [style.stretch(-width, width, style.GREEN, SHADES[witness]) for witness, width in allowed.items()]

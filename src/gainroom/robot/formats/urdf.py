@@ -126,11 +126,11 @@ class _Reader:
 
     def notes(self) -> tuple[str, ...]:
         """What a user should look at."""
-        told = {
+        notes = {
             "the inertia of these links is negative about some axis, taken as given": self.negative,
             "gear ratios of transmissions have no effect without the rotors' inertia: give rotor_inertia and gear_ratio": self.geared,
         }
-        return tuple(f"{text}: {first_of_many(names)}" for text, names in told.items() if names)
+        return tuple(f"{text}: {first_of_many(names)}" for text, names in notes.items() if names)
 
     def _names(self, elements: Sequence[Element], kind: str) -> list[str]:
         names = [element.get("name", "") for element in elements]

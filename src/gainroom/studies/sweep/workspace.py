@@ -52,14 +52,14 @@ def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress 
     count = min(cores() if workers is None else workers, plan.tasks)
     results = in_processes(plan, tasks, lambda: False, count) if count > 2 else in_this_process(plan, tasks, lambda: False)
 
-    def told() -> Iterator[Any]:
+    def counted() -> Iterator[Any]:
         done = 0
         for task, limits in results:
             yield task, limits
             done += task.size
             progress(done, plan.states, "workspace")
 
-    return summarized(plan, told(), margin)
+    return summarized(plan, counted(), margin)
 
 
 def glance(system: System) -> SweepSummary | None:
