@@ -17,7 +17,7 @@ from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.report.columns import Column
 from gainroom.report.joint import joint_page
-from gainroom.report.margin_columns import judged_rows
+from gainroom.report.margin_columns import margin_rows
 from gainroom.report.number_format import digits
 from gainroom.report.robot_columns import JOINT
 from gainroom.system.controller import Controller
@@ -219,7 +219,7 @@ def test_a_requirement_without_an_excluded_set(monkeypatch: pytest.MonkeyPatch):
     assert 5e-3 * 0.999 < delay_margin(found.kp, found.kd) < 5e-3 * 1.02  # the grid's crossings are good to a few 1e-4
     assert found.binding == "spare_delay"
     found = gr.margins(gr.build_loop(*parts, without.controller))
-    rows = judged_rows(found, found, required)
+    rows = margin_rows(found, found, required)
     assert ("≥ 5 ms", "no") in {row[3:] for row in rows if row[0] == "spare delay"}
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from gainroom.analysis.stability import unstable_roots
+from gainroom.design.gain_cases import case_of, joint_state
 from gainroom.design.gain_sets import GainSet
-from gainroom.design.judged_cases import case_of, joint_state
 from gainroom.design.mirror import mirror_of
 from gainroom.design.mirrored_sets import mirror_image
 from gainroom.design.robot_gains import recommend_robot

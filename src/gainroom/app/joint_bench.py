@@ -19,7 +19,7 @@ from ..report.joint import joint_page
 from ..report.joint_text import sentence, severity, warnings
 from ..report.margin_columns import margin_columns, margins_text
 from ..report.number_format import own_gains, plane_names
-from ..report.verdict import joint_to_use, judged
+from ..report.verdict import joint_to_use, verdict_rows
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
 from ..studies.progress import Progress, quiet
@@ -226,7 +226,7 @@ def _verdict(study: JointStudy, basis: str) -> dict[str, Any]:
         "basis": basis,
         "sentence": sentence(study),
         "tone": severity(study) if study.stable_in_range else "bad",
-        "rows": [vars(row) for row in judged(study, best)],
+        "rows": [vars(row) for row in verdict_rows(study, best)],
         "numbers": facts(margin_columns(), study.margins),
         "worst": facts(margin_columns(), study.in_range.margins),
         "stable": study.margins.stable,

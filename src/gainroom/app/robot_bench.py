@@ -25,7 +25,7 @@ from ..report.recommended_gains import recommended_facts
 from ..report.robot import robot_page
 from ..report.robot_columns import state_columns
 from ..report.robot_text import sentence, warnings
-from ..report.verdict import Judged, judged, robot_to_use
+from ..report.verdict import VerdictRow, robot_to_use, verdict_rows
 from ..robot.model import RobotModel
 from ..robot.robot import Posture, Robot
 from ..simulation.robot_simulation import RobotSimulation
@@ -334,7 +334,7 @@ class RobotBench:
             "basis": basis,
             "sentence": sentence(study),
             "tone": tone(study),
-            "rows": [vars(row) | {"place": self._where(study, row)} for row in judged(study, best)],
+            "rows": [vars(row) | {"place": self._where(study, row)} for row in verdict_rows(study, best)],
             "states": [facts(state_columns(), state) for state in study.every],
             "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
             "stable": study.stable,
@@ -345,7 +345,7 @@ class RobotBench:
             "uncertified": [state.title for state in study.states if not state.margins.certified],
         }
 
-    def _where(self, study: RobotStudy, row: Judged) -> dict[str, str]:
+    def _where(self, study: RobotStudy, row: VerdictRow) -> dict[str, str]:
         """Where to look for a row's worst: posture, contact state, and the joint that misses what is required there."""
         state = next((state for state in study.states if state.title == row.where), study.states[0])
         place = {"posture": state.posture, "contact": state.contact}

@@ -217,7 +217,7 @@ def _terminal(
     verbose: bool,
 ) -> str:
     """`call`, `written`: see what_to_do; `gains_run`: where; `verbose`: also every contact state and joint, and all that is assumed."""
-    from ..report.audit_text import audit_warnings, reason, unjudged, verdict, what_to_do
+    from ..report.audit_text import audit_warnings, not_required, reason, verdict, what_to_do
     from ..report.columns import definitions
     from ..report.gearboxes import CAPTION, gearbox_assumptions, look_columns, shown_looks
     from ..report.robot_columns import audited_joints, audited_states, joint_caption, legend
@@ -252,7 +252,7 @@ def _terminal(
                 joints,
                 others + legend(result, headings(joints)),
                 *closing({"Report": report, "Robot": written}, few(warned, MOST_WARNINGS)),
-                *filter(None, [unjudged(result)]),
+                *filter(None, [not_required(result)]),
                 f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
                 f"{gains_run} (--gains-run). {len(assumed)} assumptions: --verbose.",
             )
@@ -272,7 +272,7 @@ def _terminal(
         joint_caption(result, headings(joints)),
         *stiffness,
         *folded_parts(do),
-        *filter(None, [unjudged(result)]),
+        *filter(None, [not_required(result)]),
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
         *closing({"Report": report, "Robot": written}, warned, assumed),
     )

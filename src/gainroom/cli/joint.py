@@ -165,11 +165,11 @@ def _all_there_is(study: "JointStudy") -> list[Any]:
 
 def _margin_rows(study: "JointStudy") -> list[tuple[str, ...]]:
     from ..report.columns import yes
-    from ..report.margin_columns import judged_rows
+    from ..report.margin_columns import margin_rows
 
     stable = study.margins.stable
     rows = [("stable", "yes" if stable else "NO", "", "yes", yes(stable))]
     if study.system.uncertainty.names:
         text = "NO" if not study.stable_in_range else "yes" if study.range_proved else "not proved"
         rows.append(("stable in the uncertainty ranges", text, "", "yes", "" if text == "not proved" else yes(study.stable_in_range)))
-    return [*rows, *judged_rows(study.margins, study.in_range.margins, study.system.requirements)]
+    return [*rows, *margin_rows(study.margins, study.in_range.margins, study.system.requirements)]

@@ -108,10 +108,10 @@ def column_table(title: str, columns: Sequence["Column"], rows: Iterable[Any], d
 
 def verdict_parts(study: Any, to_use: Any) -> list[Any]:
     """What stands first: gains to use with what is said of them, and every requirement at its worst."""
-    from ..report.verdict import judged, judged_columns
+    from ..report.verdict import verdict_columns, verdict_rows
 
-    rows, drops = judged(study, to_use.margins), ("at", "nominal", to_use.column, "required")
-    table = column_table("", judged_columns(study, to_use), rows, drops=drops)
+    rows, drops = verdict_rows(study, to_use.margins), ("at", "nominal", to_use.column, "required")
+    table = column_table("", verdict_columns(study, to_use), rows, drops=drops)
     return [*do_this(to_use), table] if to_use.lines else [table]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import model_facts, model_text
-from ..report.robot_units import judged
+from ..report.robot_units import requirements_text
 from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
 from .output import closing, column_table, few, folded_parts, headings, render, show, verdict_parts
 from .progress import progress_bar
@@ -161,7 +161,7 @@ def _all_there_is(study: "RobotStudy") -> list[Any]:
     parts.append("")
     for gains in study.recommended:
         parts += _gains_parts(gains, study.system.source.states[0])
-    return [*parts, judged(study.system)]
+    return [*parts, requirements_text(study.system)]
 
 
 def _task_parts(state: "State") -> list[Any]:

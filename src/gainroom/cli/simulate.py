@@ -53,14 +53,14 @@ def simulate(
         raise GainroomError(f"--gain: {gain:g} must be a factor from 1e-06 to 1e+06")
     spec = _load(file, feedforward)
     call = typed_command(context, "log", "gain", "report")
-    judge = command_line("robot" if spec.kind == "mujoco" else "joint", file)
+    study_call = command_line("robot" if spec.kind == "mujoco" else "joint", file)
     with report_stream(report, log) as page:
         outcome = _simulated(spec, gain, log)
-        show(as_json, lambda: _facts(outcome, log), lambda: _terminal(outcome, call, judge, report, log, verbose))
+        show(as_json, lambda: _facts(outcome, log), lambda: _terminal(outcome, call, study_call, report, log, verbose))
         if page is not None:
             from ..report.simulation import simulation_page
 
-            page.write(simulation_page(outcome, typed_command(context, "log"), call, judge))
+            page.write(simulation_page(outcome, typed_command(context, "log"), call, study_call))
     return 0 if outcome.sound else 1
 
 
@@ -150,8 +150,8 @@ def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
     }
 
 
-def _terminal(outcome: "Outcome", call: str, judge: str, report: Path | None, log: Path | None, verbose: bool) -> str:
-    """`call`, `judge`: see what_to_do; `verbose`: also torques, and the vibration beside the linear loop's."""
+def _terminal(outcome: "Outcome", call: str, study_call: str, report: Path | None, log: Path | None, verbose: bool) -> str:
+    """`call`, `study_call`: see what_to_do; `verbose`: also torques, and the vibration beside the linear loop's."""
     from ..report.columns import Column
     from ..report.simulation_advice import what_to_do
     from ..report.simulation_text import TRACKING, limit_text, sentence, tracking_cells, vibration_text, warnings
@@ -167,7 +167,7 @@ def _terminal(outcome: "Outcome", call: str, judge: str, report: Path | None, lo
     rate = digits(1 / run.sample_time, "Hz")
     parts: list[Any] = [
         sentence(outcome),
-        *do_this(what_to_do(outcome, call, judge)),
+        *do_this(what_to_do(outcome, call, study_call)),
         "",
         column_table(f"Tracking ({outcome.spec.kind}, {rate}, encoders on the {run.feedback} side)", columns, tracking),
     ]

@@ -91,10 +91,10 @@ def sweep(
     with report_stream(report) as page, _store(output, plan) as store:
         from ..studies.sweep.search import searched
         from ..studies.sweep.summary import summarized
-        from ..studies.swept_margins import JUDGED, worst_states
+        from ..studies.swept_margins import MANY, worst_states
 
         _run(store, workers, scheduler or "", output)
-        found = summarized(plan, store.finished(), remembered=max(JUDGED, margins or 0))
+        found = summarized(plan, store.finished(), remembered=max(MANY, margins or 0))
         with progress_bar("sweep:") as progress:
             near, at_worst = searched(found), worst_states(found, margins, progress)
         show(as_json, lambda: _facts(found, near, at_worst, output), lambda: _terminal(found, near, at_worst, output, report))
@@ -138,7 +138,7 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
     from ..report.columns import facts
     from ..report.number_format import model_facts
     from ..report.robot_columns import state_columns
-    from ..report.sweep_text import columns, judged_facts, posture_facts, sentence, warnings
+    from ..report.sweep_text import columns, posture_facts, sample_facts, sentence, warnings
     from ..system.requirements import to_db
 
     plan = found.plan
@@ -160,7 +160,7 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
         "worst": posture_facts(found, found.worst),
         "searched": posture_facts(found, near),
         "worst_states": [facts(state_columns(), state) for state in at_worst.states],
-        "judged": judged_facts(found, at_worst),
+        "judged": sample_facts(found, at_worst),
         "scale": found.scale,
         "rarer_than": found.rarer_than,
         "contacts": [facts(columns(found), one) for one in found.contacts],

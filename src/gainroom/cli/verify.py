@@ -39,12 +39,12 @@ def verify(
 
         with progress_bar("verify:") as progress:
             result = verified(system, progress, effects)
-        judge = command_line("robot" if result.of_robot else "joint", file)
-        show(as_json, lambda: _facts(result), lambda: _terminal(result, judge, report))
+        study_call = command_line("robot" if result.of_robot else "joint", file)
+        show(as_json, lambda: _facts(result), lambda: _terminal(result, study_call, report))
         if page is not None:
             from ..report.verification import verification_page
 
-            page.write(verification_page(system, result, typed_command(context), judge))
+            page.write(verification_page(system, result, typed_command(context), study_call))
     return 0 if result.agrees and result.least.predicted_gain > 1 else 1
 
 
@@ -76,12 +76,12 @@ def _facts(result: "Verification") -> dict[str, Any]:
     }
 
 
-def _terminal(result: "Verification", judge: str, report: Path | None) -> str:
+def _terminal(result: "Verification", study_call: str, report: Path | None) -> str:
     from ..report.verification_text import SHORT, sentence, what_to_do
 
     return render(
         sentence(result),
-        *do_this(what_to_do(result, judge)),
+        *do_this(what_to_do(result, study_call)),
         "",
         column_table("Factor on all gains at which vibration starts, and its frequency", SHORT, result.cases, ("difference",)),
         *(f"Left out: {warning}" for warning in result.warnings),

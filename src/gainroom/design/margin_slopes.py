@@ -87,17 +87,17 @@ class Case:
         """Those of the loop with these gains that requirements bound, as far as they are near what is asked for; looked at once."""
         key = gains.tobytes()
         if key not in self._known:
-            self._known[key] = self._judged(gains, self._looked_at(gains))
+            self._known[key] = self._margins_at(gains, self._looked_at(gains))
         return self._known[key]
 
     def all_margins(self, gains: Gains) -> Margins:
         """The same, however far they are from what is asked for."""
         key = gains.tobytes()
         if key not in self._whole:
-            self._whole[key] = self._judged(gains, look(self._directed, gains, WHOLE.wider(self._reach)))
+            self._whole[key] = self._margins_at(gains, look(self._directed, gains, WHOLE.wider(self._reach)))
         return self._whole[key]
 
-    def _judged(self, gains: Gains, seen: Seen) -> Margins:
+    def _margins_at(self, gains: Gains, seen: Seen) -> Margins:
         found = margins_seen(seen, len(self.torque))
         if not found.stable or not seen.followed:
             return found
@@ -208,7 +208,7 @@ PEAKS, ENDS = 0, 3  # places; loci and return ratios are between
 
 @dataclass(frozen=True)
 class _Peaks:
-    """What a requirement may ask of a look (system/judged_loop.py)."""
+    """What a requirement may ask of a look (system/loop_protocols.py)."""
 
     seen: Seen
 

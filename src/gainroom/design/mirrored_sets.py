@@ -8,8 +8,8 @@ import numpy as np
 from ..analysis.margin_record import worst_of
 from ..system.linear.arrays import Integers
 from ..system.requirements import Requirements
+from .gain_cases import SearchedState
 from .gain_sets import GainSet
-from .judged_cases import SearchedState
 from .mirror import EXACT, mirror_of
 from .starting_gains import Beginning
 

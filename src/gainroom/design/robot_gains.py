@@ -22,9 +22,9 @@ from ..errors import GainroomError
 from ..system.linear.arrays import Floats, Integers
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import StateCase, System
+from .gain_cases import SearchedState, case_of, joint_state, task_state
 from .gain_search import Raised, raised_gains, stiffness
 from .gain_sets import GainSet, RobotGains
-from .judged_cases import SearchedState, case_of, joint_state, task_state
 from .margin_slopes import Case, Gains
 from .mirrored_sets import mirror_image, mirrored
 from .side_by_side import Job, side_by_side

@@ -53,8 +53,8 @@ def audit_page(
     taken = assumptions(f"Linear about posture {result.tightest.posture}", system.control, "; contacts neither slip nor lift")
     workspace = []
     if swept is not None:
-        title = f"The workspace: {counted(swept.found.plan.postures.count)} postures"
-        workspace = [workspace_section(swept.found, title, audited=swept)]
+        title = f"The workspace: {counted(swept.summary.plan.postures.count)} postures"
+        workspace = [workspace_section(swept.summary, title, audited=swept)]
     headings, texts = tabulated(audited_joints(result), result.joints)
     joints = table(headings, texts, joint_caption(result, headings), MARKS)
     sections = [

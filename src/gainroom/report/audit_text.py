@@ -327,7 +327,7 @@ def _tightest(result: Audit) -> str:
     return f": every requirement is met; the tightest is {_beside_required(result, one, needed)}"
 
 
-def unjudged(result: Audit) -> str:
+def not_required(result: Audit) -> str:
     """The least phase margin and the peak sensitivity where nothing is required of them; "" where all is, or they are not known."""
     parts, options = [], []
     if damping_counts(result):  # the verdict says it

@@ -120,7 +120,7 @@ def stable_but(count: int, time: str = "") -> str:
     return f"Stable{time}, but {count} requirement{'s fail' if count > 1 else ' fails'}"
 
 
-def judged_rows(margins: Margins, worst: Margins, required: Requirements) -> list[tuple[str, ...]]:
+def margin_rows(margins: Margins, worst: Margins, required: Requirements) -> list[tuple[str, ...]]:
     """Every margin of one loop: name, value, frequency, what is required, and whether it is met at the `worst` of the uncertainty."""
     rows = []
     for column in margin_columns():

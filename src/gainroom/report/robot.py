@@ -21,7 +21,7 @@ from .robot_loci import loci, loci_window
 from .robot_skeleton import common_view
 from .robot_tables import gain_tables, inputs, joint_table, state_table, task_table
 from .robot_text import notes, sentence, severity, warnings
-from .robot_units import judged
+from .robot_units import requirements_text
 from .sweep_text import checked_sentence, counted
 from .verdict import advice_box, robot_to_use
 from .workspace import workspace_section
@@ -51,7 +51,7 @@ def robot_page(
     loci_of = beside(*(loci(state, loci_window(shown)) for state in shown))
     sections = [
         Section(_deciding_title(study), [_deciding(study)]),
-        Section("Gain headroom", [paragraph(judged(study.system)), heat_map(joint_factors(study), "joint")]),
+        Section("Gain headroom", [paragraph(requirements_text(study.system)), heat_map(joint_factors(study), "joint")]),
         *([] if swept is None else [_swept(swept)]),
         Section("Vibration by contact state", _vibrations(study, shown), "each at its own gain limit"),
         Section("State by state", [state_table(study), *remedies(study)], "all margins of each"),

@@ -17,7 +17,7 @@ def joint_units(body: Any) -> dict[str, str]:
     return units | {"prismatic": f" Prismatic joints: {first_of_many(prismatic)}."}
 
 
-def judged(system: Any) -> str:
+def requirements_text(system: Any) -> str:
     """The requirements of a System, and the gains that they apply to."""
     required = f"Required: {system.requirements}"
     if system.control.space == "task":

@@ -180,8 +180,8 @@ SHOWN_AS_ZERO = 1e-3
 """[N·m], and a participation factor: less is shown as 0."""
 
 
-def simulation_page(outcome: Outcome, command: str, call: str = CALL, judge: str = "") -> str:
-    """The report of a run as one HTML page; `command` is the command that makes it, `call` and `judge`: see what_to_do."""
+def simulation_page(outcome: Outcome, command: str, call: str = CALL, study_call: str = "") -> str:
+    """The report of a run as one HTML page; `command` is the command that makes it, `call` and `study_call`: see what_to_do."""
     kind, size, names = KINDS[outcome.spec.kind], len(outcome.run.joint_names), len(outcome.run.channels)
     fell = outcome.run.ending == "fell"
     sections = [
@@ -195,7 +195,7 @@ def simulation_page(outcome: Outcome, command: str, call: str = CALL, judge: str
         Section("Command", [block(command)], "that makes this page"),
     ]
     what = "one joint" if size == 1 else f"a robot of {size} joints"
-    return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome, call, judge), _cards(outcome), sections, footer())
+    return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome, call, study_call), _cards(outcome), sections, footer())
 
 
 def _first(outcome: Outcome) -> list[Section]:
@@ -215,9 +215,9 @@ def _first(outcome: Outcome) -> list[Section]:
     return [Section(what, [channel(outcome, worst, links_over_time(outcome))]), Section("Over time: the channels together", [whole])]
 
 
-def _lead(outcome: Outcome, call: str, judge: str) -> Lead:
+def _lead(outcome: Outcome, call: str, study_call: str) -> Lead:
     """The verdict with its sentence, warnings and advice."""
-    do = advice_box(what_to_do(outcome, call, judge))
+    do = advice_box(what_to_do(outcome, call, study_call))
     if outcome.sound:
         doubt = unsettled(outcome) or not sentence(outcome).startswith("Safe")
         return Lead(sentence(outcome), "bare" if outcome.missed else "warn" if doubt else "good", "", warnings(outcome), do)

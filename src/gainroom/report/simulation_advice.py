@@ -15,12 +15,12 @@ from .simulation_text import unsettled
 CALL = "gainroom simulate FILE"
 
 
-def what_to_do(outcome: Outcome, call: str = CALL, judge: str = "") -> Advice | None:
-    """None where the warnings say it all. `call`: the command that simulates the file's own gains, `judge`: the one that judges them."""
+def what_to_do(outcome: Outcome, call: str = CALL, study_call: str = "") -> Advice | None:
+    """None where the warnings say it all. `call`: simulates the file's own gains; `study_call`: the command that judges them."""
     more = f"`gainroom {'joint' if outcome.spec.kind != 'mujoco' else 'robot'}`"
-    judge = judge or f"{more.strip('`')} FILE"
+    study_call = study_call or f"{more.strip('`')} FILE"
     if not outcome.stable or outcome.missed:
-        found, late = _lower(outcome, judge, call), outcome.stable and unsettled(outcome)
+        found, late = _lower(outcome, study_call, call), outcome.stable and unsettled(outcome)
         return replace(found, remarks=[*found.remarks, _tracking(outcome, more)]) if late else found
     if outcome.run.ending == "fell":
         return Advice("Make the move smaller or slower, and simulate again: it is not the gains.")
@@ -29,18 +29,19 @@ def what_to_do(outcome: Outcome, call: str = CALL, judge: str = "") -> Advice | 
     if unsettled(outcome):
         return Advice(_tracking(outcome, more))
     if outcome.spec.system.uncertainty.names:
-        return Advice("Judge these gains over the file's ranges:", [judge])
+        return Advice("Judge these gains over the file's ranges:", [study_call])
     if outcome.spec.kind == "mujoco":
-        return Advice("These gains may stay in this state. Judge them in every state:", [judge])
+        return Advice("These gains may stay in this state. Judge them in every state:", [study_call])
     return Advice(f"These gains may stay, as far as this run shows. {more} judges all their margins.")
 
 
-def _lower(outcome: Outcome, judge: str, call: str) -> Advice:
+def _lower(outcome: Outcome, study_call: str, call: str) -> Advice:
     """The command that finds gains, and the factor with which the same run has every margin."""
     factor, every = outcome.gain_to_try, " in every state" if outcome.spec.kind == "mujoco" else ""
     if math.isnan(factor):
         return Advice(
-            f"Find gains that meet every requirement{every} (lowering all present gains by one factor was not found to do it):", [judge]
+            f"Find gains that meet every requirement{every} (lowering all present gains by one factor was not found to do it):",
+            [study_call],
         )
     needed = outcome.spec.system.requirements.needed or {"gain_margin": USUAL}
     margins = listed([f"{(one := REQUIREMENTS[name]).heading} {one.sign} {one.text(value)}" for name, value in needed.items()])
@@ -51,7 +52,7 @@ def _lower(outcome: Outcome, judge: str, call: str) -> Advice:
         f"Find gains that meet every requirement{every}. To see what lower gains do, repeat this run with all present gains × {factor:g}:"
     )
     lower = f"With these lower gains the linear loop has {margins}{where}."
-    return Advice(heading, [judge, f"{call} --gain {factor:g}"], [lower])
+    return Advice(heading, [study_call, f"{call} --gain {factor:g}"], [lower])
 
 
 def _tracking(outcome: Outcome, more: str) -> str:

@@ -56,11 +56,11 @@ def sentence(outcome: Outcome) -> str:
         text = f"Not safe: unstable, {_excess(outcome.limit)}. This run shows no sustained vibration: {_hiding(outcome)}"
     else:
         late = _unsettled(outcome)
-        text = f"{_judged(outcome)}No vibration{'' if late else ' in this run'}{late}. {_errors(outcome)}"
+        text = f"{_safe_or_not(outcome)}No vibration{'' if late else ' in this run'}{late}. {_errors(outcome)}"
     return f"{text}. {prediction(outcome.limit, outcome.spec.adds_viscous_friction)}."
 
 
-def _judged(outcome: Outcome) -> str:
+def _safe_or_not(outcome: Outcome) -> str:
     """Whether a stable loop is safe, with what it has too little of and where, before all else."""
     asked, found, where = outcome.spec.system.requirements, outcome.margins, _state(outcome)
     if found is None:

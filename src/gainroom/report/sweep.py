@@ -25,7 +25,7 @@ from .robot_skeleton import common_view
 from .robot_tables import MARKS, machine
 from .sweep_text import advice as use
 from .sweep_text import columns, counted, joint_name, sureness, verdict, warnings
-from .workspace import CURVES, FEW, judged_table
+from .workspace import CURVES, FEW, sample_table
 
 SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
 """ColorBrewer's Blues (Brewer 2013), the lowest darkest."""
@@ -41,7 +41,7 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
         *([Section("Over two joints", [_map(found, maps)])] if maps.lowest else []),
         Section("What a schedule would gain", [_schedule(found)]),
         Section("Which joint limits", [_limiting(found)]),
-        *([Section("Other requirements", [judged_table(found, at_worst)])] if at_worst.judged else []),
+        *([Section("Other requirements", [sample_table(found, at_worst)])] if at_worst.requirements else []),
         *(
             [Section("Margins in the worst postures", [_margins(states)], "all of them, one posture of each contact state")]
             if states

@@ -6,7 +6,7 @@ from typing import Any
 from ..errors import beside
 from ..studies.factors import typed_factor
 from ..studies.sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
-from ..studies.swept_margins import Judged, WorstStates
+from ..studies.swept_margins import SampledRequirement, WorstStates
 from ..system.requirements import Requirements, to_db
 from .columns import Column, facts
 from .margin_columns import margin_value, requirement
@@ -108,7 +108,7 @@ def unmet_text(found: SweepSummary, worst: WorstStates, required: Requirements |
     return " ".join(said)
 
 
-def _missed(found: SweepSummary, worst: WorstStates, one: Judged, bound: str) -> str:
+def _missed(found: SweepSummary, worst: WorstStates, one: SampledRequirement, bound: str) -> str:
     """The worst that was found of one requirement, where, and how often it is missed."""
     asked, name = found.plan.system.requirements, one.requirement.name
     worst_value = margin_value(asked, name, one.value, False, 3)
@@ -116,7 +116,7 @@ def _missed(found: SweepSummary, worst: WorstStates, one: Judged, bound: str) ->
     return f"{one.requirement.label} {worst_value} in {one.state.title} ({requirement(asked, name, 3)} {bound}{often})"
 
 
-def share_missed(worst: WorstStates, one: Judged) -> str:
+def share_missed(worst: WorstStates, one: SampledRequirement) -> str:
     """How many of the postures that were chosen at random miss a requirement."""
     if worst.everywhere:
         return f"{counted(one.missed)} of {counted(worst.count)}"
@@ -125,7 +125,7 @@ def share_missed(worst: WorstStates, one: Judged) -> str:
 
 def looked_at(found: SweepSummary, worst: WorstStates) -> str:
     """Where the other requirements were judged; "" where there are none."""
-    others = ", ".join(one.requirement.label for one in worst.judged)
+    others = ", ".join(one.requirement.label for one in worst.requirements)
     if not others or worst.everywhere:
         return f"Judged in every posture, too: {others}." if others else ""
     random = f" and {worst.random} random" if worst.random else ""
@@ -135,8 +135,8 @@ def looked_at(found: SweepSummary, worst: WorstStates) -> str:
     return f"Judged in a sample, not everywhere: {others}, {where}."
 
 
-def judged_columns(found: SweepSummary, worst: WorstStates) -> list[Column]:
-    """Of a row Judged."""
+def sample_columns(found: SweepSummary, worst: WorstStates) -> list[Column]:
+    """Of its requirements."""
     asked = found.plan.system.requirements
     return [
         Column("requirement", "name", lambda one: one.requirement.name, shown=lambda one: one.requirement.label),
@@ -151,16 +151,16 @@ def judged_columns(found: SweepSummary, worst: WorstStates) -> list[Column]:
     ]  # fmt: skip
 
 
-def judged_facts(found: SweepSummary, worst: WorstStates) -> dict[str, Any]:
+def sample_facts(found: SweepSummary, worst: WorstStates) -> dict[str, Any]:
     """The sample in which other requirements were judged, in JSON."""
-    columns = judged_columns(found, worst)
+    columns = sample_columns(found, worst)
     return {
         "lowest": worst.lowest,
         "random": worst.random,
         "count": worst.count,
         "random_count": worst.random_count,
         "everywhere": worst.everywhere,
-        "requirements": [facts(columns, one) | {"angles": _angles(found, one.state)} for one in worst.judged],
+        "requirements": [facts(columns, one) | {"angles": _angles(found, one.state)} for one in worst.requirements],
     }
 
 

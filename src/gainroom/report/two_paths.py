@@ -56,7 +56,7 @@ def sentence(study: PathStudy) -> str:
         return f"Not safe: unstable{_where(case)}; {below}."
     if study.unstable_at:
         return f"Not safe: stable nominally, but unstable at {study.unstable_at}."
-    fails = [f"{REQUIREMENTS[name].title} {_judged(study, name)}" for name in study.unmet]
+    fails = [f"{REQUIREMENTS[name].title} {_worst_text(study, name)}" for name in study.unmet]
     held = "Safe: every requirement is met." if study.system.requirements.needed else "Not decided: stable, but no margin is required."
     if study.unknown:
         held = f"Not decided: stable, but {listed([REQUIREMENTS[name].title for name in study.unknown])} not known."
@@ -73,7 +73,7 @@ def _where(case: PathCase) -> str:
     return f" in {case.title}" if case.title else ""
 
 
-def _judged(study: PathStudy, name: str) -> str:
+def _worst_text(study: PathStudy, name: str) -> str:
     one, (value, case) = REQUIREMENTS[name], study.worst[name]
     where = f" at {case.text}" if case.text else ""
     return f"{one.text(value)}{where} ({one.sign} {one.text(study.system.requirements.needed[name])})"

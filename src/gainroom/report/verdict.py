@@ -31,7 +31,7 @@ MOST_WARNINGS = 3
 
 
 @dataclass(frozen=True)
-class Judged:
+class VerdictRow:
     """A margin: at the worst of states and uncertainty, nominally in that state, and with the gains to use; SI, None where there is none.
 
     name    of the requirement
@@ -50,7 +50,7 @@ class Judged:
     where: str
 
 
-def judged(study: Analysis, to_use: Margins | None) -> list[Judged]:
+def verdict_rows(study: Analysis, to_use: Margins | None) -> list[VerdictRow]:
     """Every requirement, asked for or not. `to_use`: the worst margins of the recommended gains."""
     asked, rows = study.system.requirements, []
     for name, state in study.worst.items():
@@ -61,7 +61,7 @@ def judged(study: Analysis, to_use: Margins | None) -> list[Judged]:
         case = study.case_of(name)
         where = state.title if len(study.states) > 1 else case
         rows.append(
-            Judged(
+            VerdictRow(
                 name,
                 one.label if one.named(state.margins) == one.title else one.named(state.margins),
                 value,
@@ -76,8 +76,8 @@ def judged(study: Analysis, to_use: Margins | None) -> list[Judged]:
     return rows
 
 
-def judged_columns(study: Analysis, use: "ToUse") -> list[Column]:
-    """Of Judged: the nominal value beside the worst where something is uncertain, the state where there are several, and gains to use."""
+def verdict_columns(study: Analysis, use: "ToUse") -> list[Column]:
+    """Of its rows: the nominal value beside the worst where something is uncertain, the state where there are several, and gains to use."""
     uncertain, several, step = bool(study.system.uncertainty.names), len(study.states) > 1, study.system.control.sample_time
     return [
         Column("in continuous time" if step is None else f"at {digits(1e-3 / step, 'kHz', 4)}", "", lambda row: row.title),
@@ -206,6 +206,6 @@ def advice_box(study: "JointStudy | RobotStudy", found: ToUse) -> Html | str:
         return ""
     if found.margins is None:  # the cards say as much
         return advised(found)
-    columns = [column for column in judged_columns(study, found) if column.title not in ("at", STATE)]
+    columns = [column for column in verdict_columns(study, found) if column.title not in ("at", STATE)]
     marks = {"yes": "met", "no": "unmet"}
-    return advised(found, table(*tabulated(columns, judged(study, found.margins)), marks=marks, sorts=False))
+    return advised(found, table(*tabulated(columns, verdict_rows(study, found.margins)), marks=marks, sorts=False))

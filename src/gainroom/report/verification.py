@@ -146,8 +146,8 @@ def growth(system: System, limit: float) -> Html:
     return figure({"data": traces, "layout": layout}, "Vibration starts where its growth rate changes sign", caption, 400, narrow)
 
 
-def verification_page(system: System, result: Verification, command: str, judge: str = "") -> str:
-    """The report as one HTML page; `command` is the command that makes it, `judge`: see what_to_do."""
+def verification_page(system: System, result: Verification, command: str, study_call: str = "") -> str:
+    """The report as one HTML page; `command` is the command that makes it, `study_call`: see what_to_do."""
     limit, wrong = result.cases[0].predicted_gain, [case for case in result.cases if not case.agrees]
     sample_time, what, model = system.control.sample_time, "a robot", "Robot linearised about each posture, all loops closed"
     if not result.of_robot:
@@ -167,7 +167,7 @@ def verification_page(system: System, result: Verification, command: str, judge:
     said = [f"left out: {warning}" for warning in result.warnings]
     state = "bare" if result.least.enough is False or result.least.predicted_gain <= 1 else "good"
     headline = "" if result.agrees else "Simulation and prediction disagree: do not rely on the predicted limit"
-    lead = Lead(sentence(result), state if result.agrees else "bad", headline, said, advice_box(what_to_do(result, judge)))
+    lead = Lead(sentence(result), state if result.agrees else "bad", headline, said, advice_box(what_to_do(result, study_call)))
     return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, footer())
 
 

@@ -31,19 +31,21 @@ def at_nominal(result: Verification) -> str:
     return ", at nominal values" if result.uncertain else ""
 
 
-def what_to_do(result: Verification, judge: str = "") -> Advice | None:
-    """What the limit means for these gains; None where simulation and prediction disagree. `judge`: the command that judges all margins."""
+def what_to_do(result: Verification, study_call: str = "") -> Advice | None:
+    """What the limit means for these gains; None where simulation and prediction disagree. `study_call`: judges all margins."""
     if not result.agrees:
         return None
-    least, judge = result.least, judge or f"gainroom {'robot' if result.of_robot else 'joint'} FILE"
+    least, study_call = result.least, study_call or f"gainroom {'robot' if result.of_robot else 'joint'} FILE"
     if not least.predicted_gain < math.inf:
         return Advice("The prediction may be relied on: no factor on these gains makes it vibrate.")
     if not least.predicted_gain > 1:
-        return Advice("These gains are UNSTABLE, beyond a limit that may be relied on. Find gains that meet every requirement:", [judge])
+        return Advice(
+            "These gains are UNSTABLE, beyond a limit that may be relied on. Find gains that meet every requirement:", [study_call]
+        )
     if least.enough is False:
-        return Advice("Find gains that meet every requirement:", [judge])
+        return Advice("Find gains that meet every requirement:", [study_call])
     ranges = ", in the file's ranges too" if result.uncertain else ""
-    return Advice(f"The limit may be relied on. It is one margin of several; judge all{ranges}:", [judge])
+    return Advice(f"The limit may be relied on. It is one margin of several; judge all{ranges}:", [study_call])
 
 
 def _compared_text(result: Verification) -> str:

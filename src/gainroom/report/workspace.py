@@ -21,11 +21,11 @@ from .sweep_text import (
     columns,
     counted,
     joint_name,
-    judged_columns,
-    judged_facts,
     looked_at,
     posture_facts,
     safe_share,
+    sample_columns,
+    sample_facts,
     sentence,
     sureness,
     unmet_text,
@@ -35,10 +35,10 @@ from .sweep_text import (
 
 def workspace_text(swept: AuditedWorkspace, advised: bool) -> str:
     """What an audit says of it in the terminal; `advised`: with the factor of advice_there."""
-    found = swept.found
+    found = swept.summary
     said = [sentence(found), *sureness(found, None), later_there(swept), *warnings(found)]
     said += [workspace_advice(swept) if advised else "", unmet_there(swept)]
-    return " ".join(["Workspace:", *filter(None, said), judged_there(swept)])
+    return " ".join(["Workspace:", *filter(None, said), sample_text(swept)])
 
 
 def in_workspace(verdict: str, swept: AuditedWorkspace | None) -> str:
@@ -48,7 +48,7 @@ def in_workspace(verdict: str, swept: AuditedWorkspace | None) -> str:
     found = swept.tightest
     if not found.unsafe:
         return f"In this posture: {verdict} In the workspace not all that is required holds."
-    at_most = "at most " if swept.found.unsafe and found is swept.later else ""
+    at_most = "at most " if swept.summary.unsafe and found is swept.later else ""
     return f"In this posture: {verdict} In the workspace {at_most}{safe_share(found)} of {counted(found.count)} limits are safe."
 
 
@@ -69,30 +69,30 @@ def later_there(swept: AuditedWorkspace) -> str:
 
 def unmet_there(swept: AuditedWorkspace) -> str:
     """What fails in the sample, besides the gain margin; "" where nothing does."""
-    return unmet_text(swept.found, swept.sample, swept.asked)
+    return unmet_text(swept.summary, swept.sample, swept.asked)
 
 
-def judged_there(swept: AuditedWorkspace) -> str:
+def sample_text(swept: AuditedWorkspace) -> str:
     """Where which requirement was judged."""
-    return looked_at(swept.found, swept.sample) or "Judged there: the gain margin alone."
+    return looked_at(swept.summary, swept.sample) or "Judged there: the gain margin alone."
 
 
 def audited_facts(swept: AuditedWorkspace) -> dict[str, Any]:
     """As workspace_facts, with the extra delay, and the sample in which other requirements were judged."""
-    later, facts = swept.later, workspace_facts(swept.found)
+    later, facts = swept.later, workspace_facts(swept.summary)
     return facts | {
         "safe": swept.safe,
-        "safe_share": 1 - swept.tightest.unsafe / swept.found.count,
+        "safe_share": 1 - swept.tightest.unsafe / swept.summary.count,
         "scale": swept.scale,
         "unmet": list(swept.unmet),
         "extra_delay": None if later is None else {"extra_delay_ms": 1e3 * (swept.asked.delay_margin or 0.0), **workspace_facts(later)},
-        "judged": judged_facts(swept.found, swept.sample),
+        "judged": sample_facts(swept.summary, swept.sample),
     }
 
 
 def workspace_advice(swept: AuditedWorkspace) -> str:
     """Which common factor keeps the gain margin and survives the extra delay in the whole workspace; "" where these gains do."""
-    if swept.found.margin_held and (swept.later is None or swept.later.margin_held):
+    if swept.summary.margin_held and (swept.later is None or swept.later.margin_held):
         return ""
     kept = "keep the gain margin" if swept.later is None else "keep the gain margin, and are stable with that extra delay,"
     if not math.isfinite(swept.scale):
@@ -136,10 +136,10 @@ def workspace_section(found: SweepSummary, title: str, said: str = "", audited: 
     parts: list[Html] = [paragraph(" ".join([said or sentence(found), *sureness(found, None), *filter(None, [later]), *warnings(found)]))]
     if worst is not None:
         parts.append(facts(_numbers(found, audited is not None and audited.later is not None)))
-    if audited is not None and audited.sample.judged:
-        usual = [one.requirement.label for one in audited.sample.judged if one not in audited.judged]
+    if audited is not None and audited.sample.requirements:
+        usual = [one.requirement.label for one in audited.sample.requirements if one not in audited.requirements]
         note = f" Not required of these gains, but usual: {', '.join(usual)}." if usual else ""
-        parts.append(judged_table(found, audited.sample, note))
+        parts.append(sample_table(found, audited.sample, note))
     if any(len(one.spread) for one in found.contacts):
         parts.append(histogram(found))
     parts.append(table(*tabulated(columns(found), found.contacts)))
@@ -151,7 +151,7 @@ def workspace_section(found: SweepSummary, title: str, said: str = "", audited: 
 
 def workspace_card(swept: AuditedWorkspace) -> Card:
     """The lowest gain margin of the workspace, beside what is required."""
-    found = swept.found
+    found = swept.summary
     worst, asked = found.worst, Requirements(gain_margin=found.margin if found.margin > 1 else None)
     note = f"{safe_share(found)} of {counted(found.count)} limits have it"
     if worst is None:
@@ -159,10 +159,10 @@ def workspace_card(swept: AuditedWorkspace) -> Card:
     return margin_card(asked, "gain_margin", worst.gain, note, label="gain margin, workspace")
 
 
-def judged_table(found: SweepSummary, sample: WorstStates, note: str = "") -> Html:
+def sample_table(found: SweepSummary, sample: WorstStates, note: str = "") -> Html:
     """Requirements besides the gain margin, with the worst that a sample of postures has."""
     caption = f"{looked_at(found, sample)} Worst found and missed: among these; at random: how many of those chosen so miss it.{note}"
-    return table(*tabulated(judged_columns(found, sample), sample.judged), caption, MARKS)
+    return table(*tabulated(sample_columns(found, sample), sample.requirements), caption, MARKS)
 
 
 def _numbers(found: SweepSummary, later: bool) -> list[tuple[str, str]]:

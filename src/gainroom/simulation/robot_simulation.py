@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..design.judged_cases import judged_margins
+from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError, named
 from ..robot.ground import Footing, footings
 from ..robot.held_followers import on_a_tree
@@ -117,7 +117,7 @@ class RobotSimulation(SimulationSpec):
         if self.model.size == 1:
             return None
         scenario = self.system.scenario
-        return judged_margins(StateCase(scenario.posture, scenario.contact, "", self.system, self.model), gain)
+        return bounded_margins(StateCase(scenario.posture, scenario.contact, "", self.system, self.model), gain)
 
     def at_rest(self, run: Run) -> slice:
         """Of a run that ended early, its second half."""

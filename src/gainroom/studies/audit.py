@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.stability import is_stable
-from ..design.judged_cases import own_case, told
+from ..design.gain_cases import case_margins, own_case
 from ..design.margin_slopes import Case, Gains
 from ..robot.gearbox_types import GearboxRange
 from ..system.linear.arrays import Booleans, Floats
@@ -230,7 +230,7 @@ class Audit(Analysis):
             if self._cases is None:
                 return self.holds_at(lowered, factor)
             factors = np.where(lowered, factor, 1.0)
-            return all(self.required.met_by(told(case, factors * gains, near=True)) for case, gains in self._cases)
+            return all(self.required.met_by(case_margins(case, factors * gains, near=True)) for case, gains in self._cases)
 
         return largest_factor(holds, most)
 

@@ -7,7 +7,7 @@ from .audit import Audit
 from .progress import Progress, quiet
 from .sweep.summary import SweepSummary
 from .sweep.workspace import over_workspace
-from .swept_margins import Judged, WorstStates, worst_states
+from .swept_margins import SampledRequirement, WorstStates, worst_states
 
 EACH = 20
 """Postures with the lowest gain limits, and as many at random, of each contact state."""
@@ -21,7 +21,7 @@ class AuditedWorkspace:
     asked      what the audit requires; of other margins in the sample, what is usual, which decides nothing
     """
 
-    found: SweepSummary
+    summary: SweepSummary
     later: SweepSummary | None
     sample: WorstStates
     asked: Requirements
@@ -34,27 +34,27 @@ class AuditedWorkspace:
     @property
     def unmet(self) -> tuple[str, ...]:
         """The names of what is asked for and missed in some posture."""
-        missed = [] if self.found.margin_held else ["gain_margin"]
+        missed = [] if self.summary.margin_held else ["gain_margin"]
         missed += [] if self.later is None or self.later.margin_held else ["delay_margin"]
         return tuple(dict.fromkeys([*missed, *(name for name in self.sample.unmet if name in self.asked.asked)]))
 
     @property
-    def judged(self) -> list[Judged]:
+    def requirements(self) -> list[SampledRequirement]:
         """What is asked for besides the gain margin, as it is in the sample."""
-        return [one for one in self.sample.judged if one.requirement.name in self.asked.asked]
+        return [one for one in self.sample.requirements if one.requirement.name in self.asked.asked]
 
     @property
     def tightest(self) -> SweepSummary:
         """The sweep with more postures that are not safe: with the given delay, or with the extra one."""
-        return max([self.found, *([] if self.later is None else [self.later])], key=lambda one: one.unsafe)
+        return max([self.summary, *([] if self.later is None else [self.later])], key=lambda one: one.unsafe)
 
     @property
     def scale(self) -> float:
         """The factor on all gains with which the gain margin holds and the extra delay is survived in every posture; NaN: none is known."""
         if self.later is None:
-            return self.found.scale
-        scale = min(self.found.scale, self.later.scale)
-        return scale if scale >= max(self.found.lower * self.found.margin, self.later.lower) else float("nan")
+            return self.summary.scale
+        scale = min(self.summary.scale, self.later.scale)
+        return scale if scale >= max(self.summary.lower * self.summary.margin, self.later.lower) else float("nan")
 
 
 def audited_workspace(result: Audit, samples: int, progress: Progress = quiet) -> AuditedWorkspace:
@@ -65,9 +65,9 @@ def audited_workspace(result: Audit, samples: int, progress: Progress = quiet) -
     """
     asked = result.required
     shapes = asked.only("phase_margin", "peak_sensitivity")
-    judged = {**(shapes if shapes.asked else Requirements.usual().only("phase_margin", "peak_sensitivity")).needed}
-    judged |= asked.only("delay_margin").needed
-    system = replace(result.system, requirements=Requirements(**judged))
+    further = {**(shapes if shapes.asked else Requirements.usual().only("phase_margin", "peak_sensitivity")).needed}
+    further |= asked.only("delay_margin").needed
+    system = replace(result.system, requirements=Requirements(**further))
     found, later = over_workspace(system, samples, result.margin, progress), None
     if result.delay_margin > 0:
         delays = [drive.delay + result.delay_margin for drive in system.drives]

@@ -20,12 +20,12 @@ import numpy as np
 from ..analysis.limbs import limbs_of
 from ..analysis.modal_loop import ModalLoop
 from ..analysis.proved_limit import keeps_margins, limit_by_modes, provable, proved_limit
-from ..design.judged_cases import judged_margins
+from ..design.gain_cases import bounded_margins
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirements import Requirements, enough
 from ..system.system import StateCase, System
-from .judged_states import LATE
+from .certified_delay import LATE
 from .loop_numbers import extra_delay, limit_of, margins_of
 from .state import State
 
@@ -126,7 +126,7 @@ class Looks:
             return True
         system = self.system.with_values(stiffness=stiffness, damping=damping)
         model = replace(state.model, stiffness=stiffness, damping=damping)
-        found = judged_margins(StateCase(state.posture, state.contact, "", system, model), near=True)
+        found = bounded_margins(StateCase(state.posture, state.contact, "", system, model), near=True)
         needed = self.required.delay_margin
         if needed is None or not found.delay_margin < LATE * needed:
             return self.required.met_by(found)

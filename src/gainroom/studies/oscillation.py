@@ -96,7 +96,7 @@ class _Record:
     above: float = 0.0
 
 
-def judge(spec: SimulationSpec, gain: float, run: Run, limit: GainLimit | None) -> tuple[Oscillation | None, float]:
+def oscillation_in(spec: SimulationSpec, gain: float, run: Run, limit: GainLimit | None) -> tuple[Oscillation | None, float]:
     """The vibration in a run with all gains times `gain`: one that is sustained or grows, else one that decays; None where there is none.
 
     limit   of the linear loop, as a factor on the gains of the run; None: they act on no motion
@@ -109,17 +109,17 @@ def judge(spec: SimulationSpec, gain: float, run: Run, limit: GainLimit | None) 
     if not spec.is_exact:
         rest = None
         if completed or (run.diverged and not stable):
-            rest, _ = _judged(spec, _at_rest(spec, run), stable)
+            rest, _ = _oscillation_of(spec, _at_rest(spec, run), stable)
         return (rest if rest is not None and rest.lasts else _in_motion(spec, run, limit) or rest), 0.0
-    found, noise_motion = _judged(spec, _after_last_event(spec, gain, run), stable, irregular=completed)
+    found, noise_motion = _oscillation_of(spec, _after_last_event(spec, gain, run), stable, irregular=completed)
     if found is not None and found.lasts and stable and completed:
-        again, noise_motion = _judged(spec, _after_settling(spec, gain), stable=True)
+        again, noise_motion = _oscillation_of(spec, _after_settling(spec, gain), stable=True)
         if again is None or not again.lasts:
             return again, noise_motion
     return found, noise_motion
 
 
-def _judged(spec: SimulationSpec, record: _Record, stable: bool, irregular: bool = True) -> tuple[Oscillation | None, float]:
+def _oscillation_of(spec: SimulationSpec, record: _Record, stable: bool, irregular: bool = True) -> tuple[Oscillation | None, float]:
     """The vibration in `record`, and the RMS of irregular motion where none is sustained; `stable`: the linear loop."""
     sizes, unsteady = EXACT if spec.is_exact else MUJOCO, max(spec.noise, spec.encoder_step)
     least = max(sizes.least, sizes.steps * unsteady)
@@ -127,18 +127,18 @@ def _judged(spec: SimulationSpec, record: _Record, stable: bool, irregular: bool
         least = 0.0 if spec.is_linear else least if stable else sizes.least
     possible = not (spec.is_exact and spec.is_linear and stable)
     found = vibration(record.error, spec.sample_time, above=record.above) if len(record.error) >= FEWEST_SAMPLES else None
-    judged = None
+    seen = None
     if found is not None and found.damping_ratio <= RESTING and not (found.growth_rate < 0 and found.amplitude < sizes.gone):
-        judged = _oscillation(spec, record, found, least, possible)
-    if (judged is not None and judged.lasts) or not (spec.is_exact and irregular and unsteady > 0 and record.above == 0):
-        return judged, 0.0
+        seen = _oscillation(spec, record, found, least, possible)
+    if (seen is not None and seen.lasts) or not (spec.is_exact and irregular and unsteady > 0 and record.above == 0):
+        return seen, 0.0
     driven, held = _irregular(spec, record)
     if driven is None:
-        return judged, 0.0
+        return seen, 0.0
     size = driven.swing / math.sqrt(2)
     if possible and held and driven.swing > least:
         return replace(driven, least=least), size
-    return judged, size
+    return seen, size
 
 
 def _oscillation(spec: SimulationSpec, record: _Record, found: Vibration, least: float, possible: bool) -> Oscillation:

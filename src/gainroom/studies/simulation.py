@@ -18,7 +18,7 @@ from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS
 from .deciding_joints import deciding_joints
 from .loop_numbers import margins_of, moves
-from .oscillation import Oscillation, judge, torque_ripple_of
+from .oscillation import Oscillation, oscillation_in, torque_ripple_of
 from .progress import Progress, quiet
 
 RIPPLE = 0.1
@@ -218,7 +218,7 @@ def simulate_study(
         raise GainroomError("the first torques are not finite: the gains are too large to compute with")
     loop = spec.loop(gain)
     margins = margins_of(loop) if moves(loop) else None
-    oscillation, noise_motion = judge(spec, gain, run, None if margins is None else margins.limit)
+    oscillation, noise_motion = oscillation_in(spec, gain, run, None if margins is None else margins.limit)
     torque, nothing = run.actual_torque, np.zeros(len(run.joint_names))
     return Outcome(
         spec,

@@ -12,7 +12,7 @@ from ..analysis.margins import joint_margins
 from ..analysis.partial_limits import part_limits
 from ..analysis.stability import is_stable
 from ..analysis.two_paths import delay_of_others, path_margins
-from ..design.judged_cases import judged_margins
+from ..design.gain_cases import bounded_margins
 from ..design.starting_gains import IMMOBILE, joints_that_move
 from ..errors import computable
 from ..system.controller import Controller, own_gain
@@ -153,7 +153,7 @@ class State:
         if not (self.system.uncertainty.names and self.moves and self.margins.stable):
             return Worst.of(nominal)
         others = uncertain_cases(self.system, self.posture, self.contact)
-        return Worst.of(nominal + [(case.place, judged_margins(case)) for case in others])
+        return Worst.of(nominal + [(case.place, bounded_margins(case)) for case in others])
 
     @property
     def limit(self) -> GainLimit:

@@ -1,7 +1,7 @@
 """All requirements in postures of a sweep, which looks at the gain limit alone: where that is lowest, and in a random share of them.
 
 Of each contact state the posture with the lowest limit has all its margins, as `gainroom robot` has them. The others are looked at as
-corners of an uncertainty are (design/judged_cases.py), in a tenth of the time; what is worst there is worked out again in full.
+corners of an uncertainty are (design/gain_cases.py), in a tenth of the time; what is worst there is worked out again in full.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..system.requirements import Requirement
 from ..system.system import StateCase
-from .judged_states import judged
+from .certified_delay import with_certified_delay
 from .loop_numbers import moves
 from .progress import Progress, quiet
 from .state import State, state_of
@@ -23,12 +23,12 @@ from .sweep.summary import SweepSummary, SweptPosture
 
 MOST = 6
 """Contact states of which the worst posture has all margins: those with the lowest limits."""
-JUDGED, FEW = 50, 5
+MANY, FEW = 50, 5
 """The lowest, and as many at random, of each contact state; of robots whose limits are asked for one by one."""
 
 
 @dataclass(frozen=True)
-class Judged:
+class SampledRequirement:
     """One requirement in the sample: its worst `state`, with all margins, and in how many postures it is missed.
 
     random_missed   of those that were chosen at random
@@ -57,7 +57,7 @@ class WorstStates:
 
     lowest, random   postures of each contact state that were chosen so
     count, random_count   judged in all, and of those chosen at random; everywhere: that is all there are
-    judged           requirements besides the gain margin
+    requirements     besides the gain margin
     """
 
     states: tuple[State, ...] = ()
@@ -66,12 +66,12 @@ class WorstStates:
     count: int = 0
     random_count: int = 0
     everywhere: bool = False
-    judged: tuple[Judged, ...] = ()
+    requirements: tuple[SampledRequirement, ...] = ()
 
     @property
-    def unmet(self) -> dict[str, Judged]:
+    def unmet(self) -> dict[str, SampledRequirement]:
         """Requirements that are missed in the sample, by name."""
-        return {one.requirement.name: one for one in self.judged if not one.met}
+        return {one.requirement.name: one for one in self.requirements if not one.met}
 
 
 def worst_states(found: SweepSummary, each: int | None = None, progress: Progress = quiet) -> WorstStates:
@@ -86,20 +86,20 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
     if not others or not states:
         return WorstStates(states)
     if each is None:
-        each = JUDGED if all(plan.at(0, contact).quick for contact in range(len(plan.contacts))) else FEW
+        each = MANY if all(plan.at(0, contact).quick for contact in range(len(plan.contacts))) else FEW
     sample = _Sample(found, each)
     looked = list(_looked_at(sample, progress))
-    judged = []
+    sampled = []
     for requirement, needed in others:
         short = [(requirement.shortfall(needed, requirement.value(margins)), one) for one, margins in looked]
         missed = [one for one, margins in looked if not requirement.met(needed, requirement.value(margins))]
         known = [*states, *([] if not short else filter(None, [_in_full(max(short, key=lambda pair: pair[0])[1], plan)]))]
         worst = max(known, key=lambda state, one=requirement, least=needed: one.shortfall(least, one.value(state.margins)))
-        judged.append(Judged(requirement, needed, worst, len(missed), sum(one.key in sample.random for one in missed)))
+        sampled.append(SampledRequirement(requirement, needed, worst, len(missed), sum(one.key in sample.random for one in missed)))
     random_count = sum(one.key in sample.random for one, _ in looked)
     every = len(looked) == plan.states
     lowest = max(len(contact.worst[: max(each, 1)]) for contact in found.contacts)
-    return WorstStates(states, lowest, min(each, plan.postures.count), len(looked), random_count, every, tuple(judged))
+    return WorstStates(states, lowest, min(each, plan.postures.count), len(looked), random_count, every, tuple(sampled))
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _looked_at(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPostu
         try:
             model = system.source.linearize(one.name, contact)
             if moves(system.loop(model)):
-                yield one, judged(StateCase(one.name, contact, "", system, model))
+                yield one, with_certified_delay(StateCase(one.name, contact, "", system, model))
         except GainroomError:
             continue
     progress(len(every), len(every), "margins")

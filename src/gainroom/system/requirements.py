@@ -13,8 +13,8 @@ import numpy as np
 
 from ..errors import GainroomError
 from .excluded_sets import ROUND_OFF, Arc, Disk, ExcludedSet, Segment
-from .judged_loop import Curves, Judged, Sampled
 from .linear.arrays import Floats
+from .loop_protocols import Curves, MarginRecord, Sampled
 from .margin_units import IN_SI, from_db, to_db
 
 
@@ -93,7 +93,7 @@ class Requirement:
             below = f" and < {self.high:.4g}" if self.high < math.inf else ""
             raise GainroomError(f"requirements: {self.name} {value!r} must be > {self.low:g}{below}{IN_SI.get(self.unit, '')}")
 
-    def value(self, found: Judged) -> float:
+    def value(self, found: MarginRecord) -> float:
         """What is held against the requirement: the worst over all loops together and one at a time; NaN where it is not known."""
         return getattr(found, self.bounds or self.name)
 
@@ -101,15 +101,15 @@ class Requirement:
         """(n,) the same of one loop at a time, the others as they are; None where it is of all loops together alone, or not known."""
         return None
 
-    def named(self, found: Judged) -> str:
+    def named(self, found: MarginRecord) -> str:
         """What that is: "phase margin of one loop" where it is the lesser."""
         return self.title
 
-    def frequency(self, found: Judged) -> float:
+    def frequency(self, found: MarginRecord) -> float:
         """The frequency that belongs to it [rad/s]; NaN where there is none."""
         return getattr(found, self.at_frequency) if self.at_frequency else math.nan
 
-    def facts(self, found: Judged) -> dict[str, Any]:
+    def facts(self, found: MarginRecord) -> dict[str, Any]:
         """`value`, in JSON."""
         return {self.key: self.in_unit(self.value(found))}
 
@@ -204,10 +204,10 @@ class PhaseMargin(Requirement):
     def named(self, found: Any) -> str:
         return f"{self.title} of one loop" if found.one_loop_phase_margin < found.common_phase_margin else self.title
 
-    def frequency(self, found: Judged) -> float:
+    def frequency(self, found: MarginRecord) -> float:
         return super().frequency(found) if self.named(found) == self.title else math.nan
 
-    def facts(self, found: Judged) -> dict[str, Any]:
+    def facts(self, found: MarginRecord) -> dict[str, Any]:
         return super().facts(found) | {"phase_margin_is": self.named(found)}
 
     def shortfall(self, needed: float, value: float) -> float:
@@ -393,11 +393,11 @@ class Requirements:
         needed = self.needed.get(name)
         return None if needed is None else REQUIREMENTS[name].met(needed, value)
 
-    def met_by(self, found: Judged) -> bool:
+    def met_by(self, found: MarginRecord) -> bool:
         """Whether a stable loop meets everything that is asked for."""
         return found.stable and all(one.met(needed, one.value(found)) for one, needed in self.asked_for)
 
-    def missed(self, found: Judged) -> str:
+    def missed(self, found: MarginRecord) -> str:
         """The name of what is missed most: a requirement's, or "stability"; "" where nothing is."""
         if not found.stable:
             return "stability"
@@ -405,13 +405,13 @@ class Requirements:
         missed = [one.name for one, needed in self.asked_for if not one.met(needed, one.value(found))]
         return max(missed, key=lambda name: short[name], default="")
 
-    def shortfall(self, found: Judged) -> float:
+    def shortfall(self, found: MarginRecord) -> float:
         """By how much the requirement that is missed most is missed: in ln of a gain or a sensitivity, or as part of a phase.
 
         Negative where all are met; inf where unstable, or where something is not known.
         """
         return max(self.shortfalls(found).values(), default=-math.inf) if found.stable else math.inf
 
-    def shortfalls(self, found: Judged) -> dict[str, float]:
+    def shortfalls(self, found: MarginRecord) -> dict[str, float]:
         """The same of every requirement."""
         return {one.name: one.shortfall(needed, one.value(found)) if found.stable else math.inf for one, needed in self.asked_for}

@@ -74,7 +74,7 @@ class Cleaner:
             )
         )
 
-    def judge(self) -> None:
+    def require_enough(self) -> None:
         """Raises GainroomError where too little of the rows is left to be a log."""
         quality, path = self.quality, self._path
         if quality.rows < JUDGED:

@@ -92,7 +92,7 @@ class LogReader:
                     break
         if stamps is not None and not cleaner.quality.rows:
             raise GainroomError(f"{self.path}: has no row from {options.start or 0:g} s on; its last ones are {latest:g} s after the first")
-        cleaner.judge()
+        cleaner.require_enough()
         yield self._log(np.zeros(0), [np.zeros(0)] * len(channels), cleaner.quality, 0.0 if stamps is None else stamps.began)
 
     def _parts(self, channels: Sequence[Origin]) -> Generator[tuple[Floats | None, list[Floats]], None, None]:

@@ -3,7 +3,7 @@
 from typing import Any, Protocol
 
 
-class Judged(Protocol):
+class MarginRecord(Protocol):
     """Margins that requirements are held against (analysis/margin_record.py)."""
 
     @property

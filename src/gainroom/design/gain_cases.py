@@ -56,7 +56,7 @@ def own_case(title: str, system: System, model: Any) -> tuple[Case, Gains] | Non
     return joint_case(title, replace(system, control=filters), model), gains
 
 
-def judged_margins(state: StateCase, factor: float = 1.0, near: bool = False) -> Margins:
+def bounded_margins(state: StateCase, factor: float = 1.0, near: bool = False) -> Margins:
     """The margins that requirements bound, of `factor` on all of a robot's own gains in one case; others are NaN, frequencies mostly are.
 
     near   as far as they are near what is asked for alone, which is quicker
@@ -67,14 +67,14 @@ def judged_margins(state: StateCase, factor: float = 1.0, near: bool = False) ->
     if control.space == "task":
         tasks = system.source.tasks(state.model, control.rotors)
         tasks = replace(tasks, torque=factor * tasks.torque)
-        return told(task_case(state.title, system, state.model, tasks), np.array([tasks.kp, tasks.kd, tasks.ki]), near)
+        return case_margins(task_case(state.title, system, state.model, tasks), np.array([tasks.kp, tasks.kd, tasks.ki]), near)
     if (joints := own_case(state.title, system, state.model)) is not None:
         case, gains = joints
-        return told(case, factor * gains, near)
+        return case_margins(case, factor * gains, near)
     return _exact(system.loop(state.model).scaled(factor))
 
 
-def told(case: Case, gains: Gains, near: bool) -> Margins:
+def case_margins(case: Case, gains: Gains, near: bool) -> Margins:
     """What a look says of a case's margins, as far as they are `near` what is asked for or all; where it leaves any open, `margins`."""
     found = (case.margins if near else case.all_margins)(gains)
     if found.stable and any(np.isnan(one.value(found)) for one, _ in case.required.asked_for):
