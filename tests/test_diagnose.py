@@ -40,9 +40,9 @@ def test_frequency_and_growth_of_a_known_oscillation(rate: float, state: str):
     assert seen is not None
     assert seen.vibrates
     assert seen.state == state
-    assert seen.found.frequency == pytest.approx(2 * np.pi * 23, rel=1e-4)
-    assert seen.found.growth_rate == pytest.approx(rate, abs=0.02)
-    assert seen.found.amplitude == pytest.approx(1e-3, rel=0.02)
+    assert seen.vibration.frequency == pytest.approx(2 * np.pi * 23, rel=1e-4)
+    assert seen.vibration.growth_rate == pytest.approx(rate, abs=0.02)
+    assert seen.vibration.amplitude == pytest.approx(1e-3, rel=0.02)
 
 
 def test_harmonics_and_clipping_of_known_waves():
@@ -87,7 +87,7 @@ def test_a_growing_loop_is_measured_as_its_root_says_and_the_advice_gives_the_ma
     made = recording("gain_limit", 1)
     found = diagnose(made.record, made.system)
     assert found.oscillation is not None
-    assert found.oscillation.found.frequency == pytest.approx(made.frequency, rel=2e-3)
+    assert found.oscillation.vibration.frequency == pytest.approx(made.frequency, rel=2e-3)
     assert found.cause is not None
     assert found.cause.name == "gain_limit"
     assert gr.margins(made.system.loop().scaled(found.factor)).limit.gain == pytest.approx(found.required, rel=1e-6)

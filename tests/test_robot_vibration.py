@@ -84,7 +84,7 @@ def test_a_vibration_in_the_move_counts(tmp_path: Path):
     assert play.oscillation.moving
     assert play.vibrates
     assert not play.sound
-    assert play.oscillation.found.frequency == pytest.approx(root_of(play).imag, rel=0.03)
+    assert play.oscillation.vibration.frequency == pytest.approx(root_of(play).imag, rel=0.03)
     after = play.run.motor_position[round(1.2 / play.run.sample_time) :]
     assert np.ptp(after, axis=0).max() < 1e-5  # it has decayed after the move
     assert "while it moves" in sentence(play)

@@ -83,7 +83,7 @@ def test_samples_fill_the_box_evenly_and_by_number():
 def test_the_same_bytes_for_any_number_of_workers(undisturbed, tmp_path):
     file, expected = undisturbed
     done = ran(small_plan(file, POSTURES), tmp_path / "more.zarr", workers=3)
-    assert (done.finished, done.found) == (POSTURES, 0)
+    assert (done.finished, done.at_start) == (POSTURES, 0)
     assert contents(tmp_path / "more.zarr") == expected
 
 
@@ -124,7 +124,7 @@ def test_a_run_that_was_stopped_goes_on(undisturbed, tmp_path):
     turns = iter(range(100))
     done = ran(plan, path, workers=1, stop=lambda: next(turns) == 2)
     assert (done.finished, done.total) == (2 * CHUNK, POSTURES)
-    assert ran(plan, path, workers=1).found == 2 * CHUNK
+    assert ran(plan, path, workers=1).at_start == 2 * CHUNK
     assert contents(path) == expected
 
 
@@ -148,7 +148,7 @@ def test_postures_that_kill_every_worker_are_named(undisturbed, tmp_path):
         gr.GainroomError, match=r"ended 3 times on postures 96 to 127 \(signal 9; out of memory\?\); what was finished is kept"
     ):
         ran(deadly, path, workers=2)
-    assert ran(plan, path, workers=1).found > 0
+    assert ran(plan, path, workers=1).at_start > 0
     assert contents(path) == expected
 
 

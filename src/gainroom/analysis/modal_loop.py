@@ -127,7 +127,7 @@ class ModalLoop:
             2 if twofold else 1,
         )
 
-    def crossings(self, start: float, stop: float, low: float, high: float, counting: bool = False) -> "Found | None":
+    def crossings(self, start: float, stop: float, low: float, high: float, counting: bool = False) -> "Crossings | None":
         """Where factors from `start`, 0: from rest, to `stop` put a root at jω, low <= ω <= `high`; the first is the nearest: proved.
 
         None where that could not be proved; no crossings where there are none, which is proved then.
@@ -142,7 +142,7 @@ class ModalLoop:
         """
         return any(self.core.excludes(self._grid(low, high, factor), gain, delay, NARROWEST, self.passive) for factor in FACTORS)
 
-    def _crossings(self, grid: Floats, start: float, stop: float, counting: bool) -> "Found | None":
+    def _crossings(self, grid: Floats, start: float, stop: float, counting: bool) -> "Crossings | None":
         """The same from intervals (k,) that are begun with."""
         bases = self._rigid_bases(np.sqrt(grid[1:] * grid[:-1]))
         proved, places, vectors, undecided, turns = self.core.limit(grid, start, stop, NUDGE, NARROWEST, self.passive, counting, bases)
@@ -153,7 +153,7 @@ class ModalLoop:
             return None
         turned = turns[0] + more
         found = [Crossing(omega, gain, growth, vector) for (omega, gain, growth), vector in zip(places.tolist(), vectors, strict=True)]
-        return Found(found, turned / self.folds, turns[1] / self.folds, turns[2])
+        return Crossings(found, turned / self.folds, turns[1] / self.folds, turns[2])
 
     def mode(self, crossing: "Crossing", loop: Loop) -> Complexes:
         """The measured positions (n,) there, of the loop that this is; the largest is 1."""
@@ -245,7 +245,7 @@ class Crossing(NamedTuple):
     vector: Complexes
 
 
-class Found(NamedTuple):
+class Crossings(NamedTuple):
     """Crossings on a way of factors, and by what arg det F, F = x P + diag(d), turns at the factor 1 from the lowest frequency to `end`.
 
     From there on I + L stays near I, and arg det(I + L) goes from `tail` to 0.

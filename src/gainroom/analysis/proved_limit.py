@@ -20,7 +20,7 @@ from ..native import _core
 from ..system.loop import Loop
 from .first_crossing import SEARCH, Certificate, End
 from .margin_record import GainLimit
-from .modal_loop import NUDGE, Found, ModalLoop
+from .modal_loop import NUDGE, Crossings, ModalLoop
 from .proof_at_rest import AtRest, at_rest
 
 UPWARDS, DOWNWARDS = (10.0, 1e3), (0.1, 0.01, 1e-4)  # factors that are searched, first the nearer ones: most limits lie there
@@ -136,7 +136,7 @@ def _first_end(modal: ModalLoop, loop: Loop, stops: tuple[float, ...], counting:
     return (None,)
 
 
-def _unstable_roots(modal: ModalLoop, found: Found, rest: AtRest, unstable_poles: int) -> int | None:
+def _unstable_roots(modal: ModalLoop, found: Crossings, rest: AtRest, unstable_poles: int) -> int | None:
     """Of the closed loop at the factor 1, from arg det(I + L) = arg det F + Σ arg c_i along the boundary; None: no whole number."""
     step = None if modal.last is None else math.pi / modal.last
     turned = (
@@ -146,7 +146,7 @@ def _unstable_roots(modal: ModalLoop, found: Found, rest: AtRest, unstable_poles
     return round(count) if abs(count - round(count)) < WHOLE else None
 
 
-def _end(modal: ModalLoop, loop: Loop, found: Found, way: int) -> End | None:
+def _end(modal: ModalLoop, loop: Loop, found: Crossings, way: int) -> End | None:
     """At the first of the crossings; None where the root there does not go the wrong way."""
     first = found.crossings[0]
     level = sum(way * (one.gain - first.gain) <= first.gain * SEARCH.nudge and way * one.growth > 0 for one in found.crossings)

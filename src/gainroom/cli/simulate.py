@@ -136,9 +136,9 @@ def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
         "vibration": None
         if seen is None
         else {
-            "frequency_rad_s": seen.found.frequency,
-            "growth_rate": seen.found.growth_rate,
-            "amplitude": seen.found.amplitude,
+            "frequency_rad_s": seen.vibration.frequency,
+            "growth_rate": seen.vibration.growth_rate,
+            "amplitude": seen.vibration.amplitude,
             "joints": [name for name in seen.strongest if name in run.joint_names] or list(run.joint_names),
         },
         "predicted": None

@@ -38,7 +38,7 @@ MOST_ACTIVE = 6  # cases at a time: what an older one forbids is found out again
 MOST_ROUNDS = 20  # cases that break a requirement, one after the other
 QUICK_ROUNDS = 10  # from then on kp is lowered in large steps
 
-Found = tuple[Place, Margins, float]
+CaseMargins = tuple[Place, Margins, float]
 """A case, its margins, and by how much the requirement is missed there that is missed most; below 0: all are met."""
 
 
@@ -230,7 +230,7 @@ class _Search:
             return [margins(build_loop(*self.case(place), controller, self.feedback, self.sample_time)) for place in places]
         return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
 
-    def worst(self, kp: float, kd: float) -> Found:
+    def worst(self, kp: float, kd: float) -> CaseMargins:
         """The screened case that misses most. Stops at the first screening that finds one that misses something."""
         self.seen, self.checked = [], set()
         places = self.uncertainty.corners
@@ -239,7 +239,7 @@ class _Search:
         best = self.least(places, kp, kd)
         return best if best[2] > 0 else self.worst_near(best, kp, kd)
 
-    def worst_near(self, best: Found, kp: float, kd: float) -> Found:
+    def worst_near(self, best: CaseMargins, kp: float, kd: float) -> CaseMargins:
         """A local search for what misses most from a case on."""
         count = len(self.uncertainty.names)
         step = 0.25
@@ -253,7 +253,7 @@ class _Search:
                 step /= 2
         return best
 
-    def proved(self, kp: float, kd: float, best: Found) -> Found:
+    def proved(self, kp: float, kd: float, best: CaseMargins) -> CaseMargins:
         """Try to prove the whole uncertainty; the worst case, `best` or one that the attempt found."""
         if not self.uncertainty.names:
             return best
@@ -273,7 +273,7 @@ class _Search:
             near = self.worst_near(near, kp, kd)
         return max(best, near, key=lambda found: found[2])
 
-    def least(self, places: Sequence[Place], kp: float, kd: float) -> Found:
+    def least(self, places: Sequence[Place], kp: float, kd: float) -> CaseMargins:
         found = self.margins(places, kp, kd)
         self.checked.update(places)
         self.seen += found

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
 
-Found = TypeVar("Found")
-Job = Callable[[Callable[[], None]], Found]
+Result = TypeVar("Result")
+Job = Callable[[Callable[[], None]], Result]
 """Is given what to call now and then: there it ends where another one has failed, or was interrupted."""
 
 
@@ -45,7 +45,7 @@ class _StoppedError(Exception):
     """Another job has failed."""
 
 
-def side_by_side(jobs: Sequence[Job[Found]], progress: Callable[[], None]) -> list[Found]:
+def side_by_side(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> list[Result]:
     """What the jobs give, in their order, whatever their number of threads. Raises what the first of them that fails raises."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if min(cores, len(jobs)) < 2:

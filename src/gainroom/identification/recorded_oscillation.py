@@ -39,12 +39,12 @@ class RecordedOscillation:
     clipped     share of the rows with the torque at a limit; NaN where no torque is in the record
     limit       that torque [N m]; NaN where there is none
     standing    share of the rows in which the joint stands still
-    irregular   without a single frequency: `found` has the same power, at its mean frequency
+    irregular   without a single frequency: `vibration` has the same power, at its mean frequency
     moving      found while the set-point moved
     began_small it grew from a twentieth of its size or less
     """
 
-    found: Vibration
+    vibration: Vibration
     state: str
     side: str
     rows: slice
@@ -62,12 +62,12 @@ class RecordedOscillation:
     @property
     def vibrates(self) -> bool:
         """It grows or is sustained, or rings for long."""
-        return self.state != "decaying" or self.found.damping_ratio < RINGING
+        return self.state != "decaying" or self.vibration.damping_ratio < RINGING
 
     @property
     def steps(self) -> float:
         """Amplitude in steps of the encoder; inf where they are finer than the motion."""
-        return self.found.amplitude / self.step if self.step else math.inf
+        return self.vibration.amplitude / self.step if self.step else math.inf
 
 
 def measured(

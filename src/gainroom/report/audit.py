@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import apart, at_frequency, listed
 from ..studies.audit import Audit
 from ..system.requirements import REQUIREMENTS, Requirement, enough
-from .audit_headroom import PATHS, deciding, headroom, headroom_rows
+from .audit_headroom import PATHS, headroom, headroom_rows, row_of_verdict
 from .audit_text import audit_sentence, audit_warnings, besides, reason, verdict, what_to_do
 from .columns import Column, definitions, tabulated, yes
 from .gearboxes import gearbox_assumptions, needed_table
@@ -86,7 +86,7 @@ def audit_page(
 
 def _reasons(result: Audit) -> list[Section]:
     """What is open: the picture of what fails, what the verdict rests on, and the motion."""
-    gain, picture = _deciding(result), [headroom(result)]
+    gain, picture = _gain_margin_text(result), [headroom(result)]
     if result.safe:
         first = [Section(f"Gain margin {gain}", picture)]
     elif "gain_margin" in result.missed:
@@ -103,9 +103,9 @@ def _reasons(result: Audit) -> list[Section]:
     ]
 
 
-def _deciding(result: Audit) -> str:
+def _gain_margin_text(result: Audit) -> str:
     """The row with the least headroom, in its state."""
-    row = deciding(result, headroom_rows(result))
+    row = row_of_verdict(result, headroom_rows(result))
     state = result.states[int(np.nanargmin(row.factors))] if math.isfinite(row.least) else result.tightest
     where = f" in {state.contact}" if len(result.states) > 1 else ""
     return f"{REQUIREMENTS['gain_margin'].text(row.least)} ({digits(row.least, '×', apart(row.least, 1, 3))}), {row.title}{where}"

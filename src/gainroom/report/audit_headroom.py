@@ -68,7 +68,7 @@ def headroom_rows(result: Audit) -> list[Row]:
     return rows + sorted(single, key=lambda row: row.least)
 
 
-def deciding(result: Audit, rows: list[Row]) -> Row:
+def row_of_verdict(result: Audit, rows: list[Row]) -> Row:
     """Of `rows` the one that the verdict is about: of all joints together, unless one of a stable robot has too little, and less."""
     short = result.stable and "gain_margin" in result.missed
     return min([row for row in rows if short or row.name in WHOLE], key=lambda row: row.least)
@@ -83,7 +83,7 @@ def headroom(result: Audit) -> Html:
     """Of all gains together and of each of the tightest joints a mark per state: the worst filled, the deciding one a star."""
     every = headroom_rows(result)
     rows = every[:MOST_ROWS]
-    decides = deciding(result, every) if _is_named(result) else None
+    decides = row_of_verdict(result, every) if _is_named(result) else None
     known = [value for row in rows for value in row.factors.tolist() if math.isfinite(value) and value > 0]
     low, high = min([1.0, *known]), max([result.margin, *known])
     left, right = 0.75 * low, max(1.7 * min(high, WIDEST * low), 7.6 * low)  # more than a decade: ticks at 1, 2 and 5

@@ -51,7 +51,9 @@ def _cards(found: Diagnosis) -> list[Card]:
     cards = []
     if seen is not None and not found.toggles:
         note = "" if predicted is None or not predicted.frequency > 0 else f"model's loop: {hertz(predicted.frequency)}"
-        cards.append(Card("frequency", digits(seen.found.frequency / (2 * math.pi), "", 3), "Hz", "no vibration", not found.vibrates, note))
+        cards.append(
+            Card("frequency", digits(seen.vibration.frequency / (2 * math.pi), "", 3), "Hz", "no vibration", not found.vibrates, note)
+        )
         steps = f"{digits(seen.steps, '', 3)} encoder steps" if math.isfinite(seen.steps) else ""
         value, unit = size(seen).rsplit(" ", 1)
         cards.append(Card("amplitude at the end", value, unit, note="; ".join(filter(None, [growth(seen), steps]))))
@@ -130,9 +132,9 @@ def _close_up(found: Diagnosis) -> Html:
     seen = found.oscillation
     assert seen is not None
     rows_ = range(len(found.record.time))[seen.rows]
-    count = min(len(rows_), max(16, math.ceil(CLOSE_PERIODS * 2 * math.pi / seen.found.frequency / found.record.sample_time)))
+    count = min(len(rows_), max(16, math.ceil(CLOSE_PERIODS * 2 * math.pi / seen.vibration.frequency / found.record.sample_time)))
     part = slice(rows_[-1] + 1 - count, rows_[-1] + 1)
-    words = [f"The last {CLOSE_PERIODS} periods at {hertz(seen.found.frequency)}."]
+    words = [f"The last {CLOSE_PERIODS} periods at {hertz(seen.vibration.frequency)}."]
     if seen.clipped == seen.clipped:
         words.append(f"The torque is at a limit {100 * seen.clipped:.0f} % of the time.")
     if seen.standing == seen.standing:
@@ -170,7 +172,7 @@ def _highest(found: Diagnosis) -> float:
 
 
 def _seen(found: Diagnosis) -> float:
-    return found.oscillation.found.frequency if found.oscillation is not None else math.nan
+    return found.oscillation.vibration.frequency if found.oscillation is not None else math.nan
 
 
 def _expected(found: Diagnosis) -> float:

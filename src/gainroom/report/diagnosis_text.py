@@ -43,15 +43,15 @@ def sentence(found: Diagnosis) -> str:
     if not found.vibrates:
         text = "No vibration."
         if found.toggles and seen is not None:
-            text += f" The encoder goes to and fro between two steps at {frequency_text(seen.found.frequency)}; the joint hardly moves."
+            text += f" The encoder goes to and fro between two steps at {frequency_text(seen.vibration.frequency)}; the joint hardly moves."
         elif seen is not None:
-            text += f" An oscillation at {frequency_text(seen.found.frequency)} decays, with a damping ratio of"
-            text += f" {digits(seen.found.damping_ratio, '', 2)}."
+            text += f" An oscillation at {frequency_text(seen.vibration.frequency)} decays, with a damping ratio of"
+            text += f" {digits(seen.vibration.damping_ratio, '', 2)}."
         elif driven == driven and driven > 0:
             text += f" The joint follows its set-point, whose largest part is at {frequency_text(driven)}."
         return text
     assert seen is not None
-    text = f"Vibrates at {frequency_text(seen.found.frequency)}, {growth(seen)}, by {size(seen)}. "
+    text = f"Vibrates at {frequency_text(seen.vibration.frequency)}, {growth(seen)}, by {size(seen)}. "
     cause = found.cause
     if cause is not None:
         return f"{text}Cause: {NAMES[cause.name]} ({percent(cause)})."
@@ -62,7 +62,7 @@ def sentence(found: Diagnosis) -> str:
 
 def size(seen: RecordedOscillation) -> str:
     """The amplitude at the end, in the unit of its channel."""
-    value = seen.found.amplitude
+    value = seen.vibration.amplitude
     if seen.side not in POSITIONS:
         return digits(value, "rad/s" if "velocity" in seen.side else "N·m", 3)
     return motion(value)
@@ -72,7 +72,7 @@ def growth(seen: RecordedOscillation) -> str:
     """Whether it is sustained, or its doubling or halving time."""
     if seen.state == "sustained":
         return "sustained, without a single frequency" if seen.irregular else "sustained"
-    rate = seen.found.growth_rate
+    rate = seen.vibration.growth_rate
     return f"{seen.state}, {'doubling' if rate > 0 else 'halving'} every {digits(math.log(2) / abs(rate), 's', 2)}"
 
 
@@ -185,7 +185,7 @@ def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
             texts.append(f"By the model the loop is unstable once clipping leaves less than {least} of its gain.")
         return texts
     texts = [
-        f"Find what swings at {hertz(seen.found.frequency)} (mounting, link, cable, tool) and stiffen or damp it; or put a notch there."
+        f"Find what swings at {hertz(seen.vibration.frequency)} (mounting, link, cable, tool) and stiffen or damp it; or put a notch there."
     ]
     if seen.state == "decaying":
         texts.append("It decays by itself: the gains do not drive it, and lowering them does not end it.")
@@ -244,10 +244,10 @@ def facts(found: Diagnosis) -> dict[str, Any]:
         "vibration": None
         if seen is None or found.toggles
         else {
-            "frequency_rad_s": seen.found.frequency,
-            "growth_rate": seen.found.growth_rate,
+            "frequency_rad_s": seen.vibration.frequency,
+            "growth_rate": seen.vibration.growth_rate,
             "state": seen.state,
-            "amplitude": seen.found.amplitude,
+            "amplitude": seen.vibration.amplitude,
             "channel": seen.side,
             "encoder_step": seen.step,
             "clipped": seen.clipped,

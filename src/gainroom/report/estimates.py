@@ -65,7 +65,7 @@ class Answer:
 
     title        of its table
     sentence     the answer, and first of all whether it can be relied on
-    columns      its numbers, out of `found`
+    columns      its numbers, out of `result`
     parameters   those that stand together under this key in JSON, without those that there are none of
     warnings     what the reader should know
     """
@@ -73,17 +73,19 @@ class Answer:
     title: str
     sentence: str
     columns: Sequence[Column]
-    found: Any
+    result: Any
     warnings: tuple[str, ...] = ()
     parameters: Sequence[Column] = ()
 
     def facts(self) -> dict[str, Any]:
         """In JSON."""
-        together = {key: value for key, value in facts(self.parameters, self.found).items() if value is not None}
+        together = {key: value for key, value in facts(self.parameters, self.result).items() if value is not None}
         nested = {"parameters": together} if self.parameters else {}
-        return {"sentence": self.sentence, **facts(self.columns, self.found), **nested, "warnings": list(self.warnings)}
+        return {"sentence": self.sentence, **facts(self.columns, self.result), **nested, "warnings": list(self.warnings)}
 
     def rows(self) -> list[tuple[str, str, str]]:
         """As TITLES says, of the numbers that there are."""
-        shown = [column for column in (*self.parameters, *self.columns) if column.title and column.value(self.found) is not None]
-        return [(column.title, column.text(self.found), "" if column.interval is None else column.interval(self.found)) for column in shown]
+        shown = [column for column in (*self.parameters, *self.columns) if column.title and column.value(self.result) is not None]
+        return [
+            (column.title, column.text(self.result), "" if column.interval is None else column.interval(self.result)) for column in shown
+        ]

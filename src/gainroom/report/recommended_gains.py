@@ -111,10 +111,10 @@ def _immobile(gains: RobotGains) -> list[str]:
 
 @dataclass(frozen=True)
 class Row:
-    """A set of gains: of one contact state, or ("") the one that is safe in all; `found` is None where there is none."""
+    """A set of gains: of one contact state, or ("") the one that is safe in all; `gain_set` is None where there is none."""
 
     contact: str
-    found: GainSet | None
+    gain_set: GainSet | None
     gains: RobotGains
 
     @property
@@ -125,20 +125,20 @@ class Row:
     @property
     def acts(self) -> bool:
         """Whether there are gains that move something."""
-        return self.found is not None and self.found.moves
+        return self.gain_set is not None and self.gain_set.moves
 
     @property
     def limit(self) -> str:
         """What limits the gains, or why there are none."""
-        if self.found is None:
+        if self.gain_set is None:
             return f"none found that meet the requirements; nearest: {self.gains.nearest.get(self.contact, '')}"
-        return limited_by(self.found, self.gains.names) if self.found.moves else "nothing moves there: gains have no effect"
+        return limited_by(self.gain_set, self.gains.names) if self.gain_set.moves else "nothing moves there: gains have no effect"
 
     def margin_text(self, one: Requirement) -> str:
         """The least of a margin over all loops together and one at a time, and which it is where that is not plain."""
-        if self.found is None or not self.acts:
+        if self.gain_set is None or not self.acts:
             return "–"
-        margins = self.found.margins
+        margins = self.gain_set.margins
         return digits(one.in_unit(one.value(margins)), one.unit, 3) + one.named(margins).removeprefix(one.title).replace(" of", ",", 1)
 
 
@@ -149,23 +149,23 @@ def rows(gains: RobotGains) -> list[Row]:
 
 SET = [
     Column("set", "contact", lambda row: row.contact or "everywhere", shown=lambda row: row.title),
-    Column("", "moves", lambda row: row.found.moves),
-    Column("", "kp", lambda row: row.found.kp),
-    Column("", "kd", lambda row: row.found.kd),
-    Column("", "ki", lambda row: row.found.ki),
-    Column("", "binding", lambda row: row.found.binding or None),
-    Column("", "binding_joint", lambda row: row.gains.names[row.found.softest] if row.found.binding else None),
-    Column("", "binding_margin", lambda row: row.found.margin[row.found.softest] if row.found.binding else None),
+    Column("", "moves", lambda row: row.gain_set.moves),
+    Column("", "kp", lambda row: row.gain_set.kp),
+    Column("", "kd", lambda row: row.gain_set.kd),
+    Column("", "ki", lambda row: row.gain_set.ki),
+    Column("", "binding", lambda row: row.gain_set.binding or None),
+    Column("", "binding_joint", lambda row: row.gains.names[row.gain_set.softest] if row.gain_set.binding else None),
+    Column("", "binding_margin", lambda row: row.gain_set.margin[row.gain_set.softest] if row.gain_set.binding else None),
     Column(
         "",
         "held_back_by",
         lambda row: [
-            {"margin": margin or None, "state": state or None} for margin, state in zip(row.found.margin, row.found.case, strict=True)
+            {"margin": margin or None, "state": state or None} for margin, state in zip(row.gain_set.margin, row.gain_set.case, strict=True)
         ],
     ),
-    Column("", "without_weight", lambda row: row.found.without_weight),
-    Column("", "nearest_with_weight", lambda row: row.found.nearest or None),
-    Column("", "topples", lambda row: list(row.found.topples)),
+    Column("", "without_weight", lambda row: row.gain_set.without_weight),
+    Column("", "nearest_with_weight", lambda row: row.gain_set.nearest or None),
+    Column("", "topples", lambda row: list(row.gain_set.topples)),
 ]
 """A set of gains; what is in JSON alone is asked of sets that were found."""
 
@@ -176,7 +176,7 @@ def set_columns(required: Requirements) -> list[Column]:
     for name, one in REQUIREMENTS.items():
         needed = requirement(required, name, 3)
         margins.append(Column(f"{one.heading} ({needed})" if needed else one.heading, "", lambda row, one=one: row.margin_text(one)))
-    cases = Column("cases", "", lambda row: row.found.cases if row.acts else None)
+    cases = Column("cases", "", lambda row: row.gain_set.cases if row.acts else None)
     return [*SET, *margins, Column("limited by", "", lambda row: row.limit), cases]
 
 
@@ -185,7 +185,7 @@ def recommended_facts(gains: RobotGains) -> dict[str, Any]:
     return {
         "space": gains.space,
         "names": list(gains.names),
-        "sets": [{**facts(SET, row), **margin_facts(row.found.margins)} for row in rows(gains) if row.found is not None],
+        "sets": [{**facts(SET, row), **margin_facts(row.gain_set.margins)} for row in rows(gains) if row.gain_set is not None],
         "cost": gains.cost,
         "not_found": {name or "everywhere": text for name, text in gains.nearest.items()},
     }
@@ -194,13 +194,13 @@ def recommended_facts(gains: RobotGains) -> dict[str, Any]:
 def gain_columns(sets: Sequence[Row], inertia: Floats | None = None) -> list[Column]:
     """The gains of a joint or a task direction, a row by its place, in every set; with `inertia` (n,) divided by it."""
     gains = sets[0].gains
-    cascade = any(row.found is not None and row.found.ki is not None for row in sets)
+    cascade = any(row.gain_set is not None and row.gain_set.ki is not None for row in sets)
     titles = {"kp": "kp", "kd": "kv or kd", "ki": "ki"} if cascade else {"kp": "kp", "kd": "kd"}
     if inertia is not None:
         titles = {"kp": "kp/J [1/s²]", "kd": "kd/J [1/s]"}
 
     def column(row: Row, name: str, title: str) -> Column:
-        values = None if row.found is None else getattr(row.found, name) / (1.0 if inertia is None else inertia)
+        values = None if row.gain_set is None else getattr(row.gain_set, name) / (1.0 if inertia is None else inertia)
         return Column(title, "", lambda k: "none" if values is None else values[k])
 
     def prefix(row: Row, name: str) -> str:

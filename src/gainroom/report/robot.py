@@ -50,7 +50,7 @@ def robot_page(
     taken = assumptions("Linear about each posture", study.system.control, "; contacts neither slip nor lift")
     loci_of = beside(*(loci(state, loci_window(shown)) for state in shown))
     sections = [
-        Section(_deciding_title(study), [_deciding(study)]),
+        Section(_decisive_title(study), [_decisive_picture(study)]),
         Section("Gain headroom", [paragraph(requirements_text(study.system)), heat_map(joint_factors(study), "joint")]),
         *([] if swept is None else [_swept(swept)]),
         Section("Vibration by contact state", _vibrations(study, shown), "each at its own gain limit"),
@@ -85,7 +85,7 @@ def _shown(study: RobotStudy) -> list[State]:
     return [state for state in found if state in order]
 
 
-def _deciding_title(study: RobotStudy) -> str:
+def _decisive_title(study: RobotStudy) -> str:
     """Names the requirement that fails, or is tightest."""
     motion = study.decisive_motion
     if motion is None:
@@ -95,7 +95,7 @@ def _deciding_title(study: RobotStudy) -> str:
     return f"{what}: {one.label} {text} in {motion.title}, at {hertz(motion.limit.frequency)}"
 
 
-def _deciding(study: RobotStudy) -> Html:
+def _decisive_picture(study: RobotStudy) -> Html:
     """The motion that belongs to it, else the vibration at the gain limit."""
     motion = study.decisive_motion
     if motion is None:

@@ -97,7 +97,7 @@ def gain_tables(gains: RobotGains, system: System) -> list[Html]:
     margins = table(*tabulated(set_columns(system.requirements), sets), SET_CAPTION, sorts=False)
     if not any(row.acts for row in sets):
         return [margins]
-    shown, places = [row for row in sets if row.acts or row.found is None], range(len(gains.names))
+    shown, places = [row for row in sets if row.acts or row.gain_set is None], range(len(gains.names))
     plain = table(*tabulated(gain_columns(shown), places), _gain_caption(gains, shown))
     if gains.inertia is None:
         return [paragraph(TASK_UNITS), plain, margins]
@@ -110,7 +110,7 @@ def _gain_caption(gains: RobotGains, shown: Sequence[Row]) -> str:
     text = cost_text(gains) or "One set for every state."
     if gains.everywhere is None:
         text = "No single set meets the requirements in every state: switch gains with the contacts."
-    if any(row.found is not None and np.isnan(row.found.kp).any() for row in shown):
+    if any(row.gain_set is not None and np.isnan(row.gain_set.kp).any() for row in shown):
         cause = "that joint cannot move there"
         if gains.space == "task":
             cause = "the joints cannot move that direction there beside the tasks before it"

@@ -203,7 +203,7 @@ def _first(outcome: Outcome) -> list[Section]:
     run, whole, worst = outcome.run, in_time(outcome), farthest_off(outcome)
     if outcome.vibrates:
         assert outcome.oscillation is not None
-        what = f"What fails: vibration at {hertz(outcome.oscillation.found.frequency)}"
+        what = f"What fails: vibration at {hertz(outcome.oscillation.vibration.frequency)}"
         return [Section(what, [close_up(outcome)]), Section("Over time", [whole])]
     if not outcome.completed:
         return [Section("What fails: the robot falls" if run.ending == "fell" else "What fails: it diverges", [whole])]

@@ -164,7 +164,7 @@ def close_up(outcome: Outcome) -> Html:
     run, found = outcome.run, outcome.oscillation
     assert found is not None
     first, end, _ = found.rows.indices(_shown(outcome))
-    ticks = max(24, math.ceil(CLOSE_PERIODS * 2 * math.pi / found.found.frequency / run.sample_time))
+    ticks = max(24, math.ceil(CLOSE_PERIODS * 2 * math.pi / found.vibration.frequency / run.sample_time))
     if run.diverged:  # what is drawn of it may end before the stretch in which the vibration was measured
         first = 0
     rows = slice(max(first, end - ticks), end)
@@ -174,11 +174,11 @@ def close_up(outcome: Outcome) -> Html:
     swings = [Curve(name, 1e3 * detrend(values[rows, 0]), *look) for name, values, look in zip(names, sides, COLORS, strict=False)]
     torques = [Curve(run.joint_names[k], run.actual_torque[rows, k], *look, named=False) for look, k in zip(COLORS, joints, strict=False)]
     panels = [Panel("swing", "mrad", swings, 0.55), Panel("torque", "N·m", torques, 0.45)]
-    title = f"The last {CLOSE_PERIODS} periods: {frequency(found.found.frequency)}"
+    title = f"The last {CLOSE_PERIODS} periods: {frequency(found.vibration.frequency)}"
     if found.moving:
-        title = f"The vibration about {digits(time[-1], 's', 3)}: {frequency(found.found.frequency)}"
+        title = f"The vibration about {digits(time[-1], 's', 3)}: {frequency(found.vibration.frequency)}"
     caption = f"Mainly {', '.join(found.strongest[: len(COLORS)])}, without the slow motion. "
-    caption += f"One period is {digits(2e3 * math.pi / found.found.frequency, 'ms', 3)}."
+    caption += f"One period is {digits(2e3 * math.pi / found.vibration.frequency, 'ms', 3)}."
     if outcome.limit is not None and 0 < outcome.limit.gain < math.inf:
         caption += f" The linear loop predicts {hertz(outcome.limit.frequency)} where vibration starts; "
         caption += "above the limit the frequency rises with the gains."
@@ -233,7 +233,7 @@ def pose(outcome: Outcome, spec: RobotSimulation, run: RobotRun) -> Html:
     view = view_of([start, end], 0.3 if found is None else 0.65)  # names stand between the sides
     wide, high = view.high - view.low
     parts = np.zeros(model.size, dtype=complex) if outcome.oscillation is None else outcome.oscillation.parts
-    limit = GainLimit(True, math.nan, math.nan, math.nan if found is None else found.found.frequency, parts, None)
+    limit = GainLimit(True, math.nan, math.nan, math.nan if found is None else found.vibration.frequency, parts, None)
     traces, notes = drawn(end, limit, view, 15)
     notes += [] if found is None else labels(end, limit, view, float(WIDTH / wide))
     if run.ending == "fell":

@@ -44,7 +44,7 @@ def tracking_cells(outcome: Outcome, channel: int) -> tuple[str, ...]:
 def sentence(outcome: Outcome) -> str:
     """Whether these gains are safe, and the answer of the run, in two or three short sentences."""
     run, found = outcome.run, outcome.oscillation if outcome.vibrates else None
-    at = "" if found is None else frequency_text(found.found.frequency)
+    at = "" if found is None else frequency_text(found.vibration.frequency)
     if not outcome.completed:
         name = printable(run.channels[outcome.leading[0]])
         text = f"Not safe: {run.reason}; {name} deviates by {_size(outcome, outcome.leading[0], 'peak')}"
@@ -121,7 +121,7 @@ def growth_text(outcome: Outcome) -> str:
         return "while it moves"
     if found.sustained:
         return "sustained"
-    rate = found.found.growth_rate
+    rate = found.vibration.growth_rate
     return f"{'doubling' if rate > 0 else 'halving'} every {math.log(2) / abs(rate):.3g} s"
 
 
@@ -130,9 +130,9 @@ def vibration_text(outcome: Outcome) -> tuple[str, str]:
     found = outcome.oscillation
     if found is None:
         return "none", ""
-    growth = "sustained" if found.sustained else digits(found.found.growth_rate, "1/s", 3)
+    growth = "sustained" if found.sustained else digits(found.vibration.growth_rate, "1/s", 3)
     growth += ", irregular" if found.irregular else ", while it moves" if found.moving else ""
-    return frequency(found.found.frequency), growth if found.lasts else f"{growth}: {not_counted(outcome)}"
+    return frequency(found.vibration.frequency), growth if found.lasts else f"{growth}: {not_counted(outcome)}"
 
 
 def limit_text(limit: GainLimit | None) -> tuple[str, str]:
@@ -146,8 +146,8 @@ def not_counted(outcome: Outcome) -> str:
     """Why a vibration is not counted."""
     found = outcome.oscillation
     assert found is not None
-    if found.found.amplitude <= found.least:
-        return f"below the threshold, {1e3 * found.found.amplitude:.2g} of {1e3 * found.least:.2g} mrad"
+    if found.vibration.amplitude <= found.least:
+        return f"below the threshold, {1e3 * found.vibration.amplitude:.2g} of {1e3 * found.least:.2g} mrad"
     return "decays"
 
 

@@ -53,18 +53,18 @@ MUJOCO = Thresholds(gone=1e-5, least=1e-5, steps=10.0)
 class Oscillation:
     """A vibration in a run.
 
-    found       frequency, growth and amplitude [m, rad]: of the error after the last event; during motion, of the motor that moves most
+    vibration   frequency, growth and amplitude [m, rad]: of the error after the last event; during motion, of the motor that moves most
     rows        of the run in which it was found
     lasts       it grows, or does not decay, and is large enough: it counts
     sustained   it neither grows nor decays over the rows examined
     moving      found while the reference moved, or before the run ended early
-    irregular   noise or encoder steps drive it, without a single frequency: `found` has the same power, at its mean frequency
+    irregular   noise or encoder steps drive it, without a single frequency: `vibration` has the same power, at its mean frequency
     names, parts   (j,) a joint's sides, or a robot's motors, and their complex amplitudes, the largest 1
     swing       the largest amplitude, at the end of those rows [m, rad]
     least       a smaller amplitude does not count [m, rad]
     """
 
-    found: Vibration
+    vibration: Vibration
     rows: slice
     names: tuple[str, ...]
     parts: Complexes

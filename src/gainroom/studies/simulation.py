@@ -138,7 +138,7 @@ class Outcome:
     @property
     def vibration(self) -> Vibration | None:
         """The vibration found, also one that decays or is too small to count."""
-        return None if self.oscillation is None else self.oscillation.found
+        return None if self.oscillation is None else self.oscillation.vibration
 
     @property
     def vibrates(self) -> bool:

@@ -106,13 +106,13 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
 class _Sample:
     """The lowest and random postures of each contact state."""
 
-    found: SweepSummary
+    summary: SweepSummary
     each: int
 
     @cached_property
     def random(self) -> dict[tuple[int, int, int], SweptPosture]:
         """By contact state, draw and number: the same postures in every contact state."""
-        plan = self.found.plan
+        plan = self.summary.plan
         count = plan.postures.count
         rng = np.random.default_rng([plan.seed, 14])
         numbers = np.sort(rng.choice(count, min(self.each, count), replace=False))
@@ -128,13 +128,13 @@ class _Sample:
     @property
     def all(self) -> list[SweptPosture]:
         """Each once."""
-        tail = {one.key: one for contact in self.found.contacts for one in contact.worst[: max(self.each, 1)]}
+        tail = {one.key: one for contact in self.summary.contacts for one in contact.worst[: max(self.each, 1)]}
         return list({**self.random, **tail}.values())
 
 
 def _looked_at(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPosture, Margins]]:
     """What requirements bound, in every posture that moves and can be linearised: the others count as not known, or need nothing."""
-    plan, every = sample.found.plan, sample.all
+    plan, every = sample.summary.plan, sample.all
     for done, one in enumerate(every):
         progress(done, len(every), "margins")
         contact = plan.contacts[one.contact]

@@ -108,7 +108,7 @@ def _control(loop: Loop, seen: RecordedOscillation) -> complex:
 
 def _point(seen: RecordedOscillation) -> Complexes:
     """s = σ + jω of a vibration, (1,)."""
-    return np.array([complex(seen.found.growth_rate, seen.found.frequency)])
+    return np.array([complex(seen.vibration.growth_rate, seen.vibration.frequency)])
 
 
 def _compared(found: Prediction, record: Record, seen: RecordedOscillation) -> Prediction:
@@ -142,7 +142,7 @@ def _moved(base: Prediction, record: Record, seen: RecordedOscillation, torque: 
         return math.nan
     frequency, power = welch(values, 1 / record.sample_time, nperseg=max(2 * FEWEST_SAMPLES, len(values) // 8), detrend="linear")
     omega = 2 * np.pi * frequency
-    high = (omega > seen.found.frequency / 2) & (omega < 0.9 * math.pi / record.sample_time)
+    high = (omega > seen.vibration.frequency / 2) & (omega < 0.9 * math.pi / record.sample_time)
     s = 1j * omega[high]
     if not len(s):
         return math.nan
@@ -206,7 +206,7 @@ def _off(predicted: Prediction | None, seen: RecordedOscillation) -> float:
     """|ln| of the vibration's frequency over the predicted one; NaN: none predicted."""
     if predicted is None or not predicted.frequency > 0:
         return math.nan
-    return abs(math.log(seen.found.frequency / predicted.frequency))
+    return abs(math.log(seen.vibration.frequency / predicted.frequency))
 
 
 def _response_off(predicted: Prediction | None) -> float:
@@ -222,9 +222,9 @@ def _gain_limit(seen: RecordedOscillation, predicted: Prediction | None) -> list
         return _known(found)
     off, margin, response = _off(predicted, seen), predicted.limit.gain, _response_off(predicted)
     # A limit on the torque lowers the gain that is left, and with it the frequency, toward that at the limit.
-    at_limit = abs(math.log(seen.found.frequency / predicted.limit.frequency)) if predicted.limit.frequency > 0 else math.inf
+    at_limit = abs(math.log(seen.vibration.frequency / predicted.limit.frequency)) if predicted.limit.frequency > 0 else math.inf
     if not math.isnan(off):
-        found.append(Evidence("frequency", seen.found.frequency, predicted.frequency, _agrees(min(off, at_limit), SAME_FREQUENCY)))
+        found.append(Evidence("frequency", seen.vibration.frequency, predicted.frequency, _agrees(min(off, at_limit), SAME_FREQUENCY)))
     found.append(Evidence("gain_margin", margin, 1.0, _agrees(max(0.0, math.log(max(margin, 1e-9))), SAME_MARGIN)))
     if not math.isnan(response) and not seen.irregular:
         found.append(Evidence("response", response, 0.0, _agrees(response, SAME_RESPONSE)))
@@ -237,7 +237,7 @@ def _steps_against(seen: RecordedOscillation) -> Evidence:
 
 
 def _standing_against(seen: RecordedOscillation) -> Evidence:
-    weight = -3.0 if seen.standing > STANDING and not seen.found.damping_ratio < -0.02 else 0.0
+    weight = -3.0 if seen.standing > STANDING and not seen.vibration.damping_ratio < -0.02 else 0.0
     return Evidence("standing", seen.standing, 0.0, weight)
 
 
@@ -251,8 +251,10 @@ def _stick_slip(seen: RecordedOscillation, predicted: Prediction | None) -> list
     weight = MOST_AGAINST if math.isnan(share) else min(2.5, 12 * (share - STANDING + 0.1)) if share > STANDING - 0.1 else -3.0
     found = [Evidence("standing", share, 1.0, weight)]
     if predicted is not None and predicted.crossover > 0:
-        slow = math.log(seen.found.frequency / predicted.crossover)
-        found.append(Evidence("crossover", seen.found.frequency, predicted.crossover, 1.5 if slow < 0 else max(MOST_AGAINST, -4 * slow)))
+        slow = math.log(seen.vibration.frequency / predicted.crossover)
+        found.append(
+            Evidence("crossover", seen.vibration.frequency, predicted.crossover, 1.5 if slow < 0 else max(MOST_AGAINST, -4 * slow))
+        )
     if seen.steps < FEW_STEPS or seen.irregular:
         found.append(Evidence("steps", seen.steps, math.inf, -3.0))
     if seen.clipped > CLIPPED and seen.clipped > share:
@@ -267,7 +269,7 @@ def _quantisation(seen: RecordedOscillation) -> list[Evidence]:
     if seen.irregular:
         found.append(Evidence("irregular", 1.0, 1.0, 1.5))
     if seen.state != "sustained":
-        found.append(Evidence("growth", seen.found.growth_rate, 0.0, -1.5))
+        found.append(Evidence("growth", seen.vibration.growth_rate, 0.0, -1.5))
     return _known(found)
 
 
@@ -279,19 +281,19 @@ def _structural(seen: RecordedOscillation, predicted: Prediction | None) -> list
         return _known(found)
     off, response = _off(predicted, seen), _response_off(predicted)
     if not math.isnan(off):
-        found.append(Evidence("frequency", seen.found.frequency, predicted.frequency, min(1.5, -_agrees(off, SAME_FREQUENCY))))
+        found.append(Evidence("frequency", seen.vibration.frequency, predicted.frequency, min(1.5, -_agrees(off, SAME_FREQUENCY))))
     if not math.isnan(response):
         found.append(Evidence("response", response, OTHER_RESPONSE, min(MOST_FOR, 4 * (response - 0.5))))
     if seen.state == "decaying" and predicted.limit.stable:
-        sooner = predicted.damping / max(seen.found.damping_ratio, 1e-6)
-        found.append(Evidence("rings", seen.found.damping_ratio, predicted.damping, 1.5 if sooner > 2 else -1.0))
+        sooner = predicted.damping / max(seen.vibration.damping_ratio, 1e-6)
+        found.append(Evidence("rings", seen.vibration.damping_ratio, predicted.damping, 1.5 if sooner > 2 else -1.0))
     return _known(found)
 
 
 def _saturation(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
     share = seen.clipped
     found = [Evidence("clipped", share, 1.0, 2.0 if share > CLIPPED else MOST_AGAINST)]
-    if seen.began_small and (predicted is None or seen.found.damping_ratio > -0.02):
+    if seen.began_small and (predicted is None or seen.vibration.damping_ratio > -0.02):
         found.append(Evidence("grew_unclipped", 1.0, 0.0, -1.0 if predicted is not None else -2.0))
     found.append(_steps_against(seen))
     if predicted is None:
@@ -301,8 +303,8 @@ def _saturation(seen: RecordedOscillation, predicted: Prediction | None) -> list
         found.append(Evidence("gain_margin", limit.gain, 1.0, -3.0))
     if limit.stable and limit.lower_gain > 0 and limit.lower_frequency > 0:
         # Deeper in the limit less gain is left, and it is slower yet.
-        faster = max(0.0, math.log(seen.found.frequency / limit.lower_frequency))
-        found.append(Evidence("lower_frequency", seen.found.frequency, limit.lower_frequency, _agrees(faster, 2 * SAME_FREQUENCY)))
+        faster = max(0.0, math.log(seen.vibration.frequency / limit.lower_frequency))
+        found.append(Evidence("lower_frequency", seen.vibration.frequency, limit.lower_frequency, _agrees(faster, 2 * SAME_FREQUENCY)))
     elif not limit.lower_gain > 0:
         found.append(Evidence("lower_gain", limit.lower_gain, 1.0, -2.0))
     return _known(found)

@@ -10,11 +10,11 @@ from .store import Store
 
 @dataclass(frozen=True)
 class Done:
-    """How far a run has come: limits finished, of how many; `found` when it began."""
+    """How far a run has come: limits finished, of how many; `at_start` when it began."""
 
     finished: int
     total: int
-    found: int
+    at_start: int
 
 
 def run(store: Store, workers: int | None = None, scheduler: str = "", progress: Progress = quiet, stop: Stop = lambda: False) -> Done:
