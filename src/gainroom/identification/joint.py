@@ -13,8 +13,8 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..system.drive import Drive
+from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Complexes, Floats
-from ..system.plant import ElasticJoint
 from .contradictions import encoders_apart
 from .delay import TorqueDelay, identify_delay
 from .estimate import FREEDOM, Estimate, log_interval, quantile
@@ -324,8 +324,7 @@ class _Fitting:
         scale = self.model.slopes(best.parameters)
         covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
         if self.source.torques is not None:
-            # The fit's is what remains of it beside a current loop that is held.
-            delay = parameters["delay"] = self.source.torques.effective
+            delay = parameters["delay"] = self.source.torques.effective  # the fit's: what remains of it beside a held current loop
             place = physical.index("delay")
             covariance[place] = covariance[:, place] = 0.0
             covariance[place, place] = (delay.half_width / quantile(FREEDOM)) ** 2

@@ -145,7 +145,7 @@ class RigidBody:
 
         Raises GainroomError for a frame that is not there, and for one that does not move.
         """
-        place = self.model.frames[self._frame(frame)]
+        place = self.model.frames[self.frame_index(frame)]
         if not place.parentJoint:
             raise GainroomError(f"{self.source}: frame {frame!r} does not move, so that a payload there has no effect; name one that does")
         model = self._pinocchio.Model(self.model)
@@ -262,20 +262,20 @@ class RigidBody:
 
     def frame_placement(self, q: ArrayLike, frame: str) -> tuple[Floats, Floats]:
         """(R (3, 3), p (3,)): axes and origin of a frame in world axes [m]. Raises GainroomError for an unknown frame."""
-        placement = self._placed(q).oMf[self._frame(frame)]
+        placement = self._placed(q).oMf[self.frame_index(frame)]
         return placement.rotation.copy(), placement.translation.copy()
 
     def frame_placements(self, q: ArrayLike, frames: Iterable[str]) -> list[tuple[Floats, Floats]]:
         """frame_placement of several frames of one posture."""
         data = self._placed(q)
-        return [(data.oMf[index].rotation.copy(), data.oMf[index].translation.copy()) for index in map(self._frame, frames)]
+        return [(data.oMf[index].rotation.copy(), data.oMf[index].translation.copy()) for index in map(self.frame_index, frames)]
 
     def frame_jacobian(self, q: ArrayLike, frame: str) -> Floats:
         """(6, N) from velocity to the frame's: linear, of its origin, then angular; both in the frame's own axes.
 
         Raises GainroomError for an unknown frame.
         """
-        return self._jacobian(q, self._frame(frame))
+        return self._jacobian(q, self.frame_index(frame))
 
     def anchor_jacobian(self, q: ArrayLike, anchor: str) -> Floats:
         """The same of an anchor of a closed loop."""
@@ -297,10 +297,6 @@ class RigidBody:
     def logarithm(self, placement: Any) -> Floats:
         """(6,) the twist that leads to a placement in unit time: linear [m], angular [rad]."""
         return np.array(self._pinocchio.log6(placement).vector)
-
-    def frame_index(self, frame: str) -> int:
-        """Pinocchio's number of a frame. Raises GainroomError for an unknown one."""
-        return self._frame(frame)
 
     def skeleton(self, q: ArrayLike) -> Skeleton:
         """Joints and the ends of chains as points, for a drawing of posture `q`."""
@@ -383,7 +379,8 @@ class RigidBody:
             raise GainroomError(f"{self.source}: no joint {name!r}{nearest(name, self.joint_names, 'joint')}")
         return self.joint_names.index(name)
 
-    def _frame(self, name: str) -> int:
+    def frame_index(self, name: str) -> int:
+        """Pinocchio's number of a frame. Raises GainroomError for an unknown one."""
         if name not in self._frames:
             raise GainroomError(f"{self.source}: no frame {name!r}{nearest(name, self.frames, 'frame')}")
         return self._frames[name]
