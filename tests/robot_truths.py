@@ -13,8 +13,8 @@ from gainroom.robot.body import RigidBody
 from gainroom.robot.contact import Contact, contact_jacobian
 from gainroom.simulation.robot_setup import RobotSetup
 from gainroom.system.drive import Drive
+from gainroom.system.elastic_joint import ElasticJoint
 from gainroom.system.loop import Feedback
-from gainroom.system.plant import ElasticJoint
 from gainroom.system.system import Control
 
 SIDES = ("left", "right")

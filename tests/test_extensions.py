@@ -21,7 +21,8 @@ from gainroom.report.margin_columns import margin_rows
 from gainroom.report.number_format import digits
 from gainroom.report.robot_columns import JOINT
 from gainroom.system.controller import Controller
-from gainroom.system.requirements import REQUIREMENTS, Requirement, SensitivityBound
+from gainroom.system.requirement import Requirement
+from gainroom.system.requirements import REQUIREMENTS, SensitivityBound
 from independent.joint import PDJoint
 from independent.margins import frequency_grid, peak, response
 from robot_files import ROBOT, write_arm

@@ -10,7 +10,8 @@ import pytest
 
 import gainroom as gr
 from gainroom.system.excluded_sets import Arc, Disk, ExcludedSet, Segment
-from gainroom.system.requirements import REQUIREMENTS, Requirement, Requirements, SensitivityBound
+from gainroom.system.requirement import Requirement
+from gainroom.system.requirements import REQUIREMENTS, Requirements, SensitivityBound
 from independent import margins as grid
 from independent.joint import PDJoint
 from refusals import assert_refused

@@ -26,9 +26,9 @@ from gainroom.simulation.robot_run import run_robot
 from gainroom.simulation.robot_setup import RobotSetup, hold, robot_setup
 from gainroom.system.controller import PD, PPI
 from gainroom.system.drive import Drive
+from gainroom.system.elastic_joint import ElasticJoint
 from gainroom.system.filters import LowPass, Notch
 from gainroom.system.loop import build_loop
-from gainroom.system.plant import ElasticJoint
 from gainroom.system.system import Control
 from robot_files import SOLO
 from robot_truths import BOTH, actuators, any_posture, feet, hinge, joint_setup, link, write_robot

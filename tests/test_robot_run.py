@@ -22,7 +22,7 @@ from gainroom.simulation.tracking import track
 from gainroom.simulation.trajectories import Spline
 from gainroom.system.controller import PD
 from gainroom.system.drive import Drive
-from gainroom.system.plant import ElasticJoint
+from gainroom.system.elastic_joint import ElasticJoint
 from gainroom.system.system import Control
 from robot_truths import hinge, joint_setup, link, write_robot
 

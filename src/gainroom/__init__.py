@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from .system.controller import PPI as PPI
     from .system.controller import Compensator as Compensator
     from .system.drive import Drive as Drive
+    from .system.elastic_joint import ElasticJoint as ElasticJoint
     from .system.filters import LowPass as LowPass
     from .system.filters import Notch as Notch
     from .system.gain_path import GainPath as GainPath
@@ -55,7 +56,6 @@ if TYPE_CHECKING:
     from .system.loop import build_loop as build_loop
     from .system.loop import loop_from as loop_from
     from .system.plant import Compliance as Compliance
-    from .system.plant import ElasticJoint as ElasticJoint
     from .system.plant import Plant as Plant
     from .system.requirements import Requirements as Requirements
     from .system.system import Control as Control
@@ -67,7 +67,8 @@ __version__ = "0.1.0"
 
 # In the order of the data flow: description, loop, verdict and margins, limits, recommendation, time domain.
 _HOME = {
-    "system.plant": ("ElasticJoint", "Plant", "Compliance"),
+    "system.elastic_joint": ("ElasticJoint",),
+    "system.plant": ("Plant", "Compliance"),
     "system.drive": ("Drive",),
     "system.controller": ("PD", "PID", "PPI", "Compensator"),
     "system.filters": ("LowPass", "Notch"),

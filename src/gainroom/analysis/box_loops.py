@@ -13,9 +13,9 @@ import numpy as np
 from ..native import _core
 from ..system.assembly import Feedback, current_loop
 from ..system.drive import Drive
+from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.transfer_function import Factored
-from ..system.plant import ElasticJoint
 from ..system.uncertainty import Uncertainty
 
 FEWEST_ALIASES = 3

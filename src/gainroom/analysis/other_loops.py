@@ -23,7 +23,8 @@ from ..system.excluded_sets import Arc, Segment
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
-from ..system.requirements import Requirement, SensitivityBound
+from ..system.requirement import Requirement
+from ..system.requirements import SensitivityBound
 from .coupled_margins import sensitivity
 from .excluded_region import union_of
 from .part_plane import PartPlane

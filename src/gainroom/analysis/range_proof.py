@@ -16,9 +16,9 @@ import numpy as np
 
 from ..system.assembly import Feedback
 from ..system.drive import Drive
+from ..system.elastic_joint import ElasticJoint
 from ..system.excluded_sets import ExcludedSet, Segment
 from ..system.linear.arrays import Booleans, Complexes, Floats
-from ..system.plant import ElasticJoint
 from ..system.requirements import Requirements
 from ..system.uncertainty import Uncertainty
 from .box_loops import BoxLoop, Sectors

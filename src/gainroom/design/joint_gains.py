@@ -22,9 +22,9 @@ from ..analysis.range_proof import Proof, prove
 from ..errors import GainroomError
 from ..system.controller import PD
 from ..system.drive import Drive
+from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Floats
 from ..system.loop import Feedback, Loop, build_loop
-from ..system.plant import ElasticJoint
 from ..system.requirements import REQUIREMENTS, ROUND_OFF, Requirements, title_of
 from ..system.uncertainty import NOMINAL, Case, Place, Uncertainty
 

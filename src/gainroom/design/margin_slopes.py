@@ -20,7 +20,8 @@ from ..errors import GainroomError
 from ..system.controller import PD
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
-from ..system.requirements import Requirement, Requirements
+from ..system.requirement import Requirement
+from ..system.requirements import Requirements
 
 Gains = Floats
 """(3, m): kp, kd and ki of every direction; of a P/PI one kp, kv and ki."""

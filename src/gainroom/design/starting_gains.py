@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..system.controller import PD
+from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Booleans, Floats
-from ..system.plant import ElasticJoint, Plant
+from ..system.plant import Plant
 from ..system.system import System
 from .joint_gains import recommend_pd
 from .margin_slopes import Case, Gains

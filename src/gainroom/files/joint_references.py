@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, first_of_many
 from ..io.yaml_text import shown
 from ..system.actuator_entry import ActuatorEntry
-from ..system.plant import ElasticJoint
+from ..system.elastic_joint import ElasticJoint
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
 from .joint_yaml import load_joint

@@ -13,7 +13,7 @@ from pydantic import Field
 from ..errors import GainroomError, named
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, validate
 from ..io.yaml_text import read_text
-from ..system.plant import ElasticJoint
+from ..system.elastic_joint import ElasticJoint
 from ..system.system import System
 from .file_types import parse_as
 from .system_sections import (

@@ -19,7 +19,8 @@ from ..system.drive import Drive
 from ..system.filters import LowPass, Notch
 from ..system.gain_path import GainPath, samples_in_common
 from ..system.linear.arrays import Floats
-from ..system.requirements import REQUIREMENTS, Requirement, Requirements
+from ..system.requirement import Requirement
+from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.uncertainty import Uncertainty
 
 CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}

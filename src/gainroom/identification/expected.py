@@ -14,8 +14,8 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..simulation import Friction, Run, Scenario, Testbed, simulate
+from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Floats
-from ..system.plant import ElasticJoint
 from ..system.system import System
 from .current_loop import DAMPING, SPEED, Response
 from .delay import FLOOR

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Booleans, Complexes, Floats
-from ..system.plant import ElasticJoint
 
 FEEDBACK = 4  # latest steps that a controller's law may rest on; more would foretell the torque itself from what it moved before
 SEGMENTS = 12  # at least, over which spectra are averaged

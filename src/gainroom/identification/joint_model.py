@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..system.drive import Drive
+from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Floats
-from ..system.plant import ElasticJoint
 from .estimate import FREEDOM, Estimate, interval, log_interval
 from .prediction import Between, Noise, Signals
 from .record import resolution

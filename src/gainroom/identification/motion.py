@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Complexes, Floats, Integers
-from ..system.plant import ElasticJoint
 
 TURNING = 0.15  # of the root mean square velocity: slower, a side turns round, and no law of friction is to be trusted
 AFTER = 3.0  # radians of the resonance that a predictor takes to find back

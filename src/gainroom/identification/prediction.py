@@ -16,9 +16,9 @@ import numpy as np
 from ..native import _core
 from ..system.assembly import actuated_state
 from ..system.drive import Drive
+from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Floats
 from ..system.linear.state_space import StateSpace, split_delay
-from ..system.plant import ElasticJoint
 from .motion import Motion
 
 DOUBLINGS = 60

@@ -13,9 +13,9 @@ import numpy as np
 
 from ..analysis.gain_limit import gain_limit
 from ..system.controller import PD
+from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Floats
 from ..system.loop import build_loop
-from ..system.plant import ElasticJoint
 from .biped import COM_KD, COM_KP, NAMES, SUPPORTS, com_tasks, free_loads, standing
 from .claim2 import RATIOS, limits
 from .joints import DRIVE, GAINS, MOTOR_INERTIA, limit_with_load

@@ -6,8 +6,8 @@ from ..analysis.gain_limit import gain_limit
 from ..analysis.margin_record import GainLimit
 from ..system.controller import PD
 from ..system.drive import Drive
+from ..system.elastic_joint import ElasticJoint
 from ..system.loop import Loop, build_loop
-from ..system.plant import ElasticJoint
 
 MOTOR_INERTIA = 1.0  # [kg m²] Figs. 4, 5, 9: the printed 1.0e-4 behind the testbed's 100:1; inferred, Fig. 9's margins require it
 STIFFNESS = 1e4  # [N m/rad] printed

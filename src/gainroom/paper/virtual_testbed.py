@@ -15,8 +15,8 @@ from ..files.logs.writing import open_log
 from ..identification import Estimate, Record
 from ..simulation import Friction, Run, Testbed
 from ..system.controller import PD
+from ..system.elastic_joint import ElasticJoint
 from ..system.loop import Loop, build_loop
-from ..system.plant import ElasticJoint
 from .joints import SAMPLE_TIME, TESTBED, TESTBED_DRIVE
 from .row import Row
 

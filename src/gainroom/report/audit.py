@@ -7,7 +7,8 @@ import numpy as np
 
 from ..errors import apart, at_frequency, listed
 from ..studies.audit import Audit
-from ..system.requirements import REQUIREMENTS, Requirement, enough
+from ..system.requirement import Requirement, enough
+from ..system.requirements import REQUIREMENTS
 from .audit_headroom import PATHS, headroom, headroom_rows, row_of_verdict
 from .audit_text import audit_sentence, audit_warnings, besides, reason, verdict, what_to_do
 from .columns import Column, definitions, tabulated, yes

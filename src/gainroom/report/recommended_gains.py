@@ -11,7 +11,8 @@ import numpy as np
 from ..design.robot_gains import EVERYWHERE, GainSet, RobotGains
 from ..errors import listed
 from ..system.linear.arrays import Floats
-from ..system.requirements import REQUIREMENTS, Requirement, Requirements, title_of
+from ..system.requirement import Requirement
+from ..system.requirements import REQUIREMENTS, Requirements, title_of
 from .columns import Column, facts
 from .margin_columns import margin_facts, margins_text, requirement
 from .number_format import digits

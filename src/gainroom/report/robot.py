@@ -10,7 +10,8 @@ from ..studies.over_uncertainty import unknown_first
 from ..studies.robot import RobotStudy
 from ..studies.state import State, by_headroom, task_headroom
 from ..studies.sweep.summary import SweepSummary
-from ..system.requirements import REQUIREMENTS, Requirement
+from ..system.requirement import Requirement
+from ..system.requirements import REQUIREMENTS
 from .margin_columns import margin_value, requirement
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, details, facts, page, paragraph

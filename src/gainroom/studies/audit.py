@@ -18,7 +18,8 @@ from ..design.margin_slopes import Case, Gains
 from ..robot.gearbox_types import GearboxRange
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
-from ..system.requirements import Requirement, Requirements, enough
+from ..system.requirement import Requirement, enough
+from ..system.requirements import Requirements
 from ..system.system import System
 from .analysis import Analysis, analyze
 from .deciding_joints import joints_that_miss

@@ -8,7 +8,7 @@ from ..analysis.margin_record import Margins
 from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Complexes
 from ..system.loop import Loop
-from ..system.requirements import Requirement
+from ..system.requirement import Requirement
 from .state import STRONG, State, limiting_joints
 
 

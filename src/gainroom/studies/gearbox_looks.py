@@ -23,7 +23,8 @@ from ..analysis.proved_limit import keeps_margins, limit_by_modes, provable, pro
 from ..design.gain_cases import bounded_margins
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
-from ..system.requirements import Requirements, enough
+from ..system.requirement import enough
+from ..system.requirements import Requirements
 from ..system.system import StateCase, System
 from .certified_delay import LATE
 from .loop_numbers import extra_delay, limit_of, margins_of

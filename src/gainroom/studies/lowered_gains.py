@@ -10,7 +10,7 @@ import numpy as np
 
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
-from ..system.requirements import enough
+from ..system.requirement import enough
 from ..system.system import System
 from .factors import typed_factor
 from .loop_numbers import limit_of

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..analysis.margin_record import Margins, worst_of
-from ..system.requirements import REQUIREMENTS, Requirement
+from ..system.requirement import Requirement
+from ..system.requirements import REQUIREMENTS
 from ..system.system import StateCase, System
 from ..system.uncertainty import share_of
 from .loop_numbers import extra_delay

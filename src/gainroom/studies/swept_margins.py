@@ -12,7 +12,7 @@ import numpy as np
 
 from ..analysis.margin_record import Margins
 from ..errors import GainroomError
-from ..system.requirements import Requirement
+from ..system.requirement import Requirement
 from ..system.system import StateCase
 from .certified_delay import with_certified_delay
 from .loop_numbers import moves

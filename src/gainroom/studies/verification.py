@@ -23,7 +23,7 @@ from ..simulation.robot_setup import robot_setup
 from ..simulation.robot_simulation import require_sampled
 from ..system.linear.arrays import Floats
 from ..system.loop import Loop
-from ..system.requirements import enough
+from ..system.requirement import enough
 from ..system.system import System
 from .loop_numbers import moves
 from .progress import Progress, quiet

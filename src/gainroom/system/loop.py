@@ -17,6 +17,7 @@ from ..native import _core
 from .assembly import Feedback, Parts, controller_state
 from .controller import Compensator, Controller, gain_matrix
 from .drive import Drive
+from .elastic_joint import ElasticJoint
 from .gain_path import GainPath, samples_in_common
 from .linear.arrays import Booleans, Complexes, Floats, Integers
 from .linear.lti import factored_from, is_lti, sample_time_of
@@ -24,7 +25,7 @@ from .linear.state_space import StateSpace, hold, realize, split_delay
 from .linear.transfer_function import Factored, ratio
 from .measured_response import measured_signals, measured_state, sampled_scalar, unsampled_scalar
 from .mode_functions import mode_functions
-from .plant import ElasticJoint, Plant
+from .plant import Plant
 
 EXACT_MODES = 1e-12  # relative: a sum over modes that is off by no more has all digits that polishing and counting need
 ABOUT_AXIS = 1e-7  # |Re s| of Im s up to which sums over modes serve

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike
 from ..errors import case_text
 from .controller import PD
 from .drive import Drive
+from .elastic_joint import ElasticJoint
 from .filters import LowPass, Notch
 from .gain_path import GainPath
 from .linear.arrays import Booleans, Floats
 from .loop import Feedback, Loop, build_loop
-from .plant import ElasticJoint, Plant
+from .plant import Plant
 from .requirements import Requirements
 from .uncertainty import NOMINAL, Place, Uncertainty
 
@@ -23,7 +24,7 @@ INSIDE = 8
 
 
 class PlantSource(Protocol):
-    """What plants come from: one joint (ElasticJoint, plant.py) or a robot (Robot, robot/robot.py) in its postures and contact states.
+    """What plants come from: one joint (elastic_joint.py) or a robot (robot/robot.py) in its postures and contact states.
 
     name, joint_names (n,)   for messages and tables
     prismatic   (n,) True where a joint is prismatic: its numbers are in m and N

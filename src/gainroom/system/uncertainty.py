@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import GainroomError
 from .drive import Drive
+from .elastic_joint import ElasticJoint
 from .linear.arrays import Floats
-from .plant import ElasticJoint
 
 Case = tuple[ElasticJoint, Drive]
 Interval = tuple[Any, Any]
