@@ -4,7 +4,9 @@ import html
 import json
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -113,6 +115,36 @@ def test_only_joints_that_need_it_are_lowered(tmp_path: Path, capsys: pytest.Cap
         path = tmp_path / "gains.yaml"
         path.write_text(yaml.safe_dump({"gains": gains}), "utf-8")
         assert json.loads(audited(capsys, "--delay-ms", delay, "--gains", str(path), "--json")[1])["safe"] is safe
+
+
+CARRIED = {  # name: kp, kd, motor inertia: the knee's are too high, and the ankle moves with it
+    "hip_roll": (35.2, 1.07, 0.025),
+    "hip_pitch": (34.5, 2.6, 0.025),
+    "knee": (99.0, 7.96, 0.025),
+    "ankle": (25.4, 2.24, 0.0072),
+}
+
+
+def test_a_joint_that_is_carried_along_keeps_its_gains(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """No joint among those to lower could keep its gains with a tenth more (of the logarithm) on the others: each is audited so."""
+    path, options = tmp_path / "gains.yaml", ("--stiffness", "3000", "--damping", "2", "--rate-hz", "1000")
+
+    def audit_of(factors: Mapping[str, float]) -> dict[str, Any]:
+        gains = {
+            name: {"kp": factors.get(name, 1.0) * kp, "kd": factors.get(name, 1.0) * kd, "motor_inertia": inertia}
+            for name, (kp, kd, inertia) in CARRIED.items()
+        }
+        path.write_text(yaml.safe_dump({"gains": gains}), "utf-8")
+        return json.loads(audited(capsys, *options, "--gains", str(path), "--json")[1])
+
+    first = audit_of({})
+    factor, lowered = float(first["to_use"]["factor"]), list(first["to_use"]["scaled"])
+    assert not first["safe"]
+    assert audit_of(dict.fromkeys(lowered, factor))["safe"]
+    assert not audit_of(dict.fromkeys(lowered, 1.01 * factor))["safe"]
+    for kept in lowered:
+        assert not audit_of({name: factor**1.1 for name in lowered if name != kept})["safe"]
+    assert lowered == ["knee"]
 
 
 def test_safe_gains_that_hardly_damp_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

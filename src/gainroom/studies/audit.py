@@ -228,12 +228,16 @@ class Audit(Analysis):
         """The largest factor up to `most` on the gains of the joints `lowered` (n,); NaN: none. Seen in the core's looks, not proved."""
 
         def holds(factor: float) -> bool:
-            if self._cases is None:
-                return self.holds_at(lowered, factor)
-            factors = np.where(lowered, factor, 1.0)
-            return all(self.required.met_by(case_margins(case, factors * gains, near=True)) for case, gains in self._cases)
+            return self.seen_at(lowered, factor)
 
         return largest_factor(holds, most)
+
+    def seen_at(self, lowered: Booleans, factor: float) -> bool:
+        """Whether every state has what is required with `factor` on the gains of the joints `lowered` (n,), as the core's looks see it."""
+        if self._cases is None:
+            return self.holds_at(lowered, factor)
+        factors = np.where(lowered, factor, 1.0)
+        return all(self.required.met_by(case_margins(case, factors * gains, near=True)) for case, gains in self._cases)
 
     @cached_property
     def _cases(self) -> list[tuple[Case, Gains]] | None:
