@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.identification.estimate import interval, log_interval
+from gainroom.identification.estimate import Estimate, interval, log_interval
 from gainroom.identification.frequency_response import frequency_response, given_torque
+from gainroom.identification.friction_signs import of_friction_s_sign
 from gainroom.identification.joint import JointFit, damping_beside_friction, fitted_response, identify_joint
 from gainroom.identification.motion import motion_of
 from gainroom.identification.prediction import Noise, Signals, prediction_errors, stationary
@@ -38,6 +39,12 @@ def chained(chain: Chain, low: float, high: float) -> Record:
 
 def without(log: Record, *names: str) -> Record:
     return Record(log.time, {name: values for name, values in log.channels.items() if name not in names}, log.sample_time)
+
+
+def log_of(run: Run) -> Record:
+    """What a joint logs of its motor's side."""
+    columns = {"target_torque": run.target_torque, "actual_torque": run.actual_torque, "motor_position": run.motor_reading}
+    return Record(run.time, {name: values[:, 0] for name, values in columns.items()}, float(run.time[1]))
 
 
 TWO = Chain(np.array([0.2, 0.8]), np.array([1e4]), np.array([2.0]), 1.0, 0.2, bandwidth=2000.0, resolution=7.7e-6)
@@ -117,6 +124,51 @@ def test_two_encoders_agree_with_one(two, one_encoder):
     for name in ("motor_inertia", "link_inertia", "stiffness"):
         assert abs(one.parameters[name].value / both.parameters[name].value - 1) < 0.01
     assert both.parameters["link_inertia"].half_width <= 1.2 * one.parameters["link_inertia"].half_width
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("friction", "falls"), [(Friction(1.0, 2.0, 1.5), True), (Friction(1.0, 1.2, 0.02), False)])
+def test_viscous_friction_below_0_is_stribeck_friction_or_none(friction: Friction, falls: bool):
+    """No viscous friction in truth. Where the law falls over the log's speeds, its slope (least squares on the true velocity) is told."""
+    time = np.arange(12_000) * TICK
+    torque = 8 * multisine(np.random.default_rng(2), time, np.geomspace(5, 70, 60))
+    loop = soft_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 2.0), gr.Drive(2500.0, 0.8, 2e-3), 1.0, 0.7, TICK)
+    bed = Testbed(loop, motor_friction=friction, motor_resolution=1e-5, substep=TICK / 4)
+    reference = 0.5 * np.sin(2 * np.pi * 0.2 * time)
+    run = simulate(bed, Scenario(reference[:, None], time[-1], feedforward=torque[:, None], noise=5e-6, seed=1, limit=50.0))
+    found = identify_joint(log_of(run))
+    viscous, coulomb, about = (found.parameters[name] for name in ("viscous", "coulomb", "link_coulomb"))
+    told = [text for text in found.warnings if "Stribeck" in text]
+    assert about.low >= 0
+    if falls:
+        velocity = np.gradient(run.motor_position[:, 0], TICK)
+        dry, slope = np.linalg.lstsq(np.column_stack([np.sign(velocity), velocity]), friction.torque(velocity), rcond=None)[0]
+        assert slope < 0
+        assert holds(viscous, slope)
+        assert holds(coulomb, dry)
+        assert len(told) == 1
+        assert f"{viscous.value:.2g}" in told[0]
+    else:
+        assert (viscous.value >= 0, viscous.low, told) == (True, 0.0, [])
+        assert holds(viscous, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ((-0.05, -0.2, 0.1), (0.0, 0.0, 0.15)),  # as far above 0 as it was known: what was below was its error
+        ((-0.14, -0.3, 0.02), (0.0, 0.0, 0.16)),
+        ((0.05, -0.1, 0.2), (0.05, 0.0, 0.2)),
+        ((0.3, 0.1, 0.5), (0.3, 0.1, 0.5)),
+        ((-0.3, -0.5, -0.1), (-0.3, -0.5, -0.1)),
+    ],
+)
+def test_friction_opposes_the_motion(before: tuple[float, ...], after: tuple[float, ...]):
+    found, notes = of_friction_s_sign({"viscous": Estimate(*before), "weight_sine": Estimate(-1.0, -2.0, 0.5)})
+    bounded = found["viscous"]
+    assert (bounded.value, bounded.low, bounded.high) == pytest.approx(after)
+    assert (len(notes) == 1) == (after[2] < 0)
+    assert found["weight_sine"] == Estimate(-1.0, -2.0, 0.5)  # a weight may pull either way
 
 
 @pytest.mark.slow
