@@ -5,6 +5,7 @@ import json
 import math
 from collections import Counter
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,10 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.identification.oscillation_search import find_oscillation
 from gainroom.identification.record import Record
+from gainroom.simulation import Friction, Scenario, Testbed, simulate
 from gainroom.studies.diagnosis import diagnose
+from gainroom.system.system import System
+from identified import multisine
 from recordings import CAUSES, MAKERS, Recording, recording
 
 TICK = 1e-3
@@ -135,6 +139,54 @@ def test_causes_of_a_population():
 
 def test_every_maker_has_a_cause():
     assert set(MAKERS) == {*CAUSES, "quiet"}
+
+
+@pytest.fixture(scope="module")
+def excited() -> tuple[System, Record, np.ndarray]:
+    """A stable loop with a multisine of torque from 8 to 60 Hz beside its own, friction and an encoder; and the loop's lines [Hz]."""
+    system = System.of_joint(gr.ElasticJoint(0.2, 0.8, 1e4, 2.0), gr.Drive(2500.0, 0.8, 2e-3), gr.PD(40.0, 9.0), sample_time=TICK)
+    lines, time = np.geomspace(8, 60, 40), TICK * np.arange(12_000)
+    torque = 10 * multisine(np.random.default_rng(4), time, lines)
+    bed = Testbed(system.loop(), motor_friction=Friction(1.0, 1.5, 0.05), motor_resolution=1e-5, substep=TICK / 4)
+    run_ = simulate(bed, Scenario(0.0, float(time[-1]), feedforward=torque[:, None], noise=5e-6, seed=3, limit=50.0))
+    columns = {"target_torque": run_.target_torque, "actual_torque": run_.actual_torque, "motor_position": run_.motor_reading}
+    return system, record({name: values[:, 0] for name, values in columns.items()}), lines
+
+
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("still", [False, True])
+def test_an_excitation_in_the_torque_is_no_vibration(excited: tuple[System, Record, np.ndarray], known: bool, still: bool):
+    """With the set-point in the log and without, with the joint's file and without. Its band holds the lines that were given."""
+    system, log, lines = excited
+    log = replace(log, channels={**log.channels, **({"reference": np.zeros(len(log.time))} if still else {})})
+    found = diagnose(log, system if known else None)
+    assert not found.vibrates
+    assert found.search.excited is not None
+    low, high = found.search.excited
+    assert 2 * np.pi * lines[0] == pytest.approx(low, rel=0.1)  # 2 % of the power may lie beyond either end: a line of 40
+    assert 2 * np.pi * lines[-1] == pytest.approx(high, rel=0.1)
+
+
+def test_a_vibration_beside_an_excitation_is_found(excited: tuple[System, Record, np.ndarray]):
+    """Of a loop 10 % beyond its gain limit, which outgrows a small multisine."""
+    system, log, lines = excited
+    loop = system.loop()
+    torque = 0.2 * multisine(np.random.default_rng(4), log.time, lines)
+    bed = Testbed(loop.scaled(1.1 * gr.gain_limit(loop).gain), torque_limit=40.0, substep=TICK / 4)
+    run_ = simulate(bed, Scenario(0.0, 4.0, feedforward=torque[:4001, None], limit=50.0))
+    columns = {"target_torque": run_.target_torque, "actual_torque": run_.actual_torque, "motor_position": run_.motor_reading}
+    found = diagnose(record({name: values[:, 0] for name, values in columns.items()}))
+    assert found.vibrates
+    assert found.search.excited is None
+
+
+def test_stick_slip_is_no_excitation():
+    """Its torque is of many frequencies, too, and all of it is the controller's."""
+    made = recording("stick_slip", 1)
+    assert made.record.has("target_torque")
+    found = diagnose(made.record, made.system)
+    assert found.search.excited is None
+    assert found.causes[0].name == "stick_slip"
 
 
 JOINT = """

@@ -5,7 +5,7 @@ own frequencies. Poles and amplitudes are those of simulation/oscillation.py; sl
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, pa
 from ..system.linear.arrays import Floats
 from .record import Record, resolution
 from .recorded_oscillation import LOOKED_AT, POSITIONS, RINGING, TORQUES, UNCHANGED, RecordedOscillation, measured
+from .torque_excitation import excited_band
 
 RESTING = 0.1  # damping ratio above which an oscillation is the settling of a joint
 STRAIGHT = 1e-9  # of the set-point's range per tick²: a smaller change of its velocity is rounding
@@ -50,15 +51,25 @@ class Search:
     oscillation   None where nothing oscillates
     driven        frequency of a motion that the set-point itself contains [rad/s]; NaN: none
     blind         below this frequency the set-point's motion may hide a vibration [rad/s]; 0: nowhere
+    excited       band of an excitation in target_torque, which moves the joint and may hide a vibration [rad/s]; None: none
     """
 
     oscillation: RecordedOscillation | None
     driven: float = math.nan
     blind: float = 0.0
+    excited: tuple[float, float] | None = None
 
 
 def find_oscillation(record: Record) -> Search:
     """The strongest vibration in `record`, which has no gaps. Raises GainroomError where it holds neither a position nor a torque."""
+    found = _search(record)
+    seen = found.oscillation
+    band = None if seen is None else excited_band(record, seen.side, seen.rows, seen.found.frequency)
+    return found if band is None else replace(found, oscillation=None, excited=band)
+
+
+def _search(record: Record) -> Search:
+    """Whatever moves the joint there."""
     side = next((name for name in (*POSITIONS, "motor_velocity", *reversed(TORQUES)) if record.has(name)), None)
     if side is None:
         raise GainroomError("diagnose: needs a position, a velocity or a torque")

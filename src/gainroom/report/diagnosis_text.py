@@ -47,6 +47,8 @@ def sentence(found: Diagnosis) -> str:
         elif seen is not None:
             text += f" An oscillation at {frequency_text(seen.vibration.frequency)} decays, with a damping ratio of"
             text += f" {digits(seen.vibration.damping_ratio, '', 2)}."
+        elif found.search.excited is not None:
+            text += f" The joint follows an excitation in target_torque, mainly from {_band(found)}."
         elif driven == driven and driven > 0:
             text += f" The joint follows its set-point, whose largest part is at {frequency_text(driven)}."
         return text
@@ -58,6 +60,12 @@ def sentence(found: Diagnosis) -> str:
     first, second = found.causes[:2]
     both = " or ".join(f"{NAMES[one.name]} ({percent(one)})" for one in (first, second) if one.name != UNKNOWN)
     return f"{text}Cause: cannot tell; {both}."
+
+
+def _band(found: Diagnosis) -> str:
+    """Of the excitation in the torque."""
+    assert found.search.excited is not None
+    return " to ".join(frequency_text(omega) for omega in found.search.excited)
 
 
 def size(seen: RecordedOscillation) -> str:
@@ -219,6 +227,8 @@ def warnings(found: Diagnosis) -> list[str]:
         texts.append("without the set-point (reference) a commanded oscillation cannot be distinguished from a vibration")
     if found.search.blind > 0:
         texts.append(f"the set-point moves all the time: below {hertz(found.search.blind)} it may hide a vibration")
+    if found.search.excited is not None:
+        texts.append(f"from {_band(found)} the excitation may hide a vibration: record without it to see one there")
     predicted, seen = found.predicted, found.oscillation
     if predicted is not None and predicted.applied != 1:
         texts.append(f"the gains in the log are {digits(predicted.applied, '', 3)} times those of the file; the model here has them")
@@ -258,6 +268,7 @@ def facts(found: Diagnosis) -> dict[str, Any]:
             "from": float(found.record.time[seen.rows][0]),
             "to": float(found.record.time[seen.rows][-1]),
         },
+        "excitation_rad_s": None if found.search.excited is None else list(found.search.excited),
         "cause": None if found.cause is None else found.cause.name,
         "causes": [
             {
