@@ -249,3 +249,28 @@ def test_callables_give_the_same(make):
 def test_callables_that_fail_are_named(bad, words):
     with pytest.raises(gr.GainroomError, match=words):
         gr.margins(gr.loop_from(bad))
+
+
+def test_margins_are_shown_in_one_line():
+    """Of L = g/(s(s + 1)(s + 2)): real at √2 rad/s, −g/6 there."""
+    poles = [0.0, -1.0, -2.0]
+    found = gr.margins(gr.loop_from(scipy.signal.ZerosPolesGain([], poles, 1.0)))
+    shown = repr(found)
+    assert shown.startswith(f"Margins(stable, gain margin {20 * np.log10(6):.4g} dB at {sqrt(2) / (2 * pi):.3g} Hz, phase margin ")
+    for text in (f"{degrees(found.phase_margin):.4g}°", f"{1e3 * found.delay_margin:.4g} ms", f"Ms {found.peak_sensitivity:.4g})"):
+        assert text in shown
+    unstable = gr.margins(gr.loop_from(scipy.signal.ZerosPolesGain([], poles, 12.0)))
+    assert repr(unstable) == "Margins(unstable, gain limit 0.5 times the gains)"
+
+
+def test_margins_of_several_joints_are_shown_in_one_line():
+    """Two alike on one plant each: as one alone, and one loop at a time the same."""
+    joint, drive = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3)
+    alone = gr.margins(gr.build_loop(joint, drive, gr.PD(1e4, 300.0)))
+    plant = gr.Plant(np.eye(2) / 16.0, np.array(1.0), np.array(1e4), np.array(1.0))
+    both = gr.margins(gr.build_loop(plant, drive, gr.PD(1e4, 300.0)))
+    shown, margin = repr(both), 20 * np.log10(alone.gain_margin)
+    assert shown.startswith(f"Margins(2 joints, stable, gain margin {margin:.4g} dB at ")
+    assert f"one loop at a time {margin:.4g} dB and {degrees(abs(alone.phase_margin)):.4g}°)" in shown
+    assert "\n" not in shown
+    assert len(shown) < 250

@@ -1,6 +1,7 @@
 """Numbers that are not finite, not real or not physical are refused by name, wherever they come in."""
 
 from math import inf, nan
+from typing import Any
 
 import numpy as np
 import pytest
@@ -91,3 +92,10 @@ def test_negative_gains_on_coupled_joints(controller):
 
 def test_negative_gains_on_one_joint_are_counted():
     assert not gr.is_stable(gr.build_loop(JOINT, DRIVE, gr.PD(-10.0, 5.0)))
+
+
+@pytest.mark.parametrize("given", [None, "loop", 3.0, gr.PD(1.0, 2.0), gr.PD, JOINT])
+@pytest.mark.parametrize("function", [gr.margins, gr.joint_margins, gr.is_stable, gr.gain_limit, gr.rightmost_roots, gr.closed_loop])
+def test_what_is_no_loop(function: Any, given: object):
+    """Named as it was given, at its beginning at least, with what makes a loop."""
+    assert_refused(lambda: function(given), [function.__name__, repr(given)[:40], "must be a Loop", "build_loop"])

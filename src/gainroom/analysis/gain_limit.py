@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..errors import GainroomError
-from ..system.loop import Loop
+from ..system.loop import Loop, require_loop
 from .first_crossing import SEARCH, Certificate, End, Family, gains
 from .loci import Sweep
 from .margin_record import GainLimit
@@ -27,6 +27,7 @@ def gain_limit(loop: Loop) -> GainLimit:
 
     For an unstable loop: the nearest stable interval below g = 1. Raises GainroomError where L is zero.
     """
+    require_loop("gain_limit", loop)
     if loop.kd_path is not None:
         return TwoPaths(loop).limit()
     if loop.size == 1:

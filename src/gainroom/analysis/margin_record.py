@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import at_frequency
 from ..system.linear.arrays import Booleans, Complexes, Floats
+from ..system.margin_units import to_db
 from .first_crossing import Certificate
 
 
@@ -158,6 +160,24 @@ class Margins:
     def unknown(cls, limit: GainLimit) -> "Margins":
         """Nothing but the verdict and, perhaps, the limit."""
         return cls(limit, OneLoop.unknown(len(limit.mode)), unstable_roots=0 if limit.stable else -1)
+
+    def __repr__(self) -> str:
+        size = len(self.one_loop.gain_margin)
+        joints = f"{size} joints, " if size > 1 else ""
+        if not self.stable:
+            lower = f", gain limit {self.limit.gain:.4g} times the gains" if 0 < self.limit.gain < 1 else ""
+            return f"Margins({joints}unstable{lower})"
+        texts = [
+            f"gain margin {to_db(self.gain_margin):.4g} dB{at_frequency(self.phase_crossover)}",
+            f"lower gain margin {to_db(self.lower_gain_margin):.4g} dB" if self.lower_gain_margin > 0 else "",
+            f"phase margin {math.degrees(self.phase_margin):.4g}°{at_frequency(self.gain_crossover)}",
+            f"delay margin {1e3 * self.delay_margin:.4g} ms",
+            f"Ms {self.peak_sensitivity:.4g}",
+        ]
+        if size > 1:
+            one_loop = to_db(float(np.min(self.one_loop_gain_margins))), math.degrees(self.one_loop_phase_margin)
+            texts.append(f"one loop at a time {one_loop[0]:.4g} dB and {one_loop[1]:.4g}°")
+        return f"Margins({joints}stable, {', '.join(filter(None, texts))})"
 
     @property
     def stable(self) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..native import _core
-from ..system.loop import Loop
+from ..system.loop import Loop, require_loop
 from .coupled_margins import coupled_margins, one_loop_margins
 from .crossings import Scan
 from .gain_limit import gain_limit
@@ -28,6 +28,7 @@ def margins(loop: Loop) -> Margins:
     them (joint_margins). Where kd closes on a path of its own, peak sensitivities and the disk margin are not known (NaN).
     Raises GainroomError for several joints whose gains are all zero, or whose loci cannot be followed.
     """
+    require_loop("margins", loop)
     if loop.kd_path is not None:
         return TwoPaths(loop).margins()
     if loop.size > 1:
@@ -44,6 +45,7 @@ def joint_margins(loop: Loop) -> Margins:
 
     Raises GainroomError for other loops, and for gains that are all zero.
     """
+    require_loop("joint_margins", loop)
     if loop.parts is None:
         raise GainroomError("joint_margins needs a loop built with build_loop; use margins for a scalar return ratio")
     if loop.size == 1 and loop.kd_path is None:

@@ -14,7 +14,7 @@ from ..errors import GainroomError, require_count
 from ..native import _core
 from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.transfer_function import growth
-from ..system.loop import Loop
+from ..system.loop import Loop, require_loop
 from .crossings import Scan, scan
 from .loci import Sweep
 from .sampled_scan import scan_callable
@@ -102,6 +102,7 @@ def _is_lost_at_infinity(loop: Loop) -> bool:
 
 def is_stable(loop: Loop) -> bool:
     """True when every closed-loop root decays that the gains move, and none grows that they do not (see unstable_roots)."""
+    require_loop("is_stable", loop)
     return unstable_roots(loop) == 0
 
 
@@ -110,6 +111,7 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
 
     Raises GainroomError for a loop given as a callable: it has no state space.
     """
+    require_loop("rightmost_roots", loop)
     require_count("rightmost_roots", "count", count, 1)
     loop.require_one_path("a root in s")
     if loop.open_loop is None:

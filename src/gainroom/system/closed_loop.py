@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError
 from .linear.arrays import Complexes
-from .loop import Loop
+from .loop import Loop, require_loop
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class ClosedLoop:
 
 def closed_loop(loop: Loop) -> ClosedLoop:
     """Reference, noise and disturbance responses of a scalar loop built from its parts."""
+    require_loop("closed_loop", loop)
     if loop.scalar is None:
         raise GainroomError("closed_loop needs a loop of one joint built with build_loop or from an LTI system")
     return ClosedLoop(loop)

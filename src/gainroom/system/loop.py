@@ -267,6 +267,12 @@ class Loop:
         return np.zeros(self.size) if self.delays is None else self.delays
 
 
+def require_loop(owner: str, given: Any) -> None:
+    """Raise GainroomError, named `owner`, where what was given is no loop."""
+    if not isinstance(given, Loop):
+        raise GainroomError(f"{owner}: {one_line(repr(given), 60)} must be a Loop, as build_loop and loop_from make it")
+
+
 def _is_diagonal_without_gaps(gain: Floats) -> bool:
     own = np.abs(np.diagonal(gain))
     return np.count_nonzero(gain) == np.count_nonzero(own) and bool(own.min() > NO_GAIN * own.max())
