@@ -383,7 +383,8 @@ def test_bad_options(folder: Path, options: dict, words: list[str]):
 
 def test_bad_margin():
     assert margin_factor(20.0) == approx(10.0)
-    assert_refused(lambda: margin_factor(-1.0), ["--margin-db: -1.0 must be >= 0"])
+    for value in (-1.0, 0.0):  # as limits.gain_margin_db: 0 dB is no requirement
+        assert_refused(lambda value=value: margin_factor(value), [f"--margin-db: {value} must be > 0 dB"])
 
 
 def test_bad_calls_are_one_line(folder: Path, capsys: pytest.CaptureFixture[str]):

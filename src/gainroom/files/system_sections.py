@@ -24,6 +24,8 @@ from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.uncertainty import Uncertainty
 
 CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
+RATE_GAINS = {"kv": "kd", "kd": "kv"}
+"""The gain on velocity, and what it is called in the other kind of control: kd in pd and pid, kv in ppi."""
 PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
 MAX_TICKS = 1000
 """A sampled loop carries one state per tick of delay."""
@@ -204,12 +206,14 @@ class ControlSection(Section):
     @model_validator(mode="after")
     def _gains_of_the_type(self) -> "ControlSection":
         names = ", ".join(self.gain_names)
-        for name in ("kp", "kd", "kv", "ki"):
-            given = getattr(self, name) is not None
-            if given and name not in self.gain_names:
-                raise refusal(f"is not a gain of type {self.type}, which has {names}", key=name)
-            if not given and name in self.gain_names:
-                raise refusal(f"is missing: {type(self).model_fields[name].description}; type {self.type} has {names}", key=name)
+        given = [name for name in ("kp", "kd", "kv", "ki") if getattr(self, name) is not None]
+        missing = [name for name in self.gain_names if name not in given]
+        for name in given:
+            if name not in self.gain_names:
+                hint = f"; did you mean {RATE_GAINS[name]}?" if RATE_GAINS.get(name) in missing else ""
+                raise refusal(f"is not a gain of type {self.type}, which has {names}{hint}", key=name)
+        for name in missing:
+            raise refusal(f"is missing: {type(self).model_fields[name].description}; type {self.type} has {names}", key=name)
         return self
 
     @model_validator(mode="after")

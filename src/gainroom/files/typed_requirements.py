@@ -7,7 +7,7 @@ from ..system.requirements import REQUIREMENTS, Requirements, from_db
 
 def margin_factor(decibels: float) -> float:
     """The factor of a gain margin in dB. Raises GainroomError."""
-    return from_db(checked("--margin-db", decibels, number(least=0, most=100)))
+    return from_db(checked("--margin-db", decibels, number(above=0, most=100, unit="dB")))
 
 
 def delay_of_margin(milliseconds: float | None) -> float | None:

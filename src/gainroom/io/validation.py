@@ -3,8 +3,8 @@
 import difflib
 import math
 import re
-from collections.abc import Callable, Sequence
-from typing import Annotated, Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -98,7 +98,12 @@ def refusal(message: str, key: str = "") -> PydanticCustomError:
 
 
 class Section(BaseModel):
-    """A mapping with known keys. A field's description says what a missing key would hold."""
+    """A mapping with known keys. A field's description says what a missing key would hold.
+
+    MEANT   what is meant by keys that others have for the same, where no likeness of names tells it
+    """
+
+    MEANT: ClassVar[Mapping[str, str]] = {}
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
@@ -110,7 +115,7 @@ class Section(BaseModel):
             raise refusal(f"{shown(data)} must be a section with keys among {allowed}")
         for key in data:
             if key not in cls.model_fields:
-                nearest = difflib.get_close_matches(key, cls.model_fields, 1, cutoff=0.5)
+                nearest = [cls.MEANT[key]] if key in cls.MEANT else difflib.get_close_matches(key, cls.model_fields, 1, cutoff=0.5)
                 hint = f"; did you mean {nearest[0]}?" if nearest else ""
                 raise refusal(f"unknown key{hint} (allowed: {allowed})", key=dotted(key))
         for name, field in cls.model_fields.items():

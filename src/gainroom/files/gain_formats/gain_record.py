@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import BeforeValidator, Field
 
@@ -37,6 +37,8 @@ class Gain:
 
 class GainSection(Section):
     """What a plain file says of a joint or pattern."""
+
+    MEANT: ClassVar[Mapping[str, str]] = {"kv": "kd (kv is a gain of P/PI control)", "p": "kp", "d": "kd", "i": "ki"}
 
     kp: NotNegative = Field(description="[N m/rad]")
     kd: NotNegative = Field(0.0, description="[N m s/rad]")
