@@ -251,6 +251,31 @@ def test_callables_that_fail_are_named(bad, words):
         gr.margins(gr.loop_from(bad))
 
 
+@pytest.mark.parametrize("place", [0.1, 1.0, 3.0, 7.0, 100.0])
+def test_a_crossing_at_a_round_number(place):
+    """L = p³/(s(s + p)²) is −1/2 at s = jp, exactly so in doubles: where the walk looks, its sign does not tell the way that it goes."""
+    found = gr.margins(gr.loop_from(scipy.signal.ZerosPolesGain([], [0.0, -place, -place], place**3)))
+    assert found.gain_margin == pytest.approx(2, rel=1e-12)
+    assert found.phase_crossover == pytest.approx(place, rel=1e-12)
+
+
+def test_gain_margins_of_round_numbers():
+    """Of 200 loops with an integrator and whole poles: stable a millionth below, not so a millionth above, by the polynomial's roots."""
+    rng = np.random.default_rng(0)
+
+    def stable(poles: np.ndarray, gain: float) -> bool:
+        own = np.poly(poles)
+        return bool(np.roots(np.append(own[:-1], own[-1] + gain)).real.max() < 0)
+
+    for _ in range(200):
+        poles, gain = np.append(0.0, -rng.integers(1, 6, size=rng.integers(2, 5))), float(rng.integers(1, 4))
+        found = gr.margins(gr.loop_from(scipy.signal.ZerosPolesGain([], poles, gain)))
+        assert found.stable == stable(poles, gain)
+        if found.stable:
+            assert stable(poles, gain * found.gain_margin * (1 - 1e-6))
+            assert not stable(poles, gain * found.gain_margin * (1 + 1e-6))
+
+
 def test_margins_are_shown_in_one_line():
     """Of L = g/(s(s + 1)(s + 2)): real at √2 rad/s, −g/6 there."""
     poles = [0.0, -1.0, -2.0]

@@ -191,13 +191,13 @@ class Scanner {
                 }
                 if (!seek_peaks && (gap == nullptr || gap->jump == 0)) {
                     if ((log_here > 0) != (log_there > 0)) {
-                        const double omega = polished_crossing(false, here.omega, there.omega, here.value);
+                        const double omega = polished_crossing(false, here.omega, there.omega, log_there > log_here);
                         scan_.gains.push_back({omega, phase + turn_between(here.value, loop_.at(omega))});
                     }
                     // L < 0 at an end of the boundary is itself a crossing
                     const bool at_end = loop_.sample_time > 0 && there.omega == ends.back() && there.value.real() < 0;
                     if (half_turns_below(phase) != half_turns_below(phase_there) && !at_end && (here.omega > 0 || here.value.real() > 0)) {
-                        const double omega = polished_crossing(true, here.omega, there.omega, here.value);
+                        const double omega = polished_crossing(true, here.omega, there.omega, phase_there > phase);
                         scan_.phases.push_back({omega, std::abs(loop_.at(omega)), phase_there > phase ? 1.0 : -1.0});
                     }
                 }
@@ -228,9 +228,9 @@ class Scanner {
     // Number of odd multiples of π below `phase`, up to a constant.
     static double half_turns_below(double phase) { return std::floor((phase - kPi) / (2 * kPi)); }
 
-    // Root of arg(−L), or of log|L|, in a bracket, by Newton with bisection as the fallback.
-    double polished_crossing(bool of_phase, double low, double high, Complex value_low) {
-        const bool rising = of_phase ? std::arg(-value_low) <= 0 : std::abs(value_low) <= 1;
+    // Root of arg(−L), or of log|L|, in a bracket, by Newton with bisection as the fallback. Whether it is `rising` there must be told: at a
+    // point that is itself the crossing, as round numbers make it, the sign of the value does not.
+    double polished_crossing(bool of_phase, double low, double high, bool rising) {
         double omega = 0.5 * (low + high);
         for (int round = 0; round < 80; round++) {
             const Complex value = loop_.at(omega, work_.data());
