@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from gainroom.cli import main
+from gainroom.errors import THIN
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.report.number_format import UNITS
@@ -213,3 +214,29 @@ def test_the_delay_margin_of_gains_to_use_is_what_the_robot_has_with_them(tmp_pa
     assert math.isfinite(study.margins_to_use.delay_margin)
     # 1e-6: how near to the limit a certificate is asked for
     assert study.margins_to_use.delay_margin == pytest.approx(min(state.margins.delay_margin for state in typed.states), rel=1e-6)
+
+
+def test_large_numbers_have_no_exponent(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Of a huge joint with soft gains: factors of thousands, gains of tens of millions; on the terminal and on the page."""
+    page = tmp_path / "joint.html"
+    path = tmp_path / "joint.yaml"
+    path.write_text(
+        "joint: {motor_inertia: 4.0e6, link_inertia: 9.0e7, stiffness: 9.0e11, damping: 1.0e8}\n"
+        "drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2.0}\n"
+        "control: {type: pd, kp: 2.0e3, kd: 1000.0, feedback: motor, sample_rate_hz: 2000}\n"
+        "limits: {gain_margin_db: 6.0, phase_margin_deg: 30.0, peak_sensitivity: 2.0}\n",
+        "utf-8",
+    )
+    main(["joint", str(path), "--verbose", "--report", str(page)])
+    out = re.sub("[ \n]+", " ", capsys.readouterr().out)  # not at thin spaces
+    main(["joint", str(path), "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert told["recommended"]["kp"] > 1e7
+    assert f"kp: {told['recommended']['kp']:.0f} " in out  # as it is typed
+    own = re.sub("<script.*?</script>|<style.*?</style>", "", page.read_text("utf-8"), flags=re.DOTALL)
+    text = html.unescape(re.sub("<[^>]+>", " ", own))
+    for words in (out, text):
+        assert not re.search(r"\d[eE][+-]?\d", words)
+        assert not re.search(r"\d{5}\.0\b", words)
+    limit = f"{told['gain_limit']:.3g}"
+    assert f"at {float(limit):,.0f} × these gains".replace(",", THIN) in out

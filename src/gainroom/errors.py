@@ -93,6 +93,28 @@ THIN = "\u202f"
 """A narrow space that does not break: between groups of three digits."""
 
 
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
+    """`value` with its unit; a dash where there is none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    rounded = float(f"{value:.{significant}g}")
+    if 1000 <= abs(rounded) < 1e7:
+        text = f"{rounded:,.0f}".replace(",", THIN)
+    elif rounded and (abs(rounded) < 1e-3 or abs(rounded) >= 1e7):
+        mantissa, exponent = f"{rounded:.{significant - 1}e}".split("e")
+        mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+        text = f"{mantissa}·10{str(int(exponent)).translate(_RAISED)}"
+    else:
+        text = f"{rounded:.{significant}g}"
+    text = text.replace("-", "−")
+    return text + (unit if unit == "°" else f" {unit}" if unit else "")
+
+
 def frequency_text(omega: float) -> str:
     """A frequency [rad/s] in a sentence, in Hz."""
     text = f"{omega / (2 * math.pi):.3g}"

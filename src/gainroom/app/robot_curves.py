@@ -14,7 +14,7 @@ from ..analysis.margin_record import GainLimit
 from ..analysis.part_plane import PartPlane
 from ..analysis.part_requirements import required_columns, unread
 from ..analysis.stability import rightmost_roots
-from ..errors import GainroomError, at_frequency, listed
+from ..errors import GainroomError, at_frequency, digits, listed
 from ..files.model_keyframes import model_keyframes
 from ..report.margin_columns import margin_value, requirement
 from ..report.robot_headroom import Factors, joint_factors, task_factors
@@ -184,10 +184,12 @@ def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane
     if math.isnan(limit.gain):
         text = f"{here if limit.stable else f'Unstable in {state.title}'}; the gain limit is not known."
     elif limit.stable:
-        text = f"{here}. Vibration starts at {limit.gain:.3g} × all gains ({to_db(limit.gain):.3g} dB){at}{mainly}."
+        text = f"{here}. Vibration starts at {digits(limit.gain, '×', 3)} all gains ({to_db(limit.gain):.3g} dB){at}{mainly}."
         text = text if math.isfinite(limit.gain) else f"{here}. No common factor up to 1000 on all gains makes it vibrate."
     else:
-        text = f"Unstable in {state.title}" + (f"{at}: stable below {limit.gain:.3g} × all gains{mainly}." if limit.gain > 0 else ".")
+        text = f"Unstable in {state.title}" + (
+            f"{at}: stable below {digits(limit.gain, '×', 3)} all gains{mainly}." if limit.gain > 0 else "."
+        )
     asked = state.system.requirements
     rows = []
     if limit.stable and math.isfinite(limit.gain):

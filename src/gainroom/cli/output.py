@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import printable
+from ..errors import THIN, printable
 from ..io.strict_json import strict
-from ..report.number_format import THIN, UNITS
+from ..report.number_format import UNITS
 from .streams import give_up
 from .table_widths import KEPT, shared
 

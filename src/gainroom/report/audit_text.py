@@ -146,7 +146,7 @@ def reason(result: Audit) -> str:
         delay = "No delay makes these gains vibrate."
     if not limit.stable:
         lost = (
-            f"The present ones stop vibrating only below {limit.gain:.3g} ×, where no margin is left."
+            f"The present ones stop vibrating only below {digits(limit.gain, '×', 3)}, where no margin is left."
             if limit.gain > 0
             else _no_lower_gains(result)
         )
@@ -368,8 +368,8 @@ def _weakest_path(paths: PathMargins) -> str:
     factors = {"kp": (paths.others, paths.lower_others), "kd": (paths.kd, paths.lower_kd)}
     name, (upper, lower) = min(factors.items(), key=lambda one: min(one[1][0], 1 / one[1][1] if one[1][1] > 0 else math.inf))
     if lower * upper > 1:
-        return f"Vibration starts where {name} alone falls to {lower:.3g} × ({to_db(lower):.3g} dB)"
-    return f"Vibration starts at {upper:.3g} × {name} alone ({to_db(upper):.3g} dB)"
+        return f"Vibration starts where {name} alone falls to {digits(lower, '×', 3)} ({to_db(lower):.3g} dB)"
+    return f"Vibration starts at {digits(upper, '×', 3)} {name} alone ({to_db(upper):.3g} dB)"
 
 
 def _count(unsafe: int, result: Audit) -> str:
@@ -383,7 +383,7 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
         found.append("continuous model: hold and velocity difference of a loop cost about one tick; give --rate-hz")
     lost = [joint for joint in result.joints if joint.gain_limit < 1] if result.stable else []
     if lost:
-        limits = listed([f"{joint.name} (stable only below {joint.gain_limit:.3g} × its gains)" for joint in lost], most=3)
+        limits = listed([f"{joint.name} (stable only below {digits(joint.gain_limit, '×', 3)} its gains)" for joint in lost], most=3)
         found.append(f"with all other joints switched off {limits} would vibrate: do not run {'it' if len(lost) == 1 else 'one'} by itself")
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])

@@ -12,15 +12,10 @@ from ..files.edited_text import quoted
 from ..system.requirements import Requirements
 from .margin_columns import margin_value
 from .number_format import own_gains
+from .number_format import typed as typed
 
 MOST_COLUMNS = 78
 """Of a line that a terminal shows whole."""
-
-
-def typed(value: float) -> str:
-    """A gain as it is typed: what is read back keeps what was recommended."""
-    text = f"{value:.7g}"
-    return text if "e" not in text else repr(float(text))
 
 
 def joint_gains(controller: Any) -> list[str]:

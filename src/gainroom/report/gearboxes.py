@@ -104,7 +104,9 @@ def needed_text(result: "Audit") -> tuple[str, str]:
     if needed.least is None:
         return f"{which} are rigid: with {ratio} no stiffness that was looked at is enough", ""
     softer = [look.gain_limit for look in needed.looks if not look.safe]
-    worst = f" Some softer ones vibrate from {min(softer):.3g} × these gains on." if softer and not math.isnan(min(softer)) else ""
+    worst = (
+        f" Some softer ones vibrate from {digits(min(softer), '×', 3)} these gains on." if softer and not math.isnan(min(softer)) else ""
+    )
     least = f"{_least(result, needed)} and B ≥ {2 * needed.damping_ratio:.3g} √(K J), {ratio} (J: the motor's inertia)"
     return f"{which} have {least}", worst
 

@@ -110,7 +110,7 @@ def _certificate(study: JointStudy) -> Html:
             (
                 "gain limit",
                 f"{digits(limit.gain, '', 6)} × these gains at {frequency(limit.frequency)}: {proof.inside} unstable roots at "
-                f"(1 − {proof.nudge:.0e}) of it, {proof.outside} at (1 + {proof.nudge:.0e}); "
+                f"(1 − {digits(proof.nudge)}) of it, {proof.outside} at (1 + {digits(proof.nudge)}); "
                 f"{'confirmed' if proof.holds else 'NOT confirmed'}",
             )
         )

@@ -58,13 +58,13 @@ def sentence(study: "JointStudy") -> str:
             return f"{text} No common factor on these gains makes the modelled joint vibrate.{at_usual_rate_text(study)}"
         if study.system.uncertainty.names:
             there = at_frequency(worst.frequency, ", at ")
-            nominal = f"nominally at {limit.gain:.3g} ×{at}"
-            return f"{text} Vibration starts at {worst.gain:.3g} × these gains in the worst case{there}; {nominal}."
+            nominal = f"nominally at {digits(limit.gain, '×', 3)}{at}"
+            return f"{text} Vibration starts at {digits(worst.gain, '×', 3)} these gains in the worst case{there}; {nominal}."
         start = vibration_starts(study)
-        return f"{text} {start} at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB){at}.{at_usual_rate_text(study)}"
+        return f"{text} {start} at {digits(limit.gain, '×', 3)} these gains ({to_db(limit.gain):.3g} dB){at}.{at_usual_rate_text(study)}"
     if limit.gain > 0 and math.isfinite(limit.gain):
         return (
-            f"Not safe: unstable. Scaled together, these gains are stable only below {limit.gain:.3g} ×, with no margin "
+            f"Not safe: unstable. Scaled together, these gains are stable only below {digits(limit.gain, '×', 3)}, with no margin "
             f"there{at}.{_instead(study)}"
         )
     if math.isnan(limit.gain):
@@ -293,7 +293,7 @@ def notes(study: "JointStudy") -> tuple[str, ...]:
     said, system, found = [], study.system, study.margins
     if not found.stable and 0 < study.limit.gain < math.inf:
         instead = "" if study.recommended is None else ", or use the recommended ones"
-        said.append(f"these gains are unstable: multiply all of them by less than {study.limit.gain:.3g}{instead}")
+        said.append(f"these gains are unstable: multiply all of them by less than {digits(study.limit.gain, '', 3)}{instead}")
     if study.unstable_at:
         instead = "lower these gains, or give narrower ranges" if study.recommended is None else "use the recommended gains"
         said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")

@@ -5,7 +5,8 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from ..errors import QUANTITIES, THIN, apart
+from ..errors import QUANTITIES, apart
+from ..errors import digits as digits
 
 if TYPE_CHECKING:
     from ..system.gain_path import GainPath
@@ -14,25 +15,6 @@ LARGE = 0.5
 """[rad, m] from which on distances are not in thousandths."""
 UNITS = re.compile(r"(?<=[≥≤]) (?=[\d−])|(?<=[\d∞]) (?=(?:×|%|°|dB|k?Hz|m?rad|m?s|m?m|kg|N·m[^\s,;)]*)(?![\w·/]))")
 """The spaces at which no line is broken: between number and unit, and before what is required. page.js has the same."""
-
-
-def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
-    """`value` with its unit; a dash where there is none."""
-    if value is None or math.isnan(value):
-        return "–"
-    if math.isinf(value):
-        return "∞" if value > 0 else "−∞"
-    rounded = float(f"{value:.{significant}g}")
-    if 1000 <= abs(rounded) < 1e7:
-        text = f"{rounded:,.0f}".replace(",", THIN)
-    elif rounded and (abs(rounded) < 1e-3 or abs(rounded) >= 1e7):
-        mantissa, exponent = f"{rounded:.{significant - 1}e}".split("e")
-        mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
-        text = f"{mantissa}·10{str(int(exponent)).translate(_RAISED)}"
-    else:
-        text = f"{rounded:.{significant}g}"
-    text = text.replace("-", "−")
-    return text + (unit if unit == "°" else f" {unit}" if unit else "")
 
 
 def motion_unit(value: float, unit: str = "rad") -> tuple[float, str]:
@@ -119,10 +101,13 @@ def plane_names(controller: Any) -> tuple[str, str]:
 
 def typed_gains(controller: Any) -> str:
     """Its own gains with units, in digits that can be typed into a file."""
-    return ", ".join(f"{name} {value:.6g} {unit}".rstrip() for name, value, unit in own_gains(controller))
+    return ", ".join(f"{name} {typed(value, 6)} {unit}".rstrip() for name, value, unit in own_gains(controller))
 
 
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+def typed(value: float, significant: int = 7) -> str:
+    """A gain as it is typed: without exponent where it is large, and what is read back keeps what was recommended."""
+    text = f"{value:.{significant}g}"
+    return text if "e" not in text else repr(float(text)).removesuffix(".0")
 
 
 def span(values: Iterable[float], unit: str = "") -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ..analysis.margin_record import GainLimit
-from ..errors import at_frequency, frequency_text, listed
+from ..errors import at_frequency, digits, frequency_text, listed
 from ..studies.analysis import THIS_STATE
 from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
@@ -102,7 +102,7 @@ def _verdict(study: "RobotStudy") -> str:
         if math.isinf(limit.gain):
             return f"{start} No common factor up to 1000 on these gains makes the modelled robot vibrate.{at_usual_rate_text(study)}"
         begins = "Nominally, vibration starts" if study.system.uncertainty.names else vibration_starts(study)
-        limited = f"{begins} at {limit.gain:.3g} × these gains, at {at} {where}, mainly {joints}.{_coupling(worst)}"
+        limited = f"{begins} at {digits(limit.gain, '×', 3)} these gains, at {at} {where}, mainly {joints}.{_coupling(worst)}"
         return f"{start} {limited}{at_usual_rate_text(study)}"
     every = f" in {worst.title}" if study.examined else every
     start = f"Not safe: unstable{every}" if count == 1 else f"Not safe: unstable in {unstable} of {count} states{act}"
@@ -110,8 +110,8 @@ def _verdict(study: "RobotStudy") -> str:
         return f"{start}: the robot vibrates {where}."
     if limit.gain > 0 and math.isfinite(limit.gain):
         return (
-            f"{start}. Scaled together, these gains are stable only below {limit.gain:.3g} ×, with no margin there; vibration starts at "
-            f"{at} {where}, mainly {joints}.{_coupling(worst)}"
+            f"{start}. Scaled together, these gains are stable only below {digits(limit.gain, '×', 3)}, with no margin there; vibration "
+            f"starts at {at} {where}, mainly {joints}.{_coupling(worst)}"
         )
     return f"{start}: no lower gains in the same ratio are stable {where}."
 
@@ -119,7 +119,7 @@ def _verdict(study: "RobotStudy") -> str:
 def _coupling(state: State) -> str:
     """The cost of coupling: the limit of the tightest joint alone, where that is higher."""
     alone = min((row.single_joint_limit for row in state.joints if not math.isnan(row.single_joint_limit)), default=math.nan)
-    return f" One joint alone suggests {alone:.3g} ×; coupling lowers it." if state.limit.gain < COUPLED * alone else ""
+    return f" One joint alone suggests {digits(alone, '×', 3)}; coupling lowers it." if state.limit.gain < COUPLED * alone else ""
 
 
 def warnings(study: "RobotStudy") -> tuple[str, ...]:
@@ -174,7 +174,7 @@ def _unstable(study: "RobotStudy") -> list[str]:
     limit = study.tightest.limit
     if limit.stable or not 0 < limit.gain < math.inf:
         return []
-    return [f"these gains are unstable: multiply all of them by less than {limit.gain:.3g}"]
+    return [f"these gains are unstable: multiply all of them by less than {digits(limit.gain, '', 3)}"]
 
 
 def _immobile(study: "RobotStudy") -> list[str]:
@@ -253,4 +253,4 @@ def _undamped(study: "RobotStudy") -> list[str]:
 def _at_most(limit: GainLimit | None) -> str:
     if limit is None or math.isnan(limit.gain):
         return "; their gain limit is not known"
-    return f"; scale them below {limit.gain:.3g} ×" if limit.gain > 0 else "; no lower gains in the same ratio are stable"
+    return f"; scale them below {digits(limit.gain, '×', 3)}" if limit.gain > 0 else "; no lower gains in the same ratio are stable"

@@ -3,14 +3,14 @@
 import math
 from typing import Any
 
-from ..errors import beside
+from ..errors import THIN, beside
 from ..studies.factors import typed_factor
 from ..studies.sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
 from ..studies.swept_margins import SampledRequirement, WorstStates
 from ..system.requirements import Requirements, to_db
 from .columns import Column, facts
 from .margin_columns import margin_value, requirement
-from .number_format import THIN, digits, gain_factor, hertz
+from .number_format import digits, gain_factor, hertz
 
 MOST_ANGLES = 8
 """Of a posture, in a sentence."""

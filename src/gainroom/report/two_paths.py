@@ -50,7 +50,9 @@ def sentence(study: PathStudy) -> str:
     if not study.stable:
         gain = case.limit.gain
         below = (
-            f"scaled together these gains are stable only below {gain:.3g} ×" if gain > 0 else "no lower gains in the same ratio are stable"
+            f"scaled together these gains are stable only below {digits(gain, '×', 3)}"
+            if gain > 0
+            else "no lower gains in the same ratio are stable"
         )
         below = "whether lower gains are stable is not known" if math.isnan(gain) else below
         return f"Not safe: unstable{_where(case)}; {below}."
@@ -62,7 +64,7 @@ def sentence(study: PathStudy) -> str:
         held = f"Not decided: stable, but {listed([REQUIREMENTS[name].title for name in study.unknown])} not known."
     text = f"{stable_but(len(fails))}: {', '.join(fails)}." if fails else held
     starts = {"kp and kd together": case.limit.gain} | ({} if paths is None else {"kp alone": paths.others, "kd alone": paths.kd})
-    factors = [f"{digits(factor, '', 3)} × {what}" for what, factor in starts.items() if math.isfinite(factor)]
+    factors = [f"{digits(factor, '×', 3)} {what}" for what, factor in starts.items() if math.isfinite(factor)]
     text += f" Vibration starts{_where(case)} at {listed(factors, 'or')}." if factors else " No factor on these gains makes it vibrate."
     if math.isfinite(case.delay_limit):
         text += f" kp's path may have {1e3 * case.delay_limit:.3g} ms of delay (given: {1e3 * study.system.delay:.3g} ms)."

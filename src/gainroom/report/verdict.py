@@ -163,7 +163,9 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
     if study.raised:
-        remarks.append(f"Some are more than {study.tightest.limit.gain:.3g} × the present ones: that limit is of one factor on all gains.")
+        remarks.append(
+            f"Some are more than {digits(study.tightest.limit.gain, '×', 3)} the present ones: that limit is of one factor on all gains."
+        )
     return ToUse(_heading(study, f"{_place(call, place)}{now}"), lines, remarks, margins=study.margins_to_use)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..errors import first_of_many
+from ..errors import digits, first_of_many
 from .drive import Drive
 from .system import System
 
@@ -182,8 +182,8 @@ def _is_usual(value: float, usual: Usual) -> bool:
 
 
 def _with_unit(value: float, usual: Usual) -> str:
-    return f"{value * usual.scale:.4g} {usual.unit}".rstrip()
+    return digits(value * usual.scale, usual.unit)
 
 
 def _span(usual: Usual) -> str:
-    return (f"{usual.low:g} to {usual.high:g} {usual.unit}" if usual.low else f"at most {usual.high:g} {usual.unit}").rstrip()
+    return f"{digits(usual.low)} to {digits(usual.high, usual.unit)}" if usual.low else f"at most {digits(usual.high, usual.unit)}"
