@@ -202,18 +202,19 @@ def test_gains_that_would_hardly_damp_are_not_to_be_used_yet(capsys: pytest.Capt
         assert rings != ("Multiply " in terminal)
 
 
-def test_the_delay_margin_of_gains_to_use_is_what_the_robot_has_with_them(tmp_path: Path):
-    """Typed into the file, the smallest of all states is the one that was shown beside them; every digit that is typed was used."""
-    study = study_robot(load_robot_system(write_arm(tmp_path, ROBOT)))
+@pytest.mark.parametrize("ranges", ["", "uncertainty: {delay_ms: [2.0, 2.5], stiffness: 10%}\n"])
+def test_the_delay_margin_of_gains_to_use_is_what_the_robot_has_with_them(tmp_path: Path, ranges: str):
+    """Typed into the file, the smallest of all states and corners is the one that was shown; every digit that is typed was used."""
+    study = study_robot(load_robot_system(write_arm(tmp_path, ROBOT + ranges)))
     assert study.to_use is not None
     assert study.margins_to_use is not None
-    file = yaml.safe_load(ROBOT)
+    file = yaml.safe_load(ROBOT + ranges)
     for name in ("kp", "kd"):
         file["control"][name] = dict(zip(study.to_use[0].names, getattr(study.to_use[1], name).tolist(), strict=True))
     typed = study_robot(load_robot_system(write_arm(tmp_path, yaml.safe_dump(file))), recommend=False)
     assert math.isfinite(study.margins_to_use.delay_margin)
     # 1e-6: how near to the limit a certificate is asked for
-    assert study.margins_to_use.delay_margin == pytest.approx(min(state.margins.delay_margin for state in typed.states), rel=1e-6)
+    assert study.margins_to_use.delay_margin == pytest.approx(min(typed.least(state, "delay_margin") for state in typed.states), rel=1e-6)
 
 
 def test_large_numbers_have_no_exponent(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -52,6 +52,25 @@ def test_a_robot_is_judged_at_the_worst_corner_of_all_states(arm):
         assert arm.case_of(name), name
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("ranges", [RANGES, "uncertainty: {stiffness: 20%, damping: [2.0, 5.0]}\n"])
+def test_the_delay_margin_is_that_of_the_worst_corner(tmp_path: Path, ranges: str):
+    """Though nothing is required of it; each corner by its own System. With a range of the delay and without."""
+    system = load_robot_system(write_arm(tmp_path, ROBOT + ranges))
+    study, found = analyze(system), {}
+    for ends in product((0, 1), repeat=len(system.uncertainty.names)):
+        values = {name: getattr(system.uncertainty, name)[end] for name, end in zip(system.uncertainty.names, ends, strict=True)}
+        moved = replace(system, uncertainty=Uncertainty()).with_values(**values)
+        found[ends] = margins(moved.loop(moved.source.linearize("bent"))).delay_margin
+    state, worst = study.states[0], min(found.values())
+    assert study.least(state, "delay_margin") == pytest.approx(worst, rel=1e-6)  # both certified within a millionth
+    assert worst < state.margins.delay_margin
+    said, ends = study.case_of("delay_margin"), next(ends for ends, value in found.items() if value == worst)
+    for name, end in zip(system.uncertainty.names, ends, strict=True):
+        value = np.ravel(getattr(system.uncertainty, name)[end])[0] * (1e3 if name == "delay" else 1.0)
+        assert f"{name} {value:.4g} " in said
+
+
 def test_a_requirement_that_only_the_nominal_robot_meets_is_unmet(arm):
     """What is asked for lies between the worst and the nominal value of each requirement in turn."""
     for name in arm.system.requirements.asked:

@@ -139,11 +139,16 @@ def margins_at_rate(system: System, found: GainSet, space: str, rate: float) -> 
 def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:
     """The smallest extra delay [s] at which gains for every state vibrate in one, certified; NaN where it is not known.
 
-    With the weight where it counts, and without it, as a file's own gains are judged.
+    At the corners of the uncertainty; of a range of the delay, which is the same for all, at its shortest: one longer by d leaves less by
+    d. With the weight where it counts, and without it, as a file's own gains are judged.
     """
     weights = {space == "joint" and not found.without_weight, False}
+    uncertain, later = system.uncertainty, 0.0
+    if uncertain.delay is not None and not any(np.ptp(end) > 0 for end in uncertain.delay):
+        low, high = (float(np.min(end)) for end in uncertain.delay)
+        system, later = replace(system.with_values(delay=low), uncertainty=replace(uncertain, delay=None)), high - low
     try:
-        return min(coupled_delay_margin(case.loop(gains)) for weight in weights for case, gains in _acting(system, found, space, weight))
+        return min(coupled_delay_margin(case.loop(gains)) for weight in weights for case, gains in _acting(system, found, space, weight)) - later
     except GainroomError:
         return math.nan
 

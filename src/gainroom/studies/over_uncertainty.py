@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from ..analysis.margin_record import Margins, worst_of
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
 from ..system.system import StateCase, System
-from ..system.uncertainty import share_of
+from ..system.uncertainty import Place, share_of
 from .loop_numbers import extra_delay
 
 JUST_BEYOND = 1e-3
@@ -41,27 +41,60 @@ class Worst:
 
         return cls(worst_of([found for _, found in cases]), {name: least(one) for name, one in REQUIREMENTS.items()}, unstable)
 
+    def with_delay_margin(self, value: float, place: str) -> "Worst":
+        """With the delay margin [s] of the corners, where it is `value` at `place`, as text; as it is where that is not known."""
+        if math.isnan(value):
+            return self
+        return replace(self, margins=replace(self.margins, delay_margin=value), at={**self.at, "delay_margin": place})
+
 
 def unknown_first(margin: float) -> float:
     """Sorts margins: one that is not known (NaN) comes before the least."""
     return -math.inf if math.isnan(margin) else margin
 
 
-def uncertain_cases(system: System, posture: str, contact: str) -> Iterator[StateCase]:
+def uncertain_cases(system: System, posture: str, contact: str, extra: "ExtraDelays | None") -> Iterator[StateCase]:
     """A state at every corner of the uncertainty, at places between, and at delays within the range from which a corner vibrates.
 
-    These are the first ones after the shortest, certified as delay margins are; of drives that have one range.
+    These are the first ones after the shortest, certified as delay margins are; of drives that have one range (`extra`, else None).
     """
     yield from (case for case in system.cases_of(posture, contact, inside=True) if case.place)
-    uncertain = system.uncertainty
-    if uncertain.delay is None or any(np.ptp(end) > 0 for end in uncertain.delay):
+    if extra is None or not extra.range:
         return
-    low, high = (float(np.min(end)) for end in uncertain.delay)
-    which = uncertain.names.index("delay")
-    for corner in uncertain.corners:
-        if corner[which] > 0:
-            continue
-        case = system.case_at(corner, posture, contact)
-        lost = low + (1 + JUST_BEYOND) * extra_delay(case.system.loop(case.model))
+    which = system.uncertainty.names.index("delay")
+    low, high = extra.range
+    for corner, value in extra.at.items():
+        lost = low + (1 + JUST_BEYOND) * value
         if lost < high:
             yield system.case_at((*corner[:which], share_of(low, high, lost), *corner[which + 1 :]), posture, contact)
+
+
+@dataclass(frozen=True)
+class ExtraDelays:
+    """The extra delay at which a state vibrates, over the corners of the uncertainty.
+
+    range   (low, high) of all drives' delay [s]; (): it is not uncertain, or not the same for all
+    at      by corner [s]; where there is a range those with the shortest delay alone: one longer by d leaves less by d
+    """
+
+    range: tuple[float, ...]
+    at: Mapping[Place, float]
+
+    @classmethod
+    def of(cls, system: System, posture: str, contact: str) -> "ExtraDelays":
+        uncertain, ends = system.uncertainty, ()
+        if uncertain.delay is not None and not any(np.ptp(end) > 0 for end in uncertain.delay):
+            ends = tuple(float(np.min(end)) for end in uncertain.delay)
+        which = uncertain.names.index("delay") if ends else -1
+        corners = [corner for corner in uncertain.corners if not ends or corner[which] == 0]
+        cases = [system.case_at(corner, posture, contact) for corner in corners]
+        return cls(ends, {corner: extra_delay(case.system.loop(case.model)) for corner, case in zip(corners, cases, strict=True)})
+
+    def worst(self, system: System) -> tuple[float, Place]:
+        """The least of all corners [s], and the corner."""
+        corner = min(self.at, key=lambda corner: unknown_first(self.at[corner]))
+        if not self.range:
+            return self.at[corner], corner
+        which = system.uncertainty.names.index("delay")
+        low, high = self.range
+        return self.at[corner] - (high - low), (*corner[:which], 1.0, *corner[which + 1 :])

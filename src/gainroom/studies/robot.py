@@ -65,11 +65,11 @@ class RobotStudy(Analysis):
 
     @cached_property
     def margins_to_use(self) -> Margins | None:
-        """What those keep, the delay margin with it where nothing is uncertain (else it is NaN); None where there are none."""
+        """What those keep, the delay margin at the corners of what is uncertain; None where there are none."""
         if self.to_use is None:
             return None
         gains, found = self.to_use
-        if self.system.uncertainty.names:
+        if self.system.uncertainty.names and not math.isnan(found.margins.delay_margin):  # required, and so looked at in between, too
             return found.margins
         return replace(found.margins, delay_margin=delay_margin_in_all(self.system, found, gains.space))
 

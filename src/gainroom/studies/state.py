@@ -21,7 +21,7 @@ from ..system.loop import Loop, build_loop
 from ..system.plant import Compliance, Plant
 from ..system.system import System
 from .loop_numbers import extra_delay, limit_of, margins_of, moves
-from .over_uncertainty import Worst, uncertain_cases
+from .over_uncertainty import ExtraDelays, Worst, uncertain_cases
 
 if TYPE_CHECKING:
     from ..robot.tasks import Tasks
@@ -152,8 +152,14 @@ class State:
         nominal = [("", self.margins)]
         if not (self.system.uncertainty.names and self.moves and self.margins.stable):
             return Worst.of(nominal)
-        others = uncertain_cases(self.system, self.posture, self.contact)
-        return Worst.of(nominal + [(case.place, bounded_margins(case)) for case in others])
+        place = self.posture, self.contact
+        extra = ExtraDelays.of(self.system, *place) if self.system.uncertainty.delay is not None else None
+        found = Worst.of(nominal + [(case.place, bounded_margins(case)) for case in uncertain_cases(self.system, *place, extra)])
+        if found.unstable_at or not math.isnan(found.margins.delay_margin) or self.system.control.kd_path is not None:
+            return found
+        extra = ExtraDelays.of(self.system, *place) if extra is None else extra
+        value, corner = extra.worst(self.system)
+        return found.with_delay_margin(value, self.system.case_at(corner, *place).place)
 
     @property
     def limit(self) -> GainLimit:
