@@ -249,6 +249,15 @@ def test_every_kind_of_joint_has_a_page(spec):
         assert any(value is not None for trace in drawn["data"] for value in trace["x"])
 
 
+def test_the_nyquist_plot_names_its_curves(stable, stable_page):
+    """Every curve and mark in the legend; the disk by the margin that it is of."""
+    (found,) = [one for one in figures(stable_page) if "Re L" in str(one["layout"].get("xaxis", {}).get("title"))]
+    assert found["layout"]["showlegend"]
+    names = [one["name"] for one in found["data"]]
+    assert len(set(names)) == len(names) == 5
+    assert f"disk of the disk margin {digits(stable.margins.disk_margin, '', 3)}" in names
+
+
 def laplace_inverse(value_at, time: float) -> float:
     """f(t) of F(s) by the damped Fourier series (Dubner and Abate 1968); its error is e^{−16} and the series' tail."""
     span, shift = 4.0, 16 / 8.0

@@ -20,6 +20,7 @@ from gainroom.report.number_format import digits
 from gainroom.report.robot import MOST_PICTURES, robot_page
 from gainroom.report.robot_headroom import MOST_STATES
 from gainroom.report.robot_skeleton import common_view
+from gainroom.report.robot_skeleton import drawn as drawing
 from gainroom.report.robot_text import sentence
 from gainroom.studies.robot import RobotStudy, study_robot
 from gainroom.system.requirements import REQUIREMENTS
@@ -290,6 +291,21 @@ def test_colours_run_from_light_to_dark_for_all_eyes(page):
     scale = drawings(page)[0]["layout"]["coloraxis"]["colorscale"]
     light = [sum(w * int(color[k : k + 2], 16) for w, k in zip((0.2126, 0.7152, 0.0722), (1, 3, 5), strict=True)) for _, color in scale]
     assert light == sorted(light, reverse=True)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.5])
+def test_a_stand_is_no_limb(tmp_path: Path, height: float):
+    """From a fixed base up to the first joint a dashed line, in both views; limbs are solid, and none begins at the base below."""
+    links = link("base") + link("upper", 4.0, (0, 0, 0.25), (0.1, 0.1, 0.01)) + link("lower", 3.0, (0, 0, 0.2), (0.05, 0.05, 0.01))
+    write_robot(tmp_path, links, hinge("hip", "base", "upper", (0, 0, height)) + hinge("knee", "upper", "lower", (0, 0, 0.5)))
+    state = study_robot(parse_robot(ARM[: ARM.index("tasks")], "robot.yaml", tmp_path), recommend=False).states[0]
+    traces_, _ = drawing(state.model, state.limit, common_view([state]), 17)
+    lines = [one for one in traces_ if one.get("mode") == "lines" and one.get("fill") is None and one["line"]["width"] != 3]
+    stands = [one for one in lines if one["line"]["dash"] == "dash"]
+    assert [sorted(one["y"][:2]) for one in stands] == [[0.0, height]] * (2 if height else 0)
+    limbs = [one for one in lines if one not in stands]
+    assert len(limbs) >= 2
+    assert min(value for one in limbs for value in one["y"] if value is not None) >= height - 1e-9
 
 
 def test_contacts_are_marked(page, biped):

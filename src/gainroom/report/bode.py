@@ -207,9 +207,9 @@ def nyquist(study: JointStudy, shown: list[Case]) -> Html:
     near: Complexes = np.where(np.abs(value) < 60, value, np.nan)  # what runs off to infinity is far outside the picture
     traces = [
         *_disk(study),
-        style.line(near.real, -near.imag, style.SOFT, dash="dot", width=1.2),
-        style.line(near.real, near.imag, style.BLACK, width=2.6, hoverinfo="text", text=text),
-        style.markers([-1], [0], "x", style.VERMILION, 13),
+        style.line(near.real, -near.imag, style.SOFT, dash="dot", width=1.2, name="mirror image, L(−jω)"),
+        style.line(near.real, near.imag, style.BLACK, width=2.6, hoverinfo="text", text=text, name="open loop, L(jω)", legendrank=1),
+        style.markers([-1], [0], "x", style.VERMILION, 13, name="critical point −1"),
     ]
     beads, notes = _beads(omega, value)
     notes.append(style.label(-1, 0, "−1", style.VERMILION, xanchor="right", yanchor="top", xshift=-6, yshift=-4))
@@ -218,6 +218,9 @@ def nyquist(study: JointStudy, shown: list[Case]) -> Html:
         xaxis=style.axis("Re L", range=list(WINDOW[0]), zeroline=True, zerolinecolor="#bbb", constrain="domain", dtick=1),
         yaxis=style.axis("Im L", **rows),
         annotations=notes,
+        showlegend=True,
+        legend=style.switches(1.01),
+        margin={"l": 78, "r": 24, "t": 64, "b": 52},
     )
     return figure(
         {"data": [*traces, beads], "layout": picture}, "Nyquist curve near the critical point", _nyquist_caption(study), 520, style.NARROW
@@ -233,7 +236,8 @@ def _disk(study: JointStudy) -> list[style.Trace]:
     turn = np.linspace(0, 2 * math.pi, 121)
     center, radius = (far + close) / 2, (close - far) / 2
     x, y = center + radius * np.cos(turn), radius * np.sin(turn)
-    return [style.line(x, y, style.BLUE, dash="dash", width=1.6, fill="toself", fillcolor="rgba(86,180,233,0.25)", hoveron="fills")]
+    look = {"dash": "dash", "width": 1.6, "fill": "toself", "fillcolor": "rgba(86,180,233,0.25)", "hoveron": "fills"}
+    return [style.line(x, y, style.BLUE, **look, name=f"disk of the disk margin {digits(alpha, '', 3)}")]
 
 
 def _beads(omega: Floats, value: Complexes) -> tuple[style.Trace, list[style.Annotation]]:
@@ -253,7 +257,7 @@ def _beads(omega: Floats, value: Complexes) -> tuple[style.Trace, list[style.Ann
         notes.append(style.label(point.real, point.imag, digits(target), style.INK, xanchor="left", yanchor="bottom", xshift=4, yshift=2))
     if notes:
         notes[-1]["text"] += " rad/s"
-    return style.markers(xs, ys, "circle", style.BLACK, 8), notes
+    return style.markers(xs, ys, "circle", style.BLACK, 8, name="numbers: ω [rad/s]"), notes
 
 
 def _nyquist_caption(study: JointStudy) -> str:

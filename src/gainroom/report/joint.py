@@ -29,7 +29,7 @@ def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE
     sections = [
         Section("Gain map", [gain_map(study)]),
         Section("Why: the open loop", [*map(paragraph, filter(None, [cause(study)])), bode(study, shown)]),
-        Section("Nyquist plot", [nyquist(study, shown)], "the open loop beside −1, and what the requirements exclude"),
+        Section("Nyquist plot", [nyquist(study, shown)], "the open loop beside −1, and the disk about −1 that it stays out of"),
         Section("Over time", [time_response(study)], "responses to a step and to a disturbance"),
         Section("Margins", [margin_table(study), *_recommended(study)], "this file's gains, the recommended ones, and the 10 Hz rule's"),
         *(

@@ -52,7 +52,11 @@ def robot_page(
     loci_of = beside(*(loci(state, loci_window(shown)) for state in shown))
     sections = [
         Section(_decisive_title(study), [_decisive_picture(study)]),
-        Section("Gain headroom", [paragraph(requirements_text(study.system)), heat_map(joint_factors(study), "joint")]),
+        Section(
+            "Gain headroom",
+            [paragraph(requirements_text(study.system)), heat_map(joint_factors(study), "joint")],
+            "the factor on each joint's gains at which vibration starts, state by state",
+        ),
         *([] if swept is None else [_swept(swept)]),
         Section("Vibration by contact state", _vibrations(study, shown), "each at its own gain limit"),
         Section("State by state", [state_table(study), *remedies(study)], "all margins of each"),

@@ -10,7 +10,7 @@ from ..studies.state import State, limiting_joints, strongest_first
 from . import style
 from .number_format import digits, hertz
 from .page import Html, figure
-from .robot_skeleton import View, common_view, drawn, labels, participation_text, vibration
+from .robot_skeleton import View, common_view, drawn, labels, participation_text, stand, vibration
 
 # ColorBrewer's YlOrBr (Brewer 2013): light to dark in grey too, and to all eyes
 PARTICIPATION = [[0, "#fffbe6"], [0.15, "#fee391"], [0.35, "#fec44f"], [0.55, "#fe9929"], [0.75, "#cc4c02"], [1, "#662506"]]
@@ -108,6 +108,7 @@ def _parts(state: State) -> str:
     patches = (
         "Dark patches are contacts" + " and the fixed base" * fixed if state.model.contacts else "The dark patch is the fixed base" * fixed
     )
+    patches += ", the dashed line its stand" * bool(stand(state.model))
     return (
         "rings are joints at one point, the first of the chain outermost. Angles beside the bars: phase lag behind the first joint, 180° "
         f"is opposite. {patches + ', the' if patches else 'The'} crossed circle is the centre of mass."

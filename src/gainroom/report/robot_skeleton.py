@@ -91,12 +91,12 @@ def drawn(model: RobotModel, limit: GainLimit, view: View, size: int) -> tuple[l
 
 
 def _links(model: RobotModel, plane: Floats, depth: Floats, view: View) -> list[style.Trace]:
-    """Lines from every node to its parent; those in the farther half lighter, and first."""
-    parents = model.body.skeleton(model.q).parents
-    ends = [(k, int(parent)) for k, parent in enumerate(parents) if parent >= 0]
+    """Lines from every node to its parent; those in the farther half lighter, and first. What leads to a fixed base is no limb: dashed."""
+    parents, held = model.body.skeleton(model.q).parents, [(k, 0) for k in stand(model)]
+    ends = [(k, int(parent)) for k, parent in enumerate(parents) if parent >= 0 and (k, 0) not in held]
     middle = 0.5 * (depth.min() + depth.max())
     flat = np.ptp(depth) < 0.15 * view.size
-    traces = []
+    traces = [_between(plane, held, FAR, 2, "dash")] if held else []
     for color, far in ((FAR, True), (NEAR, False)):
         drawn = [(a, b) for a, b in ends if bool(not flat and depth[a] + depth[b] > 2 * middle + 1e-9) == far]
         if drawn:
@@ -104,10 +104,19 @@ def _links(model: RobotModel, plane: Floats, depth: Floats, view: View) -> list[
     return traces
 
 
-def _between(plane: Floats, ends: Sequence[tuple[int, int]], color: str, width: float) -> style.Trace:
+def stand(model: RobotModel) -> list[int]:
+    """The nodes that a fixed base holds away from itself, as on a stand."""
+    if model.body.base != "fixed":
+        return []
+    skeleton = model.body.skeleton(model.q)
+    away = np.linalg.norm(skeleton.positions - skeleton.positions[0], axis=1) > SAME_PLACE * float(np.ptp(skeleton.positions, axis=0).max())
+    return [k for k, parent in enumerate(skeleton.parents) if parent == 0 and away[k]]
+
+
+def _between(plane: Floats, ends: Sequence[tuple[int, int]], color: str, width: float, dash: str = "solid") -> style.Trace:
     """Lines between pairs of nodes."""
     x, y = ([value for a, b in ends for value in (plane[a, axis], plane[b, axis], None)] for axis in (0, 1))
-    return style.line(x, y, color, width=width)
+    return style.line(x, y, color, dash=dash, width=width)
 
 
 def ghost(model: RobotModel, view: View) -> list[style.Trace]:
