@@ -299,3 +299,13 @@ def test_margins_of_several_joints_are_shown_in_one_line():
     assert f"one loop at a time {margin:.4g} dB and {degrees(abs(alone.phase_margin)):.4g}°)" in shown
     assert "\n" not in shown
     assert len(shown) < 250
+
+
+def test_a_limit_above_1000_of_several_joints_is_shown_as_that():
+    """Of two joints whose gains are a millionth of what they may be, alone and together: none up to 1000 is known, 60 dB."""
+    plant, drive = gr.Plant(np.eye(2) / 16.0, np.array(1.0), np.array(1e4), np.array(1.0)), gr.Drive(4000.0, 0.9, 2e-3)
+    loop = gr.build_loop(plant, drive, gr.PD(1e-2, 3e-4))
+    assert 1e3 < gr.gain_limit(gr.build_loop(gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), drive, gr.PD(1e-2, 3e-4))).gain < inf
+    assert gr.gain_limit(loop).gain == inf
+    assert "gain margin above 60 dB, " in repr(gr.margins(loop))
+    assert "up to 1000" in str(gr.gain_limit.__doc__)

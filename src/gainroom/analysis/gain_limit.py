@@ -25,7 +25,8 @@ JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at w
 def gain_limit(loop: Loop) -> GainLimit:
     """The largest and smallest factor on all gains that keep the loop stable.
 
-    For an unstable loop: the nearest stable interval below g = 1. Raises GainroomError where L is zero.
+    Of several joints factors up to 1000 are looked at: `gain` inf says that none up to 1000 is unstable, not that none is. For an unstable
+    loop: the nearest stable interval below g = 1. Raises GainroomError for what is no loop, and where L is zero.
     """
     require_loop("gain_limit", loop)
     if loop.kd_path is not None:

@@ -34,7 +34,8 @@ class GainLimit:
 
     stable       at g = 1
     gain         its upper end: > 1 where the loop is stable; < 1 where it is not, and lowering the gains to it would make it so;
-                 0 where no lower gain is stable; inf where no higher gain is unstable (one joint, continuous time: none below 1e9)
+                 0 where no lower gain is stable; inf of several joints: above 1000, as factors up to 1000 are looked at; inf of one joint:
+                 no higher gain is unstable (in continuous time: none below 1e9)
     lower_gain   its lower end, 0 where every lower gain is stable (coupled loops: down to 1e-4 of them, or 0.1
                  where round-off hides more), NaN where no factor below 1 is
     frequency    of the vibration at the upper end [rad/s], 0 where the robot topples, NaN where there is none
@@ -42,7 +43,7 @@ class GainLimit:
     certificate, lower_certificate   of the upper and the lower end, None where there is none
     lower_frequency   at the lower end [rad/s], likewise
 
-    Coupled loops: roots that the gains do not move (joints left free) are not counted; factors up to 1e3 are looked at.
+    Coupled loops: roots that the gains do not move (joints left free) are not counted.
     """
 
     stable: bool
@@ -70,7 +71,7 @@ class OneLoop:
     """Margins of one loop at a time, the other n − 1 loops closed. Arrays (n,).
 
     gain_margin, lower_gain_margin   largest and smallest factor on the gains that act on what one joint measures; inf and 0 where none
-                   (n > 1: none above 1e-3)
+                   (n > 1: none up to 1000, none above 1e-3)
     phase_margin   [rad] the smallest phase, lag or lead; inf where none
     certified      True where roots were counted on both sides of the factors and of the largest gains; for n = 1 as the scan is
     peak_sensitivity   the largest |S_ii|; None where it was not worked out loop by loop
@@ -164,19 +165,23 @@ class Margins:
     def __repr__(self) -> str:
         size = len(self.one_loop.gain_margin)
         joints = f"{size} joints, " if size > 1 else ""
+
+        def level(factor: float) -> str:
+            return "above 60" if size > 1 and math.isinf(factor) else f"{to_db(factor):.4g}"
+
         if not self.stable:
             lower = f", gain limit {self.limit.gain:.4g} times the gains" if 0 < self.limit.gain < 1 else ""
             return f"Margins({joints}unstable{lower})"
         texts = [
-            f"gain margin {to_db(self.gain_margin):.4g} dB{at_frequency(self.phase_crossover)}",
+            f"gain margin {level(self.gain_margin)} dB{at_frequency(self.phase_crossover)}",
             f"lower gain margin {to_db(self.lower_gain_margin):.4g} dB" if self.lower_gain_margin > 0 else "",
             f"phase margin {math.degrees(self.phase_margin):.4g}°{at_frequency(self.gain_crossover)}",
             f"delay margin {1e3 * self.delay_margin:.4g} ms",
             f"Ms {self.peak_sensitivity:.4g}",
         ]
         if size > 1:
-            one_loop = to_db(float(np.min(self.one_loop_gain_margins))), math.degrees(self.one_loop_phase_margin)
-            texts.append(f"one loop at a time {one_loop[0]:.4g} dB and {one_loop[1]:.4g}°")
+            one_loop = level(float(np.min(self.one_loop_gain_margins)))
+            texts.append(f"one loop at a time {one_loop} dB and {math.degrees(self.one_loop_phase_margin):.4g}°")
         return f"Margins({joints}stable, {', '.join(filter(None, texts))})"
 
     @property
@@ -186,7 +191,7 @@ class Margins:
 
     @property
     def gain_margin(self) -> float:
-        """The factor > 1 on all gains at which the loop is lost; inf where there is none (see GainLimit)."""
+        """The factor > 1 on all gains at which the loop is lost; inf where there is none, of several joints none up to 1000."""
         return self.limit.gain if self.stable else math.nan
 
     @property
