@@ -23,6 +23,8 @@ GROWTHS = 5
 HARDLY_MORE = 1.1
 """Power of the common factor to which the others may go so that a joint keeps its gains. To first order joints raise a limit by what they
 take part in it: one that takes a tenth part or less costs the others no more than this."""
+ALIKE = 1e-4
+"""Relative: limits of mirrored joints, which differ by round-off and by how near they are followed."""
 MOST_TRIED = 40
 """Joints that are tried one by one, a look at every state each."""
 
@@ -96,7 +98,7 @@ def _lowered(result: Audited) -> Iterator[tuple[Booleans, float]]:
     """Sets of joints (n,), each with the largest factor found on their gains alone; NaN: none was found.
 
     First those that are short of the gain margin, then all unsafe ones, each with the joints that vibrate once they are lowered; last all.
-    Of each set first those that must be lowered.
+    Of the first two sets first those joints that must be lowered.
     """
     names, limits = result.system.source.joint_names, np.array([joint.limit for joint in result.joints])
     vibrating = {name for state in result.states if not result.enough_together_in(state) for name in state.limiting_joints}
@@ -114,23 +116,28 @@ def _lowered(result: Audited) -> Iterator[tuple[Booleans, float]]:
             factor = result.seen_factor(lowered, most)
             yield from _without_carried(result, lowered, factor)
             yield lowered, factor
-    every = np.ones(len(names), dtype=bool)
-    yield from _without_carried(result, every, result.scale)
-    yield every, result.scale
+    yield np.ones(len(names), dtype=bool), result.scale
 
 
 def _without_carried(result: Audit, lowered: Booleans, factor: float) -> Iterator[tuple[Booleans, float]]:
     """The joints of `lowered` (n,) without those that others only carry along, where there are some, with their own largest factor.
 
-    A joint is carried along where the others, lowered by hardly more than `factor`, have what is required while its gains stay.
+    A joint is carried along where the others, lowered by hardly more than `factor`, have what is required while its gains stay. Joints that
+    are alike, as left and right ones are, keep their gains together or not at all.
     """
     if not (0 < factor < 1 and np.count_nonzero(lowered) <= MOST_TRIED):
         return
     fewer, least = lowered, factor**HARDLY_MORE
-    for k in sorted(np.flatnonzero(lowered).tolist(), key=lambda k: -result.joints[k].limit):
-        without = fewer & (np.arange(len(fewer)) != k)
-        if without.any() and result.seen_at(without, least):
+    for first in sorted(np.flatnonzero(lowered).tolist(), key=lambda k: -result.joints[k].limit):
+        group = np.array([_alike(result.joints[first], joint) for joint in result.joints])
+        without = fewer & ~group
+        if fewer[first] and without.any() and result.seen_at(without, least):
             fewer = without
     if np.any(fewer != lowered):
         found = result.seen_factor(fewer, 1.0)
         yield fewer, found if found >= least else least
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Whether two audited joints have the same gains and the same limit, as a robot's mirrored ones do."""
+    return (one.kp, one.kd, one.ki) == (other.kp, other.kd, other.ki) and math.isclose(one.limit, other.limit, rel_tol=ALIKE)
