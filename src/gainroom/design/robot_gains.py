@@ -148,7 +148,10 @@ def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:
         low, high = (float(np.min(end)) for end in uncertain.delay)
         system, later = replace(system.with_values(delay=low), uncertainty=replace(uncertain, delay=None)), high - low
     try:
-        return min(coupled_delay_margin(case.loop(gains)) for weight in weights for case, gains in _acting(system, found, space, weight)) - later
+        return (
+            min(coupled_delay_margin(case.loop(gains)) for weight in weights for case, gains in _acting(system, found, space, weight))
+            - later
+        )
     except GainroomError:
         return math.nan
 

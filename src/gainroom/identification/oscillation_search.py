@@ -64,7 +64,7 @@ def find_oscillation(record: Record) -> Search:
     """The strongest vibration in `record`, which has no gaps. Raises GainroomError where it holds neither a position nor a torque."""
     found = _search(record)
     seen = found.oscillation
-    band = None if seen is None else excited_band(record, seen.side, seen.rows, seen.found.frequency)
+    band = None if seen is None else excited_band(record, seen.side, seen.rows, seen.vibration.frequency)
     return found if band is None else replace(found, oscillation=None, excited=band)
 
 

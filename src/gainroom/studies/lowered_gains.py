@@ -51,6 +51,7 @@ class Audited(Protocol):
     def enough_together_in(self, state: State) -> bool: ...
     def loops_at(self, lowered: Booleans, factor: float) -> Iterator[Loop]: ...
     def seen_factor(self, lowered: Booleans, most: float) -> float: ...
+    def seen_at(self, lowered: Booleans, factor: float) -> bool: ...
     def of_gains(self, gains: Mapping[str, Floats]) -> Self: ...
 
 
@@ -119,7 +120,7 @@ def _lowered(result: Audited) -> Iterator[tuple[Booleans, float]]:
     yield np.ones(len(names), dtype=bool), result.scale
 
 
-def _without_carried(result: Audit, lowered: Booleans, factor: float) -> Iterator[tuple[Booleans, float]]:
+def _without_carried(result: Audited, lowered: Booleans, factor: float) -> Iterator[tuple[Booleans, float]]:
     """The joints of `lowered` (n,) without those that others only carry along, where there are some, with their own largest factor.
 
     A joint is carried along where the others, lowered by hardly more than `factor`, have what is required while its gains stay. Joints that
