@@ -48,6 +48,11 @@ class Walk:
         limit = gr.gain_limit(self.loop(tick))
         return limit.gain if limit.lower_gain < WEAK else 0.0
 
+    def holds(self, tick: int, gain: float) -> bool:
+        """Whether the loop is stable from the least factors that matter up to `gain`."""
+        limit = gr.gain_limit(self.loop(tick).scaled(gain * (1 - 1e-6)))
+        return limit.stable and limit.lower_gain * gain < WEAK
+
     def run(self, ticks: int, checks: int) -> tuple[float, float]:
         """The share of ticks that are certified, and by how much a certified gain is above the limit at most, relative."""
         answers = [self.tracker.update(self.posture(tick), self.contact(tick)) for tick in range(ticks)]

@@ -9,8 +9,10 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 
 #include "tracked_loop.hpp"
 
@@ -31,6 +33,11 @@ public:
     double cost() const { return cost_; }
     // Pairs of unstable roots; right after `done`.
     long pairs() const { return pairs_; }
+    // The same at lower factors; kUnclear: not known. All three at every count where they cost little, else one at every third.
+    std::size_t lower() const { return lower_; }
+    double lower_gain(std::size_t k) const { return gain_ * double(below_[k].part) / kParts; }
+    long lower_pairs(std::size_t k) const { return below_[k].pairs; }
+    static constexpr long kUnclear = std::numeric_limits<long>::min();
 
     // The first slice, at the factor g: from `lowest` on, or `slow`, up to there.
     State begin(TrackedLoop& loop, const double* posture, double gain, bool slow = false) {
@@ -45,6 +52,14 @@ public:
         else top_ = step > 0.0 ? (1.0 - 1e-6) * kPi / step : loop.top(posture, gain, std::max(1.3 * resonance_, 2.0 * omega_));
         evaluate(loop, posture, omega_);
         total_ = loop.whole_phase();
+        const double cost = loop.lower_cost();
+        lower_ = slow || cost >= 1.0 ? 0 : cost < kCheap ? below_.size() : ++turn_ % below_.size() == 0 ? 1 : 0;
+        for (std::size_t k = 0; k < lower_; k++) {
+            below_[k].part = kLowest + int((turn_ / below_.size() + k) % below_.size());
+            below_[k].phase = loop.phase_at(lower_gain(k));
+            below_[k].total = loop.whole_phase_at(lower_gain(k));
+            below_[k].pairs = kUnclear;
+        }
         step_ = 0.25 * longest(loop, omega_);
         if (slow && !is_clear(loop)) return State::crossed;
         return std::isfinite(total_ + slope_) && top_ > omega_ ? State::running : State::failed;
@@ -72,6 +87,13 @@ public:
             cost_ = 2.0;
             if (!is_clear(loop)) return State::crossed;
         }
+        cost_ += double(lower_) * loop.lower_cost();
+        for (std::size_t k = 0; k < lower_; k++) {
+            const double now = loop.phase_at(lower_gain(k));
+            const double turned = wrapped(now - below_[k].phase);
+            below_[k].total += std::fabs(turned) < kTurned ? turned : std::numeric_limits<double>::quiet_NaN();
+            below_[k].phase = now;
+        }
         total_ += predicted + off;
         omega_ = to;
         step_ = std::min((to - from) * (std::fabs(off) < 0.2 * kAgreed ? 1.6 : std::fabs(off) < 0.5 * kAgreed ? 1.1 : 0.7),
@@ -81,7 +103,7 @@ public:
 
 private:
     static constexpr std::size_t kMostSlices = 2000;
-    static constexpr double kAgreed = 0.9, kClose = 2.0, kShortest = 1e-5, kLeap = 1.2;
+    static constexpr double kAgreed = 0.9, kClose = 2.0, kShortest = 1e-5, kLeap = 1.2, kCheap = 0.15, kTurned = 2.0;
 
     // Over a band in which nothing crosses.
     bool leap(TrackedLoop& loop, const double* posture) {
@@ -130,14 +152,31 @@ private:
             const double turned = wrapped(phase_ - before);
             if (!(std::fabs(turned) < 1.5)) return State::failed;
             known_ += turned;
+            for (std::size_t m = 0; m < lower_; m++)
+                if (below_[m].part == part_) count_pairs(known_ - below_[m].total, below_[m].pairs);
         }
         if (part_ < kParts) return State::running;
-        const double turns = (known_ - total_) / (2 * kPi);
-        pairs_ = std::lround(turns);
-        return std::fabs(turns - double(pairs_)) < 0.1 ? State::done : State::failed;
+        return count_pairs(known_ - total_, pairs_) ? State::done : State::failed;
     }
 
+    static bool count_pairs(double phase, long& pairs) {
+        const double turns = phase / (2 * kPi);
+        const bool clear = std::fabs(turns - std::round(turns)) < 0.1;
+        pairs = clear ? std::lround(turns) : kUnclear;
+        return clear;
+    }
+
+    // At a lower factor, so many parts of `gain`: the phase at the last slice, and all of its way.
+    struct Below {
+        int part = 0;
+        double phase = 0.0, total = 0.0;
+        long pairs = kUnclear;
+    };
+
     static constexpr int kParts = 6;
+    static constexpr int kLowest = 2;  // part of lower factors
+    std::array<Below, 3> below_;
+    std::size_t lower_ = 0, turn_ = 0;
     double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, resonance_ = 0.0, step_ = 0.0, cost_ = 1.0, clear_ = 0.0;
     double phase_ = 0.0, slope_ = 0.0, growth_ = 0.0, total_ = 0.0, known_ = 0.0;  // growth: d ln|F|/dω
     std::size_t slices_ = 0;

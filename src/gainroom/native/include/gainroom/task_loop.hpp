@@ -134,11 +134,21 @@ public:
         return determinant.value().imag();
     }
 
-    double whole_phase() override {
-        if (gain_ == 0.0) return 0.0;
+    double whole_phase() override { return whole_phase_at(gain_); }
+
+    double lower_cost() const override { return kTime * double(rank_ * rank_ * rank_) / cost(); }
+    double phase_at(double gain) override {
+        close(gain);
+        if (!factorise(inverse_, exchanged_)) return std::numeric_limits<double>::quiet_NaN();
+        LogDeterminant determinant;
+        for (std::size_t k = 0; k < rank_; k++) determinant.multiply(exchanged_[k] == k ? inverse_.at(k, k) : -inverse_.at(k, k));
+        return determinant.value().imag();
+    }
+    double whole_phase_at(double gain) override {
+        if (gain == 0.0) return 0.0;
         const bool known = find_eigenvalues() && (omega_ > slowest_ || leading());
         double sum = known ? 0.0 : std::numeric_limits<double>::quiet_NaN();
-        for (const Complex mu : eigenvalues_) sum += std::atan2(gain_ * mu.imag(), 1.0 + gain_ * mu.real());
+        for (const Complex mu : eigenvalues_) sum += std::atan2(gain * mu.imag(), 1.0 + gain * mu.real());
         return sum;
     }
 
@@ -207,10 +217,11 @@ public:
     }
 
 private:
-    static constexpr double kSlices = 10.0;                      // µs of an ordinary tick for slices; see `cost`
+    static constexpr double kSlices = 12.0;                      // µs of an ordinary tick for slices; see `cost`
     static constexpr double kPace = 1.1;   // of ω, from one look to the next
     static constexpr double kBelow = 0.9;  // of `leading`
     static constexpr double kSlow = 0.003, kSmooth = 0.9, kLong = 0.4;  // of the first corner of the plant; steps up to there
+    static constexpr double kTime = 1.2e-3;                      // µs of a product and a sum of complex numbers
     static constexpr double kOneSided = 0.7;  // |D − Dᵀ|/|D|, of which √2 is the most there can be
     static constexpr double kDefinite = 1e-6;                    // of a pivot
     static constexpr double kWeak = 1e-6, kNever = 0.9;          // |g μ| that does not turn the phase, or never becomes 1 at lower g
@@ -227,7 +238,7 @@ private:
     // Of one slice, about [µs].
     double cost() const {
         const double n = double(size_), r = double(rank_);
-        return 1.2e-3 * (n * n * n / 6 + n * n * r + 1.5 * n * r * r + 3 * r * r * r) + 0.5;
+        return kTime * (n * n * n / 6 + n * n * r + 1.5 * n * r * r + 3 * r * r * r) + 0.5;
     }
 
     // Below every resonance.
@@ -285,12 +296,16 @@ private:
         return sum == 0.0;
     }
 
-    // (I + g M)⁻¹.
-    bool closed(double gain, LogDeterminant& determinant) {
+    // I + g M.
+    void close(double gain) {
         for (std::size_t k = 0; k < rank_ * rank_; k++) {
             inverse_.re[k] = gain * matrix().re[k] + (k % (rank_ + 1) == 0 ? 1.0 : 0.0);
             inverse_.im[k] = gain * matrix().im[k];
         }
+    }
+    // Its inverse.
+    bool closed(double gain, LogDeterminant& determinant) {
+        close(gain);
         return invert(inverse_, exchanged_, determinant);
     }
 

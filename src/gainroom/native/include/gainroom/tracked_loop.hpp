@@ -108,6 +108,10 @@ public:
     // That phase where `phase` was last, not only up to turns: at `lowest` and `slowest`, anywhere at the factor 0, and where nothing crosses.
     // NaN where it is not known.
     virtual double whole_phase() = 0;
+    // The same two at another factor, where they cost less than a slice, and what: then pairs are counted at lower factors as well.
+    virtual double phase_at(double) { return 0.0; }
+    virtual double whole_phase_at(double) { return 0.0; }
+    virtual double lower_cost() const { return 1.0; }
     // Up to which frequency from `omega` on it is proved at once that nothing crosses below a factor; not above `lowest`. `omega`: not even there.
     virtual double clear_until(const double*, double omega, double) { return omega; }
     // Up to which factor nothing crosses where `phase` was last, and nothing is near; of the frequencies below `lowest`.

@@ -109,6 +109,7 @@ public:
 private:
     using State = ContactState;
     static constexpr double kShrunk = 0.9, kForgets = 0.95;  // see answer; of the rate, per tick
+    static constexpr double kBeside = 0.1;                   // of a factor
     static constexpr double kIdle = 0.5;                     // slices where nothing moves
 
     // For slices, at this tick: where there is no certificate, all that is left after `work`, for the nearest count that will give one.
@@ -147,6 +148,7 @@ private:
                 continue;
             }
             const PhaseSweep::State now = state.sweep.advance(loop_, state.posture.data());
+            spent += state.sweep.cost() - 1.0;
             if (state.looking) spent += search_.look(state);
             if (now == PhaseSweep::State::running) continue;
             state.sweeping = false;
@@ -178,6 +180,12 @@ private:
             return;
         }
         const long expected = state.pairs(factor);
+        if (pairs == expected && !foreseen_below(state)) {  // a pair of crossings below the lowest one that is known
+            state.counted = 0.0;
+            state.searching = true;
+            state.missed++;
+            return;
+        }
         if (pairs == expected) {
             state.searching = false;
             state.counted = factor;
@@ -196,6 +204,18 @@ private:
         state.searching = state.empty_below > 0.0 && factor < 1.2 * state.empty_below;
         state.seek = state.empty_below > 0.0 ? std::sqrt(state.empty_below * factor) : 0.5 * factor;
         if (state.searching) state.seek = factor;
+    }
+
+    // Whether the count found at lower factors what known crossings explain; those near a crossing, which may have passed them meanwhile, do not count.
+    bool foreseen_below(const State& state) const {
+        for (std::size_t k = 0; k < state.sweep.lower(); k++) {
+            const double factor = state.sweep.lower_gain(k);
+            bool near = false;
+            for (std::size_t m = 0; m < state.count; m++) near = near || std::fabs(state.order[m]->gain / factor - 1.0) < kBeside;
+            const long pairs = state.sweep.lower_pairs(k);
+            if (!near && pairs != PhaseSweep::kUnclear && pairs != state.pairs(factor)) return false;
+        }
+        return true;
     }
 
     // At the posture, or `left` before it.
