@@ -20,7 +20,7 @@ from gainroom.robot.linearize import linearize
 from gainroom.simulation.robot_run import RobotRun, RobotStepper
 from gainroom.simulation.robot_setup import RobotSetup
 from gainroom.simulation.run_record import joined
-from gainroom.studies.oscillation import Oscillation, judge
+from gainroom.studies.oscillation import Oscillation, oscillation_in
 from gainroom.system.controller import PD
 from gainroom.system.loop import Loop
 from gainroom.system.system import System
@@ -143,7 +143,7 @@ def vibrations(run: RobotRun, plan: Plan) -> list[tuple[str, Oscillation]]:
             is_exact=False, is_linear=False, noise=0.0, encoder_step=0.0, sample_time=run.sample_time, moves_until=moving,
             at_rest=lambda part: slice(len(part.time), None),
         )  # fmt: skip
-        one, _ = judge(spec, 1.0, part, None)  # type: ignore[arg-type]
+        one, _ = oscillation_in(spec, 1.0, part, None)  # type: ignore[arg-type]
         if one is not None and one.lasts:
             found.append((name, one))
     return found

@@ -153,8 +153,8 @@ ARM_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "w
 def arm_walk(seed: int, folder: Path) -> Walk:
     """A UR5 whose motors, gearboxes, delay and tasks are drawn, often near or through a singular posture.
 
-    Motors of a joint weigh up to fifty times those of another one, and seven of ten controllers' models count none of them: gains act on each
-    other one way, and near a singular posture two directions become unstable at low factors within hardly any motion.
+    Motors of a joint weigh up to fifty times those of another one, and seven of ten controllers' models count none of them: gains act on
+    each other one way, and near a singular posture two directions become unstable at low factors within hardly any motion.
     """
     rng = np.random.default_rng([11, seed])
     inertia, stiffness = 10 ** rng.uniform(-1.3, 0.4, 6), 10 ** rng.uniform(3.5, 4.7)

@@ -79,6 +79,7 @@ class Scanner {
     static constexpr std::size_t kMostNodes = 50'000, kLeastNodes = 4000;  // bound memory and time; an ordinary loop needs 50 to 300
     static constexpr std::size_t kMostTerms = 1'000'000;                   // the same, of nodes times roots
     static constexpr int kDepth = 60;                                      // of bisection
+    static constexpr double kOff = 1e-4;  // of arg(−L) or log|L| at a crossing; beside a resonance without damping it is 1e-16 times its Q
 
     const Response& loop_;
     double floor_, first_ = 0.0, last_ = 0.0, phase_ = 0.0, start_phase_ = 0.0, scale_ = kInfinite;
@@ -242,6 +243,8 @@ class Scanner {
             if (f == 0.0 || std::fabs(step - omega) <= 1e-15 * omega) break;
             omega = low < step && step < high ? step : 0.5 * (low + high);
         }
+        const Complex value = loop_.at(omega);
+        if (!(std::fabs(of_phase ? std::arg(-value) : log_size(value)) < kOff)) scan_.certified = false;
         return omega;
     }
 
