@@ -31,7 +31,7 @@ def told(name: str, run: RobotRun, plan: Plan) -> str:
         return f"  {name:<11} {run.reason}"
     error = 1e3 * error_of(run, plan)
     parts = [f"{rms(error):5.2f}", *(f"{phase} {rms(error[rows]):.2f}" for phase, rows in phases(plan, len(run.time)))]
-    vibrating = ", ".join(f"{phase} at {one.found.frequency / 6.2832:.3g} Hz" for phase, one in vibrations(run, plan)) or "none"
+    vibrating = ", ".join(f"{phase} at {one.vibration.frequency / 6.2832:.3g} Hz" for phase, one in vibrations(run, plan)) or "none"
     return f"  {name:<11} {', '.join(parts)}; vibration: {vibrating}; steps at switches {steps(run, plan).max():.2f} N·m"
 
 
