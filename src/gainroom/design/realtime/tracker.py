@@ -90,8 +90,8 @@ class GainTracker:
     In task space joint gains are matrices that prove nothing about energy, and tasks that act on each other may be unstable slowly, at
     gains however low. Certified then says as well that at frequencies below those of the limits nothing crosses, at this gain and lower
     ones down to WEAK; that is looked at anew before the robot has moved by 0.3 of its inverse inertia and gains, and at every tick at
-    the lowest frequency, where it is seen first near singular postures. Where it is found that something does cross, and where a contact
-    state was never certified, safe_gain is 0.
+    the lowest frequency, where it is seen first near singular postures. Counts also look at three factors below the gain. Where it is
+    found that something does cross, and where a contact state was never certified, safe_gain is 0.
 
     Raises GainroomError for what is not carried: gravity stiffness, springs under contacts, encoders on the link's side, controllers other
     than PD with one gain per joint, or tasks' PD, filters, elastic joints without damping, rigid among elastic joints where control is
