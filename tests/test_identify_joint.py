@@ -8,7 +8,7 @@ import pytest
 import gainroom as gr
 from gainroom.identification.estimate import Estimate, interval, log_interval
 from gainroom.identification.frequency_response import frequency_response, given_torque
-from gainroom.identification.friction_signs import of_friction_s_sign
+from gainroom.identification.friction_signs import friction_not_below_zero
 from gainroom.identification.joint import JointFit, damping_beside_friction, fitted_response, identify_joint
 from gainroom.identification.motion import motion_of
 from gainroom.identification.prediction import Noise, Signals, prediction_errors, stationary
@@ -164,7 +164,7 @@ def test_viscous_friction_below_0_is_stribeck_friction_or_none(friction: Frictio
     ],
 )
 def test_friction_opposes_the_motion(before: tuple[float, ...], after: tuple[float, ...]):
-    found, notes = of_friction_s_sign({"viscous": Estimate(*before), "weight_sine": Estimate(-1.0, -2.0, 0.5)})
+    found, notes = friction_not_below_zero({"viscous": Estimate(*before), "weight_sine": Estimate(-1.0, -2.0, 0.5)})
     bounded = found["viscous"]
     assert (bounded.value, bounded.low, bounded.high) == pytest.approx(after)
     assert (len(notes) == 1) == (after[2] < 0)

@@ -12,7 +12,7 @@ from .estimate import Estimate
 FRICTION = ("viscous", "coulomb", "link_coulomb")
 
 
-def of_friction_s_sign(parameters: Mapping[str, Estimate]) -> tuple[dict[str, Estimate], list[str]]:
+def friction_not_below_zero(parameters: Mapping[str, Estimate]) -> tuple[dict[str, Estimate], list[str]]:
     """The parameters without friction below 0 where the interval reaches 0, and a warning of viscous friction that is surely below 0.
 
     What is bounded is wrong by as much as it was below 0 at least, so that its interval keeps its half-width above 0.

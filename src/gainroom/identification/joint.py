@@ -20,7 +20,7 @@ from .delay import TorqueDelay, identify_delay
 from .estimate import FREEDOM, Estimate, log_interval, quantile
 from .excited_part import most_excited
 from .frequency_response import FrequencyResponse, Rough, frequency_response, given_torque, rough_joint
-from .friction_signs import of_friction_s_sign
+from .friction_signs import friction_not_below_zero
 from .joint_model import JointModel, Prior
 from .likelihood import Maximum, maximize
 from .motion import motion_of
@@ -336,7 +336,7 @@ class _Fitting:
             place = physical.index("damping")
             covariance[place, place] += beside.standard_error**2 - parameters["damping"].standard_error ** 2
             parameters["damping"], warnings = beside, [*warnings, *note]
-        parameters, note = of_friction_s_sign(parameters)
+        parameters, note = friction_not_below_zero(parameters)
         return JointFit(
             name, parameters, physical, covariance, joint, drive, self.source.name, seen, tests, self.source.torques,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), (*warnings, *note),
