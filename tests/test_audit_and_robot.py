@@ -65,20 +65,22 @@ def draw(seed: int) -> None:
 
 
 def test_a_joint_is_judged_with_the_other_loops_closed(capsys: pytest.CaptureFixture[str]):
-    """By roots of the loop with one joint's gains scaled. With the others off the knee has 4.4 dB, which is told, not judged."""
-    gearbox = {"stiffness": (12113.2, 8944.6, 684.5), "damping": (2.2566, 0.9092, 0.2866)}
-    write_gains((7.512, 7.791, 2.405), (1.8421, 1.9446, 0.5253), **gearbox)
+    """By roots of the loop with one joint's gains scaled. With the others off the ankle has 5.96 dB, which is told, not judged."""
+    draw(4)
     status, told = asked(capsys, "audit", "leg.xml", "--gains", "gains.yaml", *CALL, "--write-robot", "robot.yaml")
     assert (status, told["safe"]) == (0, True)
-    knee = told["joints"][1]
-    assert knee["gain_limit"] < MARGIN < knee["limit_others_closed"]
+    ankle = told["joints"][2]
+    assert ankle["gain_limit"] < MARGIN < ankle["limit_others_closed"]
     system = gr.load_robot("robot.yaml").system
-    law = system.control.controller
+    law, model = system.control.controller, system.source.linearize("zero", "free")
     for k, joint in enumerate(told["joints"]):
         for share, stable in ((1 - 1e-4, True), (1 + 1e-4, False)):
             factor = np.where(np.arange(3) == k, share * joint["limit_others_closed"], 1.0)
-            model = system.source.linearize("zero", "free")
             assert is_stable(system.loop(model, gr.PD(factor * law.kp, factor * law.kd))) is stable
+        for share, stable in ((1 - 1e-3, True), (1 + 1e-3, False)):
+            factor = np.where(np.arange(3) == k, share * joint["gain_limit"], 0.0)
+            roots = gr.rightmost_roots(system.loop(model, gr.PD(factor * law.kp, factor * law.kd))).roots
+            assert (max(root.real for root in roots if abs(root) > 0.1) < 0) == stable  # joints without gains move freely: roots at 0
 
 
 @pytest.mark.slow
@@ -119,8 +121,8 @@ def test_the_way_that_an_unsafe_audit_names_ends_in_safe(capsys: pytest.CaptureF
 
 
 def test_a_joint_that_vibrates_by_itself_is_named(capsys: pytest.CaptureFixture[str]):
-    """Its neighbours' gains damp it: stable as a whole, and not with them switched off. One of two thousand draws is like that."""
-    for seed, lost in ((1118, ["hip"]), (1119, [])):
+    """Its neighbours' gains damp it: stable as a whole, and not with them switched off. One of eight thousand draws is like that."""
+    for seed, lost in ((7979, ["ankle"]), (1119, [])):
         draw(seed)
         _, told = asked(capsys, "audit", "leg.xml", "--gains", "gains.yaml", *CALL)
         assert told["stable"]

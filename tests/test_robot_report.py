@@ -454,7 +454,7 @@ def test_coupling_marks_are_the_factors(unstable_page, unstable):
     assert marks["all together"]["x"] == approx([state.limit.gain for state in unstable.states], rel=1e-5)
     left = 10 ** by_state["layout"]["xaxis"]["range"][0]
     for drawn, state in zip(marks["alone"]["x"], unstable.states, strict=True):
-        alone = np.nanmin([row.single_joint_limit for row in state.joints])  # NaN: tasks put no gain on that joint
+        alone = np.nanmin(state.limits_others_open)  # NaN: tasks put no gain on that joint
         assert alone > left
         assert drawn == approx(alone, rel=1e-5)
     assert "other loops closed" not in marks

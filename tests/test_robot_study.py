@@ -267,7 +267,7 @@ def test_audit_agrees_with_the_robot_file(folder: Path, study: RobotStudy):
     text = ROBOT.replace("bent: {hip: 0.3, knee: -0.8}", "zero: {hip: 0}")
     (state,) = study_robot(parse_robot(text, "f", folder), recommend=False).states
     assert result.tightest.limit.gain == approx(state.limit.gain, rel=1e-9)
-    assert [joint.gain_limit for joint in result.joints] == approx([row.single_joint_limit for row in state.joints])
+    assert [joint.gain_limit for joint in result.joints] == approx(state.limits_others_open)
     assert [joint.limit_others_closed for joint in result.joints] == approx([row.limit_others_closed for row in state.joints])
     assert result.delay_limit == approx(2e-3 + state.margins.delay_margin)
     assert result.safe == (state.limit.gain >= 2 and all(joint.gain_limit >= 2 for joint in result.joints))

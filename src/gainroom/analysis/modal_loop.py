@@ -45,7 +45,7 @@ class ModalLoop:
     turns     (n,) [s] the sum of the sizes of all that leads and lags
     last      half the sample rate [rad/s]; None: continuous
     passive   the motors give out no energy at any frequency, Re(jω P) >= 0: without a hold between. Gravity takes and gives none either
-    torque    X (n, r) where gains couple joints: the channels are directions then (gain_directions.py); None: they are the joints
+    torque    X (n, r) where the channels are not all joints: those that have gains, or directions (gain_directions.py); None: they are all
     folds     2 where every channel is there twice, as F is not symmetric (exclusion.hpp): then det F is squared; else 1
     laws      what d comes from; late (n,) [s]: by how much later it acts
     turning   [s] the same as `turns` of hold, current loop and a part of a tick alone, where sampled
@@ -70,13 +70,13 @@ class ModalLoop:
     def of(cls, loop: Loop) -> "ModalLoop | None":
         """None where no proof is known.
 
-        With link-side feedback, friction to ground, gains without directions (gain_directions.py), joints without gain, different drives of
-        a sampled loop or with coupled gains, and controllers that are not stable by themselves but for integrators.
+        With link-side feedback, friction to ground, gains without directions (gain_directions.py), different drives of a sampled loop or
+        with coupled gains, and controllers that are not stable by themselves but for integrators.
         """
         parts, step = loop.parts, loop.sample_time
         if parts is None or loop.size == 1 or parts.feedback != "motor" or loop.gain <= 0:
             return None
-        plant, drives, directions, twofold = parts.plant.modes, parts.drives, None, False
+        plant, drives, torque, twofold = parts.plant.modes, parts.drives, None, False
         terms = {powers: gain_matrix("gain", gain, loop.size) for powers, gain in parts.controller.terms().items()}
         if plant is None:
             return None
@@ -90,7 +90,11 @@ class ModalLoop:
             if twofold and directions.torque.shape[1] > MOST_TWOFOLD:
                 return None
             modes = modes.twofold(directions.measured, directions.torque) if twofold else modes.along(directions.measured)
-        drives = (drives[0],) * len(modes.rigid) if directions else drives
+            torque, drives = directions.torque, (drives[0],) * len(modes.rigid)
+        elif 0 < np.count_nonzero(acting := np.any(list(gains.values()), axis=0)) < loop.size:
+            torque = np.eye(loop.size)[:, acting]
+            modes, gains = plant.along(torque.T), {powers: gain[acting] for powers, gain in gains.items()}
+            drives = tuple(drive for drive, acts in zip(drives, acting, strict=True) if acts)
         channels = [law.reduced if np.any(law.poles == 0) else law for law in parts.controller.apart(gains, step)]
         laws = Laws.of(channels * (2 if twofold else 1), loop.gain)
         if np.any(laws.gains <= 0) or np.any((growth(laws.poles, step) >= 0) & (laws.poles != 0)):
@@ -123,7 +127,7 @@ class ModalLoop:
             turns + late + turning,
             None if step is None else np.pi / step,
             step is None and not twofold,
-            None if directions is None else directions.torque,
+            torque,
             2 if twofold else 1,
         )
 

@@ -1,5 +1,6 @@
 """gainroom audit: whether the gains that a robot already has are safe."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -176,7 +177,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
         "gain_limit": result.tightest.limit.gain,
         "limit_frequency_rad_s": result.tightest.limit.frequency,
         "delay_limit_ms": 1e3 * result.delay_limit,
-        "delay_margin_ms": 1e3 * result.least_extra_delay,
+        "delay_margin_ms": 1e3 * result.least_extra_delay if result.stable else math.nan,
         **{one.key: one.in_unit(one.value(result.worst[name].margins)) for name, one in further.items()},
         "path_gain_limits": None if paths is None else {"kp": [paths.lower_others, paths.others], "kd": [paths.lower_kd, paths.kd]},
         "limiting_joints": list(result.limiting_joints),

@@ -229,8 +229,9 @@ def audited_margins(result: Audit) -> list[Column]:
     step, required = result.system.control.sample_time, result.required
 
     def value(one: Requirement, found: Audit) -> float:
-        gain = one.name == "gain_margin" and not found.stable  # of an unstable robot that of lower gains
-        return found.tightest.limit.gain if gain else found.value_in(found.worst_of(one), one)
+        if not found.stable:  # of an unstable robot only by how much the gains are too high
+            return found.tightest.limit.gain if one.name == "gain_margin" else math.nan
+        return found.value_in(found.worst_of(one), one)
 
     def met(one: Requirement) -> bool | None:
         return required.met(one.name, value(one, result)) and result.stable

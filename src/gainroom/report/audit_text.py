@@ -287,8 +287,8 @@ def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
     if count == 1:
         return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}) and leave the others"
     unsafe = sum(not joint.safe for joint in result.joints)
-    more = f", the {unsafe} unsafe ones and {count - unsafe} that vibrate then," if count > unsafe else ""
-    return f"Multiply the gains of {count} joints{more} by {found.factor:.4g} ({first} {of_first}) and leave the other {left}"
+    which = f", {unsafe} unsafe and {count - unsafe} that would vibrate then," if count > unsafe else ""
+    return f"Multiply the gains of {count} joints by {found.factor:.4g} ({first} {of_first}){which} and leave the other {left}"
 
 
 def _required(result: Audit) -> str:

@@ -241,7 +241,7 @@ def uncertainty_cost_text(study: "JointStudy", ranked: bool) -> str:
     if not gains_by(study, first):
         return f"{text} No quantity alone would raise it if it were known exactly: several have to be measured better."
     words = ", ".join(f"the {one.name.replace('_', ' ')} {rise_text(study, one)}" for one in others)
-    best = f"known exactly, it would allow {kp_name} {digits(first.kp, 'N·m/rad')}, {rise_text(study, first)}"
+    best = f"if it is surely the nominal one, it would allow {kp_name} {digits(first.kp, 'N·m/rad')}, {rise_text(study, first)}"
     return f"{text} Measure the {first.name.replace('_', ' ')} better first: {best} ({words})."
 
 

@@ -146,7 +146,7 @@ ALONE = Column(
     "alone",
     "single_joint_limit",
     lambda row: row.single_joint_limit,
-    definition="the factor on the joint's gains with the other loops open and its neighbours free",
+    definition="the factor on the joint's gains if it were the only joint, with that load: its neighbours move freely, without motors",
 )
 CLOSED = Column(
     "one loop",
@@ -237,7 +237,7 @@ AUDITED_JOINT = [
     Column("ki", "ki", lambda row: row.ki, shown=lambda row: digits(row.ki or math.nan)),
     Column("motor inertia", "motor_inertia", lambda row: row.motor_inertia, definition="on the joint side"),
     *(Column("", key, lambda row, key=key: getattr(row, key)) for key in ("stiffness", "damping", "link_viscous")),
-    Column("alone", "gain_limit", lambda row: row.gain_limit, definition=ALONE.definition),
+    Column("alone", "gain_limit", lambda row: row.gain_limit, definition="the factor on the joint's gains with the other loops open"),
     CLOSED,
     Column(
         "K needed",

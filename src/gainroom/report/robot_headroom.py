@@ -75,7 +75,7 @@ def joint_factors(study: Analysis) -> Factors:
     return Factors(
         study.states,
         study.system.source.joint_names,
-        np.array([state.single_joint_limits for state in study.states]),
+        np.array([state.limits_others_open for state in study.states]),
         np.array([state.margins.one_loop.gain_margin for state in study.states]),
         tuple(state.limit for state in study.states),
     )

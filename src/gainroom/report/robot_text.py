@@ -118,7 +118,7 @@ def _verdict(study: "RobotStudy") -> str:
 
 def _coupling(state: State) -> str:
     """The cost of coupling: the limit of the tightest joint alone, where that is higher."""
-    alone = min((row.single_joint_limit for row in state.joints if not math.isnan(row.single_joint_limit)), default=math.nan)
+    alone = min((limit for limit in state.limits_others_open.tolist() if not math.isnan(limit)), default=math.nan)
     return f" One joint alone suggests {digits(alone, '×', 3)}; coupling lowers it." if state.limit.gain < COUPLED * alone else ""
 
 

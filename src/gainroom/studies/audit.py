@@ -38,14 +38,14 @@ EXTRA_DELAY = 0.5
 """Of the loop's delay: by so much it may be longer than was said, by default."""
 BARE = 5.0
 """Ms above which gains hardly damp their motion: up to it at least 1.9 dB and 11.5° are left."""
-NUMBERS = ("margins", "single_joint_limits", "delay_limit")
+NUMBERS = ("margins", "limits_others_open", "delay_limit")
 
 
 @dataclass(frozen=True)
 class AuditedJoint:
     """One joint's gains, and the stable factor on them in the worst state.
 
-    gain_limit          with all other joints switched off
+    gain_limit          with the other loops open: all other joints switched off
     limit_others_closed with the other loops closed; NaN where a state is unstable
     limit               what is judged: the latter, up or down, in stable states, the former in others
     stiffness, damping, link_viscous   of its gearbox [N m/rad], [N m s/rad] and of its link [N m s/rad], where they were given; else NaN
@@ -163,7 +163,7 @@ class Audit(Analysis):
         system = self.system
         gains = {name: getattr(system.control.controller, name, 0.0) for name in ("kp", "kd", "ki")}
         columns = {name: np.broadcast_to(gain, len(system.source.joint_names)) for name, gain in gains.items()}
-        alone = np.min([state.single_joint_limits for state in self.states], axis=0)
+        alone = np.min([state.limits_others_open for state in self.states], axis=0)
         closed = np.min([state.margins.one_loop.gain_margin for state in self.states], axis=0)
         judged = np.min([self.joint_limits_in(state) for state in self.states], axis=0)
         least = None if self.needed is None else self.needed.least
@@ -198,7 +198,7 @@ class Audit(Analysis):
 
     def joint_limits_in(self, state: State) -> Floats:
         """(n,) the factor, up or down, on each joint's gains, the other loops closed; switched off in a state that is not stable."""
-        return state.margins.one_loop_gain_margins if state.limit.stable else state.single_joint_limits
+        return state.margins.one_loop_gain_margins if state.limit.stable else state.limits_others_open
 
     @property
     def by_headroom(self) -> tuple[AuditedJoint, ...]:

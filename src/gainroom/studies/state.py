@@ -1,6 +1,7 @@
 """A robot in one posture and contact state: its loop and its numbers, each computed on first use."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -182,9 +183,31 @@ class State:
 
         Where kd closes on a path of its own: on all, on kd alone or on the others alone, whichever is nearest, up or down.
         """
-        limits = np.full(self.model.size, math.nan)
-        control = self.system.control
-        movable = joints_that_move(self.model, control.feedback)
+        control, drives = self.system.control, self.system.drives
+
+        def loop(k: int, own: Controller) -> Loop:
+            return build_loop(single_joint(self.model, k), drives[k], own, control.feedback, control.sample_time, control.kd_path)
+
+        return self._limits_by_joint(loop)
+
+    @cached_property
+    def limits_others_open(self) -> Floats:
+        """(n,) the same with the other loops open: their gains are 0, their motors and gearboxes stay, and their weight does not count."""
+        model, size, weight = self.model, self.model.size, self.model.gravity_stiffness
+
+        def loop(k: int, own: Controller) -> Loop:
+            if size > 1:
+                own = replace(own, **{name: np.eye(size)[k] * getattr(own, name) for name in own.gain_names()})
+            if type(own) is type(self.controller) and weight is None:
+                return self.loop.regained(own)
+            held = None if weight is None else np.diag(np.eye(size)[k] * np.diagonal(weight))
+            return self.system.loop(replace(model, gravity_stiffness=held), own)
+
+        return self._limits_by_joint(loop)
+
+    def _limits_by_joint(self, loop_of: Callable[[int, Controller], Loop]) -> Floats:
+        """(n,) of the loop of each joint and its controller, see single_joint_limits."""
+        limits, movable = np.full(self.model.size, math.nan), joints_that_move(self.model, self.system.control.feedback)
         for k in range(self.model.size):
             own = self.controller.on_joint(k, self.model.size)
             if not any(np.any(gain) for gain in own.terms().values()):
@@ -192,11 +215,9 @@ class State:
             if not movable[k]:
                 limits[k] = math.inf
                 continue
-            alone = build_loop(
-                single_joint(self.model, k), self.system.drives[k], own, control.feedback, control.sample_time, control.kd_path
-            )
-            limit = limit_of(alone)
-            limits[k] = limit.gain if alone.kd_path is None or not limit.stable else min(limit.gain, path_margins(alone).headroom)
+            loop = loop_of(k, own)
+            limit = limit_of(loop)
+            limits[k] = limit.gain if loop.kd_path is None or not limit.stable else min(limit.gain, path_margins(loop).headroom)
         return limits
 
     @cached_property
