@@ -19,7 +19,7 @@ from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, typed_gains
 from .page import Card, Html, Lead, Section, block, facts, figure, page, paragraph
 from .page_parts import assumptions, footer, margin_card, unstable_card
-from .verdict import advice_box, joint_to_use
+from .verdict import gains_box, joint_to_use
 
 
 def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE") -> str:
@@ -52,7 +52,7 @@ def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE
 
 
 def _lead(study: JointStudy, call: str) -> Lead:
-    said, do = warnings(study), advice_box(study, joint_to_use(study, call))
+    said, do = warnings(study), gains_box(study, joint_to_use(study, call))
     if not study.margins.stable:
         return Lead(sentence(study), "bad", "UNSTABLE: do not run these gains", said, do)
     if study.unstable_at:

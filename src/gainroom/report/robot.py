@@ -24,7 +24,7 @@ from .robot_tables import gain_tables, inputs, joint_table, state_table, task_ta
 from .robot_text import notes, sentence, severity, warnings
 from .robot_units import requirements_text
 from .sweep_text import checked_sentence, counted
-from .verdict import advice_box, robot_to_use
+from .verdict import gains_box, robot_to_use
 from .workspace import workspace_section
 
 FEW = 4
@@ -190,7 +190,7 @@ def _joints(study: RobotStudy) -> list[Html]:
 
 
 def _lead(study: RobotStudy, elsewhere: Sequence[str], call: str) -> Lead:
-    answer, first, do = sentence(study), [*elsewhere, *warnings(study)[:ON_TOP]], advice_box(study, robot_to_use(study, call))
+    answer, first, do = sentence(study), [*elsewhere, *warnings(study)[:ON_TOP]], gains_box(study, robot_to_use(study, call))
     unstable = [state.title for state in study.states if not state.limit.stable]
     if unstable:
         count, states = len(unstable), len(study.states)

@@ -16,8 +16,7 @@ from .gains_to_use import joint_gains, kept, robot_gains, typed
 from .joint_text import AT_USUAL
 from .margin_columns import margin_value, requirement, short_text
 from .number_format import digits, hertz, own_gains, span
-from .page import Advice, Html, table
-from .page import advice_box as advised
+from .page import Advice, Html, advice_box, table
 from .robot_units import joint_units
 
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
@@ -202,12 +201,12 @@ def _heading(study: Analysis, place: str) -> str:
     return f"The present gains may stay. The stiffest that meet the requirements, {place}:"
 
 
-def advice_box(study: "JointStudy | RobotStudy", found: ToUse) -> Html | str:
+def gains_box(study: "JointStudy | RobotStudy", found: ToUse) -> Html | str:
     """What to do, on a page: gains to copy, with every requirement before and after; "" where there are none."""
     if not found.lines:
         return ""
     if found.margins is None:  # the cards say as much
-        return advised(found)
+        return advice_box(found)
     columns = [column for column in verdict_columns(study, found) if column.title not in ("at", STATE)]
     marks = {"yes": "met", "no": "unmet"}
-    return advised(found, table(*tabulated(columns, verdict_rows(study, found.margins)), marks=marks, sorts=False))
+    return advice_box(found, table(*tabulated(columns, verdict_rows(study, found.margins)), marks=marks, sorts=False))

@@ -29,7 +29,7 @@ MOST_TRIED = 40
 """Joints that are tried one by one, a look at every state each."""
 
 
-class Audited(Protocol):
+class AuditOfGains(Protocol):
     """What gains in place of others are made from: an audit (audit.py), which asks for them."""
 
     @property
@@ -55,11 +55,11 @@ class Audited(Protocol):
     def of_gains(self, gains: Mapping[str, Floats]) -> Self: ...
 
 
-Audit = TypeVar("Audit", bound=Audited)
+SomeAudit = TypeVar("SomeAudit", bound=AuditOfGains)
 
 
 @dataclass(frozen=True)
-class GainsToUse(Generic[Audit]):
+class GainsToUse(Generic[SomeAudit]):
     """Gains in place of unsafe ones, certified as they are typed.
 
     factor   on the gains of `joints`; all others stay
@@ -70,10 +70,10 @@ class GainsToUse(Generic[Audit]):
     factor: float
     joints: tuple[str, ...]
     gains: Mapping[str, Floats]
-    audited: Audit
+    audited: SomeAudit
 
 
-def gains_to_use(result: Audit) -> GainsToUse[Audit] | None:
+def gains_to_use(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
     """The gains of some joints, or else of all, lowered by one factor; None where none are known to be safe.
 
     The factor has three digits, the gains four or as many more as leave them safe.
@@ -95,7 +95,7 @@ def gains_to_use(result: Audit) -> GainsToUse[Audit] | None:
     return None
 
 
-def _lowered(result: Audited) -> Iterator[tuple[Booleans, float]]:
+def _lowered(result: AuditOfGains) -> Iterator[tuple[Booleans, float]]:
     """Sets of joints (n,), each with the largest factor found on their gains alone; NaN: none was found.
 
     First those that are short of the gain margin, then all unsafe ones, each with the joints that vibrate once they are lowered; last all.
@@ -120,7 +120,7 @@ def _lowered(result: Audited) -> Iterator[tuple[Booleans, float]]:
     yield np.ones(len(names), dtype=bool), result.scale
 
 
-def _without_carried(result: Audited, lowered: Booleans, factor: float) -> Iterator[tuple[Booleans, float]]:
+def _without_carried(result: AuditOfGains, lowered: Booleans, factor: float) -> Iterator[tuple[Booleans, float]]:
     """The joints of `lowered` (n,) without those that others only carry along, where there are some, with their own largest factor.
 
     A joint is carried along where the others, lowered by hardly more than `factor`, have what is required while its gains stay. Joints that
