@@ -154,15 +154,15 @@ def _cards(result: Audit) -> list[Card]:
         first = margin_card(
             asked, "gain_margin", limit.gain, f"all gains together{at_frequency(limit.frequency, ', ', hertz)}, {worst.contact}"
         )
-    extra = result.least_extra_delay
+    extra = result.least_extra_delay if result.stable else math.nan
     until = digits(1e3 * result.delay_limit, "ms", apart(result.delay_limit, result.system.delay, 3))
     delay = Card(
         "delay margin",
         digits(1e3 * extra, "", 3),
         "ms" if math.isfinite(extra) else "",
         f"≥ {digits(1e3 * result.delay_margin, 'ms', 3)}",
-        None if math.isnan(extra) else result.stable and enough(extra, result.delay_margin),
-        f"vibrates from {until} of delay, {digits(1e3 * result.system.delay, 'ms', 3)} given" if 0 < extra < math.inf else "",
+        None if math.isnan(extra) and result.stable else enough(extra, result.delay_margin),
+        f"vibrates from {until} of delay, {digits(1e3 * result.system.delay, 'ms', 3)} given" if 0 < result.delay_limit < math.inf else "",
     )
     joints = [joint.name for joint in result.by_headroom if not joint.safe]
     states = [state.contact for state in result.states if not result.enough_in(state)]
