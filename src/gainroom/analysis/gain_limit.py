@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..errors import GainroomError
+from ..errors import GainroomError, computable
 from ..system.loop import Loop, require_loop
 from .first_crossing import SEARCH, Certificate, End, Family, gains
 from .loci import Sweep
@@ -39,8 +39,9 @@ def gain_limit(loop: Loop) -> GainLimit:
 
 def limit_from_loci(loop: Loop) -> GainLimit:
     """gain_limit of several joints that nothing is proved for."""
-    limit = coupled_limit(Sweep(loop, NEAREST_FACTORS, for_limit=True))
-    return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, LOCI.highest, for_limit=True))
+    with computable("gain_limit"):
+        limit = coupled_limit(Sweep(loop, NEAREST_FACTORS, for_limit=True))
+        return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, LOCI.highest, for_limit=True))
 
 
 def _scalar_limit(loop: Loop) -> GainLimit:

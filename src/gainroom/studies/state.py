@@ -15,7 +15,7 @@ from ..analysis.stability import is_stable
 from ..analysis.two_paths import delay_of_others, path_margins
 from ..design.gain_cases import bounded_margins
 from ..design.starting_gains import IMMOBILE, joints_that_move
-from ..errors import computable
+from ..errors import GainroomError, computable
 from ..system.controller import Controller, own_gain
 from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.loop import Loop, build_loop
@@ -179,9 +179,9 @@ class State:
 
     @cached_property
     def single_joint_limits(self) -> Floats:
-        """(n,) factor on each joint's gains if it were the only one, its load 1/W_ii; NaN without gains, inf where it cannot move.
+        """(n,) factor on each joint's gains if it were the only one, its load 1/W_ii.
 
-        Where kd closes on a path of its own: on all, on kd alone or on the others alone, whichever is nearest, up or down.
+        Inf where it cannot move; NaN without gains, or where it is not known. Where kd closes on a path of its own: on all, on kd alone or on the others alone, whichever is nearest, up or down.
         """
         control, drives = self.system.control, self.system.drives
 
@@ -216,7 +216,10 @@ class State:
                 limits[k] = math.inf
                 continue
             loop = loop_of(k, own)
-            limit = limit_of(loop)
+            try:
+                limit = limit_of(loop)
+            except GainroomError:  # not known
+                continue
             limits[k] = limit.gain if loop.kd_path is None or not limit.stable else min(limit.gain, path_margins(loop).headroom)
         return limits
 
