@@ -181,7 +181,8 @@ class State:
     def single_joint_limits(self) -> Floats:
         """(n,) factor on each joint's gains if it were the only one, its load 1/W_ii.
 
-        Inf where it cannot move; NaN without gains, or where it is not known. Where kd closes on a path of its own: on all, on kd alone or on the others alone, whichever is nearest, up or down.
+        Inf where it cannot move; NaN without gains, or where it is not known. Where kd closes on a path of its own: on all, on kd alone or
+        on the others alone, whichever is nearest, up or down.
         """
         control, drives = self.system.control, self.system.drives
 
