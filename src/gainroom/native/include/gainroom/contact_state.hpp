@@ -36,6 +36,7 @@ struct ContactState {
     std::size_t count = 0;
     PhaseSweep sweep;  // the count under way, where `sweeping`
     bool sweeping = false, looking = false;      // looking: a search goes along with it
+    bool resting = true;                         // counts need be no oftener than the robot moves
     bool sweep_after_slow = false;               // whether the slow count held as it began
     double sweep_from = 0.0, owed = 0.0;       // the path at its first slice; slices that ticks have left over
     double rate = 0.0, length = 40.0;          // of the path, per tick; slices of the last count

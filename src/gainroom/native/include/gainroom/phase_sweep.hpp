@@ -33,7 +33,7 @@ public:
     double cost() const { return cost_; }
     // Pairs of unstable roots; right after `done`.
     long pairs() const { return pairs_; }
-    // The same at lower factors; kUnclear: not known. All three at every count where they cost little, else one at every third.
+    // The same at lower factors, others at the next count; kUnclear: not known. Three at every count where they cost little, else one at every third.
     std::size_t lower() const { return lower_; }
     double lower_gain(std::size_t k) const { return gain_ * double(below_[k].part) / kParts; }
     long lower_pairs(std::size_t k) const { return below_[k].pairs; }
@@ -53,9 +53,12 @@ public:
         evaluate(loop, posture, omega_);
         total_ = loop.whole_phase();
         const double cost = loop.lower_cost();
-        lower_ = slow || cost >= 1.0 ? 0 : cost < kCheap ? below_.size() : ++turn_ % below_.size() == 0 ? 1 : 0;
+        const bool cheap = cost < kCheap;
+        lower_ = slow || cost >= 1.0 ? 0 : cheap ? below_.size() : turn_ % below_.size() == 0 ? 1 : 0;
+        const int shift = cheap ? int(turn_ % 2) : int(turn_ / below_.size() % kLower);
+        if (!slow) turn_++;
         for (std::size_t k = 0; k < lower_; k++) {
-            below_[k].part = kLowest + int((turn_ / below_.size() + k) % below_.size());
+            below_[k].part = kLowest + 2 * int(k) + shift;
             below_[k].phase = loop.phase_at(lower_gain(k));
             below_[k].total = loop.whole_phase_at(lower_gain(k));
             below_[k].pairs = kUnclear;
@@ -90,8 +93,7 @@ public:
         cost_ += double(lower_) * loop.lower_cost();
         for (std::size_t k = 0; k < lower_; k++) {
             const double now = loop.phase_at(lower_gain(k));
-            const double turned = wrapped(now - below_[k].phase);
-            below_[k].total += std::fabs(turned) < kTurned ? turned : std::numeric_limits<double>::quiet_NaN();
+            below_[k].total += wrapped(now - below_[k].phase);
             below_[k].phase = now;
         }
         total_ += predicted + off;
@@ -103,7 +105,7 @@ public:
 
 private:
     static constexpr std::size_t kMostSlices = 2000;
-    static constexpr double kAgreed = 0.9, kClose = 2.0, kShortest = 1e-5, kLeap = 1.2, kCheap = 0.15, kTurned = 2.0;
+    static constexpr double kAgreed = 0.9, kClose = 2.0, kShortest = 1e-5, kLeap = 1.2, kCheap = 0.15;
 
     // Over a band in which nothing crosses.
     bool leap(TrackedLoop& loop, const double* posture) {
@@ -173,8 +175,8 @@ private:
         long pairs = kUnclear;
     };
 
-    static constexpr int kParts = 6;
-    static constexpr int kLowest = 2;  // part of lower factors
+    static constexpr int kParts = 12;
+    static constexpr int kLowest = 4, kLower = 6;  // parts of lower factors: the first, and how many
     std::array<Below, 3> below_;
     std::size_t lower_ = 0, turn_ = 0;
     double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, resonance_ = 0.0, step_ = 0.0, cost_ = 1.0, clear_ = 0.0;

@@ -183,8 +183,8 @@ public:
         return end;
     }
 
-    // Of the damping: symmetric gains take energy out.
-    bool one_sided(const double* posture) override {
+    // |D − Dᵀ|/|D| of the damping D: symmetric gains take energy out.
+    double one_sided(const double* posture) override {
         const double* damping = posture + posture_size() - size_ * size_;
         double apart = 0.0, whole = 0.0;
         for (std::size_t i = 0; i < size_; i++)
@@ -193,7 +193,7 @@ public:
                 apart += off * off;
                 whole += one * one;
             }
-        return apart > kOneSided * kOneSided * whole;
+        return whole > 0.0 ? std::sqrt(apart / whole) : 0.0;
     }
 
     bool has_poles() const override { return true; }
@@ -222,7 +222,6 @@ private:
     static constexpr double kBelow = 0.9;  // of `leading`
     static constexpr double kSlow = 0.003, kSmooth = 0.9, kLong = 0.4;  // of the first corner of the plant; steps up to there
     static constexpr double kTime = 1.2e-3;                      // µs of a product and a sum of complex numbers
-    static constexpr double kOneSided = 0.7;  // |D − Dᵀ|/|D|, of which √2 is the most there can be
     static constexpr double kDefinite = 1e-6;                    // of a pivot
     static constexpr double kWeak = 1e-6, kNever = 0.9;          // |g μ| that does not turn the phase, or never becomes 1 at lower g
     static constexpr double kRough = 1e-3, kResidual = 1e-6, kTurned = 1e-3, kNear = 1e-4;  // of steps; kNear: of a resonance's width

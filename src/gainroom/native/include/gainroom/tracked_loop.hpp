@@ -118,8 +118,8 @@ public:
     virtual double clear_gain() { return std::numeric_limits<double>::infinity(); }
     // Whether at `slowest` all that turns the phase at a factor lies where it does in a loop that is stable at low factors.
     virtual bool leads_slowly(const double*, double) { return true; }
-    // Whether gains act on each other one way, so that a crossing may come from far away within hardly any motion.
-    virtual bool one_sided(const double*) { return false; }
+    // How far gains act on each other one way, from 0 to √2: a crossing may then come from far away within hardly any motion.
+    virtual double one_sided(const double*) { return 0.0; }
     // Whether it has the plant's poles.
     virtual bool has_poles() const { return false; }
     // Above every resonance of the plant [rad/s].

@@ -109,6 +109,7 @@ public:
 private:
     using State = ContactState;
     static constexpr double kShrunk = 0.9, kForgets = 0.95;  // see answer; of the rate, per tick
+    static constexpr double kOneSided = 0.7, kUneven = 0.2;  // gains that are counted closer, and as often as there is time
     static constexpr double kBeside = 0.1;                   // of a factor
     static constexpr double kIdle = 0.5;                     // slices where nothing moves
 
@@ -116,7 +117,7 @@ private:
     double room_for(const State& state) const {
         const bool certified = state.certified();
         if (!certified) return std::max(settings_.urgent - work_, settings_.slices);
-        return std::min(std::max(state.pace(), state.missed > 0 ? settings_.slices : kIdle), 0.5 * settings_.urgent);
+        return std::min(std::max(state.pace(), state.missed > 0 || !state.resting ? settings_.slices : kIdle), 0.5 * settings_.urgent);
     }
 
     // Numbers whose squares are numbers.
@@ -138,9 +139,10 @@ private:
                 continue;
             }
             if (!state.sweeping) {
-                const bool one_sided = loop_.one_sided(state.posture.data());
-                state.slowest_speed = (one_sided ? State::kFaster : 1.0) * loop_.slowest_speed();
-                state.looking = state.searching || one_sided;
+                const double one_sided = loop_.one_sided(state.posture.data());
+                state.slowest_speed = (one_sided > kOneSided ? State::kFaster : 1.0) * loop_.slowest_speed();
+                state.looking = state.searching || one_sided > kOneSided;
+                state.resting = !(one_sided > kUneven);
                 if (state.looking) search_.begin(state);
                 state.sweep_from = state.path;
                 state.sweep_after_slow = state.slow_needed && state.count > 0 && state.slow_tells();
