@@ -35,7 +35,7 @@ public:
     long pairs() const { return pairs_; }
     // The same at lower factors, others at the next count; kUnclear: not known. Three at every count where they cost little, else one at every third.
     std::size_t lower() const { return lower_; }
-    double lower_gain(std::size_t k) const { return gain_ * double(below_[k].part) / kParts; }
+    double lower_gain(std::size_t k) const { return gain_ * double(below_[k].part) / parts_; }
     long lower_pairs(std::size_t k) const { return below_[k].pairs; }
     static constexpr long kUnclear = std::numeric_limits<long>::min();
 
@@ -53,6 +53,7 @@ public:
         evaluate(loop, posture, omega_);
         total_ = loop.whole_phase();
         const double cost = loop.lower_cost();
+        parts_ = cost < 1.0 ? kFine : kParts;
         const bool cheap = cost < kCheap;
         lower_ = slow || cost >= 1.0 ? 0 : cheap ? below_.size() : turn_ % below_.size() == 0 ? 1 : 0;
         const int shift = cheap ? int(turn_ % 2) : int(turn_ / below_.size() % kLower);
@@ -143,21 +144,21 @@ private:
         if (slow_) {
             loop.phase(posture, top_, gain_, nullptr);
             known_ = loop.whole_phase();
-            part_ = kParts;
+            part_ = parts_;
         } else if (part_ == 0) {
             phase_ = loop.phase(posture, top_, 0.0, nullptr);
             known_ = loop.whole_phase();
         }
-        for (int k = 0; k < 2 && part_ < kParts; k++) {  // two cost as much as a slice
+        for (int k = 0; k < 2 && part_ < parts_; k++) {  // two cost as much as a slice
             const double before = phase_;
-            phase_ = loop.phase(posture, top_, gain_ * double(++part_) / kParts, nullptr);
+            phase_ = loop.phase(posture, top_, gain_ * double(++part_) / parts_, nullptr);
             const double turned = wrapped(phase_ - before);
             if (!(std::fabs(turned) < 1.5)) return State::failed;
             known_ += turned;
             for (std::size_t m = 0; m < lower_; m++)
                 if (below_[m].part == part_) count_pairs(known_ - below_[m].total, below_[m].pairs);
         }
-        if (part_ < kParts) return State::running;
+        if (part_ < parts_) return State::running;
         return count_pairs(known_ - total_, pairs_) ? State::done : State::failed;
     }
 
@@ -175,14 +176,14 @@ private:
         long pairs = kUnclear;
     };
 
-    static constexpr int kParts = 12;
-    static constexpr int kLowest = 4, kLower = 6;  // parts of lower factors: the first, and how many
+    static constexpr int kParts = 6, kFine = 12;  // kFine: where lower factors are counted
+    static constexpr int kLowest = 4, kLower = 6;  // of these parts those of lower factors: the first, and how many
     std::array<Below, 3> below_;
     std::size_t lower_ = 0, turn_ = 0;
     double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, resonance_ = 0.0, step_ = 0.0, cost_ = 1.0, clear_ = 0.0;
     double phase_ = 0.0, slope_ = 0.0, growth_ = 0.0, total_ = 0.0, known_ = 0.0;  // growth: d ln|F|/dω
     std::size_t slices_ = 0;
-    int part_ = 0;
+    int part_ = 0, parts_ = kParts;
     bool slow_ = false;
     long pairs_ = 0;
 };
