@@ -143,15 +143,13 @@ def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:
     d. With the weight where it counts, and without it, as a file's own gains are judged.
     """
     weights = {space == "joint" and not found.without_weight, False}
-    uncertain, later = system.uncertainty, 0.0
-    if uncertain.delay is not None and not any(np.ptp(end) > 0 for end in uncertain.delay):
-        low, high = (float(np.min(end)) for end in uncertain.delay)
-        system, later = replace(system.with_values(delay=low), uncertainty=replace(uncertain, delay=None)), high - low
+    later = 0.0
+    if ends := system.uncertainty.delay_range:
+        low, high = ends
+        system, later = replace(system.with_values(delay=low), uncertainty=system.uncertainty.without("delay")), high - low
     try:
-        return (
-            min(coupled_delay_margin(case.loop(gains)) for weight in weights for case, gains in _acting(system, found, space, weight))
-            - later
-        )
+        cases = (case for weight in weights for case in _acting(system, found, space, weight))
+        return min(coupled_delay_margin(case.loop(gains)) for case, gains in cases) - later
     except GainroomError:
         return math.nan
 

@@ -4,8 +4,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from ..analysis.margin_record import Margins, worst_of
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
@@ -73,18 +71,16 @@ def uncertain_cases(system: System, posture: str, contact: str, extra: "ExtraDel
 class ExtraDelays:
     """The extra delay at which a state vibrates, over the corners of the uncertainty.
 
-    range   (low, high) of all drives' delay [s]; (): it is not uncertain, or not the same for all
+    range   (low, high) of all drives' delay [s]; None: it is not uncertain, or not the same for all
     at      by corner [s]; where there is a range those with the shortest delay alone: one longer by d leaves less by d
     """
 
-    range: tuple[float, ...]
+    range: tuple[float, float] | None
     at: Mapping[Place, float]
 
     @classmethod
     def of(cls, system: System, posture: str, contact: str) -> "ExtraDelays":
-        uncertain, ends = system.uncertainty, ()
-        if uncertain.delay is not None and not any(np.ptp(end) > 0 for end in uncertain.delay):
-            ends = tuple(float(np.min(end)) for end in uncertain.delay)
+        uncertain, ends = system.uncertainty, system.uncertainty.delay_range
         which = uncertain.names.index("delay") if ends else -1
         corners = [corner for corner in uncertain.corners if not ends or corner[which] == 0]
         cases = [system.case_at(corner, posture, contact) for corner in corners]

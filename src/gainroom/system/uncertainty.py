@@ -47,6 +47,14 @@ class Uncertainty:
         """What is uncertain."""
         return tuple(name for name in self.__dataclass_fields__ if getattr(self, name) is not None)
 
+    @property
+    def delay_range(self) -> tuple[float, float] | None:
+        """The ends of the delay [s] where they are the same for all drives; None where they are not, or it is known."""
+        if self.delay is None or any(np.ptp(end) > 0 for end in self.delay):
+            return None
+        low, high = self.delay
+        return float(np.min(low)), float(np.min(high))
+
     def without(self, name: str) -> "Uncertainty":
         """The same with one quantity known exactly."""
         return replace(self, **{name: None})

@@ -52,14 +52,8 @@ public:
         else top_ = step > 0.0 ? (1.0 - 1e-6) * kPi / step : loop.top(posture, gain, std::max(1.3 * resonance_, 2.0 * omega_));
         evaluate(loop, posture, omega_);
         total_ = loop.whole_phase();
-        const double cost = loop.lower_cost();
-        parts_ = cost < 1.0 ? kFine : kParts;
-        const bool cheap = cost < kCheap;
-        lower_ = slow || cost >= 1.0 ? 0 : cheap ? below_.size() : turn_ % below_.size() == 0 ? 1 : 0;
-        const int shift = cheap ? int(turn_ % 2) : int(turn_ / below_.size() % kLower);
-        if (!slow) turn_++;
+        choose_lower(loop.lower_cost());
         for (std::size_t k = 0; k < lower_; k++) {
-            below_[k].part = kLowest + 2 * int(k) + shift;
             below_[k].phase = loop.phase_at(lower_gain(k));
             below_[k].total = loop.whole_phase_at(lower_gain(k));
             below_[k].pairs = kUnclear;
@@ -107,6 +101,15 @@ public:
 private:
     static constexpr std::size_t kMostSlices = 2000;
     static constexpr double kAgreed = 0.9, kClose = 2.0, kShortest = 1e-5, kLeap = 1.2, kCheap = 0.15;
+
+    // Which lower factors this count looks at, of which one costs so many slices.
+    void choose_lower(double cost) {
+        const std::size_t turn = turn_++, most = below_.size();
+        const bool counted = cost < 1.0, cheap = cost < kCheap;
+        parts_ = counted ? kFine : kParts;
+        lower_ = slow_ || !counted ? 0 : cheap ? most : turn % most == 0;
+        for (std::size_t k = 0; k < most; k++) below_[k].part = kLowest + (cheap ? 2 * int(k) + int(turn % 2) : int(turn / most % kLower));
+    }
 
     // Over a band in which nothing crosses.
     bool leap(TrackedLoop& loop, const double* posture) {
