@@ -54,6 +54,15 @@ def test_boxes_of_random_and_hostile_joints_end():
     assert int(outside) == 0
 
 
+def test_four_numbers_at_once_are_four_numbers():
+    """The same digits with compilers that have no vectors."""
+    one, plain = (output(native_programs.compiled(SOURCES / "fours.cpp", *SANITIZED, *more)) for more in ((), ("-DGAINROOM_PLAIN",)))
+    values = 1 / (np.arange(8) + 3) - 0.2 * np.arange(8)
+    a, b = values[:4], values[3:7]
+    assert one == plain
+    assert [float.fromhex(word) for word in one.split()] == ((a * b - 0.3 * a) + (b + a)).tolist()
+
+
 @pytest.fixture(scope="module")
 def delays() -> Path:
     return compiled("delays")

@@ -314,6 +314,21 @@ def test_assignments_of_costs_that_are_none_are_refused():
             _core.assigned(cost)
 
 
+def test_eigenvalues_continue_the_nearest_as_a_whole():
+    """Against all permutations, by size and direction; what is not finite, or not as many, is refused."""
+    rng = np.random.default_rng(7)
+    before = rng.normal(size=(40, 4)) + 1j * rng.normal(size=(40, 4))
+    after = rng.permuted(before, axis=1) * np.exp(rng.normal(size=(40, 4, 2)) @ [0.7, 0.7j])
+    orders = np.array(list(permutations(range(4))))
+    for low, high, found in zip(before, after, _core.paired(before, after), strict=True):
+        distance = np.abs(np.log(high / low[:, None])) ** 2  # its imaginary part the angle between them
+        assert distance[range(4), found].sum() == pytest.approx(distance[range(4), orders].sum(axis=1).min(), abs=1e-12)
+    for wrong in (before[:, :3], before[:1], np.full_like(before, np.nan), np.full_like(before, np.inf)):
+        with pytest.raises(ValueError, match="before and after must be|must be finite"):
+            _core.paired(before, wrong)
+    assert _core.paired(before[:0], after[:0]).shape == (0, 4)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_pseudo_inverses_are_numpys(seed):
     """Of any rank: by singular values there, by reflections here."""

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..system.linear.arrays import Complexes, Floats
-from .loci import Sweep
+from ..system.linear.arrays import Booleans, Complexes, Floats, distinct
+from .loci import Steps, Sweep
 from .sampled_curves import meets_axis, meets_circle
 from .stability_boundary import Boundary
 
@@ -36,6 +36,11 @@ class Search:
     leap: float = 1e-3  # by which a bracket from 0 is shortened instead: its end may lie many orders of magnitude below
     looks: int = 2  # times that samples are taken about a crossing that was not found
     dips: int = 8  # rounds of samples about what comes near the unit circle
+    exchanges: int = 20  # rounds of samples where loci may have changed places
+    apart: float = 3.0  # times their own moves, that two loci have to be apart so that it is known which is which
+    equal: float = 1e-7  # of their size: what is nearer is one
+    beyond: float = 0.25  # of the span of their places at both ends of a step, that they may have left it by between
+    compared: int = 500_000  # distances between loci that are held at a time
     lowest: float = 1e-6  # factors on coupled loops below this count as none
     # likewise, beside an undamped resonance: smaller ones may only show the tilt of the boundary there
     lowest_undamped: float = 1e-3
@@ -89,6 +94,7 @@ class Family:
     closer      takes samples at more frequencies
     nearest     t → what is nearest to the boundary there
     mode        of an exact crossing
+    apart       t → takes samples where loci that nearly meet may cross before t
     """
 
     count: Callable[[float], int]
@@ -97,6 +103,7 @@ class Family:
     closer: Callable[[Floats], None]
     nearest: Callable[[float], Rough]
     mode: Callable[[Rough], Complexes]
+    apart: Callable[[float], None] = lambda t: None
 
     def end(self, start: float, stop: float) -> End | None:
         """The end of the stable interval around `start` on the way to `stop`; None where all of that way is stable.
@@ -106,7 +113,8 @@ class Family:
         way = math.copysign(1.0, stop - start)
         passed, looked = start, 0
         for _ in range(SEARCH.tries):
-            ahead = [one for one in self.crossings() if way * passed < way * one.at <= way * stop]
+            self.apart(min((abs(one.at) for one in self._ahead(way, passed, stop)), default=abs(stop)))
+            ahead = self._ahead(way, passed, stop)
             if not ahead:
                 break
             nearest = min(ahead, key=lambda one: way * one.at)
@@ -127,6 +135,10 @@ class Family:
             else:
                 passed, looked = way * max(way * one.at for one in group), 0
         return self._between(start, stop) if self.count(stop) != 0 else None
+
+    def _ahead(self, way: float, passed: float, stop: float) -> list[Rough]:
+        """Crossings behind `passed` on the way to `stop`."""
+        return [one for one in self.crossings() if way * passed < way * one.at <= way * stop]
 
     def _certified(self, found: Rough, way: float) -> Certificate:
         self.closer(found.omega * (1 + SEARCH.towards))
@@ -173,29 +185,32 @@ def gains(sweep: Sweep) -> Family:
     def mode(found: Rough) -> Complexes:
         return sweep.mode_at_rest(found.value) if found.omega == 0 else sweep.boundary.mode(found.omega, found.value)
 
-    return Family(sweep.unstable, lambda: _axis_crossings(sweep), polish, sweep.add, lambda t: _nearest(sweep, t, t), mode)
+    def apart(t: float) -> None:
+        _told_apart(sweep, lambda value: np.angle(-value), lambda omega, value: 1 / np.maximum(np.abs(value), 1e-300), t)
+
+    return Family(sweep.unstable, lambda: _axis_crossings(sweep), polish, sweep.add, lambda t: _nearest(sweep, t, t), mode, apart)
 
 
 def phases(sweep: Sweep, way: int) -> Family:
     """A lag (`way` 1) or lead (−1) of t [rad] in (0, π] in all loops."""
 
-    def place(omega: Floats, value: Complexes) -> list[Rough]:
-        return listed(_lag(value) if way > 0 else 2 * math.pi - _lag(value), omega, value)
+    def at(omega: Floats, value: Complexes) -> Floats:
+        return _lag(value) if way > 0 else 2 * math.pi - _lag(value)
 
     def nearest(t: float) -> Rough:
         return _nearest(sweep, t, np.exp(-1j * way * t))
 
-    return _on_circle(sweep, lambda t: sweep.unstable(1.0, phase=way * t), place, nearest)
+    return _on_circle(sweep, lambda t: sweep.unstable(1.0, phase=way * t), at, nearest)
 
 
 def delays(sweep: Sweep) -> Family:
     """An extra delay of t [s] in all loops; sampled ones are sampled anew, so that it is exact for any share of a tick."""
 
-    def place(omega: Floats, value: Complexes) -> list[Rough]:
-        return listed(_lag(value) / omega, omega, value)
+    def at(omega: Floats, value: Complexes) -> Floats:
+        return _lag(value) / omega
 
     if sweep.last is None:
-        return _on_circle(sweep, lambda t: sweep.unstable(1.0, delay=t), place, lambda t: _nearest(sweep, t, np.exp(-1j * t * sweep.omega)))
+        return _on_circle(sweep, lambda t: sweep.unstable(1.0, delay=t), at, lambda t: _nearest(sweep, t, np.exp(-1j * t * sweep.omega)))
 
     step = sweep.loop.sample_time
     assert step is not None
@@ -210,18 +225,19 @@ def delays(sweep: Sweep) -> Family:
 
     def polish(group: list[Rough]) -> list[Rough]:
         exact = []
-        for at, omega, _ in place(*_circle_polished(sweep.boundary, group)):
+        for rough in _placed(at, *_circle_polished(sweep.boundary, group)):
+            place, omega = rough.at, rough.omega
             for _ in range(SEARCH.tries):  # a share of a tick is nearly, not quite, a phase: each step gains some four digits
-                turn = complex(np.exp(-1j * omega * split(at)[0]))
-                found = _circle_polished(later(at), [Rough(at, omega, -1 / turn)])
+                turn = complex(np.exp(-1j * omega * split(place)[0]))
+                found = _circle_polished(later(place), [Rough(place, omega, -1 / turn)])
                 if not len(found[0]):
                     break
                 omega, value = float(found[0][0]), complex(found[1][0])
-                lag = float(np.angle(-value * np.exp(-1j * omega * split(at)[0])))
+                lag = float(np.angle(-value * np.exp(-1j * omega * split(place)[0])))
                 if abs(lag) <= 1e-11:
-                    exact.append(Rough(at + lag / omega, omega, value))
+                    exact.append(Rough(place + lag / omega, omega, value))
                     break
-                at += lag / omega
+                place += lag / omega
         return exact
 
     @lru_cache(2)
@@ -234,28 +250,34 @@ def delays(sweep: Sweep) -> Family:
 
     return Family(
         lambda t: delayed(split(t)[1]).unstable(1.0, delay=split(t)[0]),
-        lambda: place(*_circle_crossings(sweep)),
+        lambda: _placed(at, *_circle_crossings(sweep)),
         polish,
         lambda omega: None,
         nearest,
         lambda found: later(found.at).mode(found.omega, found.value),
+        lambda t: _told_apart(sweep, height, at, t),
     )
 
 
-def _on_circle(sweep: Sweep, count: Callable[[float], int], place: "Place", nearest: Callable[[float], Rough]) -> Family:
+def _on_circle(sweep: Sweep, count: Callable[[float], int], at: "At", nearest: Callable[[float], Rough]) -> Family:
     """A family whose roots cross where loci of L lie on the unit circle."""
     return Family(
         count,
-        lambda: place(*_circle_crossings(sweep)),
-        lambda group: place(*_circle_polished(sweep.boundary, group)),
+        lambda: _placed(at, *_circle_crossings(sweep)),
+        lambda group: _placed(at, *_circle_polished(sweep.boundary, group)),
         sweep.add,
         nearest,
         lambda found: sweep.boundary.mode(found.omega, found.value),
+        lambda t: _told_apart(sweep, height, at, t),
     )
 
 
-Place = Callable[[Floats, Complexes], list[Rough]]
-"""ω and λ on the unit circle → the number at which λ is turned to −1."""
+At = Callable[[Floats, Complexes], Floats]
+"""ω and λ, on the unit circle, → the number at which λ is turned to −1."""
+
+
+def _placed(at: At, omega: Floats, value: Complexes) -> list[Rough]:
+    return listed(at(omega, value), omega, value)
 
 
 def listed(at: Floats, omega: Floats, value: Complexes) -> list[Rough]:
@@ -287,6 +309,46 @@ def _nearest(sweep: Sweep, at: float, factor: float | Complexes) -> Rough:
     away = np.abs(1 + np.reshape(factor, (-1, 1)) * sweep.loci)
     row, branch = np.unravel_index(np.argmin(away), away.shape)
     return Rough(at, float(sweep.omega[row]), complex(sweep.loci[row, branch]))
+
+
+def _told_apart(sweep: Sweep, off: Callable[[Complexes], Floats], at: "At", limit: float) -> None:
+    """Samples where loci of equal limbs nearly meet, about a line: between two each may take the other's way, and cross it more often.
+
+    off, at   (k, r) how far each of λ (k, r) is from the line, with the sign of its side; the number at which it would cross, at ω (k,)
+    limit     of that number: what comes later does not matter
+    """
+    rows = np.arange(len(sweep.omega) - 1)
+    for _ in range(SEARCH.exchanges):
+        steps, omega = sweep.steps(rows), sweep.omega[rows]
+        ends = [(off(value), at(place[:, None], value)) for place, value in ((omega, steps.start), (sweep.omega[rows + 1], steps.end))]
+        rows = rows[_may_exchange(steps, *zip(*ends, strict=True), limit)]
+        rows = rows[sweep.omega[rows + 1] - sweep.omega[rows] > SEARCH.nudge * sweep.omega[rows + 1]]
+        if not len(rows) or sweep.full:
+            break
+        middle = 0.5 * (sweep.omega[rows] + sweep.omega[rows + 1])
+        sweep.add(middle)
+        right = np.searchsorted(sweep.omega, middle)
+        rows = distinct(np.concatenate([right - 1, right]))
+
+
+def _may_exchange(steps: Steps, off: tuple[Floats, Floats], at: tuple[Floats, Floats], limit: float) -> Booleans:
+    """(k,) where two loci, `off` the line (k, r) at both ends of a step, are nearer to each other's next places than is clear."""
+    own, size = np.abs(steps.end - steps.start), steps.start.shape[1]
+    found = np.zeros(len(own), dtype=bool)
+    first, second = np.triu_indices(size, 1)
+    for some in np.array_split(np.arange(len(own)), len(own) * len(first) // SEARCH.compared + 1):
+        spans = []  # of the line, and of the number: as far as the four reach, and a part of it beyond
+        for ends in (off, at):
+            four = [end[some][:, pair] for end in ends for pair in (first, second)]
+            low, high = np.minimum.reduce(four), np.maximum.reduce(four)
+            spans.append((low - SEARCH.beyond * (high - low), high + SEARCH.beyond * (high - low)))
+        (least, most), (soon, _) = spans
+        rows, pairs = np.nonzero((least < 0) & (most > 0) & (soon < limit))
+        a, b, c, d = (each[some[rows], pair[pairs]] for each in (steps.start, steps.end) for pair in (first, second))
+        straight, swapped = np.abs(c - a) + np.abs(d - b), np.abs(d - a) + np.abs(c - b)
+        apart = np.maximum(np.abs(a - b), np.abs(c - d)) > SEARCH.equal * np.abs(a)
+        found[some[rows[apart & (swapped < SEARCH.apart * straight)]]] = True
+    return found
 
 
 def _axis_crossings(sweep: Sweep) -> list[Rough]:

@@ -58,7 +58,7 @@ class Sweep:
         self._lowest = (math.nan, np.zeros(0))
         self._bottom = False  # True where round-off hides what is further down
         self.loci = self._eigenvalues(self.omega)
-        self._pairs = _pairing(self.loci[:-1], self.loci[1:])
+        self._pairs = _core.paired(self.loci[:-1], self.loci[1:])
         self._reach_ends()
         self._refine(self._rough)
 
@@ -104,15 +104,12 @@ class Sweep:
         pairs = np.empty((len(self.omega) - 1, self.loci.shape[1]), dtype=int)
         pairs[unchanged] = self._pairs[~split[1:-1]]
         rows = np.flatnonzero(~unchanged)
-        pairs[rows] = _pairing(self.loci[rows], self.loci[rows + 1])
+        pairs[rows] = _core.paired(self.loci[rows], self.loci[rows + 1])
         self._pairs = pairs
 
-    def steps(self) -> Steps:
-        """The loci from sample to sample."""
-        return self._steps(np.arange(len(self._pairs)))
-
-    def _steps(self, rows: Integers) -> Steps:
-        """Those that begin at some samples."""
+    def steps(self, rows: Integers | None = None) -> Steps:
+        """The loci from sample to sample, of all, or from those at `rows`."""
+        rows = np.arange(len(self._pairs)) if rows is None else rows
         return Steps(self.loci[rows], self.loci[rows[:, None] + 1, self._pairs[rows]])
 
     def at_rest(self) -> Floats:
@@ -160,7 +157,7 @@ class Sweep:
         self._reach_down(gain)
 
         def doubtful(rows: Integers) -> Booleans:
-            steps, omega = self._steps(rows), self.omega[rows]
+            steps, omega = self.steps(rows), self.omega[rows]
             before = steps.start * _factor(omega, gain, phase, delay)[:, None]
             after = steps.end * _factor(self.omega[rows + 1], gain, phase, delay)[:, None]
             # A delay turns a locus further between samples than its ends show, where it is large enough to reach −1.
@@ -262,7 +259,7 @@ class Sweep:
 
     def _rough(self, rows: Integers) -> Booleans:
         """True where a locus moves so far between samples, and so near the negative real axis, that where it crosses is in doubt."""
-        steps = self._steps(rows)
+        steps = self.steps(rows)
         size = np.maximum(np.abs(steps.start), np.abs(steps.end))
         away = math.pi - np.maximum(np.abs(np.angle(steps.start)), np.abs(np.angle(steps.end)))
         turned, grown = np.abs(np.angle(steps.end * steps.start.conj())), np.abs(_size(steps.end) - _size(steps.start))
@@ -297,29 +294,6 @@ def _without_inside(omega: Floats, spans: Floats) -> Floats:
 def _size(value: Complexes) -> Floats:
     """ln|λ|."""
     return np.log(np.maximum(np.abs(value), LOCI.nothing))
-
-
-def _pairing(before: Complexes, after: Complexes) -> Integers:
-    """(k, n) which eigenvalue `after` continues each one `before`: the nearest, or the nearest as a whole where two claim the same.
-
-    Near in size and direction: at low frequencies all loci fall alike, and each may come to where the next one was.
-    """
-    size = before.shape[1]
-    rows = max(1, LOCI.compared // max(size, 1) ** 2)
-    blocks = [_paired(before[k : k + rows], after[k : k + rows]) for k in range(0, max(len(before), 1), rows)]
-    return np.concatenate(blocks)
-
-
-def _paired(before: Complexes, after: Complexes) -> Integers:
-    """`_pairing` of so few samples that all distances between their eigenvalues may be held at once."""
-    grown = _size(after)[:, None, :] - _size(before)[:, :, None]
-    turned = np.angle(after)[:, None, :] - np.angle(before)[:, :, None]
-    distance = grown**2 + (np.abs(np.abs(turned) - math.pi) - math.pi) ** 2
-    pairs = np.argmin(distance, axis=2)
-    clashing = np.flatnonzero(np.any(np.sort(pairs, axis=1) != np.arange(before.shape[1]), axis=1))
-    for k in clashing:
-        pairs[k] = _core.assigned(distance[k])
-    return pairs
 
 
 def passes(start: Complexes, end: Complexes) -> Booleans:

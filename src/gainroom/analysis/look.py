@@ -82,8 +82,12 @@ class LooksApart:
         counts = [one.unstable for _, one in self._looks]
         return sum(counts) if min(counts) >= 0 else min(counts)  # one that cannot be is not made up for by another
 
-    def least(self) -> tuple[float, float, float, float, float, float]:
-        found = [one.least() for _, one in self._looks]
+    def tell_apart(self, factor: float, phase: float) -> None:
+        for _, one in self._looks:
+            one.tell_apart(factor, phase)
+
+    def least(self, apart: bool = True) -> tuple[float, float, float, float, float, float]:
+        found = [one.least(apart) for _, one in self._looks]
         peak, omega = max((each[4:] for each in found), key=lambda each: each[0])
         factor, one_factor, phase, one_phase = np.min([each[:4] for each in found], axis=0).tolist()
         return factor, one_factor, phase, one_phase, peak, omega
@@ -129,15 +133,15 @@ def look(loop: Directed, gains: Floats, reach: Reach) -> Seen:
     return _core.Look(loop, np.ascontiguousarray(gains), reach.factor, reach.phase, reach.peak)
 
 
-def margins_seen(seen: Seen, size: int) -> Margins:
-    """The gain and phase margins and the peak sensitivity of `size` joints; the rest is NaN.
+def margins_seen(seen: Seen, size: int, apart: bool = True) -> Margins:
+    """The gain and phase margins and the peak sensitivity of `size` joints; the rest is NaN. `apart`: also of loci that nearly meet.
 
     Gains: the lesser of the factors up and down stands under both names, and the least over all loops for each. Nothing is known, so
     that no requirement is met, where loci cannot be followed; inf: beyond what was asked for.
     """
     if not seen.followed or seen.unstable != 0:
         return Margins.unknown(GainLimit.unknown(size, stable=not seen.singular and seen.unstable <= 0))
-    common, single, phase, one_phase, peak, omega = seen.least()
+    common, single, phase, one_phase, peak, omega = seen.least(apart)
     if not seen.followed:  # counting roots took too many samples
         return Margins.unknown(GainLimit.unknown(size))
     factor, every = math.exp(common), np.full(size, math.exp(single))

@@ -40,7 +40,6 @@ class Resolution:
     closest: float = 1e-10  # relative distance of samples at which refinement stops
     most: int = 12_000  # samples of large matrices; of small ones more, up to as many entries
     at_once: int = 40000
-    compared: int = 500_000  # distances between eigenvalues that are held at a time
 
 
 LOCI = Resolution()

@@ -16,7 +16,7 @@ What is returned has been looked at in every case, and so has that no direction 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..system.linear.arrays import Booleans, Floats
 from .margin_slopes import NEAR, Case, Gains, Slopes, moved
+from .side_by_side import at_once
 
 RAISE = 1.05
 """No stiffness can be raised by this factor, whether its damping stays or rises as much."""
@@ -105,12 +106,7 @@ def raised_gains(
         raise GainroomError("raised_gains needs gains to begin with that are stable in every case")
     if not np.any(stiffness(start, cases[0].cascade) > 0):
         raise GainroomError("raised_gains needs a direction that has stiffness")
-    search = _Search(cases, unit, groups, most, progress)
-    reached, active = search.descended(start)
-    for found in (rounded(reached), reached, start):
-        if all(case.required.met_by(case.margins(found)) for case in cases):
-            return search.proved(found)
-    return Raised(reached, tuple(case.all_margins(reached) for case in cases), False, failed=active)
+    return _Search(cases, unit, groups, most, progress).raised(start)
 
 
 class _Search:
@@ -122,6 +118,24 @@ class _Search:
         for row, group in zip(self._member, groups, strict=True):
             row[list(group)] = 1.0
         self._cascade = cases[0].cascade
+
+    def raised(self, start: Gains, careful: bool = False) -> Raised:
+        """From gains that are stable in every case; once more, `careful`, where loci cross more often than quick looks see."""
+        reached, active = self.descended(start)
+        for gains in (rounded(reached), reached, start):
+            if not all(case.required.met_by(case.margins(gains)) for case in self._cases):
+                continue
+            self._anchor(gains, self._cases)
+            if careful or not any(case.breaks(gains) for case in self._cases):
+                found = self.proved(gains)
+                kept = all(case.required.met_by(one) for case, one in zip(self._cases, found.margins, strict=True))
+                if careful or kept:
+                    return replace(found, holds=kept)
+                gains = found.gains
+            for case in self._cases:
+                case.be_careful()
+            return self.raised(gains, careful=True)
+        return Raised(reached, tuple(at_once(lambda case: case.all_margins(reached), self._cases)), False, failed=active)
 
     def descended(self, start: Gains) -> tuple[Gains, tuple[int, ...]]:
         """Over one case first, then with those that it misses too, until all are met or nothing more helps; and which were looked at."""
@@ -145,7 +159,7 @@ class _Search:
 
     def _worst(self, gains: Gains) -> int:
         """The case that misses most, or keeps least."""
-        return int(np.argmax([self._missed(gains, [case]) for case in self._cases]))
+        return int(np.argmax(at_once(lambda case: self._missed(gains, [case]), self._cases)))
 
     def _missed(self, gains: Gains, cases: Sequence[Case]) -> float:
         """What is missed most, as margin_slopes.py measures it; negative where all are met; inf where unstable."""
@@ -232,13 +246,13 @@ class _Search:
 
     def _tangents(self, gains: Gains, cases: Sequence[Case], close: bool = False) -> Slopes | None:
         """Those of all cases, `close` to what was looked at of what was seen there; None where one is unstable."""
-        found = []
-        for case in cases:
+        for _ in cases:
             self._progress()
-            if (one := case.followed(gains) if close else case.slopes(gains)) is None:
-                return None
-            found.append(one)
-        return Slopes.of(found)
+        if close:
+            return Slopes.of([case.followed(gains) for case in cases])
+        found = at_once(lambda case: case.slopes(gains), cases)
+        stable = [one for one in found if one is not None]
+        return Slopes.of(stable) if len(stable) == len(found) else None
 
     def _anchor(self, gains: Gains, cases: Sequence[Case]) -> None:
         for case in cases:
@@ -310,7 +324,7 @@ class _Search:
                 looked_at, to_look = gains, to_look - 1
                 self._anchor(gains, cases)
         names, places = zip(*(why.get(j, ("", -1)) for j in range(gains.shape[1])), strict=True)
-        return Raised(gains, tuple(case.all_margins(gains) for case in cases), True, names, places)
+        return Raised(gains, tuple(at_once(lambda case: case.all_margins(gains), cases)), True, names, places)
 
     def _raised(self, gains: Gains, j: int, order: list[int], blind: Sequence[int], follow: bool) -> tuple[Gains | None, tuple[str, int]]:
         """The gains with one direction raised; None where that breaks something, and what first. `order`: what broke last comes first."""

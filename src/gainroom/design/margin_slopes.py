@@ -57,6 +57,7 @@ class Case:
     _last: list[tuple[bytes, Seen]] = field(default_factory=list, repr=False, compare=False)
     _anchor: list[tuple[Gains, Seen]] = field(default_factory=list, repr=False, compare=False)
     _broke: list[str] = field(default_factory=list, repr=False, compare=False)
+    _careful: list[bool] = field(default_factory=list, repr=False, compare=False)
 
     @property
     def joints(self) -> bool:
@@ -84,22 +85,28 @@ class Case:
         """As far as anything near being missed may lie."""
         return self._asked.reach
 
+    def be_careful(self) -> None:
+        """From now on margins are also those of loci that nearly meet, as all_margins always has them: in twice the time."""
+        self._careful[:] = [True]
+        for known in (self._known, self._last, self._anchor):
+            known.clear()
+
     def margins(self, gains: Gains) -> Margins:
         """Those of the loop with these gains that requirements bound, as far as they are near what is asked for; looked at once."""
         key = gains.tobytes()
         if key not in self._known:
-            self._known[key] = self._margins_at(gains, self._looked_at(gains))
+            self._known[key] = self._margins_at(gains, self._looked_at(gains), bool(self._careful))
         return self._known[key]
 
     def all_margins(self, gains: Gains) -> Margins:
         """The same, however far they are from what is asked for."""
         key = gains.tobytes()
         if key not in self._whole:
-            self._whole[key] = self._margins_at(gains, look(self._directed, gains, WHOLE.wider(self._reach)))
+            self._whole[key] = self._margins_at(gains, look(self._directed, gains, WHOLE.wider(self._reach)), True)
         return self._whole[key]
 
-    def _margins_at(self, gains: Gains, seen: Seen) -> Margins:
-        found = margins_seen(seen, len(self.torque))
+    def _margins_at(self, gains: Gains, seen: Seen, apart: bool) -> Margins:
+        found = margins_seen(seen, len(self.torque), apart)
         if not found.stable or not seen.followed:
             return found
         for one, _ in self.required.asked_for:
@@ -151,6 +158,8 @@ class Case:
         if self._last and self._last[0][0] == key:
             return self._last[0][1]
         seen = look(self._directed, gains, self._reach)
+        if self._careful:
+            seen.tell_apart(self._reach.factor / math.exp(NEAR), self._reach.phase / (1 + NEAR))
         if seen.followed and seen.unstable == 0:
             self._last[:] = [(key, seen)]
         return seen

@@ -5,8 +5,13 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TypeVar
+from functools import cache
+from typing import TYPE_CHECKING, TypeVar
 
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
+
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 Job = Callable[[Callable[[], None]], Result]
 """Is given what to call now and then: there it ends where another one has failed, or was interrupted."""
@@ -47,7 +52,7 @@ class _StoppedError(Exception):
 
 def side_by_side(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> list[Result]:
     """What the jobs give, in their order, whatever their number of threads. Raises what the first of them that fails raises."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = _cores()
     if min(cores, len(jobs)) < 2:
         return [job(progress) for job in jobs]
     from concurrent.futures import ThreadPoolExecutor  # loads logging
@@ -67,3 +72,22 @@ def side_by_side(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> l
             stopped.set()
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def at_once(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """What `function` gives of each item, in their order: parts of one job, which must not share what they change."""
+    if min(_cores(), len(items)) < 2:
+        return [function(item) for item in items]
+    return list(_helpers().map(function, items))
+
+
+@cache
+def _helpers() -> "ThreadPoolExecutor":
+    """Threads of their own, so that no job waits for one that waits for it."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    return ThreadPoolExecutor(_cores())
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -49,6 +49,9 @@ def half_encirclements(start_phase: float, outside: bool, ends_on_boundary: bool
 def assigned(cost: Floats) -> Integers:
     """(n,) the column of each row at the least total of `cost` (n, n); ValueError where that is not finite."""
 
+def paired(before: Complexes, after: Complexes) -> Integers:
+    """(k, n) which eigenvalue `after` (k, n) continues each one `before`, as in locus_step.hpp; ValueError where they are not finite."""
+
 class ModalLoop:
     """As in modal_loop.hpp; rigid (n, n), real unless `twofold`; shapes (m, n), poles (m,), partners (m,) or (0,)."""
 
@@ -320,7 +323,12 @@ class Look:
     def samples(self) -> int: ...
     @property
     def with_loci(self) -> int: ...
-    def least(self) -> tuple[float, float, float, float, float, float]: ...
+    def tell_apart(self, factor: float, phase: float) -> None:
+        """More samples where loci that nearly meet may cross with a lesser factor > 1 on the gains, or phase [rad]."""
+
+    def least(self, apart: bool = True) -> tuple[float, float, float, float, float, float]:
+        """As loop_curves.hpp; `apart`: with more samples where loci that nearly meet may cross with less."""
+
     def peak(self, slope: float, offset: float) -> tuple[float, float]: ...
     def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float) -> tuple[Floats, Floats]: ...
     def delays(self, gains: Floats, longest: float) -> tuple[Floats, Floats]: ...

@@ -1,3 +1,4 @@
+#include "gainroom/modal_response.hpp"
 #include "gainroom/posture_limits.hpp"
 
 #include <nanobind/stl/vector.h>
@@ -70,11 +71,12 @@ static nb::tuple responses(const gainroom::ModalLoop& loop, Vector omega) {
 static nb::object mobility(const gainroom::ModalLoop& loop, ComplexVector s) {
     const std::size_t entries = loop.size * loop.size;
     for (std::size_t r = 0; r < s.size(); r++)
-        if (!gainroom::ModalLoop::serves(s.data()[r])) throw nb::value_error("every s must be about jω, ω > 0");
-    std::vector<Complex> found(s.size() * entries), functions(loop.modes);
+        if (!gainroom::ModalResponse::serves(s.data()[r])) throw nb::value_error("every s must be about jω, ω > 0");
+    std::vector<Complex> found(s.size() * entries);
     {
         nb::gil_scoped_release release;
-        for (std::size_t r = 0; r < s.size(); r++) loop.mobility(s.data()[r], functions.data(), &found[r * entries]);
+        gainroom::ModalResponse response(loop);
+        for (std::size_t r = 0; r < s.size(); r++) response.at(s.data()[r], &found[r * entries]);
     }
     return owned(found.data(), s.size(), entries);
 }

@@ -68,7 +68,7 @@ static void set_held(DirectedLoop& loop, Matrix a, Matrix b, Matrix c, Matrix he
 
 static void set_modes(DirectedLoop& loop, const gainroom::ModalLoop& modes) {
     require(modes.size == loop.actuated.size && modes.step == loop.actuated.step, "the modes are those of another loop");
-    loop.actuated.modes = modes;
+    loop.actuated.modes = std::make_unique<gainroom::ModalResponse>(modes);
 }
 
 static void set_law(DirectedLoop& loop, Vector velocity_above, Vector velocity_below, Vector integral_above, Vector integral_below,
@@ -106,11 +106,16 @@ public:
         return count;
     }
 
-    nb::tuple least() {
+    void tell_apart(double factor, double phase) {
+        nb::gil_scoped_release release;
+        samples_->tell_apart(std::log(factor), phase);
+    }
+
+    nb::tuple least(bool apart) {
         gainroom::LeastMargins found;
         {
             nb::gil_scoped_release release;
-            found = gainroom::LoopCurves(*samples_).least();
+            found = gainroom::LoopCurves(*samples_).least(apart);
         }
         return nb::make_tuple(found.factor, found.one_factor, found.phase, found.one_phase, found.peak, found.peak_omega);
     }
@@ -196,8 +201,31 @@ static nb::object eigenvalues(Array<const Complex, 2> matrix) {
     return owned(values.data(), 1, values.size());
 }
 
+static nb::object paired(Array<const Complex, 2> before, Array<const Complex, 2> after) {
+    const std::size_t steps = before.shape(0), size = before.shape(1);
+    require(after.shape(0) == steps && after.shape(1) == size, "before and after must be (k, n)");
+    for (const auto* part : {&before, &after})
+        for (std::size_t k = 0; k < part->size(); k++)
+            require(std::isfinite(part->data()[k].real()) && std::isfinite(part->data()[k].imag()), "eigenvalues must be finite");
+    std::vector<std::int64_t> found;
+    {
+        nb::gil_scoped_release release;
+        for (std::size_t k = 0; k < steps; k++) {
+            gainroom::Loci low, high;
+            low.values.assign(before.data() + k * size, before.data() + (k + 1) * size);
+            high.values.assign(after.data() + k * size, after.data() + (k + 1) * size);
+            low.describe();
+            high.describe();
+            const std::vector<std::size_t> pairs = gainroom::paired(low, high);
+            found.insert(found.end(), pairs.begin(), pairs.end());
+        }
+    }
+    return owned(found.data(), steps, size);
+}
+
 void bind_look(nb::module_& m) {
     m.def("eigenvalues", &eigenvalues, nb::arg("matrix"));
+    m.def("paired", &paired, nb::arg("before"), nb::arg("after"));
     nb::class_<DirectedLoop>(m, "DirectedLoop")
         .def("__init__",
              [](DirectedLoop* self, std::size_t size, Matrix torque, Matrix jacobian, Integers cascade) {
@@ -231,7 +259,8 @@ void bind_look(nb::module_& m) {
         .def_prop_ro("unstable", &Look::unstable)
         .def_prop_ro("samples", &Look::samples)
         .def_prop_ro("with_loci", &Look::with_loci)
-        .def("least", &Look::least)
+        .def("tell_apart", &Look::tell_apart, nb::arg("factor"), nb::arg("phase"))
+        .def("least", &Look::least, nb::arg("apart") = true)
         .def("peak", &Look::peak, nb::arg("slope"), nb::arg("offset"))
         .def("crossings", &Look::crossings, nb::arg("gains"), nb::arg("locus"), nb::arg("axis"), nb::arg("reach"))
         .def("delays", &Look::delays, nb::arg("gains"), nb::arg("longest"))

@@ -3,13 +3,13 @@
 
 #include <cmath>
 #include <cstddef>
-#include <optional>
+#include <memory>
 #include <vector>
 
 #include "complex.hpp"
 #include "dense.hpp"
 #include "factors.hpp"
-#include "modal_loop.hpp"
+#include "modal_response.hpp"
 
 namespace gainroom {
 
@@ -35,20 +35,18 @@ struct Actuated {
     StateForm whole, hessenberg;
     double fast = 0.0;  // |v| from which on Hessenberg form serves
     // where they are known, and s is about jω: they take a tenth of the time
-    std::optional<ModalLoop> modes;
+    std::unique_ptr<ModalResponse> modes;
     // [s] of a delay that is an exact factor: all of it in continuous time, whole ticks in sampled time
     std::vector<double> delay;
 
     struct Workspace {
         Dense system, links;
-        std::vector<Complex> functions;
     };
 
     // out (n, n); false where s is a pole.
     bool at(Complex s, Workspace& work, Complex* out) const {
-        if (modes && ModalLoop::serves(s)) {
-            work.functions.resize(modes->modes);
-            modes->mobility(s, work.functions.data(), out);
+        if (modes != nullptr && ModalResponse::serves(s)) {
+            modes->at(s, out);
         } else if (!(step > 0 ? held(variable(s, step), work, out) : plant(s, work, out))) {
             return false;
         }

@@ -20,7 +20,7 @@ class CrossingFollower {
 public:
     explicit CrossingFollower(const JointLaws& laws)
         : laws_(laws), values_(laws.size()),
-          moved_(laws.size()), extra_(laws.size()), parts_(2 * laws.size()), factors_(kKept, {SymmetricFactor(laws.size())}) {}
+          moved_(laws.size()), extra_(laws.size()), factors_(kKept, {SymmetricFactor(laws.size())}) {}
 
     // Follows `crossing` to W; `work` is counted in slices of a PhaseSweep. True where it has converged: `converged` says so too. Where it need
     // only be `rough`, true as soon as its mode is within that, and gain and frequency within the square.
@@ -120,13 +120,7 @@ private:
         const std::size_t n = crossing.mode.size();
         const Complex* x = crossing.mode.data();
         Complex inertia = 0.0;
-        double *re = parts_.data(), *im = re + n;
-        for (std::size_t i = 0; i < 2 * n; i++) re[i] = 0.0;
-        for (std::size_t j = 0; j < n; j++) {
-            subtract(re, -x[j].real(), w + j * n, n);
-            subtract(im, -x[j].imag(), w + j * n, n);
-        }
-        for (std::size_t i = 0; i < n; i++) moved_[i] = Complex(re[i], im[i]);
+        product(w, x, n, moved_.data());
         for (std::size_t i = 0; i < n; i++) inertia += times(moved_[i], x[i]);
         near_ = false;
         for (int k = 0; k < 4; k++) {
@@ -187,7 +181,6 @@ private:
     const JointLaws& laws_;
     std::vector<JointValue> values_;
     std::vector<Complex> moved_, extra_;
-    std::vector<double> parts_;
     std::vector<Factors> factors_;  // of the few crossings that are followed often: all of them would not stay in the cache
     bool near_ = false, current_ = false;  // whether values_ are those of where the crossing is, nearly and within kExact
     std::uint64_t uses_ = 0;

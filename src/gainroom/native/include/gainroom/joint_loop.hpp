@@ -20,7 +20,7 @@ public:
     // sample_time 0: continuous.
     JointLoop(const JointData* joints, std::size_t count, double sample_time)
         : laws_(joints, count, sample_time), lowest_(laws_.passive_end()), follower_(laws_), neighbours_(laws_), change_(count), values_(count), factor_(count),
-          work_(2 * count * count) {}
+          work_(SymmetricFactor::room(count)) {}
     JointLoop(const JointLoop&) = delete;  // parts refer to each other
 
     const JointLaws& laws() const { return laws_; }

@@ -10,22 +10,28 @@
 #include <cstddef>
 #include <vector>
 
+#include "complex.hpp"
+#include "four.hpp"
+
 namespace gainroom {
 
 // A held direction that is not another's combination moves the links by more than this, relative to the one that moves them most.
 constexpr double kRedundant = 1e-9;
 
 inline double scalar_product(const double* a, const double* b, std::size_t count) {
-    double sums[4] = {0.0, 0.0, 0.0, 0.0};  // four chains of additions: one alone would wait for its own result
+    double sums[4] = {};
+    Four chains = four(sums);  // one alone would wait for its own result
     std::size_t k = 0;
-    for (; k + 4 <= count; k += 4)
-        for (std::size_t m = 0; m < 4; m++) sums[m] += a[k + m] * b[k + m];
+    for (; k + 4 <= count; k += 4) chains += four(a + k) * four(b + k);
+    put(sums, chains);
     for (; k < count; k++) sums[0] += a[k] * b[k];
     return (sums[0] + sums[1]) + (sums[2] + sums[3]);
 }
 
 inline void subtract(double* from, double factor, const double* what, std::size_t count) {
-    for (std::size_t k = 0; k < count; k++) from[k] -= factor * what[k];
+    std::size_t k = 0;
+    for (; k + 4 <= count; k += 4) put(from + k, four(from + k) - factor * four(what + k));
+    for (; k < count; k++) from[k] -= factor * what[k];
 }
 
 // Space for machines of up to `velocities` N, of which `joints` n, and `rows` c held directions. For one thread at a time.
@@ -41,13 +47,12 @@ public:
 
     // Fills `inverse` W (n, n) from the upper triangle of `mass` (N, N) and `rows` (count, N), row by row. False, and W is not to be
     // used, where the mass matrix is not positive definite or a number is not finite.
-    bool compute(const double* mass, const double* rows, std::size_t count, double* inverse) {
+    GAINROOM_WIDE bool compute(const double* mass, const double* rows, std::size_t count, double* inverse) {
         const std::size_t size = velocities_, base = size - joints_;
         known_ = count <= most_ && factor(mass);
         if (!known_) return false;
         for (std::size_t k = 0; k < size * joints_; k++) reach_[k] = 0.0;
         for (std::size_t k = base; k < size; k++) reach_[k * joints_ + k - base] = 1.0;
-        for (double& entry : free_) entry = 0.0;
         for (std::size_t k = size; k-- > 0;) {  // row k of Y: joints from `first` on
             const std::size_t first = k > base ? k - base : 0;
             double* row = &reach_[k * joints_];
@@ -55,26 +60,21 @@ public:
             for (std::size_t i = 0; i < k; i++)
                 if (const double factor = root_[k * size + i]; factor != 0.0)
                     subtract(&reach_[i * joints_ + first], factor, row + first, joints_ - first);
-            add_square(free_.data(), row, first, -1.0);
         }
+        for (double& entry : free_) entry = 0.0;
+        add_squares(free_.data(), reach_.data(), size, 1.0);
         return hold(rows, count, inverse);
     }
 
     // The same for other `rows` and the mass matrix of before.
-    bool hold(const double* rows, std::size_t count, double* inverse) {
+    GAINROOM_WIDE bool hold(const double* rows, std::size_t count, double* inverse) {
         if (!known_ || count > most_) return false;
-        const std::size_t size = velocities_, base = size - joints_;
+        const std::size_t size = velocities_;
         rank_ = orthonormal(rows, count);
-        for (std::size_t r = 0; r < rank_; r++) {
-            double* row = &taken_[r * joints_];
-            for (std::size_t j = 0; j < joints_; j++) row[j] = 0.0;
-            for (std::size_t k = 0; k < size; k++) {
-                const std::size_t first = k > base ? k - base : 0;
-                subtract(row + first, -held_[r * size + k], &reach_[k * joints_ + first], joints_ - first);
-            }
-        }
+        for (std::size_t k = 0; k < rank_ * joints_; k++) taken_[k] = 0.0;
+        for (std::size_t r = 0; r < rank_; r++) add_product(&taken_[r * joints_], joints_, &held_[r * size], 1, reach_.data(), size, 1.0);
         for (std::size_t k = 0; k < joints_ * joints_; k++) inverse[k] = free_[k];
-        for (std::size_t r = 0; r < rank_; r++) add_square(inverse, &taken_[r * joints_], 0, 1.0);
+        add_squares(inverse, taken_.data(), rank_, -1.0);
         double sum = 0.0;
         for (std::size_t i = 0; i < joints_; i++)
             for (std::size_t j = 0; j <= i; j++) {
@@ -99,7 +99,7 @@ public:
     double carry(const double* row, double* image) const {
         const std::size_t size = velocities_;
         for (std::size_t k = 0; k < size; k++) image[k] = row[k];
-        back_substitute(image);
+        back_substitute(image, 1);
         const double whole = std::sqrt(scalar_product(image, image, size));
         for (std::size_t r = 0; r < rank_; r++) subtract(image, scalar_product(image, &held_[r * size], size), &held_[r * size], size);
         return whole;
@@ -112,16 +112,18 @@ public:
     }
 
 private:
-    // R⁻ᵀ of a row, in place.
-    void back_substitute(double* row) const {
-        for (std::size_t k = velocities_; k-- > 0;) {
-            row[k] *= pivots_[k];
-            if (row[k] != 0.0) subtract(row, row[k], &root_[k * velocities_], k);
-        }
+    // R⁻ᵀ of `count` rows, in place: one after the other each would wait for itself.
+    void back_substitute(double* rows, std::size_t count) const {
+        for (std::size_t k = velocities_; k-- > 0;)
+            for (std::size_t r = 0; r < count; r++) {
+                double* row = rows + r * velocities_;
+                row[k] *= pivots_[k];
+                if (row[k] != 0.0) subtract(row, row[k], &root_[k * velocities_], k);
+            }
     }
 
     // R row by row, from the upper triangle.
-    bool factor(const double* mass) {
+    GAINROOM_WIDE bool factor(const double* mass) {
         const std::size_t size = velocities_;
         for (std::size_t i = 0; i < size; i++)
             for (std::size_t j = i; j < size; j++) root_[j * size + i] = mass[i * size + j];
@@ -138,15 +140,12 @@ private:
     }
 
     // Columns of R⁻ᵀJᵀ as rows of held_, orthonormal (Gram and Schmidt, twice); how many are left.
-    std::size_t orthonormal(const double* rows, std::size_t count) {
+    GAINROOM_WIDE std::size_t orthonormal(const double* rows, std::size_t count) {
         const std::size_t size = velocities_;
+        for (std::size_t k = 0; k < count * size; k++) held_[k] = rows[k];
+        back_substitute(held_.data(), count);
         double largest = 0.0;
-        for (std::size_t r = 0; r < count; r++) {
-            double* row = &held_[r * size];
-            for (std::size_t k = 0; k < size; k++) row[k] = rows[r * size + k];
-            back_substitute(row);
-            largest = std::fmax(largest, std::sqrt(scalar_product(row, row, size)));
-        }
+        for (std::size_t r = 0; r < count; r++) largest = std::fmax(largest, std::sqrt(scalar_product(&held_[r * size], &held_[r * size], size)));
         std::size_t rank = 0;
         for (std::size_t r = 0; r < count; r++) {
             double* row = &held_[rank * size];
@@ -165,7 +164,7 @@ private:
     }
 
     // Takes the first `rank` rows of held_ out of `row`; its size then.
-    double project(double* row, std::size_t rank) {
+    GAINROOM_WIDE double project(double* row, std::size_t rank) {
         const std::size_t size = velocities_;
         for (std::size_t m = 0; m < rank; m++) shares_[m] = scalar_product(row, &held_[m * size], size);  // none waits for another
         std::size_t m = 0;
@@ -177,10 +176,22 @@ private:
         return std::sqrt(scalar_product(row, row, size));
     }
 
-    // The lower triangle of sign · row rowᵀ is taken from `inverse`; the row begins at `first`.
-    void add_square(double* inverse, const double* row, std::size_t first, double sign) const {
-        for (std::size_t i = first; i < joints_; i++)
-            if (row[i] != 0.0) subtract(inverse + i * joints_ + first, sign * row[i], row + first, i + 1 - first);
+    // The lower triangle of `inverse` gets sign · Σ rowᵀ row over `count` rows of joints.
+    void add_squares(double* inverse, const double* rows, std::size_t count, double sign) const {
+        for (std::size_t i = 0; i < joints_; i++) add_product(inverse + i * joints_, i + 1, rows + i, joints_, rows, count, sign);
+    }
+
+    // `sums`, with those beside them up to whole fours, get sign · Σ_k factor_k row_k over `count` rows of joints; factors lie `apart`.
+    void add_product(double* sums, std::size_t end, const double* factors, std::size_t apart, const double* rows, std::size_t count,
+                     double sign) const {
+        std::size_t j = 0;
+        for (; j < end && j + 4 <= joints_; j += 4) {
+            Four sum = four(sums + j);
+            for (std::size_t k = 0; k < count; k++) sum += (sign * factors[k * apart]) * four(rows + k * joints_ + j);
+            put(sums + j, sum);
+        }
+        for (; j < end; j++)
+            for (std::size_t k = 0; k < count; k++) sums[j] += sign * factors[k * apart] * rows[k * joints_ + j];
     }
 
     std::size_t velocities_, joints_, most_;

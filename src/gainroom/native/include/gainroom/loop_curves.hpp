@@ -165,10 +165,16 @@ public:
         return found;
     }
 
-    // NaN where counting roots takes more samples than there may be: then loci are not known between all of them.
-    LeastMargins least() {
+    // NaN where counting roots takes more samples than there may be: then loci are not known between all of them. `apart`: also where loci nearly
+    // meet and cross more often than is seen.
+    LeastMargins least(bool apart = true) {
         constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
         LeastMargins found = counted_least();
+        for (std::size_t before = 0; apart && samples_.ok() && before != samples_.samples().size();) {
+            before = samples_.samples().size();
+            samples_.tell_apart(found.factor, found.phase);
+            if (samples_.ok() && before != samples_.samples().size()) found = counted_least();
+        }
         if (!samples_.ok()) found = {unknown, unknown, unknown, unknown, unknown, unknown};
         return found;
     }

@@ -30,6 +30,8 @@ public:
         : loop_(loop), gains_(gains), m_(loop.directions) {
         wanted_ = 0.9 * std::min(0.5 * (factor + 1) / (factor - 1), phase < kPi ? 0.5 / std::tan(0.5 * phase) : 0.0);
         highest_ = std::max(3.0, factor);
+        reach_factor_ = std::log(factor);
+        reach_phase_ = phase;
         peak_ = std::min({kPeak, wanted_, peak});
         loop_.forget();
         state_ = LookState::followed;
@@ -81,6 +83,16 @@ public:
             if (end) turned += begun(high, factor);
         }
         return -static_cast<int>(std::lround(turned / kPi));
+    }
+
+    // More samples where loci that nearly meet may cross with less than these, or as far as they are followed.
+    void tell_apart(double factor, double phase) {
+        factor = std::min(factor, reach_factor_);
+        phase = std::min(phase, reach_phase_);
+        if (ok() && count_ == 0)
+            refine([&](const LoopSample& low, const LoopSample& high) {
+                return high.omega() - low.omega() > kApart * high.omega() && may_exchange(low, high, factor, phase);
+            });
     }
 
     // Whether loci are known between two samples that are neighbours.
@@ -154,6 +166,8 @@ private:
     static constexpr double kSmooth = 0.12, kDetour = 0.5, kGrowth = 0.7, kLarge = 1e3, kHuge = 1e9, kNoise = 1e-10, kSteepest = 2.5;
     static constexpr double kAstray = 0.02, kReal = 0.3, kOutside = 10.0, kBeside = 1.02, kLowest = 1e-12, kClosest = 1e-10;
     static constexpr double kPeak = 0.8, kJump = 0.4;  // |S_ii − 1/2| from which on S_ii is followed closely; a move that is halved anyway
+    // Of their moves, that tell two loci apart; of their size: nearer ones cross within that of where one would; of ω, that is not halved for it.
+    static constexpr double kTold = 3.0, kEqual = 3e-4, kApart = 1e-6, kBeyond = 0.25;
     static constexpr std::size_t kMost = 12000;
 
     Complex own_sensitivity(const LoopSample& sample, std::size_t i) const {  // S_ii = 1 − (P X Δ (I + E P X Δ)⁻¹ E)_ii
@@ -334,6 +348,34 @@ private:
         return found;
     }
 
+    // Whether two loci of equal limbs are nearer to each other's next places than is clear: each may take the other's way, and cross the unit circle
+    // with a phase, or the negative real axis with a |ln g|, below these, more often than their ends show (first_crossing.py).
+    bool may_exchange(const LoopSample& low, const LoopSample& high, double factor, double phase) const {
+        const Loci &before = low.loci, &after = high.loci;
+        const auto left = [](double angle) { return angle > 0 ? kPi - angle : -kPi - angle; };  // from the negative real axis
+        // 0 lies between the four or near them, as they are apart; so does what they cross at with what is below `limit`.
+        const auto may_cross = [](const std::array<double, 4>& off, const std::array<double, 4>& at, double limit) {
+            const auto [least, most] = std::minmax_element(off.begin(), off.end());
+            const auto [first, last] = std::minmax_element(at.begin(), at.end());
+            return *least < kBeyond * (*most - *least) && -*most < kBeyond * (*most - *least) && *first - kBeyond * (*last - *first) < limit;
+        };
+        for (std::size_t i = 0; i < m_; i++)
+            for (std::size_t k = 0; k < i; k++) {
+                const std::size_t j = low.pairs[i], l = low.pairs[k];
+                const Complex from = before.values[i], to = after.values[j], other = before.values[k], next = after.values[l];
+                if (std::max(std::norm(from - other), std::norm(to - next)) < kEqual * kEqual * std::norm(from)) continue;
+                const std::array<double, 4> sizes = {before.sizes[i], after.sizes[j], before.sizes[k], after.sizes[l]};
+                const std::array<double, 4> angles = {left(before.angles[i]), left(after.angles[j]), left(before.angles[k]), left(after.angles[l])};
+                std::array<double, 4> size = sizes, angle = angles;
+                for (double& one : size) one = std::fabs(one);
+                for (double& one : angle) one = std::fabs(one);
+                if (!may_cross(sizes, angle, phase) && !may_cross(angles, size, factor)) continue;
+                const double straight = std::abs(to - from) + std::abs(next - other), swapped = std::abs(next - from) + std::abs(to - other);
+                if (swapped < kTold * straight) return true;
+            }
+        return false;
+    }
+
     // How far arg det(I + L) turns on the way from one sample to another, if all of I + L turned alike: m arg(tr(A⁻¹ B)/m).
     double expected(const LoopSample& from, const LoopSample& to) const {
         Complex trace = 0.0;
@@ -386,7 +428,7 @@ private:
     DirectedLoop& loop_;
     DirectedGains gains_;
     std::size_t m_;
-    double wanted_, highest_, peak_;
+    double wanted_, highest_, peak_, reach_factor_, reach_phase_;
     LookState state_;
     bool bottom_ = false, smooth_ = false;  // round-off hides what is further down; S_ii are followed
     int count_ = -1;

@@ -131,28 +131,6 @@ class ModalLoop {
 
     Complex rigid_at(std::size_t k) const { return {rigid[k], skew.empty() ? 0.0 : skew[k]}; }
 
-    // Whether s is so near to jω that the functions serve.
-    static bool serves(Complex s) { return std::fabs(s.real()) < 1e-6 * s.imag(); }
-
-    // P (n, n) at such an s, behind what the functions stand behind; room for `modes` functions.
-    GAINROOM_WIDE void mobility(Complex s, Complex* room, Complex* out) const {
-        const double omega = s.imag(), scale = 1 / Cell::weight(omega, step);
-        Complex f0;
-        functions(omega, f0, room, s.real() / omega);
-        for (std::size_t k = 0; k < size * size; k++) out[k] = scale * rigid[k] * f0;
-        for (std::size_t m = 0; m < modes; m++) {
-            const Complex* shape = &shapes[m * size];
-            const Complex factor = scale * room[m];
-            for (std::size_t i = 0; i < size; i++) {
-                const Complex own = times(factor, shape[i]);
-                if (own == 0.0) continue;  // another limb's, where those do not feel each other
-                for (std::size_t j = i; j < size; j++) out[i * size + j] += times(own, shape[j]);
-            }
-        }
-        for (std::size_t i = 0; i < size; i++)
-            for (std::size_t j = 0; j < i; j++) out[i * size + j] = out[j * size + i];
-    }
-
     // f₀ and f_k (modes) at s = ω (tilt + j), |tilt| ≪ 1.
     void functions(double omega, Complex& f0, Complex* f, double tilt = 0.0) const {
         const double x = Cell::weight(omega, step);

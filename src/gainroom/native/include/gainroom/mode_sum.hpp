@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "four.hpp"
 #include "modal_loop.hpp"
 
 namespace gainroom {
@@ -26,7 +27,7 @@ class ModeSum {
         made_of_.resize(loop.modes * stride);
         functions_.resize(loop.modes);
         for (auto* part : {&a_, &b_, &share_}) part->resize(loop.modes * stride);
-        for (auto* part : {&p_, &q_}) part->resize(loop.modes);
+        for (auto* part : {&p_re_, &p_im_, &q_re_, &q_im_}) part->resize(loop.modes);
         for (auto* part : {&s_, &d_}) part->resize(loop.modes);
         bends_.resize(loop.modes);
         twin_.resize(loop.modes);
@@ -83,27 +84,36 @@ class ModeSum {
 
     // Q at ω, its upper triangle; `round_off` (n): what lies above the round-off in it, as a diagonal matrix.
     void respond(double omega, double* real, double* imaginary, double* round_off) {
+        const Complex f0 = respond({0.0, omega}, real, imaginary);
+        for (std::size_t t = 0; t < terms_; t++)
+            bends_[t] = size_of(functions_[first_[t]]) + (second(t) ? size_of(functions_[first_[t] + 1]) : 0.0);
+        for (std::size_t i = 0; i < size; i++) {
+            round_off[i] = kSums * rigid_made_of_[i] * size_of(f0);
+            for (std::size_t t = 0; t < terms_; t++) round_off[i] += kFunctions * made_of_[t * stride + i] * bends_[t];
+            round_off[i] *= static_cast<double>(size);
+        }
+    }
+
+    // The same at an s about jω, without round-off; f₀ there.
+    GAINROOM_WIDE Complex respond(Complex s, double* real, double* imaginary) {
         Complex f0;
-        loop_.functions(omega, f0, functions_.data());
+        loop_.functions(s.imag(), f0, functions_.data(), s.real() / s.imag());
         for (std::size_t t = 0; t < terms_; t++) {
             const Complex f = functions_[first_[t]];
             const Complex other = second(t) ? functions_[first_[t] + 1] : 0.0;
             s_[t] = f + other;
             d_[t] = times({0.0, 1.0}, f - other);
-            bends_[t] = std::sqrt(std::norm(f)) + std::sqrt(std::norm(other));
-        }
-        for (std::size_t i = 0; i < size; i++) {
-            round_off[i] = kSums * rigid_made_of_[i] * size_of(f0);
-            for (std::size_t t = 0; t < terms_; t++) round_off[i] += kFunctions * made_of_[t * stride + i] * bends_[t];
-            round_off[i] *= static_cast<double>(size);
         }
         for (std::size_t i = 0; i < size; i++) {
             moving_.clear();
             for (std::size_t t = 0; t < terms_; t++) {
                 const double a = a_[t * stride + i], b = b_[t * stride + i];
                 if (a == 0 && b == 0) continue;  // modes of other limbs, where those do not feel each other
-                p_[moving_.size()] = s_[t] * a + d_[t] * b;
-                q_[moving_.size()] = d_[t] * a - s_[t] * b;
+                const Complex p = s_[t] * a + d_[t] * b, q = d_[t] * a - s_[t] * b;
+                p_re_[moving_.size()] = p.real();
+                p_im_[moving_.size()] = p.imag();
+                q_re_[moving_.size()] = q.real();
+                q_im_[moving_.size()] = q.imag();
                 moving_.push_back(t);
             }
             for (std::size_t first = i / kBlock * kBlock; first < stride; first += kBlock) {
@@ -121,10 +131,11 @@ class ModeSum {
                 std::copy(im, im + kBlock, imaginary + i * stride + first);
             }
         }
+        return f0;
     }
 
     // A matrix (upper triangle) that lies above what interpolation over a cell may miss of Q; terms that may miss little, on its diagonal.
-    void missed(const Cell& cell, double* out) {
+    GAINROOM_WIDE void missed(const Cell& cell, double* out) {
         double f0;
         loop_.bends(cell, f0, bends_.data());
         std::fill(out, out + size * stride, 0.0);
@@ -138,14 +149,18 @@ class ModeSum {
         }
         for (std::size_t i = 0; i < size && large > 0; i++)
             for (std::size_t first = i / kBlock * kBlock; first < stride; first += kBlock) {
-                double sum[kBlock] = {};
+                const double nothing[kBlock] = {};
+                Four low = four(nothing), high = low;
                 for (std::size_t l = 0; l < large; l++) {
                     const double *a = &a_[large_[l] * stride], *b = &b_[large_[l] * stride];
                     if (a[i] == 0 && b[i] == 0) continue;
                     const double p = bend(large_[l]) * a[i], q = bend(large_[l]) * b[i];
-                    for (std::size_t j = 0; j < kBlock; j++) sum[j] += p * a[first + j] + q * b[first + j];
+                    low += p * four(a + first) + q * four(b + first);
+                    high += p * four(a + first + 4) + q * four(b + first + 4);
                 }
-                for (std::size_t j = 0; j < kBlock; j++) out[i * stride + first + j] += sum[j];
+                double* row = out + i * stride + first;
+                put(row, four(row) + low);
+                put(row + 4, four(row + 4) + high);
             }
     }
 
@@ -166,7 +181,8 @@ class ModeSum {
     std::vector<double> rigid_real_, rigid_imaginary_, rigid_spread_, rigid_made_of_, made_of_;
     std::vector<double> a_, b_, share_, largest_share_;  // φ = a + jb (terms, stride); row sums of |φ φᵀ|
     std::vector<double> bends_;
-    std::vector<Complex> functions_, s_, d_, p_, q_;
+    std::vector<Complex> functions_, s_, d_;
+    std::vector<double> p_re_, p_im_, q_re_, q_im_;
     std::vector<std::size_t> moving_;         // terms of a row that are not 0
     std::vector<std::size_t> first_, large_;  // f's of each term: this one, and the next where it has a twin
     std::vector<bool> twin_;
@@ -215,26 +231,37 @@ class ModeSum {
         }
     }
 
-    void add_real(std::size_t first, double* __restrict re, double* __restrict im) const {
+    void add_real(std::size_t first, double* re, double* im) const {
+        Four r0 = four(re), r1 = four(re + 4), i0 = four(im), i1 = four(im + 4);
         for (std::size_t t = 0; t < moving_.size(); t++) {
-            const double* a = &a_[moving_[t] * stride + first];
-            const double x = p_[t].real(), y = p_[t].imag();
-            for (std::size_t j = 0; j < kBlock; j++) {
-                re[j] += x * a[j];
-                im[j] += y * a[j];
-            }
+            const double *a = &a_[moving_[t] * stride + first], x = p_re_[t], y = p_im_[t];
+            const Four a0 = four(a), a1 = four(a + 4);
+            r0 += x * a0;
+            r1 += x * a1;
+            i0 += y * a0;
+            i1 += y * a1;
         }
+        put(re, r0);
+        put(re + 4, r1);
+        put(im, i0);
+        put(im + 4, i1);
     }
 
-    void add_all(std::size_t first, double* __restrict re, double* __restrict im) const {
+    void add_all(std::size_t first, double* re, double* im) const {
+        Four r0 = four(re), r1 = four(re + 4), i0 = four(im), i1 = four(im + 4);
         for (std::size_t t = 0; t < moving_.size(); t++) {
             const double *a = &a_[moving_[t] * stride + first], *b = &b_[moving_[t] * stride + first];
-            const double x = p_[t].real(), y = p_[t].imag(), u = q_[t].real(), v = q_[t].imag();
-            for (std::size_t j = 0; j < kBlock; j++) {
-                re[j] += x * a[j] + u * b[j];
-                im[j] += y * a[j] + v * b[j];
-            }
+            const double x = p_re_[t], y = p_im_[t], u = q_re_[t], v = q_im_[t];
+            const Four a0 = four(a), a1 = four(a + 4), b0 = four(b), b1 = four(b + 4);
+            r0 += x * a0 + u * b0;
+            r1 += x * a1 + u * b1;
+            i0 += y * a0 + v * b0;
+            i1 += y * a1 + v * b1;
         }
+        put(re, r0);
+        put(re + 4, r1);
+        put(im, i0);
+        put(im + 4, i1);
     }
 };
 

@@ -146,9 +146,8 @@ private:
 
     // moved_ = (W + diag β) x.
     void multiply(const double* w, const Complex* x) {
-        for (std::size_t i = 0; i < size_; i++) moved_[i] = times(values_[i].beta, x[i]);
-        for (std::size_t j = 0; j < size_; j++)
-            for (std::size_t i = 0; i < size_; i++) moved_[i] += w[j * size_ + i] * x[j];
+        product(w, x, size_, moved_.data());
+        for (std::size_t i = 0; i < size_; i++) moved_[i] += times(values_[i].beta, x[i]);
     }
 
     // moved_: the mode of a root.

@@ -9,13 +9,39 @@
 #include <vector>
 
 #include "complex.hpp"
+#include "four.hpp"
 #include "joint_law.hpp"
 
 namespace gainroom {
 
+// W x of a symmetric W (n, n).
+GAINROOM_WIDE inline void product(const double* w, const Complex* x, std::size_t n, Complex* out) {
+    std::size_t i = 0;
+    for (; i + 4 <= n; i += 4) {
+        double re[4] = {}, im[4] = {};
+        Four a = four(re), b = a;
+        for (std::size_t j = 0; j < n; j++) {
+            const Four row = four(w + j * n + i);
+            a += x[j].real() * row;
+            b += x[j].imag() * row;
+        }
+        put(re, a);
+        put(im, b);
+        for (std::size_t k = 0; k < 4; k++) out[i + k] = {re[k], im[k]};
+    }
+    for (; i < n; i++) {
+        out[i] = 0.0;
+        for (std::size_t j = 0; j < n; j++) out[i] += w[j * n + i] * x[j];
+    }
+}
+
 class SymmetricFactor {
 public:
-    explicit SymmetricFactor(std::size_t size) : size_(size), re_(size * size), im_(size * size), pivots_(size), inverse_(size) {}
+    explicit SymmetricFactor(std::size_t size)
+        : size_(size), stride_(stride_of(size)), re_(size * stride_), im_(size * stride_), pivots_(size), inverse_(size) {}
+
+    // Numbers that `trace` needs room for.
+    static std::size_t room(std::size_t size) { return 2 * size * stride_of(size); }
 
     std::size_t size() const { return size_; }
     Complex pivot(std::size_t k) const { return pivots_[k]; }
@@ -23,86 +49,52 @@ public:
     // `values` have β: JointValue, OpenValue.
     template <class Value>
     void factor(const double* w, const Value* values) {
-        const std::size_t n = size_;
-        for (std::size_t i = 0; i < n; i++) {
-            for (std::size_t j = i; j < n; j++) {
-                re_[i * n + j] = w[i * n + j];
-                im_[i * n + j] = 0.0;
-            }
-            re_[i * n + i] += values[i].beta.real();
-            im_[i * n + i] = values[i].beta.imag();
+        for (std::size_t i = 0; i < size_; i++) {
+            double *re = &re_[i * stride_], *im = &im_[i * stride_];
+            for (std::size_t j = 0; j < size_; j++) re[j] = w[i * size_ + j];
+            for (std::size_t j = 0; j < stride_; j++) im[j] = 0.0;
+            re[i] += values[i].beta.real();
+            im[i] = values[i].beta.imag();
         }
-        for (std::size_t k = 0; k < n; k++) {
-            double *re = &re_[k * n], *im = &im_[k * n];
-            Complex pivot(re[k], im[k]);
-            if (std::fabs(pivot.real()) + std::fabs(pivot.imag()) < 1e-290) pivot = 1e-290;
-            pivots_[k] = pivot;
-            const Complex inverse = over(1.0, pivot);
-            inverse_[k] = inverse;
-            for (std::size_t i = k + 1; i < n; i++) {
-                const Complex f = times(Complex(re[i], im[i]), inverse);
-                double *to_re = &re_[i * n], *to_im = &im_[i * n];
-                const double fr = f.real(), fi = f.imag();
-                for (std::size_t j = i; j < n; j++) {
-                    to_re[j] -= fr * re[j] - fi * im[j];
-                    to_im[j] -= fr * im[j] + fi * re[j];
-                }
-            }
-            for (std::size_t j = k + 1; j < n; j++) {  // from here on a row of Lᵀ
-                const Complex l = times(Complex(re[j], im[j]), inverse);
-                re[j] = l.real();
-                im[j] = l.imag();
-            }
-        }
+        eliminate();
     }
 
     // In place.
     void solve(Complex* b) const {
         const std::size_t n = size_;
         for (std::size_t k = 0; k < n; k++)
-            for (std::size_t j = k + 1; j < n; j++) b[j] -= times(Complex(re_[k * n + j], im_[k * n + j]), b[k]);
+            for (std::size_t j = k + 1; j < n; j++) b[j] -= times(lower(k, j), b[k]);
         for (std::size_t k = n; k-- > 0;) {
             Complex sum = times(b[k], inverse_[k]);
-            for (std::size_t j = k + 1; j < n; j++) sum -= times(Complex(re_[k * n + j], im_[k * n + j]), b[j]);
+            for (std::size_t j = k + 1; j < n; j++) sum -= times(lower(k, j), b[j]);
             b[k] = sum;
         }
     }
 
-    // The same for `columns`, which the compiler knows where Columns is not 0: n rows of real and of imaginary parts.
-    template <std::size_t Columns = 0>
-    void solve(double* re, double* im, std::size_t columns) const {
-        const std::size_t n = size_, count = Columns ? Columns : columns;
+    // The same for `columns`, whole fours: n rows of real and of imaginary parts.
+    GAINROOM_WIDE void solve(double* re, double* im, std::size_t columns) const {
+        const std::size_t n = size_;
+        const auto take = [&](std::size_t to, std::size_t from, Complex factor) {
+            subtract(re + to * columns, im + to * columns, re + from * columns, im + from * columns, factor, 0, columns);
+        };
         for (std::size_t k = 0; k < n; k++)
-            for (std::size_t j = k + 1; j < n; j++) subtract_row(re, im, j, k, re_[k * n + j], im_[k * n + j], count);
+            for (std::size_t j = k + 1; j < n; j++) take(j, k, lower(k, j));
         for (std::size_t k = n; k-- > 0;) {
-            const double a = inverse_[k].real(), b = inverse_[k].imag();
-            for (std::size_t c = k * count; c < (k + 1) * count; c++) {
-                const double x = re[c];
-                re[c] = a * x - b * im[c];
-                im[c] = a * im[c] + b * x;
-            }
-            for (std::size_t j = k + 1; j < n; j++) subtract_row(re, im, k, j, re_[k * n + j], im_[k * n + j], count);
+            scale(re + k * columns, im + k * columns, inverse_[k], 0, columns);
+            for (std::size_t j = k + 1; j < n; j++) take(k, j, lower(k, j));
         }
     }
 
-    // tr((W + diag β)⁻¹ diag(β_ω)); `work` 2 n² numbers: L⁻¹ by rows.
-    Complex trace(const JointValue* values, double* work) const {
+    // tr((W + diag β)⁻¹ diag(β_ω)); `work`, with `room`: L⁻¹ by rows.
+    GAINROOM_WIDE Complex trace(const JointValue* values, double* work) const {
         const std::size_t n = size_;
-        double *re = work, *im = work + n * n;
+        double *re = work, *im = work + n * stride_;
         Complex sum = 0.0;
         for (std::size_t k = 0; k < n; k++) {
-            double *row_re = re + k * n, *row_im = im + k * n;
-            for (std::size_t j = 0; j < k; j++) row_re[j] = row_im[j] = 0.0;
+            double *row_re = re + k * stride_, *row_im = im + k * stride_;
+            for (std::size_t j = 0; j < stride_; j++) row_re[j] = row_im[j] = 0.0;
             row_re[k] = 1.0;
-            row_im[k] = 0.0;
-            for (std::size_t m = 0; m < k; m++) {
-                const double lr = re_[m * n + k], li = im_[m * n + k];
-                const double *from_re = re + m * n, *from_im = im + m * n;
-                for (std::size_t j = 0; j <= m; j++) {
-                    row_re[j] -= lr * from_re[j] - li * from_im[j];
-                    row_im[j] -= lr * from_im[j] + li * from_re[j];
-                }
-            }
+            for (std::size_t m = 0; m < k; m++) subtract(row_re, row_im, re + m * stride_, im + m * stride_, lower(m, k), 0, m + 1);
             Complex own = 0.0;
             for (std::size_t j = 0; j <= k; j++) {
                 const Complex entry(row_re[j], row_im[j]);
@@ -114,16 +106,47 @@ public:
     }
 
 private:
-    static void subtract_row(double* re, double* im, std::size_t to, std::size_t from, double a, double b, std::size_t count) {
-        double *tr = re + to * count, *ti = im + to * count;
-        const double *fr = re + from * count, *fi = im + from * count;
-        for (std::size_t c = 0; c < count; c++) {
-            tr[c] -= a * fr[c] - b * fi[c];
-            ti[c] -= a * fi[c] + b * fr[c];
+    static std::size_t stride_of(std::size_t size) { return (size + 3) / 4 * 4; }
+
+    // Entry (j, k) of L, j > k.
+    Complex lower(std::size_t k, std::size_t j) const { return {re_[k * stride_ + j], im_[k * stride_ + j]}; }
+
+    // Upper triangle → pivots, and a row of Lᵀ behind each.
+    GAINROOM_WIDE void eliminate() {
+        for (std::size_t k = 0; k < size_; k++) {
+            double *re = &re_[k * stride_], *im = &im_[k * stride_];
+            Complex pivot(re[k], im[k]);
+            if (std::fabs(pivot.real()) + std::fabs(pivot.imag()) < 1e-290) pivot = 1e-290;
+            pivots_[k] = pivot;
+            const Complex inverse = over(1.0, pivot);
+            inverse_[k] = inverse;
+            for (std::size_t i = k + 1; i < size_; i++)
+                subtract(&re_[i * stride_], &im_[i * stride_], re, im, times(Complex(re[i], im[i]), inverse), i, stride_);
+            scale(re, im, inverse, k + 1, stride_);
         }
     }
 
-    std::size_t size_;
+    // Entries from `first` to before `end` of a row, and others with them up to whole fours: take `factor` times another row.
+    static inline void subtract(double* to_re, double* to_im, const double* re, const double* im, Complex factor, std::size_t first,
+                                std::size_t end) {
+        const double a = factor.real(), b = factor.imag();
+        for (std::size_t j = first / 4 * 4; j < end; j += 4) {
+            const Four x = four(re + j), y = four(im + j);
+            put(to_re + j, four(to_re + j) - (a * x - b * y));
+            put(to_im + j, four(to_im + j) - (a * y + b * x));
+        }
+    }
+
+    static inline void scale(double* re, double* im, Complex factor, std::size_t first, std::size_t end) {
+        const double a = factor.real(), b = factor.imag();
+        for (std::size_t j = first / 4 * 4; j < end; j += 4) {
+            const Four x = four(re + j), y = four(im + j);
+            put(re + j, a * x - b * y);
+            put(im + j, a * y + b * x);
+        }
+    }
+
+    std::size_t size_, stride_;  // whole fours
     std::vector<double> re_, im_;
     std::vector<Complex> pivots_, inverse_;
 };

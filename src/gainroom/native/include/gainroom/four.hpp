@@ -1,0 +1,36 @@
+// Four numbers, added and multiplied at once. Short loops over sums that should stay in registers compilers turn inside out.
+#pragma once
+
+#include <cstring>
+
+namespace gainroom {
+
+#if defined(__GNUC__) && !defined(GAINROOM_PLAIN)
+#pragma GCC diagnostic ignored "-Wpsabi"  // nothing here is called across libraries
+typedef double Four __attribute__((vector_size(32)));
+#else
+struct Four {
+    double of[4];
+};
+inline Four operator*(double a, const Four& b) { return {{a * b.of[0], a * b.of[1], a * b.of[2], a * b.of[3]}}; }
+inline Four operator*(const Four& a, const Four& b) {
+    return {{a.of[0] * b.of[0], a.of[1] * b.of[1], a.of[2] * b.of[2], a.of[3] * b.of[3]}};
+}
+inline Four operator+(const Four& a, const Four& b) {
+    return {{a.of[0] + b.of[0], a.of[1] + b.of[1], a.of[2] + b.of[2], a.of[3] + b.of[3]}};
+}
+inline Four operator-(const Four& a, const Four& b) {
+    return {{a.of[0] - b.of[0], a.of[1] - b.of[1], a.of[2] - b.of[2], a.of[3] - b.of[3]}};
+}
+inline Four& operator+=(Four& a, const Four& b) { return a = a + b; }
+#endif
+
+inline Four four(const double* from) {
+    Four found;
+    std::memcpy(&found, from, sizeof found);
+    return found;
+}
+
+inline void put(double* to, const Four& from) { std::memcpy(to, &from, sizeof from); }
+
+}  // namespace gainroom
