@@ -148,7 +148,7 @@ def test_the_map_of_unitree_rl_lab_is_no_order_of_its_gains(tmp_path: Path):
         ("g.yaml", "moteus: 3", "moteus: 3 must be a section"),
         ("dump.cfg", "servo.pid_position.kp x", "line 1: servo.pid_position.kp: 'x' must be a number"),
         ("dump.cfg", "servo.pid_position.kp 1\nservo.pid_position.kp 2", "line 2: servo.pid_position.kp: is given twice"),
-        ("dump.cfg", "servo.pid_position.kd 1", "servo.pid_position.kp is missing: [N m/rev]"),
+        ("dump.cfg", "servo.pid_position.kd 1", "servo.pid_position.kp is missing: the gain on position [N·m/rev]"),
         ("dump.cfg", "servo.pid_position.kp nan", "line 1: servo.pid_position.kp: nan is not a number"),
         ("p.onnx", b"", "joint_names is missing in the metadata; it has none"),
         ("p.onnx", b"\x07\x00", "is no ONNX model, or not a whole one"),

@@ -40,7 +40,7 @@ class GainSection(Section):
 
     MEANT: ClassVar[Mapping[str, str]] = {"kv": "kd (kv is a gain of P/PI control)", "p": "kp", "d": "kd", "i": "ki"}
 
-    kp: NotNegative = Field(description="[N m/rad]")
+    kp: NotNegative = Field(description="the gain on position [N·m/rad], a number >= 0")
     kd: NotNegative = Field(0.0, description="[N m s/rad]")
     ki: NotNegative = Field(0.0, description="[N m/(rad s)]")
     motor_inertia: Positive | None = Field(None, description="on the joint side [kg m²]")
