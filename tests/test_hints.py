@@ -11,6 +11,7 @@ from gainroom.files.gain_files import parse_gains
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.robot.name_patterns import select
 from refusals import assert_refused
+from robot_files import write_arm
 
 LEGS = ("left_hip", "left_knee", "right_hip", "right_knee")
 BIPED = example_texts()["biped"]
@@ -77,6 +78,24 @@ def test_the_wrong_kind_of_file_is_sent_to_its_command(folder: Path, capsys: pyt
     told = line(capsys, call)
     assert answer in told
     assert "unknown key" not in told
+
+
+def test_a_model_without_gains_is_sent_to_options(folder: Path, capsys: pytest.CaptureFixture[str]):
+    """A bare URDF: what is missing is named as it is typed, with what it is, and where gains come from."""
+    assert "gainroom audit model.urdf --delay-ms 2 --gains gains.yaml" in line(capsys, "robot model.urdf")
+    assert "'--delay-ms': Delay, host to motor torque [ms]" in line(capsys, "audit model.urdf")
+    told = line(capsys, "audit gainroom:biped.urdf --delay-ms 2")
+    assert "give --gains FILE" in told
+    assert "JOINT: {kp: 100, kd: 5}" in told
+    assert "'FILE': A joint.yaml; `gainroom example testbed` prints one" in line(capsys, "joint")
+
+
+def test_a_base_without_mass_is_fixed_as_it_is_typed(folder: Path, capsys: pytest.CaptureFixture[str]):
+    write_arm(folder)
+    Path("arm.yaml").write_text("shoulder: {kp: 100, kd: 5}", "utf-8")
+    told = line(capsys, "audit robot.urdf --delay-ms 2 --gains arm.yaml --base floating")
+    assert "take --base fixed" in told
+    assert "model." not in told
 
 
 def test_python_is_told_too(folder: Path):

@@ -41,7 +41,7 @@ def audit(
         ),
     ],
     delay_ms: Annotated[
-        float, number_option("--delay-ms", "in milliseconds", "From the host to motor torque [ms]; see --gains-run.", show_default=False)
+        float, number_option("--delay-ms", "in milliseconds", "Delay, host to motor torque [ms]; see --gains-run.", show_default=False)
     ],
     given: ModelCall,
     damping_ratio: Annotated[

@@ -333,6 +333,7 @@ def _options_named(options: AuditOptions) -> Iterator[None]:
         text = str(error)
         for name, keys in options.keys.items():
             text = re.sub(rf"^{re.escape('.'.join(keys))}\b(\[\d+\])?", option_name(name), text)
+        text = text.replace("model.base: fixed", "--base fixed")
         for key, *_ in options.of_joints:
             text = re.sub(rf"^joints\.(.*)\.{key}\b", rf"{option_name(key)} of \1", text)
         raise GainroomError(text) from error
