@@ -13,6 +13,7 @@ from ..studies.factors import typed_factor
 from ..studies.lowered_gains import GainsToUse
 from ..studies.state import HELD, USUAL_RATE
 from ..system.excluded_sets import ROUND_OFF
+from ..system.plausibility import doubts_first
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS, to_db
 from .gains_to_use import gain_file
@@ -388,4 +389,4 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])
         found.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")
-    return (*found, *free_joints(system), *unconfirmed(result.states), *system.warnings)
+    return tuple(doubts_first([*found, *free_joints(system), *unconfirmed(result.states), *system.warnings]))

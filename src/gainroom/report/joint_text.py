@@ -264,11 +264,10 @@ def warnings(study: "JointStudy") -> tuple[str, ...]:
     """What changes the decision, each with its remedy; first what takes certainty from the verdict, as only the first are always shown."""
     system, found = study.system, study.margins
     joint, control = system.source, system.control
-    said = []
+    said = list(unusual_values(system))
     if not found.certified:
         said.append("a crossing or peak could not be certified: treat these margins as estimates and report the input")
     said += lost_at_usual_rate(study)
-    said += unusual_values(system)
     if _drifts(system):
         cause = "kp is 0" if "kp" in control.controller.gain_names() else "the controller gives no torque against a constant error"
         said.append(f"{cause}: no torque holds the joint's position, so it drifts; the verdict covers its other motions; give it kp")
