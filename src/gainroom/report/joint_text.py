@@ -13,7 +13,7 @@ from ..studies.state import USUAL_RATE
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of, to_db
 from ..system.system import System
-from .margin_columns import short_text, stable_but
+from .margin_columns import lacking, short_text, stable_but
 from .number_format import digits, own_gains, plane_names, quantity
 
 if TYPE_CHECKING:
@@ -297,10 +297,20 @@ def notes(study: "JointStudy") -> tuple[str, ...]:
         instead = "lower these gains, or give narrower ranges" if study.recommended is None else "use the recommended gains"
         said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
     if study.rate_is_missing and study.at_usual_rate is not None:
-        said.append(CONTINUOUS)
+        said += [*_recommended_without_rate(study), CONTINUOUS]
     if not system.control.controller.has_plane:
         said.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")
     return (*said, *([] if system.uncertainty.names else [EXACT]))
+
+
+def _recommended_without_rate(study: "JointStudy") -> list[str]:
+    """A note where gains that are recommended for continuous time fail in a usual loop."""
+    usual = study.at_usual_rate
+    if usual is None or usual.requirements_met is not False:
+        return []
+    has = lacking(study.system.requirements, usual.in_range.margins)
+    instead = f"; at_usual_rate has gains for {AT_USUAL}, which is assumed" if usual.recommended is not None else ""
+    return [f"control.sample_rate_hz is not given: recommended is for continuous time, and at {AT_USUAL} those gains {has}{instead}"]
 
 
 def _drifts(system: System) -> bool:
