@@ -125,6 +125,7 @@ def _cost_facts(found: "UncertaintyCost") -> dict[str, Any]:
     return {
         "cost": found.cost,
         "exact": {"kp": found.exact.kp, "kd": found.exact.kd},
+        "half_range": {key: getattr(found.half, key) for key in ("name", "low", "high", "kp", "kd", "proved")},
         "known_exactly": [{"name": one.name, "kp": one.kp, "kd": one.kd, "proved": one.proved} for one in found.known],
     }
 

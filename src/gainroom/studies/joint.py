@@ -167,7 +167,8 @@ class JointStudy(Analysis):
         """Where `cost` is known. It takes about as long again as `recommended`, so nothing else asks for it."""
         if self.exact is None or self.cost is None:
             return None
-        return uncertainty_cost(self._recommend, self.system.uncertainty, self.recommended, self.exact)
+        nominal = {"delay": self.system.delay, **vars(self.system.source)}
+        return uncertainty_cost(self._recommend, self.system.uncertainty, nominal, self.recommended, self.exact)
 
     @cached_property
     def rule(self) -> Rule:
