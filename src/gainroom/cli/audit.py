@@ -195,7 +195,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
 
 
 def _to_use_facts(result: "Audit") -> dict[str, Any] | None:
-    """The factor, the joints whose gains it is on, whether they may be used yet, and every joint's gains as typed.
+    """The factor (None: each has its own), the joints whose gains it is on, whether they may be used yet, and every joint's gains as typed.
 
     None for safe gains, and where none are known.
     """
@@ -203,7 +203,8 @@ def _to_use_facts(result: "Audit") -> dict[str, Any] | None:
     if found is None:
         return None
     names = result.system.source.joint_names
-    gains = [{"name": name, **{key: float(values[k]) for key, values in found.gains.items()}} for k, name in enumerate(names)]
+    columns = {**found.gains, "factor": found.factors}
+    gains = [{"name": name, **{key: float(values[k]) for key, values in columns.items()}} for k, name in enumerate(names)]
     return {"factor": found.factor, "scaled": list(found.joints), "ready": result.ready_to_use is not None, "joints": gains}
 
 

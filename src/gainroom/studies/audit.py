@@ -232,10 +232,12 @@ class Audit(Analysis):
 
     def seen_at(self, lowered: Booleans, factor: float) -> bool:
         """Whether every state has what is required with `factor` on the gains of the joints `lowered` (n,), as the core's looks see it."""
-        if self._cases is None:
-            return self.holds_at(lowered, factor)
-        factors = np.where(lowered, factor, 1.0)
-        return all(self.required.met_by(case_margins(case, factors * gains, near=True)) for case, gains in self._cases)
+        return self.holds_at(lowered, factor) if self._cases is None else self.seen_with(np.where(lowered, factor, 1.0))
+
+    def seen_with(self, factors: Floats) -> bool:
+        """The same with `factors` (n,) on the joints' gains; False where the core does not look at this controller."""
+        cases = self._cases
+        return cases is not None and all(self.required.met_by(case_margins(case, factors * gains, near=True)) for case, gains in cases)
 
     @cached_property
     def _cases(self) -> list[tuple[Case, Gains]] | None:
