@@ -48,7 +48,7 @@ def _number_hint(text: str) -> str:
     """What probably was meant by text in a number's place."""
     if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", text):
         return f": the decimal sign is a point, {text.replace(',', '.')}"
-    return ", without a unit: it stands in the key's name" if text[:1].isdigit() else ""
+    return ", without a unit: SI, unless the key's name has another" if text[:1].isdigit() else ""
 
 
 Positive = Annotated[float, number(above=0)]

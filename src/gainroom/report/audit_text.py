@@ -126,7 +126,7 @@ def _short_of_gain(result: Audit) -> str:
 
 
 def _given(result: Audit) -> str:
-    return f"{1e3 * result.system.delay:.3g} ms"
+    return digits(1e3 * result.system.delay, "ms", 3)
 
 
 def _mainly(result: Audit) -> str:
@@ -413,6 +413,9 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
     if lost:
         limits = listed([f"{joint.name} (stable only below {digits(joint.gain_limit, '×', 3)} its gains)" for joint in lost], most=3)
         found.append(f"with all other joints switched off {limits} would vibrate: do not run {'it' if len(lost) == 1 else 'one'} by itself")
+    bare = [joint.name for joint in result.joints if joint.kp > 0 and joint.kd == 0] if not result.safe else []
+    if bare:
+        found.append(f"{listed(bare)}: kd is 0, so that no gain damps {'it' if len(bare) == 1 else 'them'}: give kd")
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])
         found.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 TURN = 2 * math.pi
 FAR = "far outside the usual"
 """In every warning here, and in no other."""
+DEGREES = "were degrees meant?"
+"""At the end of a warning about angles."""
 
 
 class Usual(NamedTuple):
@@ -123,8 +125,9 @@ def unusual_values(system: System) -> tuple[str, ...]:
 
 
 def by_doubt(warnings: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Those about such values, which make every number doubtful and stand before it, and the others."""
-    return [text for text in warnings if FAR in text], [text for text in warnings if FAR not in text]
+    """Those about such values or angles, which make every number doubtful and stand before it, and the others."""
+    doubts = [text for text in warnings if FAR in text or text.endswith(DEGREES)]
+    return doubts, [text for text in warnings if text not in doubts]
 
 
 def doubts_first(warnings: Sequence[str]) -> list[str]:
