@@ -20,7 +20,7 @@ from ..io.yaml_text import shown
 from ..robot.assemble import ASSUMED, DAMPING_NOTE
 from ..robot.body import Base, RigidBody
 from ..robot.contact import ContactKind
-from ..robot.formats.model_files import load_model
+from ..robot.formats.model_files import joint_order, load_model
 from ..robot.formats.model_names import locate
 from ..robot.gearbox_types import GearboxRange, gearbox_range
 from ..robot.linkage import ties_base
@@ -232,7 +232,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     read: list[str] = []
     with _options_named(options):
         body = load_model(path, base_of(options.base, path, bool(options.contacts))[0])
-        found = gains_of(read_gains(source), body.every_joint)
+        found = gains_of(read_gains(source).in_order(joint_order(path)), body.every_joint)
         if not np.any(found.given[: body.size]):
             raise GainroomError(f"{path}: no joint that can move has gains")
         if options.rate_hz is None and found.rate_hz is not None and options.gains_run != "drive":

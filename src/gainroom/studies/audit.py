@@ -334,7 +334,7 @@ def required_of(
     system: System, margin: float | None = None, delay_margin: float | None = None, further: Requirements | None = None
 ) -> Requirements:
     """Of safe gains: a gain margin (a factor; 1: none), a delay margin [s], `further` ones. None: the usual, EXTRA_DELAY of the delay."""
-    margin = REQUIREMENTS["gain_margin"].usual if margin is None else margin
+    margin = (REQUIREMENTS["gain_margin"].usual or 1.0) if margin is None else margin
     extra = EXTRA_DELAY * system.delay if delay_margin is None else delay_margin
     required = {name: value for name, value, least in (("gain_margin", margin, 1.0), ("delay_margin", extra, 0.0)) if value > least}
     return Requirements(**required, **({} if further is None else further.needed))
