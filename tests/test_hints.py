@@ -11,7 +11,7 @@ from gainroom.files.gain_files import parse_gains
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.robot.name_patterns import select
 from refusals import assert_refused
-from robot_files import write_arm
+from robot_files import ROBOT, write_arm
 
 LEGS = ("left_hip", "left_knee", "right_hip", "right_knee")
 BIPED = example_texts()["biped"]
@@ -206,6 +206,24 @@ def test_degrees_in_a_posture_are_told_before_the_numbers(folder: Path, capsys: 
     told = " ".join(capsys.readouterr().out.split())
     assert told.startswith("Warning: posture 'given': joint 'knee' at 90 is outside its limits 0 to 2.3 rad; ")
     assert told.index("were degrees meant?") < told.index("Not safe")
+
+
+def test_gearboxes_that_are_assumed_rigid_are_told_before_the_verdict(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    """Of robot, as audit does: "Safe" rests on them. Nothing of those that the file calls rigid."""
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # which take longest
+    text = ROBOT.replace(", stiffness: 8000.0, damping: 4.0", "")
+    assert text != ROBOT
+    for joints, words in (
+        (text, "Warning: gearboxes whose stiffness is not given are rigid, so limits are optimistic: shoulder, elbow; give stiffness"),
+        (text.replace("  default: {motor_inertia: 0.5}\n", "  locked: []\n"), "Warning: joints without actuator data are rigid with motor"),
+        (text.replace("0.5}", "0.5, stiffness: rigid}"), ""),
+    ):
+        main(["robot", str(write_arm(folder, joints))])
+        told = " ".join(capsys.readouterr().out.split())
+        assert told.startswith(words)
+        assert bool(words) == ("Warning: " in told.partition("posture/contact")[0])
 
 
 def test_gains_without_kd_are_told_so(folder: Path, capsys: pytest.CaptureFixture[str]):

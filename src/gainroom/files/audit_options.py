@@ -26,6 +26,7 @@ from ..robot.gearbox_types import GearboxRange, gearbox_range
 from ..robot.linkage import ties_base
 from ..robot.name_patterns import DEFAULT, select
 from ..system.linear.arrays import Floats
+from ..system.plausibility import NO_STIFFNESS
 from ..system.system import System
 from .absurd_values import examined
 from .file_types import kind_of_file, wrong_kind
@@ -272,7 +273,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     taken += [text for text in spec.warnings if slight and text.startswith(DAMPING_NOTE)]
     assumptions = (
         options.path_assumption(),
-        *spec.assumptions,
+        *(text for text in spec.assumptions if not text.startswith(NO_STIFFNESS)),  # said below, with the options
         *(slight if text.startswith(DAMPING_NOTE) else text for text in taken),
         *read,
         *_assumptions(spec.source.body, file.joints.locked, options, elastic),

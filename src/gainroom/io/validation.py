@@ -48,6 +48,8 @@ def _number_hint(text: str) -> str:
     """What probably was meant by text in a number's place."""
     if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", text):
         return f": the decimal sign is a point, {text.replace(',', '.')}"
+    if re.fullmatch(r"[-+]?[0-9.]+([eE][-+]?[0-9]+)?", text):
+        return ", without quotes"
     return ", without a unit: SI, unless the key's name has another" if text[:1].isdigit() else ""
 
 

@@ -23,6 +23,9 @@ FAR = "far outside the usual"
 """In every warning here, and in no other."""
 DEGREES = "were degrees meant?"
 """At the end of a warning about angles."""
+NO_DATA = "joints without actuator data"
+NO_STIFFNESS = "gearboxes whose stiffness is not given are rigid"
+"""At the beginning of what is assumed of joints, which decides every number."""
 
 
 class Usual(NamedTuple):
@@ -125,8 +128,8 @@ def unusual_values(system: System) -> tuple[str, ...]:
 
 
 def by_doubt(warnings: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Those about such values or angles, which make every number doubtful and stand before it, and the others."""
-    doubts = [text for text in warnings if FAR in text or text.endswith(DEGREES)]
+    """Those about such values or angles, or about data that is not there, which make every number doubtful and stand first; the others."""
+    doubts = [text for text in warnings if FAR in text or text.endswith(DEGREES) or text.startswith((NO_DATA, NO_STIFFNESS))]
     return doubts, [text for text in warnings if text not in doubts]
 
 
