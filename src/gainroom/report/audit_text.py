@@ -259,7 +259,8 @@ def _not_yet(result: Audit, found: GainsToUse[Audit], call: str, written: Path |
     if not rate:
         margin, extra = to_db(found.audited.tightest.limit.gain), found.audited.least_extra_delay
         lost = f"; below about {digits(1 / extra, 'Hz', 3)} these gains may vibrate, too" if 0 < extra < math.inf else ""
-        why = f"{factors} leaves gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
+        leave = "leave" if found.factor is None else "leaves"
+        why = f"{factors} {leave} gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
         remarks = [f"Without a rate, {why}", *([] if damped else [f"{change}."])]
         return Advice("Give the loop's rate and audit again, such as:", [f"{call} --rate-hz {USUAL_RATE:.0f}{options}"], remarks, (
             f"{folded}; found in continuous time:", _gain_file(result, found)
@@ -287,7 +288,7 @@ def _factors(result: Audit, found: GainsToUse[Audit]) -> str:
     """Which factors on which gains: "× 0.42 on ankle and × 0.83 on knee"."""
     groups, every = _by_factor(result, found), len(found.joints) == len(result.joints)
     if len(groups) > 2:
-        return f"× {min(groups):.4g} to {max(groups):.4g} on {'all' if every else len(found.joints)} joints, each its own"
+        return f"× {min(groups):.4g} to {max(groups):.4g} on {'all' if every else len(found.joints)} joints (each its own)"
     joints = {factor: "all joints" if len(group) == len(result.joints) else listed(group, most=3) for factor, group in groups.items()}
     return " and ".join(f"× {factor:.4g} on {group}" for factor, group in joints.items())
 
