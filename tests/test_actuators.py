@@ -56,11 +56,12 @@ def test_armature_is_used_where_nothing_is_given_and_said():
     found, warnings = actuators_of(entries, NAMES, np.array([0.1, 0.1, 0.1, 0.0]))
     assert_allclose(found.motor_inertia, [0.2, 0.2, 0.1, 0.0])
     assert np.all(np.isinf(found.stiffness))
-    armature, bare = warnings
+    armature, bare, rigid = warnings
     assert "armature" in armature
     assert "r_hip 0.1" in armature
     assert "l_hip" not in armature
     assert "rigid with motor inertia 0: r_knee" in bare
+    assert "rigid, so limits are optimistic: l_hip, l_knee, r_hip;" in rigid
 
 
 def test_an_elastic_joint_needs_an_inertia():

@@ -275,7 +275,7 @@ def test_the_keyboard_alone_reaches_everything(tab: Tab):
 @pytest.mark.slow
 def test_a_run_is_simulated_and_can_be_stopped(tab: Tab):
     tab.page.get_by_role("button", name="Shake it").click()
-    tab.page.get_by_text("control.sample_rate_hz: is missing").wait_for()  # a run goes tick by tick
+    tab.page.get_by_text("control.sample_rate_hz is missing").wait_for()  # a run goes tick by tick
     tab.page.locator("#sample_rate_hz-typed").fill("2000")
     tab.page.keyboard.press("Tab")
     tab.settle(CERTIFIED)

@@ -13,7 +13,7 @@ from pytest import approx
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.report.gains_to_use import patterns
+from gainroom.report.gains_to_use import gain_file, gain_lines, patterns
 from gainroom.report.number_format import digits
 from gainroom.robot.formats.model_files import load_model
 from gainroom.robot.formats.model_names import is_name, locate
@@ -262,6 +262,14 @@ def test_patterns_match_their_group_alone_and_once():
             assert sum(bool(re.fullmatch(pattern, name)) for pattern in found) == (name in group), (name, found)
     assert len(patterns(legs, names)) == 2
     assert patterns(["a", "b"], ["a", "b", "ab"]) == ["a", "b"]
+
+
+def test_gains_to_type_are_in_the_robots_order_whatever_is_alike():
+    """kp and kd, which differ in what is alike, and a file of both: arm and wrist do not go before hip as they have the same kp."""
+    names, kp, kd = ("arm", "hip", "wrist", "knee"), [1.0, 2.0, 1.0, 3.0], [5.0, 4.0, 4.0, 5.0]
+    assert gain_lines("kp", names, kp) == ["kp: {arm: 1, hip: 2, wrist: 1, knee: 3}"]
+    assert gain_lines("kd", names, kd) == ["kd: {arm: 5, hip: 4, wrist: 4, knee: 5}"]
+    assert [line.partition(":")[0] for line in gain_file(names, {"kp": kp, "kd": [1.0] * 4})] == list(names)
 
 
 @pytest.mark.slow

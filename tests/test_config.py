@@ -1,6 +1,8 @@
 """joint.yaml: what is read is what was meant, and everything else is named in one line."""
 
 import math
+import re
+from typing import Literal, get_origin
 
 import pytest
 import yaml
@@ -10,7 +12,7 @@ from gainroom.cli.example import joint_examples
 from gainroom.errors import GainroomError
 from gainroom.files.joint_scenario import ScenarioSection
 from gainroom.files.joint_yaml import JointFile, parse_joint
-from gainroom.io.validation import validate
+from gainroom.io.validation import Section, validate
 from gainroom.io.yaml_text import MAX_DEPTH, MAX_NODES, parse_yaml
 
 FULL = """\
@@ -119,7 +121,7 @@ def test_only_the_margins_that_are_named_are_required():
         ("delay_ticks: 4.5", "delay_s: 0.002", "drive.delay_s: unknown key", "did you mean delay_ms?"),
         ("delay_ticks: 4.5", "delay: 2", "drive.delay: unknown key", "did you mean delay_ms?"),
         ("delay_ticks: 4.5", "delay_ms: 2, delay_ticks: 4", "drive: give either delay_ms", ""),
-        ("delay_ticks: 4.5", "sample_rate_hz: 2000", "drive: give either delay_ms", ""),
+        ("delay_ticks: 4.5", "sample_rate_hz: 2000", "drive.delay_ms is missing", "or give delay_ticks"),
         ("delay_ticks: 4.5", "delay_ms: 0.002 s", "drive.delay_ms: '0.002 s' is text", ""),
         ("delay_ticks: 4.5", "delay_ms: 1e9", "drive.delay_ms: 1000000000.0 must be <= 10000", ""),
         ("delay_ticks: 4.5", "delay_ms: 9000", "drive.delay_ms: 9000 ms must be <= 500 ms, 1000 ticks at 2000 Hz", ""),
@@ -130,7 +132,7 @@ def test_only_the_margins_that_are_named_are_required():
         ("link_inertia: 16.0", "link_inertia: -1", "joint.link_inertia: -1 must be > 0", ""),
         ("link_inertia: 16.0", "link_inertia: .nan", "joint.link_inertia: nan is not a number", ""),
         ("link_inertia: 16.0", "link_inertia:", "joint.link_inertia: nothing is not a number", ""),
-        ("link_inertia: 16.0, ", "", "joint.link_inertia: is missing", "kg m²"),
+        ("link_inertia: 16.0, ", "", "joint.link_inertia is missing", "kg·m²"),
         ("link_inertia: 16.0", "link_inertia: 1e-200", "joint.link_inertia: 1e-200 must be >= 1e-12", ""),
         ("link_inertia: 16.0", "link_inertia: 1_6", "joint.link_inertia: '1_6' is text", ""),
         ("link_inertia: 16.0", "link_inertia: 016", "joint.link_inertia: '016' is text", ""),
@@ -143,23 +145,23 @@ def test_only_the_margins_that_are_named_are_required():
         ),
         ("gear_ratio: 100", "motor_inertia: 1", "joint: rotor_inertia has no meaning beside motor_inertia", "give either"),
         ("gear_ratio: 100, ", "", "joint: rotor_inertia needs gear_ratio", "motor_inertia"),
-        ("rotor_inertia: 1.0e-4, gear_ratio: 100, ", "", "joint: give either motor_inertia", "rotor_inertia with gear_ratio"),
+        ("rotor_inertia: 1.0e-4, gear_ratio: 100, ", "", "joint.motor_inertia is missing", "rotor_inertia with gear_ratio"),
         (
             "feedback: motor",
             "feedback: moter",
             "control.feedback: 'moter' must be motor or link",
             "did you mean motor?",
         ),
-        ("  feedback: motor\n", "", "control.feedback: is missing", "motor or link"),
+        ("  feedback: motor\n", "", "control.feedback is missing", "motor or link"),
         ("type: pd", "type: lqr", "control.type: 'lqr' must be pd, pid or ppi", ""),
-        ("  type: pd\n", "", "control.type: is missing", ""),
-        ("type: pd", "type: ppi", "control.kd: is not a gain of type ppi", "kp, kv, ki"),
-        ("type: pd", "type: ppi", "control.kd: is not a gain of type ppi", "did you mean kv?"),
-        ("kd: 300.0", "kv: 300.0", "control.kv: is not a gain of type pd, which has kp, kd", "did you mean kd?"),
+        ("  type: pd\n", "", "control.type is missing", ""),
+        ("type: pd", "type: ppi", "control.kd is not a gain of type ppi", "kp, kv, ki"),
+        ("type: pd", "type: ppi", "control.kd is not a gain of type ppi", "did you mean kv?"),
+        ("kd: 300.0", "kv: 300.0", "control.kv is not a gain of type pd, which has kp, kd", "did you mean kd?"),
         ("kp: 1.0e4", "kp: -1.0e4", "control.kp: -10000.0 must be > 0", ""),
         ("kd: 300.0", "kd: -300.0", "control.kd: -300.0 must be >= 0", ""),
         ("order: 2", "order: 3", "control.velocity_filter.order: 3 must be 1 or 2", ""),
-        ("order: 2", "order: 1", "control.velocity_filter.damping_ratio: is for order 2", ""),
+        ("order: 2", "order: 1", "control.velocity_filter.damping_ratio is for order 2", ""),
         ("depth: 0.2", "depth: 2", "control.notches[0].depth: 2 must be <= 1", ""),
         ("{frequency_hz: 80}", "{hz: 80}", "control.notches[1].hz: unknown key", ""),
         ("stiffness: 20%", "stiffness: 0.2", "uncertainty.stiffness: 0.2 must be [low, high]", "20%"),
@@ -181,6 +183,26 @@ def test_what_is_wrong_is_named(old: str, new: str, start: str, contains: str):
     message = refusal((old, new))
     assert message.startswith(start)
     assert contains in message
+
+
+def sections(of: type[Section] = Section) -> set[type[Section]]:
+    return {of}.union(*map(sections, of.__subclasses__()))
+
+
+def test_a_key_that_is_missing_is_told_in_a_sentence_that_says_what_it_is():
+    """Not "drive.bandwidth: is missing: of the current loop"."""
+    told = {}
+    for section in sections():
+        for name, field in section.model_fields.items():
+            if field.is_required() and get_origin(field.annotation) is not Literal:
+                told[section.__name__, name] = field.description
+    told = {key: text for key, text in told.items() if key[0] not in ("Ask", "Section")}  # Ask: of the page, not of a file
+    assert len(told) > 20
+    assert [key for key, text in told.items() if not re.match(r"(the|its|an?|what|how|when|whether|where) ", text or "")] == []
+    with pytest.raises(GainroomError) as caught:
+        parse_joint(FULL.replace("bandwidth: 4000.0, ", ""), "knee.yaml")
+    said = "knee.yaml: drive.bandwidth is missing: the bandwidth of the current loop [rad/s], a number > 0, or .inf for an ideal one"
+    assert str(caught.value) == said
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,20 @@
 """Gains as arrays, in moteus' unit and in a policy's metadata: they arrive as they were meant, everything else is refused in one line."""
 
+import json
 import math
 import os
 from pathlib import Path
 from random import Random
 
 import pytest
+import yaml
 from hypothesis import HealthCheck, given, settings
 
+from gainroom.cli import main
 from gainroom.errors import GainroomError
 from gainroom.files.gain_files import gains_of, read_gains
 from mutations import RANDOMS, mutated_bytes
+from robot_truths import hinge, link, write_robot
 
 JOINTS = ("left_hip_pitch_joint", "left_knee_joint", "right_hip_pitch_joint", "right_knee_joint")
 DEPLOY = """\
@@ -105,6 +109,25 @@ def test_a_file_with_an_order_decides(tmp_path: Path):
     assert read(tmp_path, "g.yaml", "kps: [7, 8]\nkds: [1, 2]\njoint2motor_idx: [3, 1]")[0] == [0, 8, 0, 7]
 
 
+def test_gains_by_place_go_by_the_order_of_the_models_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Pinocchio sorts the joints of one link by name: the right leg's gains went to the arm. `audit`, `export`, and places of motors."""
+    parts = "".join(link(name, 1.0, (0.0, 0.0, -0.2), (0.06, 0.06, 0.01)) for name in ("r", "l", "a"))
+    write_robot(tmp_path, link("base") + parts, "".join(hinge(joint, "base", joint[0]) for joint in ("right", "left", "arm")))
+    model, gains = str(tmp_path / "robot.urdf"), tmp_path / "gains.yaml"
+    for text, wanted in (
+        ("kps: [1, 2, 3]\nkds: [4, 5, 6]\n", {"right": 1, "left": 2, "arm": 3}),
+        ("kps: [1, 2, 3]\nkds: [4, 5, 6]\njoint2motor_idx: [2, 0, 1]\n", {"arm": 1, "right": 2, "left": 3}),
+        ("kps: [1, 2, 3]\nkds: [4, 5, 6]\njoint_names: [left, arm, right]\n", {"left": 1, "arm": 2, "right": 3}),
+    ):
+        gains.write_text(text, "utf-8")
+        main(["audit", model, "--gains", str(gains), "--delay-ms", "1", "--rate-hz", "1000", "--motor-inertia", "0.1", "--json"])
+        told = json.loads(capsys.readouterr().out)
+        assert {joint["name"]: joint["kp"] for joint in told["joints"]} == wanted
+        assert main(["export", str(gains), "--to", "yaml", "--model", model]) == 0
+        exported = yaml.safe_load(capsys.readouterr().out.partition("gains:")[2])
+        assert {name: each["kp"] for name, each in exported.items()} == wanted
+
+
 def test_an_enumeration_in_c_names_the_joints(tmp_path: Path):
     kp, kd, notes = read(tmp_path, "control.cpp", CPP)
     assert ((kp, kd), notes) == (WANTED, ())
@@ -148,7 +171,7 @@ def test_the_map_of_unitree_rl_lab_is_no_order_of_its_gains(tmp_path: Path):
         ("g.yaml", "moteus: 3", "moteus: 3 must be a section"),
         ("dump.cfg", "servo.pid_position.kp x", "line 1: servo.pid_position.kp: 'x' must be a number"),
         ("dump.cfg", "servo.pid_position.kp 1\nservo.pid_position.kp 2", "line 2: servo.pid_position.kp: is given twice"),
-        ("dump.cfg", "servo.pid_position.kd 1", "servo.pid_position.kp is missing: [N m/rev]"),
+        ("dump.cfg", "servo.pid_position.kd 1", "servo.pid_position.kp is missing: the gain on position [N·m/rev]"),
         ("dump.cfg", "servo.pid_position.kp nan", "line 1: servo.pid_position.kp: nan is not a number"),
         ("p.onnx", b"", "joint_names is missing in the metadata; it has none"),
         ("p.onnx", b"\x07\x00", "is no ONNX model, or not a whole one"),

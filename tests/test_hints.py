@@ -11,6 +11,7 @@ from gainroom.files.gain_files import parse_gains
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.robot.name_patterns import select
 from refusals import assert_refused
+from robot_files import ROBOT, write_arm
 
 LEGS = ("left_hip", "left_knee", "right_hip", "right_knee")
 BIPED = example_texts()["biped"]
@@ -77,6 +78,24 @@ def test_the_wrong_kind_of_file_is_sent_to_its_command(folder: Path, capsys: pyt
     told = line(capsys, call)
     assert answer in told
     assert "unknown key" not in told
+
+
+def test_a_model_without_gains_is_sent_to_options(folder: Path, capsys: pytest.CaptureFixture[str]):
+    """A bare URDF: what is missing is named as it is typed, with what it is, and where gains come from."""
+    assert "gainroom audit model.urdf --delay-ms 2 --gains gains.yaml" in line(capsys, "robot model.urdf")
+    assert "'--delay-ms': Delay, host to motor torque [ms]" in line(capsys, "audit model.urdf")
+    told = line(capsys, "audit gainroom:biped.urdf --delay-ms 2")
+    assert "give --gains FILE" in told
+    assert "JOINT: {kp: 100, kd: 5}" in told
+    assert "'FILE': A joint.yaml; `gainroom example testbed` prints one" in line(capsys, "joint")
+
+
+def test_a_base_without_mass_is_fixed_as_it_is_typed(folder: Path, capsys: pytest.CaptureFixture[str]):
+    write_arm(folder)
+    Path("arm.yaml").write_text("shoulder: {kp: 100, kd: 5}", "utf-8")
+    told = line(capsys, "audit robot.urdf --delay-ms 2 --gains arm.yaml --base floating")
+    assert "take --base fixed" in told
+    assert "model." not in told
 
 
 def test_python_is_told_too(folder: Path):
@@ -146,3 +165,69 @@ def test_missing_motor_inertia_may_be_given_joint_by_joint(folder: Path, capsys:
     (folder / "gains.yaml").write_text('".*_knee": {kp: 100, kd: 3}\n', "utf-8")
     said = line(capsys, "audit gainroom:biped.urdf --delay-ms 2 --gains gains.yaml --gearbox harmonic")
     assert "--motor-inertia, of all joints or JOINT=NUMBER of each, or motor_inertia of each joint in gains.yaml" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("hip: {kp: 1, kd: 2\n", "the file ends within a bracket that is not closed"),
+        ("hip: {kp: 1 kd: 2}\n", "line 1, column 15: a comma or a closing bracket is missing before this"),
+        ("hip: {kp: 1, kd: 2}\n knee: {kp: 1, kd: 2}\n", "look at its indentation"),
+        ("hip:\n\tkp: 1\n", "a tab: indent with spaces"),
+        ("hip: kp: 1\n", "a second ':' in one value"),
+        ("hip: 'a\n", "the file ends within a quoted text"),
+    ],
+)
+def test_malformed_yaml_is_told_in_plain_words(text: str, words: str):
+    """Not "expected <block end>, but found '<block mapping start>'"."""
+    with pytest.raises(gr.GainroomError) as caught:
+        parse_gains(text, "gains.yaml")
+    assert words in str(caught.value)
+    assert "<" not in str(caught.value)
+
+
+def test_a_model_that_was_cut_off_is_told_so(folder: Path, capsys: pytest.CaptureFixture[str]):
+    write_arm(folder)
+    whole = Path("robot.urdf").read_text("utf-8")
+    Path("cut.urdf").write_text(whole[: len(whole) // 2], "utf-8")
+    assert "the file ends within an element: was it cut off?" in line(capsys, "audit cut.urdf --delay-ms 2 --gains gains.yaml")
+
+
+def test_an_unknown_command_is_answered_with_those_there_are(capsys: pytest.CaptureFixture[str]):
+    told = line(capsys, "limits joint.yaml")
+    for name in ("joint", "robot", "audit", "sweep"):
+        assert f" {name}" in told
+
+
+def test_degrees_in_a_posture_are_told_before_the_numbers(folder: Path, capsys: pytest.CaptureFixture[str]):
+    """90 rad are within no joint's limits, and look like a posture of 2.04 rad."""
+    leg = str(Path(__file__).parents[1] / "examples" / "robot.xml")
+    main(["audit", leg, "--delay-ms", "2", "--rate-hz", "1000", "--posture", "knee=90"])
+    told = " ".join(capsys.readouterr().out.split())
+    assert told.startswith("Warning: posture 'given': joint 'knee' at 90 is outside its limits 0 to 2.3 rad; ")
+    assert told.index("were degrees meant?") < told.index("Not safe")
+
+
+def test_gearboxes_that_are_assumed_rigid_are_told_before_the_verdict(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    """Of robot, as audit does: "Safe" rests on them. Nothing of those that the file calls rigid."""
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # which take longest
+    text = ROBOT.replace(", stiffness: 8000.0, damping: 4.0", "")
+    assert text != ROBOT
+    for joints, words in (
+        (text, "Warning: gearboxes whose stiffness is not given are rigid, so limits are optimistic: shoulder, elbow; give stiffness"),
+        (text.replace("  default: {motor_inertia: 0.5}\n", "  locked: []\n"), "Warning: joints without actuator data are rigid with motor"),
+        (text.replace("0.5}", "0.5, stiffness: rigid}"), ""),
+    ):
+        main(["robot", str(write_arm(folder, joints))])
+        told = " ".join(capsys.readouterr().out.split())
+        assert told.startswith(words)
+        assert bool(words) == ("Warning: " in told.partition("posture/contact")[0])
+
+
+def test_gains_without_kd_are_told_so(folder: Path, capsys: pytest.CaptureFixture[str]):
+    leg = str(Path(__file__).parents[1] / "examples" / "robot.xml")
+    Path("knee.yaml").write_text("knee: {kp: 5}", "utf-8")
+    assert main(["audit", leg, "--delay-ms", "2", "--rate-hz", "1000", "--gains", "knee.yaml"]) == 1
+    assert "Warning: knee: kd is 0, so that no gain damps it: give kd" in " ".join(capsys.readouterr().out.split())

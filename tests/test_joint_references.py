@@ -84,7 +84,7 @@ def test_ranges_of_entries(name: str):
         ("parts/elbow.yaml", "nothing.yaml", "no such file"),
         ("parts/elbow.yaml", "robot.yaml", "must be a joint.yaml"),
         ("parts/elbow.yaml", "parts", "is a directory"),
-        ("elbow.yaml}", "elbow.yaml, stiffness: 1.0}", "joints.elbow.file: has no meaning beside stiffness"),
+        ("elbow.yaml}", "elbow.yaml, stiffness: 1.0}", "joints.elbow.file has no meaning beside stiffness"),
         ("{file: parts/elbow.yaml}", "{file: 3}", "joints.elbow.file"),
     ],
 )

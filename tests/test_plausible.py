@@ -1,17 +1,20 @@
 """Slips of units in files are told; public actuators, shipped examples and joints from a small hand to a heavy humanoid are not."""
 
+import json
 from importlib.resources import files
 from math import inf, pi, radians
+from pathlib import Path
 
 import pytest
 import yaml
 
 import gainroom as gr
+from gainroom.cli import main
 from gainroom.errors import THIN
 from gainroom.files.joint_yaml import load_joint, load_simulation, parse_joint, parse_simulation
 from gainroom.report.simulation_text import warnings
 from gainroom.studies.simulation import simulate_study
-from gainroom.system.plausibility import unusual, unusual_values
+from gainroom.system.plausibility import FAR, doubts_first, unusual, unusual_values
 from gainroom.system.requirements import Requirements
 
 EXAMPLES = files("gainroom") / "files" / "examples"
@@ -133,8 +136,28 @@ def test_a_robot_names_its_joints():
     data["joints"]["default"].pop("gear_ratio", None)
     told = [text for text in parse_robot(yaml.safe_dump(data), "f").warnings if "motor_inertia" in text]
     assert told
-    assert "joint " in told[0]
+    assert "joints " in told[0]
     assert f"20{THIN}000 kg·m²" in told[0]
+
+
+def test_what_makes_numbers_doubtful_stands_before_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """On the terminal before the verdict, on pages before the headline, in --json as the first warning; other warnings stay below."""
+    joint, leg, page = tmp_path / "joint.yaml", str(Path(__file__).parents[1] / "examples" / "robot.xml"), tmp_path / "page.html"
+    joint.write_text(changed("drive", "delay_ms", 290.0), "utf-8")
+    for call, verdict in (
+        (["joint", str(joint)], "Not safe: unstable"),
+        (["audit", leg, "--delay-ms", "2", "--rate-hz", "1000", "--stiffness", "3", "--damping", "0.1"], "Not safe: unstable"),
+        (["audit", leg, "--delay-ms", "2", "--rate-hz", "1000", "--stiffness", "3", "--damping", "0.1", "--verbose"], "Not safe: unstable"),
+    ):
+        main([*call, "--report", str(page)])
+        told, written = " ".join(capsys.readouterr().out.split()), page.read_text("utf-8")
+        assert told.startswith("Warning: ")
+        assert told.index(FAR) < told.index(verdict)
+        assert told.count(FAR) == 1
+        assert written.index('<p class="warning">') < written.index("<h1>")
+        main([*call, "--json"])
+        assert FAR in json.loads(capsys.readouterr().out)["warnings"][0]
+    assert doubts_first(["b", f"delay {FAR}", "a"]) == [f"delay {FAR}", "b", "a"]
 
 
 def test_margins_asked_for_are_told_in_their_units():

@@ -10,9 +10,11 @@ import pytest
 from pytest import approx
 
 import gainroom as gr
+from gainroom.report.gain_map import GainPoint, _marks
 from gainroom.report.joint import joint_page
 from gainroom.report.joint_text import _change, sentence
 from gainroom.report.joint_text import warnings as warnings_of
+from gainroom.report.map_lines import View
 from gainroom.report.number_format import digits
 from gainroom.report.page import Card, Html, Lead, Section, figure, page, table
 from gainroom.simulation.step_response import step_response
@@ -154,6 +156,40 @@ def test_gain_map_draws_the_exact_boundary(stable, stable_page):
     assert marks["circle"] == (1600.0, 70.0)
     assert marks["star"] == approx((stable.recommended.kp, stable.recommended.kd), rel=1e-5)
     assert marks["x"] == approx((stable.rule.kp, stable.rule.kd), rel=1e-5)
+
+
+@pytest.mark.parametrize("place", [(0.40, 0.26), (0.36, 0.25), (0.335, 0.252), (0.33, 0.22), (0.97, 0.25), (0.30, 0.25)])
+def test_names_on_the_gain_map_cover_no_mark_and_no_name(place: tuple[float, float]):
+    """Of gains nearly alike, in pixels: 7.5 per letter, a line of 18, marks of 16."""
+    view, spots = View(10.0, 100.0, 10.0, 100.0), []
+    for name, (x, y) in {"this file": place, "recommended": (0.33, 0.25), "10 Hz rule": (0.34, 0.30)}.items():
+        spots.append(GainPoint(name, 10 * x, 100 * y, "circle", "#000000"))
+    _, notes = _marks(spots, view, ("kp", "kd"))
+    size, boxes = np.array([700.0, 480.0]), []
+    for note in notes:
+        x, y = np.array([note["x"] / 10, note["y"] / 100]) * size + [note.get("xshift", 0), note.get("yshift", 0)]
+        half = 0.5 * np.array([7.5 * len(note["text"].replace("<b>", "").replace("</b>", "")), 18])
+        middle = [
+            x + {"left": 1, "right": -1}.get(note.get("xanchor"), 0) * half[0],
+            y + {"bottom": 1, "top": -1}.get(note.get("yanchor"), 0) * half[1],
+        ]
+        boxes.append((np.array(middle), half))
+    assert len(boxes) == 3
+    marks = [(np.array([spot.kp / 10, spot.kd / 100]) * size, np.array([8.0, 8.0])) for spot in spots]
+    for k, (middle, half) in enumerate(boxes):
+        assert np.all(middle - half > 0)
+        assert np.all(middle + half < size)
+        for other, width in (*marks, *boxes[:k]):
+            assert np.any(np.abs(middle - other) >= half + width), (notes[k]["text"], middle, other)
+
+
+def test_the_legend_of_the_gain_map_says_of_which_joint_its_areas_are(stable_page):
+    """Of the nominal one, which matters where something is uncertain."""
+    names = [trace["name"] for trace in figures(stable_page)[0]["data"] if trace["showlegend"]]
+    assert names == ["stable", "every requirement met"]
+    uncertain = replace(specification(), uncertainty=gr.Uncertainty(delay=(2e-3, 3e-3)))
+    drawn = figures(joint_page(gr.study_joint(uncertain), "gainroom joint joint.yaml"))[0]
+    assert [trace["name"] for trace in drawn["data"] if trace["showlegend"]] == [f"{name} (nominal joint only)" for name in names]
 
 
 @pytest.mark.slow

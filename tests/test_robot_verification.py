@@ -54,7 +54,7 @@ def test_continuous_control_is_one_line(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["verify", str(path)]) == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1
-    assert "control.sample_rate_hz: is missing" in err
+    assert "control.sample_rate_hz is missing" in err
     assert str(path) in err
 
 

@@ -11,6 +11,7 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.design.joint_gains import recommend_pd
 from gainroom.design.uncertainty_cost import UncertaintyCost
+from gainroom.errors import digits
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.studies.joint import JointStudy, study_joint
 
@@ -61,6 +62,22 @@ def test_the_exact_joint_is_the_most_and_the_uncertain_one_the_least(study):
     assert 0 < found.cost < 1
 
 
+@pytest.mark.slow
+def test_half_of_the_range_that_costs_most_lies_between(study):
+    """From half way to the nominal value on either side; its gains meet the requirements there, and lie between those for all and none."""
+    found, system = cost(study), study.system
+    half, first = found.half, found.known[0]
+    assert half.name == first.name == "delay"
+    assert (half.low, half.high) == pytest.approx((2.35e-3, 2.65e-3))
+    assert study.recommended is not None
+    assert study.recommended.kp <= half.kp <= ROUNDED * first.kp
+    low, high = system.uncertainty.motor_inertia
+    for delay in (half.low, half.high):
+        for inertia in (low, high):
+            case = system.with_values(delay=delay, motor_inertia=float(inertia))
+            assert system.requirements.met_by(gr.margins(case.loop(controller=gr.PD(half.kp, half.kd))))
+
+
 def test_gains_of_what_is_known_exactly_hold_there_and_hardly_more_would(study):
     """By margins at many joints of the remaining range; and at 2 % more kp no kd meets them all."""
     system = study.system
@@ -105,7 +122,13 @@ def test_json_terminal_and_page_agree(tmp_path: Path, capsys: pytest.CaptureFixt
     main(["joint", str(file), "--verbose", "--report", str(page)])
     shown = " ".join(capsys.readouterr().out.split())
     first = found.known[0].name.replace("_", " ")
-    for words in (f"The uncertainty costs {100 * found.cost:.0f} % of kp", f"Measure the {first} better first"):
+    assert told["half_range"] == {key: getattr(found.half, key) for key in ("name", "low", "high", "kp", "kd", "proved")}
+    for words in (
+        f"The uncertainty costs {100 * found.cost:.0f} % of kp",
+        f"Measure the {first} (2.2 to 2.8 ms) better first: kp would be {digits(found.half.kp, 'N·m/rad')} (",
+        ") if it were surely 2.35 to 2.65 ms, half of that range, and ",
+        "with the motor inertia (0.18 to 0.22 kg·m²) known exactly: ",
+    ):
         assert words in shown
         assert words in page.read_text("utf-8")
     main(["joint", str(file)])

@@ -12,10 +12,12 @@ from typing import Any
 import pytest
 import yaml
 
+import gainroom as gr
 from gainroom.cli import main
 from gainroom.errors import THIN
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import load_robot_system
+from gainroom.report.joint_text import notes
 from gainroom.report.number_format import UNITS
 from gainroom.report.verdict import joint_to_use
 from gainroom.studies.joint import study_joint
@@ -140,10 +142,33 @@ def test_gains_for_the_usual_rate_say_how_they_hold_over_the_ranges():
     shown = study.at_usual_rate.recommended
     assert shown is not None
     assert shown.reserve > 0.01  # else nothing is to be said
-    assert "with 2 % of each requirement to spare" in joint_to_use(study).remarks[0]
+    proof = "Proved everywhere within the ranges, with 2 % of each requirement to spare, without which the proof came to no end."
+    assert joint_to_use(study).remarks[1] == proof
     vars(study.at_usual_rate)["recommended"] = replace(shown, proved=False, reserve=0.002)
-    assert joint_to_use(study).remarks[0] == "Searched over the uncertainty, not proved."
-    assert not any("to spare" in remark for remark in joint_to_use(study).remarks)
+    why = "of those in between there is no proof for such requirements."
+    told = joint_to_use(study).remarks[1]
+    assert told == f"Not proved: the requirements are met in all cases within the ranges that were looked at; {why}"
+    vars(study.at_usual_rate)["recommended"] = replace(shown, proved=False)
+    told = joint_to_use(study).remarks[1]
+    assert told.startswith("Not proved: the requirements are met with 2 % of each requirement to spare in all cases")
+    assert told.endswith("the proof for those in between came to no end.")
+    assert "proved" not in told.removeprefix("Not proved").lower()
+
+
+def test_a_rate_that_is_assumed_is_told_where_the_gains_are():
+    """What is assumed, where to write another, and what that changes: by the margins of the very loop at half the rate."""
+    study = study_joint(parse_joint((EXAMPLES / "fig9.yaml").read_text("utf-8"), ""))
+    use = joint_to_use(study, "gainroom joint knee.yaml")
+    assert use.heading == "The file has no rate, so 2 kHz is assumed. For that rate alone, in knee.yaml under `control`:"
+    assert use.lines[0] == "sample_rate_hz: 2000  # assumed"
+    kp, kd = (yaml.safe_load(line)[name] for line, name in zip(use.lines[1:], ("kp", "kd"), strict=True))
+    system = study.system
+    half = gr.margins(gr.build_loop(system.source, system.drives[0], gr.PD(kp, kd), sample_time=1e-3))
+    short = f"Ms {half.peak_sensitivity:.3g} (≤ 2)"
+    assert half.peak_sensitivity > 2
+    assert "run `gainroom joint knee.yaml` again: at 1 kHz these gains have " in use.remarks[0]
+    assert short in use.remarks[0]
+    assert any("recommended is for continuous time, and at 2 kHz those gains have" in note for note in notes(study))
 
 
 def test_a_page_keeps_units_with_their_numbers_as_the_terminal_does():

@@ -236,7 +236,9 @@ class Sweep:
         sizes = np.abs(matrices)
         bound = np.minimum(sizes.sum(axis=1).max(axis=1), sizes.sum(axis=2).max(axis=1))
         if not np.all(np.isfinite(bound)):
-            raise GainroomError("loop: the return ratio is not finite on the stability boundary")
+            raise GainroomError(
+                "loop: it cannot be computed, as its response is not finite: look for values that are many orders of magnitude off"
+            )
         self.largest = max(self.largest, float(bound.max()))
         if not self._for_limit:
             return eigenvalues(matrices)

@@ -70,7 +70,13 @@ def _run(arguments: Sequence[str] | None) -> int:
         return stop.status
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)  # of the command that was called wrongly, where it was found
-        return _complain(f"{error.format_message()} (see {'gainroom' if context is None else context.command_path} --help)")
+        told, missing = error.format_message(), type(error).__name__ == "MissingParameter"
+        if missing and (text := getattr(getattr(error, "param", None), "help", None)):  # what it is, so that nobody has to look it up
+            told = f"{told.rstrip('.')}: {text.rstrip('.')}"
+        names = getattr(getattr(context, "command", None), "commands", None) if told.startswith("No such command") else None
+        if names and context is not None:
+            told = f"{told.rstrip('.')}; commands: {', '.join(names)}"
+        return _complain(f"{told} (see {'gainroom' if context is None else context.command_path} --help)")
     except typer.Abort as error:  # what typer makes of an EOFError, wherever that came from
         raise error.__cause__ or error from None
     except SystemExit:  # typer's way out where the reader of a help text has left

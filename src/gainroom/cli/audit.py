@@ -11,7 +11,7 @@ from ..io.as_typed import as_typed
 from ..report.number_format import model_facts, model_text
 from .model_options import ModelCall, audited_text
 from .options import AsJson, Number, Report, Verbose, number_option, report_stream, text_output, typed_command, with_options
-from .output import closing, column_table, do_this, few, folded_parts, headings, render, show
+from .output import closing, column_table, do_this, folded_parts, headings, render, show, warned_first
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def audit(
         ),
     ],
     delay_ms: Annotated[
-        float, number_option("--delay-ms", "in milliseconds", "From the host to motor torque [ms]; see --gains-run.", show_default=False)
+        float, number_option("--delay-ms", "in milliseconds", "Delay, host to motor torque [ms]; see --gains-run.", show_default=False)
     ],
     given: ModelCall,
     damping_ratio: Annotated[
@@ -195,7 +195,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
 
 
 def _to_use_facts(result: "Audit") -> dict[str, Any] | None:
-    """The factor, the joints whose gains it is on, whether they may be used yet, and every joint's gains as typed.
+    """The factor (None: each has its own), the joints whose gains it is on, whether they may be used yet, and every joint's gains as typed.
 
     None for safe gains, and where none are known.
     """
@@ -203,7 +203,8 @@ def _to_use_facts(result: "Audit") -> dict[str, Any] | None:
     if found is None:
         return None
     names = result.system.source.joint_names
-    gains = [{"name": name, **{key: float(values[k]) for key, values in found.gains.items()}} for k, name in enumerate(names)]
+    columns = {**found.gains, "factor": found.factors}
+    gains = [{"name": name, **{key: float(values[k]) for key, values in columns.items()}} for k, name in enumerate(names)]
     return {"factor": found.factor, "scaled": list(found.joints), "ready": result.ready_to_use is not None, "joints": gains}
 
 
@@ -230,6 +231,7 @@ def _terminal(
     said, assumed = _further_text(simulated, swept, result.safe)
     assumed, warned = result.system.assumptions + gearbox_assumptions(result) + assumed, audit_warnings(result)
     needed, do = result.needed, what_to_do(result, call, written, None if verbose else FEW_LINES)
+    doubts, warned = warned_first(warned, None if verbose else MOST_WARNINGS)
     answer = [verdict(result), *do_this(do), reason(result)]
     if swept is not None and not swept.safe:
         from ..report.workspace import advice_there, in_workspace
@@ -248,11 +250,12 @@ def _terminal(
             others = f"{len(left)} more joint{'s' * (len(left) > 1)}{f', {unsafe} unsafe' if unsafe else ''}: --verbose. " if left else ""
             joints = column_table("", columns, result.by_headroom[:count])
             return render(
+                *doubts,
                 *answer,
                 *said,
                 joints,
                 others + legend(result, headings(joints)),
-                *closing({"Report": report, "Robot": written}, few(warned, MOST_WARNINGS)),
+                *closing({"Report": report, "Robot": written}, warned),
                 *filter(None, [not_required(result)]),
                 f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
                 f"{gains_run} (--gains-run). {len(assumed)} assumptions: --verbose.",
@@ -263,6 +266,7 @@ def _terminal(
     states = column_table(title, columns, result.states + result.immobile)
     joints = column_table("Joint by joint, in the worst state", audited_joints(result), result.joints, ("motor inertia", "one loop"))
     return render(
+        *doubts,
         *answer,
         *said,
         "",

@@ -7,7 +7,7 @@ import typer
 
 from ..report.number_format import model_facts, model_text, own_gains, typed_gains
 from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
-from .output import closing, column_table, few, folded_parts, render, show, table, verdict_parts
+from .output import closing, column_table, folded_parts, render, show, table, verdict_parts, warned_first
 
 if TYPE_CHECKING:
     from ..design.joint_gains import Recommendation
@@ -125,6 +125,7 @@ def _cost_facts(found: "UncertaintyCost") -> dict[str, Any]:
     return {
         "cost": found.cost,
         "exact": {"kp": found.exact.kp, "kd": found.exact.kd},
+        "half_range": {key: getattr(found.half, key) for key in ("name", "low", "high", "kp", "kd", "proved")},
         "known_exactly": [{"name": one.name, "kp": one.kp, "kd": one.kd, "proved": one.proved} for one in found.known],
     }
 
@@ -136,10 +137,11 @@ def _terminal(study: "JointStudy", call: str, report: Path | None, verbose: bool
 
     said = warnings(study)
     use = joint_to_use(study, call)
-    parts = [sentence(study), *verdict_parts(study, use)]
+    doubts, said = warned_first(said, None if verbose else MOST_WARNINGS)
+    parts = [*doubts, sentence(study), *verdict_parts(study, use)]
     if verbose:
         return render(*parts, *folded_parts(use), "", *_all_there_is(study), *closing({"Report": report}, said, notes=notes(study)))
-    return render(*parts, *closing({"Report": report}, few(said, MOST_WARNINGS)))
+    return render(*parts, *closing({"Report": report}, said))
 
 
 def _all_there_is(study: "JointStudy") -> list[Any]:

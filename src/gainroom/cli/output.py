@@ -142,6 +142,17 @@ def few(warnings: Sequence[str], most: int) -> list[str]:
     return [*warnings[:most], *([f"{more} more: --verbose"] if more > 0 else [])]
 
 
+def warned_first(warnings: Sequence[str], most: int | None = None) -> tuple[list[Any], list[str]]:
+    """Lines that stand before the answer, as what they warn of makes its numbers doubtful, and the other warnings.
+
+    most   warnings that are shown, in all; None: every one
+    """
+    from ..system.plausibility import by_doubt, doubts_first
+
+    doubts, others = by_doubt(doubts_first(warnings) if most is None else few(doubts_first(warnings), most))
+    return [*closing({}, doubts), ""] if doubts else [], others
+
+
 def closing(files: Mapping[str, Path | None], warnings: Iterable[str], assumed: Iterable[str] = (), notes: Iterable[str] = ()) -> list[Any]:
     """The last lines of an answer. `files`: where each was written, None where it was not; a path stands on one line however long."""
     from rich.text import Text

@@ -9,7 +9,7 @@ import typer
 from ..report.number_format import model_facts, model_text
 from ..report.robot_units import requirements_text
 from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
-from .output import closing, column_table, few, folded_parts, headings, render, show, verdict_parts
+from .output import closing, column_table, folded_parts, headings, render, show, verdict_parts, warned_first
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -134,13 +134,13 @@ def _terminal(study: "RobotStudy", call: str, report: Path | None, verbose: bool
     from ..report.robot_text import notes, sentence, warnings
     from ..report.verdict import MOST_WARNINGS, robot_to_use
 
-    said, assumed = warnings(study), study.system.assumptions
-    use = robot_to_use(study, call)
-    parts = [sentence(study), *verdict_parts(study, use), *elsewhere]
+    doubts, said = warned_first(warnings(study), None if verbose else MOST_WARNINGS)
+    use, assumed = robot_to_use(study, call), study.system.assumptions
+    parts = [*doubts, sentence(study), *verdict_parts(study, use), *elsewhere]
     if verbose:
         return render(*parts, *folded_parts(use), "", *_all_there_is(study), *closing({"Report": report}, said, assumed, notes(study)))
     more = [] if report is not None else ["By state, joint and task: --verbose, or --report."]
-    return render(*parts, *closing({"Report": report}, few(said, MOST_WARNINGS)), *more)
+    return render(*parts, *closing({"Report": report}, said), *more)
 
 
 def _all_there_is(study: "RobotStudy") -> list[Any]:

@@ -11,7 +11,7 @@ import typer
 from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
 from .options import AsJson, Report, Verbose, command_line, kind_of, number_option, refuse_inputs, report_stream, typed_command
-from .output import closing, column_table, do_this, few, render, show, table
+from .output import closing, column_table, do_this, render, show, table, warned_first
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -165,7 +165,9 @@ def _terminal(outcome: "Outcome", call: str, study_call: str, report: Path | Non
         for k in hardest
     ]
     rate = digits(1 / run.sample_time, "Hz")
+    doubts, said = warned_first(warnings(outcome), None if verbose else 3)
     parts: list[Any] = [
+        *doubts,
         sentence(outcome),
         *do_this(what_to_do(outcome, call, study_call)),
         "",
@@ -177,6 +179,5 @@ def _terminal(outcome: "Outcome", call: str, study_call: str, report: Path | Non
             "Vibration", ("", "frequency", "growth"), [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit))]
         ),
     ]
-    said = warnings(outcome)
-    shown = closing({"Log": log, "Report": report}, said if verbose else few(said, 3))
+    shown = closing({"Log": log, "Report": report}, said)
     return render(*parts, *(more if verbose else []), *shown, *([] if verbose else ["Torques and vibration: --verbose."]))

@@ -10,7 +10,7 @@ import typer
 
 from .interrupts import Stopped, stop_signals
 from .options import AsJson, Report, Strict, report_stream, typed_command
-from .output import closing, column_table, render, show
+from .output import closing, column_table, render, show, warned_first
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -173,7 +173,8 @@ def _terminal(found: "SweepSummary", near: "SweptPosture | None", at_worst: "Wor
     from ..report.sweep_text import advice, columns, looked_at, sureness, verdict, warnings
 
     table = column_table("", columns(found), found.contacts, ("highest", "10 %"))
-    said = [*verdict(found, at_worst), *filter(None, [advice(found, at_worst)])]
+    doubts, warned = warned_first(warnings(found))
+    said = [*doubts, *verdict(found, at_worst), *filter(None, [advice(found, at_worst)])]
     sure = [*sureness(found, near), *filter(None, [looked_at(found, at_worst)])]
     files = {"Results": output, "Report": report}
-    return render(*said, table, *sure, *closing(files, warnings(found)))
+    return render(*said, table, *sure, *closing(files, warned))

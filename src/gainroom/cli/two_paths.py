@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import GainroomError
-from .output import closing, column_table, headings, render, show, table
+from .output import closing, column_table, headings, render, show, table, warned_first
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -37,12 +37,14 @@ def _terminal(study: "PathStudy") -> str:
     columns = COLUMNS if study.nominal[0].title else COLUMNS[1:]
     title = f"Nominal ({model_text(control.sample_time, control.kd_path)})"
     nominal = column_table(title, columns, study.nominal, ("at", "phase"))
+    doubts, said = warned_first(warnings(study))
     return render(
+        *doubts,
         sentence(study),
         "",
         nominal,
         definitions(columns, headings(nominal)),
         "",
         table("Requirements, at their worst", ("", "value", "at", "required", "met"), requirement_rows(study)),
-        *closing({}, warnings(study), assumptions(study), [NOT_MADE]),
+        *closing({}, said, assumptions(study), [NOT_MADE]),
     )

@@ -1,8 +1,8 @@
 """What the uncertainty of a joint costs in gain, and which of its quantities is worth measuring better."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 from ..system.uncertainty import Uncertainty
 from .joint_gains import Recommendation
@@ -26,17 +26,27 @@ class KnownExactly:
 
 
 @dataclass(frozen=True)
+class HalfAsUncertain(KnownExactly):
+    """The same if that quantity were known to half of its range, to either side of its nominal value: `low` to `high`, SI."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class UncertaintyCost:
     """What would be gained by knowing more.
 
     exact   recommended gains if all were known exactly and nominal
     cost    the part of that kp which the uncertainty takes: 0 nothing, 1 all, as no gains meet the requirements in every case
     known   one by one, the quantity first that brings most
+    half    that quantity half as uncertain
     """
 
     exact: Recommendation
     cost: float
     known: tuple[KnownExactly, ...]
+    half: HalfAsUncertain
 
 
 def cost_of(found: Recommendation | None, exact: Recommendation) -> float:
@@ -45,16 +55,20 @@ def cost_of(found: Recommendation | None, exact: Recommendation) -> float:
 
 
 def uncertainty_cost(
-    recommend: Recommend, uncertainty: Uncertainty, found: Recommendation | None, exact: Recommendation
+    recommend: Recommend, uncertainty: Uncertainty, nominal: Mapping[str, float], found: Recommendation | None, exact: Recommendation
 ) -> UncertaintyCost:
-    """Each number by `recommend` itself, so that it is certified as the recommended gains are: once per uncertain quantity.
+    """Each number by `recommend` itself, so that it is certified as the recommended gains are: once per uncertain quantity, and once more.
 
+    nominal        by name of what is uncertain, SI
     found, exact   what `recommend` makes of all of `uncertainty`, and of none
     """
     single = len(uncertainty.names) == 1
     known = [_known(name, exact if single else recommend(uncertainty.without(name)), found) for name in uncertainty.names]
     ranked = sorted(known, key=lambda one: one.kp if one.kp > 0 else 0.0, reverse=True)
-    return UncertaintyCost(exact, cost_of(found, exact), tuple(ranked))
+    name = ranked[0].name
+    low, high = (0.5 * (float(end) + nominal[name]) for end in getattr(uncertainty, name))
+    half = _known(name, recommend(replace(uncertainty, **{name: (low, high)})), found)
+    return UncertaintyCost(exact, cost_of(found, exact), tuple(ranked), HalfAsUncertain(**vars(half), low=low, high=high))
 
 
 def _known(name: str, one: Recommendation | None, found: Recommendation | None) -> KnownExactly:

@@ -20,12 +20,13 @@ from ..io.yaml_text import shown
 from ..robot.assemble import ASSUMED, DAMPING_NOTE
 from ..robot.body import Base, RigidBody
 from ..robot.contact import ContactKind
-from ..robot.formats.model_files import load_model
+from ..robot.formats.model_files import joint_order, load_model
 from ..robot.formats.model_names import locate
 from ..robot.gearbox_types import GearboxRange, gearbox_range
 from ..robot.linkage import ties_base
 from ..robot.name_patterns import DEFAULT, select
 from ..system.linear.arrays import Floats
+from ..system.plausibility import NO_STIFFNESS
 from ..system.system import System
 from .absurd_values import examined
 from .file_types import kind_of_file, wrong_kind
@@ -232,7 +233,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     read: list[str] = []
     with _options_named(options):
         body = load_model(path, base_of(options.base, path, bool(options.contacts))[0])
-        found = gains_of(read_gains(source), body.every_joint)
+        found = gains_of(read_gains(source).in_order(joint_order(path)), body.every_joint)
         if not np.any(found.given[: body.size]):
             raise GainroomError(f"{path}: no joint that can move has gains")
         if options.rate_hz is None and found.rate_hz is not None and options.gains_run != "drive":
@@ -272,7 +273,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     taken += [text for text in spec.warnings if slight and text.startswith(DAMPING_NOTE)]
     assumptions = (
         options.path_assumption(),
-        *spec.assumptions,
+        *(text for text in spec.assumptions if not text.startswith(NO_STIFFNESS)),  # said below, with the options
         *(slight if text.startswith(DAMPING_NOTE) else text for text in taken),
         *read,
         *_assumptions(spec.source.body, file.joints.locked, options, elastic),
@@ -333,6 +334,7 @@ def _options_named(options: AuditOptions) -> Iterator[None]:
         text = str(error)
         for name, keys in options.keys.items():
             text = re.sub(rf"^{re.escape('.'.join(keys))}\b(\[\d+\])?", option_name(name), text)
+        text = text.replace("model.base: fixed", "--base fixed")
         for key, *_ in options.of_joints:
             text = re.sub(rf"^joints\.(.*)\.{key}\b", rf"{option_name(key)} of \1", text)
         raise GainroomError(text) from error

@@ -12,10 +12,10 @@ Kind = Literal["joint", "robot", "model", "other"]
 PLACES = {
     "joint": "it describes one joint: gainroom joint {0}",
     "robot": "it describes a whole robot: gainroom robot {0}",
-    "model": "it is a robot's model (URDF or MJCF), which a robot.yaml names, model: {{file: {0}}}; or judge the gains it runs with: "
-    "gainroom audit {0} --delay-ms 2",
+    "model": "it is a robot's model (URDF or MJCF), which a robot.yaml names, model: {{file: {0}}}; to judge gains on it, and to write a "
+    "robot.yaml with --write-robot robot.yaml: gainroom audit {0} --delay-ms 2{1}",
 }
-"""What a file is, and the call that takes it."""
+"""What a file is, and the call that takes it: with the file's name, and options."""
 
 
 def is_xml(text: str) -> bool:
@@ -50,4 +50,5 @@ def parse_as(kind: Literal["joint", "robot"], text: str, source: str, example: s
 
 def wrong_kind(source: str, wanted: str, found: Kind) -> GainroomError:
     """The error about a file that is not what is `wanted` but one of PLACES."""
-    return GainroomError(f"{source}: must be a {wanted}; {PLACES[found].format(shlex.quote(source))}")
+    gains = " --gains gains.yaml" if source.endswith(".urdf") else ""  # an MJCF may hold its own
+    return GainroomError(f"{source}: must be a {wanted}; {PLACES[found].format(shlex.quote(source), gains)}")

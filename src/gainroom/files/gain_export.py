@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..errors import GainroomError, first_of_many, printable
 from ..io.yaml_text import read_text, shown
-from ..robot.formats.model_files import load_model
+from ..robot.formats.model_files import joint_order, load_model
 from .gain_files import gains_of, parse_file
 from .gain_formats.export_text import arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
 from .gain_formats.gain_record import ACTUATOR, Gain, GainFile
@@ -68,7 +68,9 @@ def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | Non
     Raises GainroomError where the form cannot hold the gains, or would not be read back as they are.
     """
     kind = _form(form, onto)
-    names = _joint_names(file, model or (onto if form == "mjcf" else None))
+    model = model or (onto if form == "mjcf" else None)
+    file = file if model is None else file.in_order(joint_order(model))
+    names = _joint_names(file, model)
     gains = _by_joint(file, names)
     notes = [*file.notes_for(names), *_left_out(gains, form, kind)]
     header = _header(file, version, today)

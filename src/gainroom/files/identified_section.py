@@ -34,9 +34,9 @@ class IdentifiedSection(Section):
     gainroom: Name = Field(description="the version that identified it")
     model: Literal["rigid", "two-mass", "two-mass with friction"] = Field(description="the model that was fitted")
     adequate: Flag = Field(description="whether the residuals hold nothing that the torque explains")
-    names: list[Name] = Field(description="of the parameters that were fitted", max_length=len(PARAMETERS))
-    values: list[Signed] = Field(description="of the parameters, in SI", max_length=len(PARAMETERS))
-    covariance: list[list[Signed]] = Field(description="of the parameters, in SI", max_length=len(PARAMETERS))
+    names: list[Name] = Field(description="the names of the parameters that were fitted", max_length=len(PARAMETERS))
+    values: list[Signed] = Field(description="the values of the parameters, in SI", max_length=len(PARAMETERS))
+    covariance: list[list[Signed]] = Field(description="the covariance of the parameters, in SI", max_length=len(PARAMETERS))
 
     @model_validator(mode="after")
     def _fits(self) -> "IdentifiedSection":

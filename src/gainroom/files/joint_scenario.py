@@ -75,7 +75,7 @@ class StepSection(ReferenceSection):
     """From `base` to `base` + `by` at once."""
 
     type: Literal["step"]
-    by: Angle = Field(description="how far [rad]")
+    by: Angle = Field(description="how far it goes [rad]")
     start: Instant = 0.0
 
     def trajectory(self) -> Trajectory:
@@ -86,8 +86,8 @@ class MoveSection(ReferenceSection):
     """From `base` to `base` + `by` along a spline, from rest to rest."""
 
     type: Literal["cubic", "quintic"]
-    by: Angle = Field(description="how far [rad]")
-    duration: Duration = Field(description="of the move [s]")
+    by: Angle = Field(description="how far it goes [rad]")
+    duration: Duration = Field(description="the duration of the move [s], a number > 0")
     start: Instant = 0.0
 
     def trajectory(self) -> Trajectory:
@@ -98,12 +98,12 @@ class ChirpSection(ReferenceSection):
     """A sine whose frequency sweeps from `first` to `last`."""
 
     type: Literal["chirp"]
-    amplitude: Size = Field(description="[rad]")
+    amplitude: Size = Field(description="the amplitude [rad], a number >= 0")
     first: Positive | None = None
     first_hz: Positive | None = None
     last: Positive | None = None
     last_hz: Positive | None = None
-    duration: Duration = Field(description="of the sweep [s]")
+    duration: Duration = Field(description="the duration of the sweep [s], a number > 0")
     start: Instant = 0.0
 
     @model_validator(mode="after")
@@ -122,7 +122,7 @@ class MultisineSection(ReferenceSection):
     """Sines together, for the whole run."""
 
     type: Literal["multisine"]
-    amplitude: Size = Field(description="of each sine [rad]")
+    amplitude: Size = Field(description="the amplitude of each sine [rad], a number >= 0")
     frequencies: Frequencies | None = None
     frequencies_hz: Frequencies | None = None
     start: Instant = 0.0
@@ -151,7 +151,7 @@ Reference = Annotated[
 class DisturbanceSection(Section):
     """A torque on the link from outside, from some time on."""
 
-    torque: Torque = Field(description="on the link [N m]")
+    torque: Torque = Field(description="the torque on the link [N·m]")
     start: Instant = 0.0
 
 

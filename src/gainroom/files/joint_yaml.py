@@ -101,14 +101,16 @@ def _scenario(file: "JointFile", source: str) -> "ScenarioSection":
 class JointSection(GearboxSection):
     """Two inertias and the gearbox between them."""
 
-    link_inertia: PositiveOrInfinite = Field(description="the load's inertia [kg m²], .inf where it is locked")
-    stiffness: Stiffness = Field(description="of the gearbox [N m/rad], rigid or .inf for none")
+    link_inertia: PositiveOrInfinite = Field(description="the load's inertia [kg·m²], a number > 0, or .inf where it is locked")
+    stiffness: Stiffness = Field(description="the stiffness of the gearbox [N·m/rad], a number > 0, or rigid where it does not give way")
 
     def joint(self) -> ElasticJoint:
         """In SI, on the joint side. Raises GainroomError where the motor is not described, or in two ways."""
         inertia = self.entry().reflected("joint")
         if inertia is None:
-            raise GainroomError("joint: give either motor_inertia (joint side), or rotor_inertia with gear_ratio")
+            raise GainroomError(
+                "joint.motor_inertia is missing: the motor's on the joint side [kg·m²], a number > 0; or give rotor_inertia with gear_ratio"
+            )
         others = self.model_dump(exclude={"motor_inertia", "rotor_inertia", "gear_ratio"}, exclude_none=True)
         return ElasticJoint(motor_inertia=inertia, **others)
 
@@ -116,10 +118,10 @@ class JointSection(GearboxSection):
 class JointControlSection(ControlSection):
     """The controller of one joint."""
 
-    kp: Positive | None = Field(None, description="[N m/rad], of ppi [1/s]")
-    kd: NotNegative | None = Field(None, description="[N m s/rad]")
-    kv: Positive | None = Field(None, description="[N m s/rad]")
-    ki: NotNegative | None = Field(None, description="[N m/(rad s)], of ppi [N m/rad]")
+    kp: Positive | None = Field(None, description="the gain on position [N·m/rad], of ppi [1/s]; a number > 0")
+    kd: NotNegative | None = Field(None, description="the gain on velocity [N·m·s/rad], a number >= 0")
+    kv: Positive | None = Field(None, description="the gain on velocity [N·m·s/rad], a number > 0")
+    ki: NotNegative | None = Field(None, description="the gain on the integral [N·m/(rad·s)], of ppi [N·m/rad]; a number >= 0")
 
 
 class JointUncertaintySection(UncertaintySection):
@@ -131,7 +133,9 @@ class JointUncertaintySection(UncertaintySection):
 class JointFile(SystemFile[JointControlSection, JointUncertaintySection]):
     """joint.yaml as it is written."""
 
-    joint: JointSection = Field(description="the inertias and the gearbox")
+    joint: JointSection = Field(
+        description="the section of inertias and gearbox, such as {motor_inertia: 1, link_inertia: 16, stiffness: 1.0e4, damping: 1}"
+    )
     scenario: Any = Field(default_factory=dict, description="what happens to the joint: a ScenarioSection")
     identified: Any = Field(None, description="where the numbers come from: an IdentifiedSection")
 

@@ -43,7 +43,7 @@ class RobotMoveSection(Section):
 
     task: Name | None = None
     joint: Name | None = None
-    by: Moves = Field(description="how far [m, rad]; a number, or one per direction")
+    by: Moves = Field(description="how far it goes [m, rad]; a number, or one per direction")
     duration: Annotated[float, number(above=0, most=3600)] = 1.0
 
 

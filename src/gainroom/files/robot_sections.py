@@ -23,14 +23,14 @@ MOST_NAMES = 50
 class PayloadSection(Section):
     """What the robot carries: a point mass."""
 
-    frame: Name = Field(description="where, at its origin")
-    mass: Annotated[float, number(least=0, most=1e5, unit="kg")] = Field(description="[kg]")
+    frame: Name = Field(description="the name of the frame at whose origin it is")
+    mass: Annotated[float, number(least=0, most=1e5, unit="kg")] = Field(description="its mass [kg], a number >= 0")
 
 
 class ModelSection(Section):
     """Where the links come from."""
 
-    file: Name = Field(description="a URDF or MJCF, beside this file or in package")
+    file: Name = Field(description="the URDF or MJCF, beside this file, or in package")
     package: Name | None = Field(None, description="an installed Python package that has the file")
     base: Base | None = None
     gravity_stiffness: Flag | None = None
@@ -41,7 +41,7 @@ class ActuatorSection(GearboxSection):
     """What one pattern says of its joints: motor and gearbox, and where its drive differs from the others; or a joint.yaml that does."""
 
     file: Name | None = None
-    stiffness: Stiffness | None = Field(None, description="of the gearbox [N m/rad], rigid or .inf for none")
+    stiffness: Stiffness | None = None
     bandwidth: Bandwidth | None = None
     damping_ratio: DampingRatio | None = None
     delay_ms: DelayMs | None = None
@@ -91,7 +91,7 @@ class JointsSection(BaseModel):
 class ContactSection(Section):
     """One frame on the ground."""
 
-    frame: Name = Field(description="the frame's name")
+    frame: Name = Field(description="the name of a frame of the model")
     type: ContactKind = "flat"
     stiffness: Springs | None = None
     damping: Several | None = None
@@ -104,10 +104,10 @@ class ContactSection(Section):
 class TaskSection(Section):
     """One task of the operational space, PD (kp, kd) or P/PI (kp, kv, ki)."""
 
-    name: Name = Field(description="for the tables")
-    type: TaskKind = Field(description="com, position, orientation or posture")
+    name: Name = Field(description="its name in tables, of your choice")
+    type: TaskKind = Field(description="what it holds: com, position, orientation or posture")
     frame: Name | None = None
-    kp: Several = Field(description="[1/s²], with kv [1/s]; a number, or one per direction")
+    kp: Several = Field(description="its stiffness [1/s²], with kv [1/s]; a number >= 0, or one per direction")
     kd: Several | None = Field(None, description="[1/s]")
     kv: Several | None = None
     ki: Several | None = None
@@ -120,7 +120,12 @@ class TaskSection(Section):
         if self.kd is not None and self.ki is not None:
             raise refusal("is for P/PI: give kv in place of kd", key="ki")
         if (self.type in FRAMED) != (self.frame is not None):
-            raise refusal(f"{'is missing: ' if self.frame is None else 'has no meaning for '}type {self.type}", key="frame")
+            raise refusal(
+                f"is missing: the name of the frame of a task of type {self.type}"
+                if self.frame is None
+                else f"has no meaning for type {self.type}",
+                key="frame",
+            )
         return self
 
     def task(self) -> Task:
@@ -134,10 +139,18 @@ class RobotControlSection(ControlSection):
     """The controller: with its gains in joint space, with those of the tasks in task space."""
 
     space: Literal["joint", "task"] = "joint"
-    kp: PerJoint[NotNegative] | None = Field(None, description="a number, or one per pattern [N m/rad], of ppi [1/s]")
-    kd: PerJoint[NotNegative] | None = Field(None, description="a number, or one per pattern [N m s/rad]")
-    kv: PerJoint[NotNegative] | None = Field(None, description="a number, or one per pattern [N m s/rad]")
-    ki: PerJoint[NotNegative] | None = Field(None, description="a number, or one per pattern [N m/(rad s)], of ppi [N m/rad]")
+    kp: PerJoint[NotNegative] | None = Field(
+        None, description="the gain on position [N·m/rad], of ppi [1/s]; a number >= 0, or one per joint's name or pattern"
+    )
+    kd: PerJoint[NotNegative] | None = Field(
+        None, description="the gain on velocity [N·m·s/rad]; a number >= 0, or one per joint's name or pattern"
+    )
+    kv: PerJoint[NotNegative] | None = Field(
+        None, description="the gain on velocity [N·m·s/rad]; a number >= 0, or one per joint's name or pattern"
+    )
+    ki: PerJoint[NotNegative] | None = Field(
+        None, description="the gain on the integral [N·m/(rad·s)], of ppi [N·m/rad]; a number >= 0, or one per joint's name or pattern"
+    )
     rotors: Flag = False
     weight: PerJoint[Weight] | None = None
 
@@ -171,7 +184,7 @@ ContactStates = dict[
 class RobotFile(SystemFile[RobotControlSection, UncertaintySection]):
     """robot.yaml as it is written."""
 
-    model: ModelSection = Field(description="the file with the links")
+    model: ModelSection = Field(description="the section of the robot's model, such as {file: robot.urdf}")
     joints: JointsSection = JointsSection()
     postures: Postures | None = Field(None, min_length=1, max_length=MOST_NAMES)
     contacts: ContactStates | None = Field(None, min_length=1, max_length=MOST_NAMES)

@@ -22,6 +22,7 @@ from ..robot.name_patterns import DEFAULT, strongest
 from ..robot.robot import Posture, Robot
 from ..robot.tasks import Task
 from ..system.linear.arrays import Floats
+from ..system.plausibility import DEGREES, TURN
 from ..system.requirements import Requirements
 from ..system.system import Control, System
 from .absurd_values import examined
@@ -147,7 +148,9 @@ def _outside(postures: Mapping[str, Posture]) -> tuple[str, ...]:
     for name, posture in postures.items():
         beyond = posture.body.beyond_limits(posture.body.configuration(posture.angles))
         if beyond:
-            warnings.append(f"posture {shown(name)}: {first_of_many(beyond)}; move it inside, or check the model")
+            turned = any(abs(angle) > TURN for angle in posture.angles.values())
+            meant = f"move it inside; angles are in rad: {DEGREES}" if turned else "move it inside, or check the model"
+            warnings.append(f"posture {shown(name)}: {first_of_many(beyond)}; {meant}")
     return tuple(warnings)
 
 

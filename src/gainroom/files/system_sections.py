@@ -84,7 +84,7 @@ class GearboxSection(Section):
 class DriveSection(Section):
     """Current loop and delay."""
 
-    bandwidth: Bandwidth = Field(description="of the current loop [rad/s], .inf for an ideal one")
+    bandwidth: Bandwidth = Field(description="the bandwidth of the current loop [rad/s], a number > 0, or .inf for an ideal one")
     damping_ratio: DampingRatio = 0.9
     delay_ms: DelayMs | None = None
     delay_ticks: DelayTicks | None = None
@@ -94,8 +94,11 @@ class DriveSection(Section):
 
     @model_validator(mode="after")
     def _one_delay(self) -> "DriveSection":
-        if (self.delay_ms is None) == (self.delay_ticks is None):
-            raise refusal("give either delay_ms, or delay_ticks with sample_rate_hz (0 where there is no delay)")
+        if self.delay_ms is None and self.delay_ticks is None:
+            what = "the delay from the command of a torque to the torque [ms], a number >= 0; or give delay_ticks with sample_rate_hz"
+            raise refusal(f"is missing: {what}", key="delay_ms")
+        if self.delay_ms is not None and self.delay_ticks is not None:
+            raise refusal("give either delay_ms or delay_ticks, not both")
         return self
 
     def drive(self, tick: float | None) -> Drive:
@@ -180,8 +183,8 @@ class NotchSection(FrequencySection):
 class GainPathSection(Section):
     """Where kd closes when not with the other gains: on the drive."""
 
-    delay_ms: DelayMs = Field(description="of kd's own loop, measurement to torque [ms]")
-    sample_rate_hz: SampleRate = Field(description="at which kd runs [Hz]")
+    delay_ms: DelayMs = Field(description="the delay of kd's own loop, measurement to torque [ms], a number >= 0")
+    sample_rate_hz: SampleRate = Field(description="the rate at which kd runs [Hz], a number >= 1")
 
     def path(self) -> GainPath:
         """In SI."""
@@ -191,8 +194,8 @@ class GainPathSection(Section):
 class ControlSection(Section):
     """The controller: its type, the side of its encoders, its filters; subclasses have the gains."""
 
-    type: Literal["pd", "pid", "ppi"] = Field(description="pd, pid or ppi")
-    feedback: Literal["motor", "link"] = Field(description="the side the encoder is on, motor or link")
+    type: Literal["pd", "pid", "ppi"] = Field(description="the kind of controller, pd, pid or ppi")
+    feedback: Literal["motor", "link"] = Field(description="the side of the gearbox that the encoder is on, motor or link")
     sample_rate_hz: SampleRate | None = None
     velocity_filter: LowPassSection | None = None
     notches: list[NotchSection] = Field([], max_length=20)
@@ -221,7 +224,7 @@ class ControlSection(Section):
         if self.kd_path is not None and "kd" not in self.gain_names:
             raise refusal(f"has no meaning for type {self.type}, which has no kd", key="kd_path")
         if self.kd_path is not None and self.sample_rate_hz is None:
-            raise refusal("is missing: the rate of the other gains, where kd has a kd_path", key="sample_rate_hz")
+            raise refusal("is missing: the rate of the other gains [Hz], which kd_path needs", key="sample_rate_hz")
         return self
 
     def gain_path(self) -> GainPath | None:
@@ -303,7 +306,7 @@ def _around(key: str, given: str | list[float], nominal: Floats, unit: float) ->
     """(low, high) in SI of [low, high] in `unit`, or of a percentage around `nominal`, () or (n,); what is infinite stays so."""
     finite = np.isfinite(nominal)
     if not finite.any():
-        raise GainroomError(f"uncertainty.{key}: has no meaning around a value of .inf")
+        raise GainroomError(f"uncertainty.{key} has no meaning around a value of .inf")
     if isinstance(given, str):
         part = float(given.removesuffix("%")) / 100
         return nominal * (1 - part), nominal * (1 + part)
@@ -321,8 +324,8 @@ Ranges = TypeVar("Ranges", bound=UncertaintySection)
 class SystemFile(Section, Generic[Control, Ranges]):
     """What describes a system in a file, one joint or a robot."""
 
-    drive: DriveSection = Field(description="the current loops and the delay")
-    control: Control = Field(description="the controller and its gains")
+    drive: DriveSection = Field(description="the section of current loop and delay, such as {bandwidth: 4000, delay_ms: 2}")
+    control: Control = Field(description="the section of the controller: type, feedback, its gains, and sample_rate_hz")
     limits: Annotated[Any, made_when_read(limits_section)] = None
     uncertainty: Ranges = Field(default_factory=dict, validate_default=True)  # type: ignore[assignment] - {} as a section
 

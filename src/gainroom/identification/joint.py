@@ -125,10 +125,11 @@ def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
     position, tick = record.channels["motor_position"], record.sample_time
     measured = frequency_response(source.torque, position, tick)
     seen = frequency_response(source.torque, position, tick, given_torque(source.torque, position))
-    for lines, what in ((measured.lines, "drives the motion"), (seen.lines, "is more than what feedback makes of the position")):
+    own = "is excitation of its own, more than what feedback makes of the position,"
+    for lines, what in ((measured.lines, "drives the motion"), (seen.lines, own)):
         if lines < LEAST_LINES:
             raise GainroomError(
-                f"joint: {source.name} {what} at {lines} frequencies, {LEAST_LINES} are needed: record a multisine or chirp of torque, "
+                f"joint: {source.name} {what} at {lines} frequencies; {LEAST_LINES} are needed: record a multisine or chirp of torque, "
                 "well above friction, from below the antiresonance to above the resonance (gainroom identify plan makes one)"
             )
     return _selected(record, source, measured, seen, warnings)

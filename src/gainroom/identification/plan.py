@@ -164,7 +164,9 @@ def _band(system: System, duration: float) -> tuple[float, float, float]:
     require_positive("plan", "duration", duration, "s")
     joint, tick = system.source, system.control.sample_time
     if tick is None:
-        raise GainroomError("plan: control.sample_rate_hz is missing: the excitation has one torque per tick")
+        raise GainroomError(
+            "plan: control.sample_rate_hz is missing: the controller's rate [Hz], as the excitation has one torque per tick"
+        )
     if not math.isfinite(joint.stiffness):
         raise GainroomError(
             "plan: joint.stiffness is .inf: the plan goes around the resonance; give a rough stiffness, its range under uncertainty"

@@ -48,7 +48,9 @@ def _number_hint(text: str) -> str:
     """What probably was meant by text in a number's place."""
     if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", text):
         return f": the decimal sign is a point, {text.replace(',', '.')}"
-    return ", without a unit: it stands in the key's name" if text[:1].isdigit() else ""
+    if re.fullmatch(r"[-+]?[0-9.]+([eE][-+]?[0-9]+)?", text):
+        return ", without quotes"
+    return ", without a unit: SI, unless the key's name has another" if text[:1].isdigit() else ""
 
 
 Positive = Annotated[float, number(above=0)]
@@ -84,7 +86,7 @@ def typed(*kinds: str, beside: str) -> BeforeValidator:
         if not isinstance(value, dict):
             raise refusal(f"{shown(value)} must be a section with the keys type, {beside}")
         if "type" not in value:
-            raise refusal(f"is missing: {allowed}", key="type")
+            raise refusal(f"is missing: it must be {allowed}", key="type")
         if value["type"] not in kinds:
             raise refusal(f"{shown(value['type'])} must be {allowed}", key="type")
         return value
@@ -98,7 +100,7 @@ def refusal(message: str, key: str = "") -> PydanticCustomError:
 
 
 class Section(BaseModel):
-    """A mapping with known keys. A field's description says what a missing key would hold.
+    """A mapping with known keys. A field's description says what a missing key would hold: what it is, its unit, and what is allowed.
 
     MEANT   what is meant by keys that others have for the same, where no likeness of names tells it
     """
@@ -147,7 +149,7 @@ def validate(model: type[AnySection], data: object, source: str, within: str = "
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=True)[0]
         path = ".".join(part for part in (within, _path(data, first["loc"], first.get("ctx", {}).get("key", ""))) if part)
-        raise GainroomError(": ".join(part for part in (source, path, _message(first)) if part)) from error
+        raise GainroomError(": ".join(part for part in (source, _said_of(path, _message(first))) if part)) from error
 
 
 def made_when_read(model: Callable[[], type[Section]]) -> BeforeValidator:
@@ -161,6 +163,11 @@ def made_when_read(model: Callable[[], type[Section]]) -> BeforeValidator:
             raise refusal(_message(first), key=_path(value, first["loc"], first.get("ctx", {}).get("key", ""))) from None
 
     return BeforeValidator(check)
+
+
+def _said_of(path: str, message: str) -> str:
+    """A message after the path of what it is about: one sentence where it begins with a verb, "drive.bandwidth is missing"."""
+    return f"{path}{' ' if message.startswith(('is ', 'has ')) else ': '}{message}" if path else message
 
 
 def _message(error: Any) -> str:

@@ -19,6 +19,17 @@ from .bounded_text import bounded_text
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 20
 MAX_NODES = 20_000
+PLAIN = {
+    "<stream end>": "the file ends within a bracket that is not closed",
+    "unexpected end of stream": "the file ends within a quoted text",
+    "expected ',' or": "a comma or a closing bracket is missing before this",
+    "expected <block end>": "this does not fit what stands before it: look at its indentation, and for a missing bracket or comma",
+    "expected '<document start>'": "this does not fit what stands before it: look at its indentation",
+    "mapping values are not allowed": "a second ':' in one value: look for a line break, a space or quotes that are missing",
+    "'\\t' that cannot start": "a tab: indent with spaces",
+    "could not find expected ':'": "a ':' is missing behind the key before this",
+}
+"""What PyYAML says of malformed text, in plain words."""
 LONGEST = 60
 """Characters of a value in a message."""
 
@@ -50,6 +61,7 @@ def parse_yaml(text: str, source: str) -> Any:
         mark = error.problem_mark or error.context_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         problem = " ".join((error.problem or error.context or "malformed YAML").split())
+        problem = next((plain for words, plain in PLAIN.items() if words in problem), problem)
         raise GainroomError(f"{source}: {where}{printable(problem)}") from error
     except yaml.reader.ReaderError as error:
         raise GainroomError(f"{source}: character {error.position + 1} is not allowed in YAML") from error

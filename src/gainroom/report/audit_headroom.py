@@ -113,7 +113,7 @@ def headroom(result: Audit) -> Html:
         ],
         annotations=[
             style.label(0.0, 1, "these gains", style.SOFT, **words, xanchor="right" if result.margin < 1.5 else "center", name="wide"),
-            style.label(math.log10(result.margin), 1, f"required {digits(result.margin, '×', 3)}", style.VERMILION, **words),
+            style.label(math.log10(result.margin), 1, f"required {digits(result.margin, '×', 4)}", style.VERMILION, **words),
         ],
         margin={"l": 20, "r": 24, "t": 30, "b": 48},
     )

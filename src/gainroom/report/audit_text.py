@@ -13,6 +13,7 @@ from ..studies.factors import typed_factor
 from ..studies.lowered_gains import GainsToUse
 from ..studies.state import HELD, USUAL_RATE
 from ..system.excluded_sets import ROUND_OFF
+from ..system.plausibility import doubts_first
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS, to_db
 from .gains_to_use import gain_file
@@ -23,6 +24,8 @@ from .page import Advice
 from .robot_text import free_joints, unconfirmed
 
 PEAK = REQUIREMENTS["peak_sensitivity"]
+FEW_OWN = 2
+"""Joints with a factor of their own that are named one by one."""
 SLIGHT = 0.05
 """Damping ratio of a motor on its spring proposed as a first guess where none is given."""
 
@@ -123,7 +126,7 @@ def _short_of_gain(result: Audit) -> str:
 
 
 def _given(result: Audit) -> str:
-    return f"{1e3 * result.system.delay:.3g} ms"
+    return digits(1e3 * result.system.delay, "ms", 3)
 
 
 def _mainly(result: Audit) -> str:
@@ -203,7 +206,7 @@ def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:
     how = "Give the motors' inertias (rotor inertia × gear ratio²), as `motor_inertia` of each joint in the file of gains or with"
     multiply = _multiply(result, found)
     without = f"Where they are really 0: {multiply[0].lower()}{multiply[1:]}; then {_required(result)}."
-    folded = f"With motor inertia 0, × {found.factor:.4g} on {_joints_of(result, found)}, the others as they are:"
+    folded = f"With motor inertia 0, {_factors(result, found)}, the others as they are:"
     return Advice(f"{how} `--motor-inertia`, and audit again.", (), [without], (folded, _gain_file(result, found)))
 
 
@@ -246,22 +249,23 @@ def _to_decide(result: Audit, call: str) -> Advice:
 def _not_yet(result: Audit, found: GainsToUse[Audit], call: str, written: Path | None) -> Advice:
     """Where gains with the required margins are known, but not the loop's rate, or they hardly damp the motion."""
     damped, rate = not found.audited.hardly_damped, result.system.control.sample_time is not None
-    joints = _joints_of(result, found)
+    factors = _factors(result, found)
     options = "" if damped else f" --peak-sensitivity {PEAK.usual:g}"
     before, after = result.worst[PEAK.name], found.audited.worst[PEAK.name]
     at = at_frequency(PEAK.frequency(after.margins))
     was, becomes = (PEAK.text(PEAK.value(state.margins)) for state in (before, after))
     change = f"{PEAK.heading} would {f'go from {was} to' if result.stable else 'be'} {becomes}{at}, where {PEAK.usual:g} is usual"
-    folded = f"Not yet to use: × {found.factor:.4g} on {joints}, the others as they are"
+    folded = f"Not yet to use: {factors}, the others as they are"
     if not rate:
         margin, extra = to_db(found.audited.tightest.limit.gain), found.audited.least_extra_delay
         lost = f"; below about {digits(1 / extra, 'Hz', 3)} these gains may vibrate, too" if 0 < extra < math.inf else ""
-        why = f"× {found.factor:.4g} on {joints} leaves gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
+        leave = "leave" if found.factor is None else "leaves"
+        why = f"{factors} {leave} gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
         remarks = [f"Without a rate, {why}", *([] if damped else [f"{change}."])]
         return Advice("Give the loop's rate and audit again, such as:", [f"{call} --rate-hz {USUAL_RATE:.0f}{options}"], remarks, (
             f"{folded}; found in continuous time:", _gain_file(result, found)
         ))  # fmt: skip
-    text = f"Do not use × {found.factor:.4g} on {joints} yet: {_required(result)}, but {change}."
+    text = f"Do not use {factors} yet: {_required(result)}, but {change}."
     heading = f"Search gains joint by joint, from the present ones, with Ms ≤ {PEAK.usual:g}:"
     return Advice(
         heading,
@@ -271,24 +275,49 @@ def _not_yet(result: Audit, found: GainsToUse[Audit], call: str, written: Path |
     )
 
 
-def _joints_of(result: Audit, found: GainsToUse[Audit]) -> str:
-    """Those whose gains are lowered."""
-    return "all joints" if len(found.joints) == len(result.joints) else listed(found.joints, most=3)
+def _by_factor(result: Audit, found: GainsToUse[Audit]) -> dict[float, list[str]]:
+    """The joints whose gains are lowered, by the factor on them, the least first."""
+    names, groups = result.system.source.joint_names, dict[float, list[str]]()
+    for name, factor in sorted(zip(names, found.factors.tolist(), strict=True), key=lambda one: one[1]):
+        if name in found.joints:
+            groups.setdefault(factor, []).append(name)
+    return groups
+
+
+def _factors(result: Audit, found: GainsToUse[Audit]) -> str:
+    """Which factors on which gains: "× 0.42 on ankle and × 0.83 on knee"."""
+    groups, every = _by_factor(result, found), len(found.joints) == len(result.joints)
+    if len(groups) > 2:
+        return f"× {min(groups):.4g} to {max(groups):.4g} on {'all' if every else len(found.joints)} joints (each its own)"
+    joints = {factor: "all joints" if len(group) == len(result.joints) else listed(group, most=3) for factor, group in groups.items()}
+    return " and ".join(f"× {factor:.4g} on {group}" for factor, group in joints.items())
 
 
 def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
-    """Which gains by which factor, with the values of the joint that has the least headroom."""
-    names = result.system.source.joint_names
+    """Which gains by which factor, with the values of the joint that has the least headroom, or of each of few."""
     first = next(joint.name for joint in result.by_headroom if joint.name in found.joints)
-    of_first = ", ".join(f"{name} {values[names.index(first)]:.4g}" for name, values in found.gains.items() if name != "ki")
-    count, left = len(found.joints), len(names) - len(found.joints)
-    if not left:
-        return f"Multiply all gains by {found.factor:.4g} ({first} {of_first})"
+    of_first, count = _values(result, found, first), len(found.joints)
+    left = len(result.joints) - count
+    groups = _by_factor(result, found)
+    others = f" and leave the other{f' {left}' if count > 1 else 's'}" if left else ""
     if count == 1:
-        return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}) and leave the others"
+        return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}){others}"
+    whose = f"the gains of {count} joints" if left else "all gains"
     unsafe = sum(not joint.safe for joint in result.joints)
-    which = f", {unsafe} unsafe and {count - unsafe} that would vibrate then," if count > unsafe else ""
-    return f"Multiply the gains of {count} joints by {found.factor:.4g} ({first} {of_first}){which} and leave the other {left}"
+    which = f", {unsafe} unsafe and {count - unsafe} that would vibrate then," if left and count > unsafe else ""
+    if len(groups) == 1:
+        return f"Multiply {whose} by {found.factor:.4g} ({first} {of_first}){which}{others}"
+    if len(groups) == count <= FEW_OWN:
+        each = listed([f"{name} by {factor:.4g} ({_values(result, found, name)})" for factor, (name,) in groups.items()])
+        return f"Multiply the gains of {each}{which}{others}"
+    least, most = min(groups), max(groups)
+    return f"Multiply {whose} by {least:.4g} to {most:.4g}, each by its own ({first} {of_first}){which}{others}"
+
+
+def _values(result: Audit, found: GainsToUse[Audit], joint: str) -> str:
+    """A joint's gains to use: "kp 41.45, kd 2.638"."""
+    k = result.system.source.joint_names.index(joint)
+    return ", ".join(f"{name} {values[k]:.4g}" for name, values in found.gains.items() if name != "ki")
 
 
 def _required(result: Audit) -> str:
@@ -385,7 +414,10 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
     if lost:
         limits = listed([f"{joint.name} (stable only below {digits(joint.gain_limit, '×', 3)} its gains)" for joint in lost], most=3)
         found.append(f"with all other joints switched off {limits} would vibrate: do not run {'it' if len(lost) == 1 else 'one'} by itself")
+    bare = [joint.name for joint in result.joints if joint.kp > 0 and joint.kd == 0] if not result.safe else []
+    if bare:
+        found.append(f"{listed(bare)}: kd is 0, so that no gain damps {'it' if len(bare) == 1 else 'them'}: give kd")
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])
         found.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")
-    return (*found, *free_joints(system), *unconfirmed(result.states), *system.warnings)
+    return tuple(doubts_first([*found, *free_joints(system), *unconfirmed(result.states), *system.warnings]))

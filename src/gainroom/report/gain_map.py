@@ -85,6 +85,11 @@ def _shade(height: float) -> str:
 
 HOVER = (15, 11)  # points of the map that show their margins
 REQUIRED = "rgba(86,180,233,0.38)"
+PLOT = (700.0, 480.0)  # [px] that the picture has, about; on wider ones names are farther from others
+LETTER, LINE = 8.0, 20.0  # [px] of a name's bold letter, and of its line
+MARK = (24 / PLOT[0], 24 / PLOT[1])  # of the picture: a mark
+Box = tuple[float, float, float, float]
+"""Middle, width and height, in shares of the picture."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +108,10 @@ def gain_map(study: JointStudy) -> Html:
     spots = gain_points(study)
     view = around(study, spots)
     stable = outlines(study.region, view)
-    traces, notes = _stable_area(stable, view)
+    of = " (nominal joint only)" if study.system.uncertainty.names else ""
+    traces, notes = _stable_area(stable, view, f"stable{of}")
     if study.required_region.required.asked:
-        traces += [_area(outline, REQUIRED) for outline in outlines(study.required_region, view)]
+        traces += _areas(outlines(study.required_region, view), REQUIRED, f"every requirement met{of}")
     names = plane_names(study.system.control.controller)
     marks, mark_notes = _marks(spots, view, names)
     lines, line_notes = contours(study, view, mark_notes)
@@ -115,11 +121,15 @@ def gain_map(study: JointStudy) -> Html:
         xaxis=style.axis(f"{names[0]} [N·m/rad]", range=[0, view.kp], constrain="domain"),
         yaxis=style.axis(f"{names[1]} [N·m·s/rad]", range=[0, view.kd]),
         annotations=[*edge_notes, *line_notes, *mark_notes, *notes],
-        margin={"l": 72, "r": 24, "t": 44, "b": 52},
+        margin={"l": 72, "r": 24, "t": 44, "b": 84},
+        showlegend=True,
+        legend=style.switches(-0.12, yanchor="top", itemclick=False, itemdoubleclick=False),
         updatemenus=[_zoom(view)] if view.whole_kp > 1.2 * view.kp else [],
     )
     title = "Stable gains and their margins"
-    return figure({"data": traces, "layout": picture}, title, _caption(study), 620, style.NARROW)
+    return figure(
+        {"data": [{"showlegend": False} | trace for trace in traces], "layout": picture}, title, _caption(study), 620, style.NARROW
+    )
 
 
 def gain_points(study: JointStudy) -> list[GainPoint]:
@@ -156,13 +166,20 @@ def _zoom(view: View) -> dict[str, Any]:
     return {"type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom", "buttons": buttons}
 
 
-def _stable_area(stable: list[Floats], view: View) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """A hatched background, and the stable region on it."""
+def _stable_area(stable: list[Floats], view: View, name: str) -> tuple[list[style.Trace], list[style.Annotation]]:
+    """A hatched background, and the stable region on it, which the legend calls `name`."""
     kp, kd = 3 * view.whole_kp, 3 * view.whole_kd
     hatch = {"shape": "/", "fgcolor": "#b5b5b5", "bgcolor": "#efefef", "size": 9, "solidity": 0.18}
     ground = _area(np.array([[0, 0], [kp, 0], [kp, kd], [0, kd], [0, 0]]), "#efefef") | {"fillpattern": hatch}
     word = style.label(0.985, 0.985, "unstable", style.INK, xref="paper", yref="paper", xanchor="right", yanchor="top")
-    return [ground, *(_area(outline, "#fffdf3") for outline in stable)], [word | {"font": {"size": 15, "color": style.INK}}]
+    seen = {"line": {"color": "#b9b28a", "width": 1}}  # in the legend, on white
+    return [ground, *(area | seen for area in _areas(stable, "#fffdf3", name))], [word | {"font": {"size": 15, "color": style.INK}}]
+
+
+def _areas(outlines: list[Floats], color: str, name: str) -> list[style.Trace]:
+    """Parts of one area, as one entry of the legend."""
+    legend = {"name": name, "legendgroup": name}
+    return [_area(outline, color) | legend | {"showlegend": place == 0} for place, outline in enumerate(outlines)]
 
 
 def _area(outline: Floats, color: str) -> style.Trace:
@@ -170,8 +187,9 @@ def _area(outline: Floats, color: str) -> style.Trace:
 
 
 def _marks(spots: list[GainPoint], view: View, names: tuple[str, str]) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """Dot, star and cross with their names; gains that coincide share one name."""
+    """Dot, star and cross with their names, which cover no mark and no other name; gains that coincide share one name."""
     traces, notes, named = [], [], set()
+    taken: list[Box] = [(spot.kp / view.kp, spot.kd / view.kd, *MARK) for spot in spots]
     for place, spot in enumerate(spots):
         text = f"<b>{spot.name}</b><br>{names[0]} {digits(spot.kp, 'N·m/rad')}<br>{names[1]} {digits(spot.kd, 'N·m·s/rad')}"
         size = 18 - 4 * place if spot.symbol != "star" else 17
@@ -181,9 +199,35 @@ def _marks(spots: list[GainPoint], view: View, names: tuple[str, str]) -> tuple[
         if name in named or spot.kp > view.kp or spot.kd > view.kd:
             continue
         named.add(name)
-        side = {"xanchor": "left", "xshift": 11} if spot.kp < 0.8 * view.kp else {"xanchor": "right", "xshift": -11}
+        others = [box for box, other in zip(taken, spots, strict=False) if other not in same] + taken[len(spots) :]
+        box, side = _free_side(spot.kp / view.kp, spot.kd / view.kd, len(name), others)
+        taken.append(box)
         notes.append(style.label(spot.kp, spot.kd, f"<b>{name}</b>", spot.color, **side))
     return traces, notes
+
+
+def _free_side(x: float, y: float, letters: int, taken: list[Box]) -> tuple[Box, dict[str, Any]]:
+    """Where a name stands beside its mark at (x, y), in shares of the picture: right, or where it covers least of `taken`."""
+    width, height = letters * LETTER / PLOT[0], LINE / PLOT[1]
+    beside, over = 11 / PLOT[0] + width / 2, 12 / PLOT[1] + height / 2
+    sides = [
+        ((x + beside, y, width, height), {"xanchor": "left", "xshift": 11}),
+        ((x - beside, y, width, height), {"xanchor": "right", "xshift": -11}),
+        ((x, y + over, width, height), {"yanchor": "bottom", "yshift": 12}),
+        ((x, y - over, width, height), {"yanchor": "top", "yshift": -12}),
+    ]
+    return min(sides, key=lambda side: round(_outside(side[0]) + sum(_overlap(side[0], other) for other in taken), 6))
+
+
+def _overlap(one: Box, other: Box) -> float:
+    """The area that two boxes share."""
+    low, high = (np.array([box[:2] for box in (one, other)]) + sign * np.array([box[2:] for box in (one, other)]) for sign in (-0.5, 0.5))
+    return float(np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0.0)))
+
+
+def _outside(box: Box) -> float:
+    """The area that lies outside the picture."""
+    return box[2] * box[3] - _overlap(box, (0.5, 0.5, 1.0, 1.0))
 
 
 def _hover(study: JointStudy, view: View) -> style.Trace:

@@ -40,7 +40,7 @@ def gain_file(names: Sequence[str], columns: Mapping[str, Any]) -> list[str]:
     for name, *values in zip(names, *columns.values(), strict=True):
         text = ", ".join(f"{key}: {typed(value)}" for key, value in zip(columns, values, strict=True) if not math.isnan(value))
         groups.setdefault(f"{{{text}}}", []).append(name)
-    return [f"{quoted(pattern)}: {text}" for text, group in groups.items() for pattern in patterns(group, names)]
+    return _in_order(groups, names)
 
 
 def gain_lines(key: str, names: Sequence[str], values: Any) -> list[str]:
@@ -50,8 +50,14 @@ def gain_lines(key: str, names: Sequence[str], values: Any) -> list[str]:
         groups.setdefault(typed(value), []).append(name)
     if len(groups) == 1:
         return [f"{key}: {next(iter(groups))}"]
-    items = [f"{quoted(pattern)}: {value}" for value, group in groups.items() for pattern in patterns(group, names)]
-    return _wrapped(f"{key}: {{", items)
+    return _wrapped(f"{key}: {{", _in_order(groups, names))
+
+
+def _in_order(groups: Mapping[str, list[str]], names: Sequence[str]) -> list[str]:
+    """pattern: text of each group of joints, in the order of the first of `names` that each matches, whatever is alike."""
+    items = [(pattern, text) for text, group in groups.items() for pattern in patterns(group, names)]
+    first = {pattern: next(k for k, name in enumerate(names) if re.fullmatch(pattern, name)) for pattern, _ in items}
+    return [f"{quoted(pattern)}: {text}" for pattern, text in sorted(items, key=lambda item: first[item[0]])]
 
 
 def patterns(group: Sequence[str], names: Iterable[str]) -> list[str]:

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ..design.joint_gains import COST_ACCURACY
-from ..errors import apart, at_frequency, case_text, frequency_text, listed
+from ..errors import QUANTITIES, apart, at_frequency, case_text, frequency_text, listed
 from ..studies.analysis import Analysis
 from ..studies.deciding_joints import deciding_joints_in
 from ..studies.state import USUAL_RATE
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of, to_db
 from ..system.system import System
-from .margin_columns import short_text, stable_but
+from .margin_columns import lacking, short_text, stable_but
 from .number_format import digits, own_gains, plane_names, quantity
 
 if TYPE_CHECKING:
@@ -235,14 +235,33 @@ def uncertainty_cost_text(study: "JointStudy", ranked: bool) -> str:
     kp_name, _ = plane_names(exact.controller)
     part = "all" if study.recommended is None else f"{100 * cost:.0f} %"
     text = f"The uncertainty costs {part} of {kp_name}: with exact parameters it would be {digits(exact.kp, 'N·m/rad')}."
-    if not ranked or study.uncertainty_cost is None or len(study.uncertainty_cost.known) == 1:
+    if not ranked or study.uncertainty_cost is None:
         return text
-    first, *others = study.uncertainty_cost.known
+    (first, *others), half = study.uncertainty_cost.known, study.uncertainty_cost.half
     if not gains_by(study, first):
-        return f"{text} No quantity alone would raise it if it were known exactly: several have to be measured better."
-    words = ", ".join(f"the {one.name.replace('_', ' ')} {rise_text(study, one)}" for one in others)
-    best = f"if it is surely the nominal one, it would allow {kp_name} {digits(first.kp, 'N·m/rad')}, {rise_text(study, first)}"
-    return f"{text} Measure the {first.name.replace('_', ' ')} better first: {best} ({words})."
+        ranges = listed([_range_text(study, one.name) for one in (first, *others)])
+        return f"{text} No quantity alone would raise it if it were known exactly: several of these ranges have to be narrower: {ranges}."
+    start = f"{text} Measure the {_range_text(study, first.name)} better{' first' * bool(others)}"
+    exact = f"{digits(first.kp, 'N·m/rad')} ({rise_text(study, first)}) if it were surely the nominal one"
+    to_half = f"surely {_ends(half.name, half.low, half.high)}, half of that range"
+    if gains_by(study, half):
+        best = f"{kp_name} would be {digits(half.kp, 'N·m/rad')} ({rise_text(study, half)}) if it were {to_half}, and {exact}"
+    else:
+        best = f"to be {to_half}, would not be enough; {kp_name} would be {exact}"
+    rest = "; ".join(f"with the {_range_text(study, one.name)} known exactly: {rise_text(study, one)}" for one in others)
+    return f"{start}: {best}{f'; {rest}' * bool(rest)}."
+
+
+def _range_text(study: "JointStudy", name: str) -> str:
+    """What is uncertain with the range that the file gives: "delay (2 to 3 ms)"."""
+    low, high = getattr(study.system.uncertainty, name)
+    return f"{name.replace('_', ' ')} ({_ends(name, float(low), float(high))})"
+
+
+def _ends(name: str, low: float, high: float) -> str:
+    """A range in the unit that a person reads: "2 to 3 ms"."""
+    scale, unit = QUANTITIES[name]
+    return f"{digits(scale * low)} to {digits(scale * high, unit)}"
 
 
 def gains_by(study: "JointStudy", known: "KnownExactly") -> bool:
@@ -264,11 +283,10 @@ def warnings(study: "JointStudy") -> tuple[str, ...]:
     """What changes the decision, each with its remedy; first what takes certainty from the verdict, as only the first are always shown."""
     system, found = study.system, study.margins
     joint, control = system.source, system.control
-    said = []
+    said = list(unusual_values(system))
     if not found.certified:
         said.append("a crossing or peak could not be certified: treat these margins as estimates and report the input")
     said += lost_at_usual_rate(study)
-    said += unusual_values(system)
     if _drifts(system):
         cause = "kp is 0" if "kp" in control.controller.gain_names() else "the controller gives no torque against a constant error"
         said.append(f"{cause}: no torque holds the joint's position, so it drifts; the verdict covers its other motions; give it kp")
@@ -298,10 +316,20 @@ def notes(study: "JointStudy") -> tuple[str, ...]:
         instead = "lower these gains, or give narrower ranges" if study.recommended is None else "use the recommended gains"
         said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
     if study.rate_is_missing and study.at_usual_rate is not None:
-        said.append(CONTINUOUS)
+        said += [*_recommended_without_rate(study), CONTINUOUS]
     if not system.control.controller.has_plane:
         said.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")
     return (*said, *([] if system.uncertainty.names else [EXACT]))
+
+
+def _recommended_without_rate(study: "JointStudy") -> list[str]:
+    """A note where gains that are recommended for continuous time fail in a usual loop."""
+    usual = study.at_usual_rate
+    if usual is None or usual.requirements_met is not False:
+        return []
+    has = lacking(study.system.requirements, usual.in_range.margins)
+    instead = f"; at_usual_rate has gains for {AT_USUAL}, which is assumed" if usual.recommended is not None else ""
+    return [f"control.sample_rate_hz is not given: recommended is for continuous time, and at {AT_USUAL} those gains {has}{instead}"]
 
 
 def _drifts(system: System) -> bool:
@@ -319,6 +347,9 @@ def _no_gains(system: System) -> str:
         kind = f"{kind} gains with this file's {controller.held_ratio}, held constant,"
         remedies.insert(0, "lower ki")
     if uncertain:
-        remedies.insert(-1, "shrink uncertainty")
+        ranges = [
+            f"{name.replace('_', ' ')} {_ends(name, *map(float, getattr(system.uncertainty, name)))}" for name in system.uncertainty.names
+        ]
+        remedies.insert(-1, f"narrow a range of uncertainty ({', '.join(ranges)})")
     met = "were found that meet the requirements in every case" if uncertain else "meet the requirements"
     return f"no {kind if kind.endswith(',') else kind + ' gains'} {met}: {', '.join(remedies[:-1])}, or {remedies[-1]}"

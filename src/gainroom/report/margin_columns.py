@@ -116,6 +116,14 @@ def short_text(asked: Requirements, values: Mapping[str, float]) -> str:
     )
 
 
+def lacking(asked: Requirements, margins: Margins) -> str:
+    """What gains with these margins lack, behind "these gains": "have Ms 2.25 (≤ 2)", "are unstable", "have all that is required"."""
+    if not margins.stable:
+        return "are unstable"
+    missed = {one.name: one.value(margins) for one, needed in asked.asked_for if not one.met(needed, one.value(margins))}
+    return f"have {short_text(asked, missed) or 'all that is required'}"
+
+
 def stable_but(count: int, time: str = "") -> str:
     """How the verdict begins on a stable loop of which `count` ≥ 1 requirements fail; `time`: " in continuous time"."""
     return f"Stable{time}, but {count} requirement{'s fail' if count > 1 else ' fails'}"

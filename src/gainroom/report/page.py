@@ -14,6 +14,7 @@ from importlib.resources import files
 from typing import Any, Literal
 
 from ..io.strict_json import strict
+from ..system.plausibility import by_doubt
 
 SIGNIFICANT = 6  # digits of every number in a picture: more cannot be seen
 
@@ -183,8 +184,8 @@ def _section(section: Section) -> str:
 
 def _lead(lead: Lead) -> str:
     banner = f'<p class="banner" role="alert">{escape(lead.headline)}</p>' if lead.headline else ""
-    warnings = "".join(f'<p class="warning"><b>Warning</b> {escape(text)}</p>' for text in lead.warnings)
-    return f"{banner}<h1>{_headline(lead.sentence)}</h1>{lead.advice}{warnings}"
+    doubts, others = ("".join(f'<p class="warning"><b>Warning</b> {escape(text)}</p>' for text in part) for part in by_doubt(lead.warnings))
+    return f"{banner}{doubts}<h1>{_headline(lead.sentence)}</h1>{lead.advice}{others}"
 
 
 def _headline(sentences: str) -> str:

@@ -258,10 +258,10 @@ def audited_joints(result: "Audit") -> list[Column]:
     use = result.ready_to_use
     needed = {joint.needed_stiffness for joint in result.joints if not math.isnan(joint.needed_stiffness)}
     columns = [one for one in AUDITED_JOINT if one.title != "K needed" or len(needed) > 1]
-    if use is not None and len(use.joints) < len(result.joints):
+    if use is not None and (len(use.joints) < len(result.joints) or use.factor is None):
 
         def factor(row: Any) -> str:
-            return f"× {use.factor:.4g}" if row.name in use.joints else "× 1"
+            return f"× {use.factors[result.joints.index(row)]:.4g}"
 
         columns.insert(4, Column("use", "", lambda row: None, shown=factor, definition=USE))
     return columns

@@ -11,6 +11,7 @@ from ..errors import at_frequency, digits, frequency_text, listed
 from ..studies.analysis import THIS_STATE
 from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
+from ..system.plausibility import NO_DATA, NO_STIFFNESS, doubts_first
 from ..system.system import System
 from .joint_text import CONTINUOUS, NOT_EVERYWHERE, at_usual_rate_text, lost_at_usual_rate, verdict_text, vibration_starts
 from .joint_text import severity as severity_of_loops
@@ -130,9 +131,10 @@ def warnings(study: "RobotStudy") -> tuple[str, ...]:
     found += _uncontrolled(study) if in_tasks else []
     found += [*unconfirmed(study.states), *free_joints(system), *_toppling(study)]
     found += _of_weights(study, own_space=True)
+    found += [text for text in system.assumptions if text.startswith((NO_DATA, NO_STIFFNESS))]
     found += [*_not_found(study), *_undamped(study), *system.warnings]
     found += [CONTINUOUS] if study.rate_is_missing and study.at_usual_rate is None else []
-    return tuple(dict.fromkeys(found))
+    return tuple(doubts_first(list(dict.fromkeys(found))))
 
 
 def notes(study: "RobotStudy") -> tuple[str, ...]:

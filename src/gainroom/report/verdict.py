@@ -14,7 +14,7 @@ from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, tabulated, yes
 from .gains_to_use import joint_gains, kept, robot_gains, typed
 from .joint_text import AT_USUAL
-from .margin_columns import margin_value, requirement, short_text
+from .margin_columns import lacking, margin_value, requirement
 from .number_format import digits, hertz, own_gains, span
 from .page import Advice, Html, advice_box, table
 from .robot_units import joint_units
@@ -116,9 +116,10 @@ def joint_to_use(study: "JointStudy", call: str = "gainroom joint FILE") -> ToUs
         again, folded = usual.recommended, (_not_at_usual_rate(usual.in_range.margins, asked, "control"), lines)
         if again is None:
             return replace(_state_rate(call), folded=folded)
-        heading = f"The file has no rate. For a loop at {AT_USUAL} use, {_place(call, 'control')}:"
-        remarks = [*_over_ranges(again), f"Your loop has another rate? Write it there and run `{call}` again."]
-        return ToUse(heading, [SAMPLED, *_beside(again.controller, present)], remarks, folded, again.worst, f"new gains at {AT_USUAL}")
+        heading = f"The file has no rate, so {AT_USUAL} is assumed. For that rate alone, {_place(call, 'control')}:"
+        write = f"Write your loop's rate there, and for another one run `{call}` again: {_at_half_rate(usual, asked)}"
+        lines = [f"{SAMPLED}  # assumed", *_beside(again.controller, present)]
+        return ToUse(heading, lines, [write, *_over_ranges(again)], folded, again.worst, f"new gains at {AT_USUAL}")
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual.in_range.margins, asked)}. {STATE_RATE}")
     elif study.system.control.sampling_in_delay:
@@ -127,9 +128,17 @@ def joint_to_use(study: "JointStudy", call: str = "gainroom joint FILE") -> ToUs
 
 
 def _over_ranges(found: "Recommendation") -> list[str]:
-    """What is to be said of gains for uncertain values: whether they are proved, and what they were searched with to spare."""
-    spare = f"They were searched with {100 * found.reserve:g} % of each requirement to spare, as the proof over the ranges needs some."
-    return [*([] if found.proved else ["Searched over the uncertainty, not proved."]), *([spare] if found.reserve > 0.01 else [])]
+    """What is to be said of gains for uncertain values: what is proved, what was only looked at, and why; else nothing."""
+    spare = f" with {100 * found.reserve:g} % of each requirement to spare" if found.reserve > 0.01 else ""
+    if found.proved:
+        return [f"Proved everywhere within the ranges,{spare}, without which the proof came to no end."] if spare else []
+    why = "the proof for those in between came to no end" if spare else "of those in between there is no proof for such requirements"
+    return [f"Not proved: the requirements are met{spare} in all cases within the ranges that were looked at; {why}."]
+
+
+def _at_half_rate(usual: "JointStudy", asked: Requirements) -> str:
+    """What the gains that are recommended at the usual rate have in a loop half as fast."""
+    return f"at {0.5e-3 * USUAL_RATE:g} kHz these gains {lacking(asked, usual.at_rate(0.5 * USUAL_RATE))}."
 
 
 def _place(call: str, section: str) -> str:
@@ -190,9 +199,7 @@ def _state_rate(call: str) -> ToUse:
 
 def _not_at_usual_rate(margins: Margins, asked: Requirements, place: str) -> str:
     """Why gains for continuous time are not to be used."""
-    values = {one.name: one.value(margins) for one, needed in asked.asked_for if not one.met(needed, one.value(margins))}
-    fails = f"have {short_text(asked, values)}" if margins.stable else "are unstable"
-    return f"Gains for continuous time, under {place}; at {AT_USUAL} they {fails}:"
+    return f"Gains for continuous time, under {place}; at {AT_USUAL} they {lacking(asked, margins)}:"
 
 
 def _heading(study: Analysis, place: str) -> str:

@@ -14,6 +14,7 @@ from ..errors import GainroomError, first_of_many, require_positive
 from ..system.actuator_entry import ActuatorEntry
 from ..system.drive import Drive
 from ..system.linear.arrays import Floats
+from ..system.plausibility import NO_DATA, NO_STIFFNESS
 from .name_patterns import assign
 
 
@@ -93,8 +94,11 @@ def actuators_of(entries: Sequence[ActuatorEntry], joint_names: Sequence[str], a
     if from_file:
         warnings.append(f"motor inertia [kg m²] is the model file's armature where none is given: {first_of_many(from_file)}")
     if without:
+        warnings.append(f"{NO_DATA} are rigid with motor inertia 0: {first_of_many(without)}; give motor_inertia and stiffness")
+    rigid = [name for name, entry in zip(joint_names, entries, strict=True) if entry.stiffness is None and name not in without]
+    if rigid:
         warnings.append(
-            f"joints without actuator data are rigid with motor inertia 0: {first_of_many(without)}; give motor_inertia and stiffness"
+            f"{NO_STIFFNESS}, so limits are optimistic: {first_of_many(rigid)}; give stiffness and damping, or stiffness: rigid"
         )
     if bare:
         warnings.append(f"motor inertia is 0 where none is given: {first_of_many(bare)}; give motor_inertia")

@@ -375,12 +375,15 @@ def _require_mass(body: RigidBody) -> None:
             return
     if body.base == "floating" and body.model.inertias[1].mass < MASSLESS:
         raise GainroomError(
-            f"{body.source}: the link of the floating base has no mass (singular mass matrix); give it some, or fix the base"
+            f"{body.source}: the link of the floating base has no mass (singular mass matrix); give it some, or take model.base: fixed"
         )
     driven = (*body.passive, *body.joint_names)
     names = [repr(name) for name in driven if body.velocity_of(name) in culprits]
     what = f"joint{'s' * (len(names) > 1)} {first_of_many(names)}" if names else "floating base"
-    raise GainroomError(f"{body.source}: no mass moves with the {what} (singular mass matrix); give the links inertia, or lock it")
+    raise GainroomError(
+        f"{body.source}: no mass moves with the {what} (singular mass matrix); give the links inertia, or lock it in a robot.yaml "
+        "(joints.locked)"
+    )
 
 
 def massless(mass_matrix: Floats) -> list[int]:

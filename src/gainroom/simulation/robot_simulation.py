@@ -20,7 +20,7 @@ from ..system.system import StateCase, System
 from .robot_run import stream_robot
 from .robot_setup import RobotSetup, channel_units, hold, robot_setup
 from .run_record import LOGGED, REFERENCE_SIGNAL, Run
-from .simulation_spec import TORQUE_LIMIT, SimulationSpec, refuse_odd_run
+from .simulation_spec import NO_RATE, TORQUE_LIMIT, SimulationSpec, refuse_odd_run
 from .trajectories import Spline
 
 MOST_ROBOT_TICKS = 200_000
@@ -32,7 +32,7 @@ DEFAULT_MOVE = 0.01
 def require_sampled(system: System) -> None:
     """Raises GainroomError for a continuous controller, which has no ticks to simulate."""
     if system.control.sample_time is None:
-        raise GainroomError(f"{system.source.name}: control.sample_rate_hz: is missing; the simulation runs a sampled controller")
+        raise GainroomError(f"{system.source.name}: {NO_RATE}")
 
 
 def scenario_effects(scenario: RobotScenario) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ from .trajectories import Held, Late, Trajectory
 if TYPE_CHECKING:
     from ..robot.ground import Footing
 
-NO_RATE = "control.sample_rate_hz: is missing: a simulation goes tick by tick; add the controller's rate [Hz]"
+NO_RATE = "control.sample_rate_hz is missing: the controller's rate [Hz], a number >= 1, as a simulation goes tick by tick"
 LATE_SHARE = 0.75
 """Of the run: a reference that moves longer leaves too little of it at rest."""
 FEWEST_TICKS = 20

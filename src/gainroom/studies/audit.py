@@ -19,7 +19,7 @@ from ..robot.gearbox_types import GearboxRange
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirement import Requirement, enough
-from ..system.requirements import Requirements
+from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
 from .analysis import Analysis, analyze
 from .deciding_joints import joints_that_miss
@@ -32,8 +32,6 @@ from .over_uncertainty import unknown_first
 from .progress import Progress, quiet
 from .state import State, path_headroom, state_of
 
-MARGIN = 2.0
-"""The required factor on all gains by default: 6 dB."""
 EXTRA_DELAY = 0.5
 """Of the loop's delay: by so much it may be longer than was said, by default."""
 BARE = 5.0
@@ -234,10 +232,12 @@ class Audit(Analysis):
 
     def seen_at(self, lowered: Booleans, factor: float) -> bool:
         """Whether every state has what is required with `factor` on the gains of the joints `lowered` (n,), as the core's looks see it."""
-        if self._cases is None:
-            return self.holds_at(lowered, factor)
-        factors = np.where(lowered, factor, 1.0)
-        return all(self.required.met_by(case_margins(case, factors * gains, near=True)) for case, gains in self._cases)
+        return self.holds_at(lowered, factor) if self._cases is None else self.seen_with(np.where(lowered, factor, 1.0))
+
+    def seen_with(self, factors: Floats) -> bool:
+        """The same with `factors` (n,) on the joints' gains; False where the core does not look at this controller."""
+        cases = self._cases
+        return cases is not None and all(self.required.met_by(case_margins(case, factors * gains, near=True)) for case, gains in cases)
 
     @cached_property
     def _cases(self) -> list[tuple[Case, Gains]] | None:
@@ -331,9 +331,10 @@ class Audit(Analysis):
 
 
 def required_of(
-    system: System, margin: float = MARGIN, delay_margin: float | None = None, further: Requirements | None = None
+    system: System, margin: float | None = None, delay_margin: float | None = None, further: Requirements | None = None
 ) -> Requirements:
-    """Of safe gains: a gain margin (a factor; 1: none), a delay margin [s] (None: EXTRA_DELAY of the delay), and `further` ones."""
+    """Of safe gains: a gain margin (a factor; 1: none), a delay margin [s], `further` ones. None: the usual, EXTRA_DELAY of the delay."""
+    margin = (REQUIREMENTS["gain_margin"].usual or 1.0) if margin is None else margin
     extra = EXTRA_DELAY * system.delay if delay_margin is None else delay_margin
     required = {name: value for name, value, least in (("gain_margin", margin, 1.0), ("delay_margin", extra, 0.0)) if value > least}
     return Requirements(**required, **({} if further is None else further.needed))

@@ -13,8 +13,16 @@ def largest_factor(holds: Callable[[float], bool], most: float) -> float:
     """The largest factor up to `most` at which a test holds, within 0.1 %, where it holds below: at LOWER of it; NaN: nowhere there."""
     if not most > 0 or holds(most):
         return most
-    held = next((share * most for share in LOWER if holds(share * most)), math.nan)
-    lost = most
+    return _between(holds, next((share * most for share in LOWER if holds(share * most)), math.nan), most)
+
+
+def raised_factor(holds: Callable[[float], bool], held: float) -> float:
+    """The largest factor from `held`, at which a test holds, up to 1, within 0.1 %, where it holds below it."""
+    return 1.0 if holds(1.0) else _between(holds, held, 1.0)
+
+
+def _between(holds: Callable[[float], bool], held: float, lost: float) -> float:
+    """Where between the two a test ceases to hold, within 0.1 %; NaN where `held` is."""
     while lost > 1.001 * held:
         middle = math.sqrt(held * lost)
         held, lost = (middle, lost) if holds(middle) else (held, middle)

@@ -137,6 +137,15 @@ class JointStudy(Analysis):
         sampled = replace(self.system, control=control)
         return JointStudy(sampled, analyze(sampled).every)
 
+    def at_rate(self, rate: float) -> Margins:
+        """The worst margins of the recommended gains in a loop at `rate` [Hz], at the nominal values and the corners of the ranges."""
+        assert self.recommended is not None
+        control = replace(self.system.control, controller=self.recommended.controller, sample_time=1 / rate)
+        system, uncertain = replace(self.system, control=control), self.system.uncertainty
+        every = [system, *(system.with_values(**uncertain.values(place)) for place in uncertain.corners if uncertain.names)]
+        found = [margins(one.loop()) for one in every]
+        return next((one for one in found if not one.stable), worst_of(found))
+
     def _recommend(self, uncertainty: Uncertainty) -> Recommendation | None:
         system = self.system
         if not system.requirements.asked:
@@ -158,7 +167,8 @@ class JointStudy(Analysis):
         """Where `cost` is known. It takes about as long again as `recommended`, so nothing else asks for it."""
         if self.exact is None or self.cost is None:
             return None
-        return uncertainty_cost(self._recommend, self.system.uncertainty, self.recommended, self.exact)
+        nominal = {"delay": self.system.delay, **vars(self.system.source)}
+        return uncertainty_cost(self._recommend, self.system.uncertainty, nominal, self.recommended, self.exact)
 
     @cached_property
     def rule(self) -> Rule:

@@ -1,4 +1,4 @@
-"""Gains in place of unsafe ones: those of some joints, or of all, lowered by one factor, and certified as they are typed."""
+"""Gains in place of unsafe ones: those of some joints, or of all, each lowered as little as is needed, and certified as they are typed."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -12,7 +12,7 @@ from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirement import enough
 from ..system.system import System
-from .factors import typed_factor
+from .factors import raised_factor, typed_factor
 from .loop_numbers import limit_of
 from .state import State, limiting_joints
 
@@ -21,10 +21,16 @@ MOST_DIGITS = 7
 GROWTHS = 5
 """Times that joints are added to those whose gains are lowered."""
 HARDLY_MORE = 1.1
-"""Power of the common factor to which the others may go so that a joint keeps its gains. To first order joints raise a limit by what they
-take part in it: one that takes a tenth part or less costs the others no more than this."""
+"""Power of the common factor to which the others may go so that a joint keeps its gains, or more of them. To first order joints raise a
+limit by what they take part in it: one that takes a tenth part or less costs the others no more than this."""
 ALIKE = 1e-4
 """Relative: limits of mirrored joints, which differ by round-off and by how near they are followed."""
+WORTH = 1.05
+"""Times the common factor that joints are to have of their own, in the geometric mean: for less the common one is simpler."""
+LEAST_RISE = 1.02
+"""Times as much as the others that a joint's own factor is tried to be, at first: a joint that cannot have it stays with them."""
+NEARLY_ALIKE = 0.02
+"""Relative, as ALIKE, of joints that get the same factor: left and right ones of a real robot's model differ by so much."""
 MOST_TRIED = 40
 """Joints that are tried one by one, a look at every state each."""
 
@@ -52,6 +58,7 @@ class AuditOfGains(Protocol):
     def loops_at(self, lowered: Booleans, factor: float) -> Iterator[Loop]: ...
     def seen_factor(self, lowered: Booleans, most: float) -> float: ...
     def seen_at(self, lowered: Booleans, factor: float) -> bool: ...
+    def seen_with(self, factors: Floats) -> bool: ...
     def of_gains(self, gains: Mapping[str, Floats]) -> Self: ...
 
 
@@ -62,37 +69,79 @@ SomeAudit = TypeVar("SomeAudit", bound=AuditOfGains)
 class GainsToUse(Generic[SomeAudit]):
     """Gains in place of unsafe ones, certified as they are typed.
 
-    factor   on the gains of `joints`; all others stay
+    factors  (n,) on the gains of each joint; 1: they stay
+    joints   those whose gains do not
     gains    (n,) by name, rounded to the digits that are typed
     audited  their audit: safe
     """
 
-    factor: float
+    factors: Floats
     joints: tuple[str, ...]
     gains: Mapping[str, Floats]
     audited: SomeAudit
 
+    @property
+    def factor(self) -> float | None:
+        """The one on the gains of `joints`; None where they differ."""
+        lowered = set(self.factors[self.factors < 1].tolist())
+        return lowered.pop() if len(lowered) == 1 else None
+
 
 def gains_to_use(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
-    """The gains of some joints, or else of all, lowered by one factor; None where none are known to be safe.
+    """The gains of some joints, or else of all, each lowered as little as is needed; None where none are known to be safe.
 
-    The factor has three digits, the gains four or as many more as leave them safe.
+    Factors have three digits, the gains four or as many more as leave them safe.
     """
     names = result.system.source.joint_names
     exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}
     for lowered, found in _lowered(result):
-        factor = typed_factor(found)
-        for count in range(4, MOST_DIGITS + 1) if factor > 0 else ():
-            typed = {
-                name: np.array([float(f"{value:.{count}g}") for value in (np.where(lowered, factor, 1.0) * values).tolist()])
-                for name, values in exact.items()
-            }
-            audited = result.of_gains(typed)
-            if audited.safe:
-                return GainsToUse(factor, tuple(name for name, low in zip(names, lowered, strict=True) if low), typed, audited)
-            if not lowered.all():  # its factor was found, not proved: more digits would not mend it
-                break
+        for factors in _each_its_own(result, lowered, typed_factor(found)):
+            for count in range(4, MOST_DIGITS + 1):
+                typed = {
+                    name: np.array([float(f"{value:.{count}g}") for value in (factors * values).tolist()]) for name, values in exact.items()
+                }
+                audited = result.of_gains(typed)
+                if audited.safe:
+                    return GainsToUse(factors, tuple(name for name, one in zip(names, factors, strict=True) if one < 1), typed, audited)
+                if not lowered.all() or np.ptp(factors) > 0:  # they were found, not proved: more digits would not mend them
+                    break
     return None
+
+
+def _each_its_own(result: AuditOfGains, lowered: Booleans, factor: float) -> Iterator[Floats]:
+    """Factors (n,) on the gains of the joints `lowered` (n,), of which a common `factor` is good; nothing where that is not known.
+
+    First each joint's own: each is raised from the common one as far as the others allow. Where that brings little, as where all of them
+    vibrate together, from hardly less than the common one: a joint that hardly decides then keeps most of its gains, and those that do
+    give away little. The common one comes last.
+    """
+    if not factor > 0:
+        return
+    common = np.where(lowered, factor, 1.0)
+    for start in (factor, typed_factor(factor**HARDLY_MORE)) if 1 < np.count_nonzero(lowered) <= MOST_TRIED else ():
+        own = _raised(result, lowered, start)
+        if np.prod(own) > WORTH ** np.count_nonzero(lowered) * np.prod(common):
+            yield own
+            break
+    yield common
+
+
+def _raised(result: AuditOfGains, lowered: Booleans, factor: float) -> Floats:
+    """Factors (n,) from a good one on the joints `lowered` (n,), each raised in turn, those that take the least part in vibration first.
+
+    Joints that are nearly alike, as left and right ones, have the same.
+    """
+    own, left = np.where(lowered, factor, 1.0), lowered.copy()
+    for first in sorted(np.flatnonzero(lowered).tolist(), key=lambda k: -result.joints[k].limit):
+        group = left & np.array([_alike(result.joints[first], joint, NEARLY_ALIKE) for joint in result.joints])
+        left &= ~group
+
+        def holds(raised: float, group: Booleans = group, others: Floats = own) -> bool:
+            return result.seen_with(np.where(group, raised, others))
+
+        if group.any() and holds(min(LEAST_RISE * factor, 1.0)):
+            own = np.where(group, typed_factor(raised_factor(holds, min(LEAST_RISE * factor, 1.0))), own)
+    return own
 
 
 def _lowered(result: AuditOfGains) -> Iterator[tuple[Booleans, float]]:
@@ -139,6 +188,6 @@ def _without_carried(result: AuditOfGains, lowered: Booleans, factor: float) -> 
         yield fewer, found if found >= least else least
 
 
-def _alike(one: Any, other: Any) -> bool:
+def _alike(one: Any, other: Any, near: float = ALIKE) -> bool:
     """Whether two audited joints have the same gains and the same limit, as a robot's mirrored ones do."""
-    return (one.kp, one.kd, one.ki) == (other.kp, other.kd, other.ki) and math.isclose(one.limit, other.limit, rel_tol=ALIKE)
+    return (one.kp, one.kd, one.ki) == (other.kp, other.kd, other.ki) and math.isclose(one.limit, other.limit, rel_tol=near)

@@ -6,7 +6,7 @@ Hz for rad/s).
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from .requirements import Requirements
 
 TURN = 2 * math.pi
+FAR = "far outside the usual"
+"""In every warning here, and in no other."""
+DEGREES = "were degrees meant?"
+"""At the end of a warning about angles."""
+NO_DATA = "joints without actuator data"
+NO_STIFFNESS = "gearboxes whose stiffness is not given are rigid"
+"""At the beginning of what is assumed of joints, which decides every number."""
 
 
 class Usual(NamedTuple):
@@ -80,13 +87,11 @@ def unusual(values: Mapping[str, float]) -> dict[str, str]:
     for name, value in values.items():
         if name in GIVEN and not _is_usual(value, GIVEN[name]):
             usual = GIVEN[name]
-            warnings[name] = f"{name} {_with_unit(value, usual)} is far outside the usual, {_span(usual)}: {usual.slips}"
+            warnings[name] = f"{name} {_with_unit(value, usual)} is {FAR}, {_span(usual)}: {usual.slips}"
     for name, (value, sources) in _formed(values).items():
         if not _is_usual(value, FORMED[name]) and warnings.keys().isdisjoint(sources):
             usual = FORMED[name]
-            warnings[name] = (
-                f"{NAMES.get(name, name)} is {_with_unit(value, usual)}, far outside the usual, {_span(usual)}: check {usual.slips}"
-            )
+            warnings[name] = f"{NAMES.get(name, name)} is {_with_unit(value, usual)}, {FAR}, {_span(usual)}: check {usual.slips}"
     return warnings
 
 
@@ -115,9 +120,22 @@ def unusual_values(system: System) -> tuple[str, ...]:
             found.setdefault(quantity, []).append((joint, text))
     texts = []
     for quantity, cases in found.items():
-        owners = "" if quantity in shared or size == 1 else f"joint {first_of_many([repr(name) for name, _ in cases])}: "
+        owners = (
+            "" if quantity in shared or size == 1 else f"joint{'s' * (len(cases) > 1)} {first_of_many([repr(name) for name, _ in cases])}: "
+        )
         texts.append(owners + cases[0][1])
     return tuple(texts)
+
+
+def by_doubt(warnings: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Those about such values or angles, or about data that is not there, which make every number doubtful and stand first; the others."""
+    doubts = [text for text in warnings if FAR in text or text.endswith(DEGREES) or text.startswith((NO_DATA, NO_STIFFNESS))]
+    return doubts, [text for text in warnings if text not in doubts]
+
+
+def doubts_first(warnings: Sequence[str]) -> list[str]:
+    """The same, in that order."""
+    return [text for part in by_doubt(warnings) for text in part]
 
 
 def _of_joint(value: Any, joint: int, size: int) -> float:

@@ -6,7 +6,7 @@ joints is in the file (`joint_names`, or an enumeration in C), or is the model's
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...errors import GainroomError, first_of_many, nearest
@@ -50,11 +50,15 @@ class ArrayNames:
 
 @dataclass(frozen=True)
 class OrderedGains(GainFile):
-    """Gains in an order of joints; `what` are the arrays, as messages call them."""
+    """Gains in an order of joints; `what` are the arrays, as messages call them; `of_model`: see in_order."""
 
     ordered: tuple[Gain, ...] = ()
     order: ArrayNames = ArrayNames()
     what: str = ""
+    of_model: tuple[str, ...] = ()
+
+    def in_order(self, order: Sequence[str]) -> "OrderedGains":
+        return replace(self, of_model=tuple(order))
 
     @property
     def own_names(self) -> tuple[str, ...]:
@@ -92,7 +96,8 @@ class OrderedGains(GainFile):
                 f"{self.source}: {self.what} have {count} numbers, and the model has {len(joint_names)} joints: name theirs in joint_names "
                 f"({first_of_many(joint_names)})"
             )
-        return places
+        order = [name for name in self.of_model if name in joint_names]
+        return [joint_names.index(order[place]) for place in places] if len(order) == len(joint_names) else places
 
     def _place(self, names: Sequence[str], joint_names: Sequence[str]) -> int:
         """Of the joint with one of these names, else of the one joint that is nearly called so: hip_pitch, HipPitch, hip_pitch_joint."""

@@ -40,7 +40,7 @@ class GainSection(Section):
 
     MEANT: ClassVar[Mapping[str, str]] = {"kv": "kd (kv is a gain of P/PI control)", "p": "kp", "d": "kd", "i": "ki"}
 
-    kp: NotNegative = Field(description="[N m/rad]")
+    kp: NotNegative = Field(description="the gain on position [N·m/rad], a number >= 0")
     kd: NotNegative = Field(0.0, description="[N m s/rad]")
     ki: NotNegative = Field(0.0, description="[N m/(rad s)]")
     motor_inertia: Positive | None = Field(None, description="on the joint side [kg m²]")
@@ -98,6 +98,10 @@ class GainFile:
         """The joints that the file names, where it names them one by one; else none."""
         names = tuple(name for name in self.gains if name != DEFAULT)
         return names if len(names) == len(self.gains) and not any(re.search(r"[^\w\- ./:]|\.[*+?]", name) for name in names) else ()
+
+    def in_order(self, order: Sequence[str]) -> "GainFile":
+        """The same on a model whose file has its joints in this `order`, which counts where gains go by places; (): in the model's own."""
+        return self
 
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
         """For each joint of a model its gains, the last one first in rank. Raises GainroomError for what the model does not have."""

@@ -14,8 +14,8 @@ def read_mjcf(path: Path, text: str = "") -> GainFile:
     found = position_gains(path, text)
     if not found.joints:
         raise GainroomError(
-            f"{path}: holds no gains: no actuator feeds position back (<position> of an MJCF, or <general> with affine bias, does); give "
-            "--gains FILE"
+            f"{path}: holds no gains: no actuator feeds position back (a URDF has none; of an MJCF <position>, or <general> with affine "
+            "bias, does); give --gains FILE, such as a gains.yaml with a line for each joint, JOINT: {kp: 100, kd: 5}"
         )
     gains = {}
     for joint, gain in found.joints.items():

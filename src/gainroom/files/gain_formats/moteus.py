@@ -9,6 +9,8 @@ import math
 import re
 from typing import Any
 
+from pydantic import Field
+
 from ...errors import GainroomError
 from ...io.validation import Section, checked, validate
 from .gain_record import NOT_NEGATIVE, AnyGain, Gain, GainFile
@@ -20,7 +22,7 @@ TERM = re.compile(r"^(?:conf set )?servo\.pid_position\.(kp|ki|kd)[ \t]+(\S{1,60
 class MoteusFile(Section):
     """Joint or pattern → gains per revolution."""
 
-    moteus: dict[str, AnyGain]
+    moteus: dict[str, AnyGain] = Field(description="the gains by joint or pattern")
 
 
 def is_dump(text: str) -> bool:
@@ -42,7 +44,7 @@ def read_dump(text: str, source: str) -> GainFile:
             raise GainroomError(f"{owner}: is given twice")
         found[name] = checked(owner, value, NOT_NEGATIVE)
     if "kp" not in found:
-        raise GainroomError(f"{source}: servo.pid_position.kp is missing: [N m/rev]")
+        raise GainroomError(f"{source}: servo.pid_position.kp is missing: the gain on position [N·m/rev]")
     note = (
         f"{source}: is of one controller, and taken for every joint of the model; name joints in a YAML file, moteus: {{joint: {{kp, kd}}}}"
     )

@@ -5,7 +5,7 @@ Later patterns win.
 
 from typing import Any
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from ...io.validation import Section, validate
 from .gain_record import AnyGain, Gain, GainFile
@@ -14,7 +14,7 @@ from .gain_record import AnyGain, Gain, GainFile
 class PlainFile(Section):
     """Joint or pattern → gains."""
 
-    gains: dict[str, AnyGain]
+    gains: dict[str, AnyGain] = Field(description="the gains by joint or pattern")
 
     @model_validator(mode="before")
     @classmethod

@@ -169,7 +169,7 @@ def _pid(node: Mapping[str, Any], owner: str) -> Gain:
                 f"{owner}.{dotted(key)}: unknown key" + (f"; did you mean {meant}?" if meant else f" beside {', '.join(TERMS)}")
             )
     if "p" not in node:
-        raise GainroomError(f"{owner}.p: is missing: [N m/rad]{_found(node)}; write 0 where there is none")
+        raise GainroomError(f"{owner}.p is missing: the gain on position [N·m/rad]{_found(node)}; write 0 where there is none")
     return Gain(**{name: checked(f"{owner}.{term}", node.get(term, 0.0), NOT_NEGATIVE) for term, name in TERMS.items()})
 
 

@@ -54,6 +54,12 @@ def has_base(path: Path) -> bool:
     return _format(read_xml(path), path).has_base
 
 
+def joint_order(path: Path) -> tuple[str, ...]:
+    """See ModelFormat. Raises GainroomError as load_model."""
+    root = read_xml(path)
+    return _format(root, path).joint_order(root)
+
+
 def keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
     """See ModelFormat. Raises GainroomError as load_model."""
     root = read_xml(path)

@@ -63,6 +63,10 @@ class ModelFormat:
         """The robot in the file; base None: as the file has it. Raises GainroomError, one line that names the file."""
         raise NotImplementedError
 
+    def joint_order(self, root: Element) -> tuple[str, ...]:
+        """The joints' names in the order of the file; () where the model's own order is that one."""
+        return ()
+
     def keyframes(self, root: Element, path: Path) -> Mapping[str, Mapping[str, float]]:
         """By name, the postures in the file: joint positions by name [rad; m if prismatic]. Raises GainroomError."""
         return {}

@@ -59,6 +59,9 @@ class Urdf(ModelFormat):
 
     title = "URDF"
 
+    def joint_order(self, root: Element) -> tuple[str, ...]:  # Pinocchio sorts the joints of one link by name
+        return tuple(joint.get("name", "") for joint in root.iterfind("joint"))
+
     def describe(self, root: Element, path: Path, base: Base | None) -> Description:
         pin, source = library("pinocchio", "Pinocchio"), str(path)
         found = _Reader(source)

@@ -38,6 +38,8 @@ def parse_xml(text: str, source: str) -> Element:
         problem = expat.ErrorString(error.code)
         if not text.lstrip().startswith("<"):
             problem = "is no XML; a robot is a URDF (<robot>) or an MJCF (<mujoco>)"
+        elif problem in ("unclosed token", "no element found"):
+            problem = "the file ends within an element: was it cut off?"
         raise GainroomError(f"{source}: line {error.lineno}, column {error.offset + 1}: {problem}") from error
     return reader.builder.close()
 
