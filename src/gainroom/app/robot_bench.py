@@ -19,8 +19,7 @@ from ..files.gain_formats.export_text import copied_gains
 from ..files.robot_yaml import parse_robot
 from ..io.yaml_text import parse_yaml
 from ..report.columns import facts
-from ..report.gains_to_use import typed
-from ..report.number_format import own_gains
+from ..report.number_format import own_gains, typed
 from ..report.recommended_gains import recommended_facts
 from ..report.robot import robot_page
 from ..report.robot_columns import state_columns

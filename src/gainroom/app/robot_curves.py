@@ -25,7 +25,8 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, limiting_joints
 from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.loop_part import LoopPart
-from ..system.requirements import REQUIREMENTS, Requirements, to_db
+from ..system.margin_units import to_db
+from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
 from .bench import drawn_response, rounded
 from .channels import Channel

@@ -153,7 +153,8 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
     from ..report.robot_columns import AUDITED_JOINT, audited_states
 
     columns = audited_states(result.enough_in)
-    from ..system.requirements import REQUIREMENTS, to_db  # loads numpy
+    from ..system.margin_units import to_db
+    from ..system.requirements import REQUIREMENTS
 
     further = {name: REQUIREMENTS[name] for name in ("phase_margin", "peak_sensitivity")}
     paths = result.tightest.margins.paths

@@ -139,7 +139,7 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
     from ..report.number_format import model_facts
     from ..report.robot_columns import state_columns
     from ..report.sweep_text import columns, posture_facts, sample_facts, sentence, warnings
-    from ..system.requirements import to_db
+    from ..system.margin_units import to_db
 
     plan = found.plan
     return {

@@ -20,12 +20,14 @@ from ..analysis.margin_record import Margins, worst_of
 from ..analysis.margins import margins, margins_from_scan
 from ..analysis.range_proof import Proof, prove
 from ..errors import GainroomError
+from ..system.assembly import Feedback
 from ..system.controller import PD
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
+from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Floats
-from ..system.loop import Feedback, Loop, build_loop
-from ..system.requirements import REQUIREMENTS, ROUND_OFF, Requirements, title_of
+from ..system.loop import Loop, build_loop
+from ..system.requirements import REQUIREMENTS, Requirements, title_of
 from ..system.uncertainty import NOMINAL, Case, Place, Uncertainty
 
 COST_ACCURACY = 0.01

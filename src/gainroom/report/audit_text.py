@@ -13,8 +13,9 @@ from ..studies.factors import typed_factor
 from ..studies.lowered_gains import GainsToUse
 from ..studies.state import HELD, USUAL_RATE
 from ..system.excluded_sets import ROUND_OFF
+from ..system.margin_units import to_db
 from ..system.requirement import Requirement
-from ..system.requirements import REQUIREMENTS, to_db
+from ..system.requirements import REQUIREMENTS
 from .gains_to_use import gain_file
 from .gearboxes import needed_text, over_range, worst_gearboxes
 from .margin_columns import margin_value, requirement, short_text

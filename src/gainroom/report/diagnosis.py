@@ -9,7 +9,7 @@ from ..identification.recorded_oscillation import POSITIONS, TORQUES
 from ..studies.diagnosis import Diagnosis
 from ..studies.vibration_causes import Cause
 from ..system.linear.arrays import Floats
-from ..system.requirements import to_db
+from ..system.margin_units import to_db
 from . import style
 from .curves import Curve, Panel, stacked
 from .diagnosis_text import NAMES, SHORT, advice, evidence_text, growth, percent, ranked, sentence, size, strength, warnings

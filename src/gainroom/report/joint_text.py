@@ -10,8 +10,9 @@ from ..errors import apart, at_frequency, case_text, frequency_text, listed
 from ..studies.analysis import Analysis
 from ..studies.deciding_joints import deciding_joints_in
 from ..studies.state import USUAL_RATE
+from ..system.margin_units import to_db
 from ..system.plausibility import unusual_values
-from ..system.requirements import REQUIREMENTS, title_of, to_db
+from ..system.requirements import REQUIREMENTS, title_of
 from ..system.system import System
 from .margin_columns import short_text, stable_but
 from .number_format import digits, own_gains, plane_names, quantity

@@ -5,7 +5,8 @@ from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Any
 
 from ..errors import listed
-from ..system.requirements import REQUIREMENTS, to_db
+from ..system.margin_units import to_db
+from ..system.requirements import REQUIREMENTS
 from .columns import Column, definitions, facts, units_of, yes
 from .margin_columns import margin_facts
 from .number_format import digits, hertz, rounded_up

@@ -7,7 +7,8 @@ from ..errors import THIN, beside
 from ..studies.factors import typed_factor
 from ..studies.sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
 from ..studies.swept_margins import SampledRequirement, WorstStates
-from ..system.requirements import Requirements, to_db
+from ..system.margin_units import to_db
+from ..system.requirements import Requirements
 from .columns import Column, facts
 from .margin_columns import margin_value, requirement
 from .number_format import digits, gain_factor, hertz

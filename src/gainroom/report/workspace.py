@@ -9,7 +9,8 @@ from ..studies.audited_workspace import AuditedWorkspace
 from ..studies.factors import typed_factor
 from ..studies.sweep.summary import ContactSummary, SweepSummary
 from ..studies.swept_margins import WorstStates, worst_states
-from ..system.requirements import Requirements, to_db
+from ..system.margin_units import to_db
+from ..system.requirements import Requirements
 from . import style
 from .columns import tabulated
 from .number_format import digits

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..analysis.margin_record import GainLimit, Margins
-from ..design.robot_gains import GainSet, RobotGains, delay_margin_in_all, margins_at_rate, recommend_robot
+from ..design.gain_sets import GainSet, RobotGains
+from ..design.robot_gains import delay_margin_in_all, margins_at_rate, recommend_robot
 from ..design.side_by_side import Job, side_by_side
 from ..design.starting_gains import JointsAlone
 from ..errors import computable
