@@ -12,7 +12,7 @@ import yaml
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.robot.gearbox_types import TYPES, GearboxRange
 from gainroom.studies.gearbox_range import RangeOfGearboxes, look_over
 from gainroom.studies.state import State
@@ -175,7 +175,7 @@ def test_a_range_is_safe_at_its_corners_where_it_is_called_safe(capsys: pytest.C
         if not told["safe"]:
             continue
         ends = [row["stiffness"] for row in told["gearbox_range"]["joints"]]
-        system = audit_spec(LEG, gains, AuditOptions(0.5, rate_hz=2000.0, stiffness=1.0, damping=1.0))
+        system = audited(LEG, gains, AuditOptions(0.5, rate_hz=2000.0, stiffness=1.0, damping=1.0)).system
         for stiffness in itertools.product(*ends):
             damping = [2 * TYPES["harmonic"].damping_ratio[0] * math.sqrt(0.05 * one) for one in stiffness]
             geared = system.with_values(stiffness=np.array(stiffness), damping=np.array(damping))

@@ -17,7 +17,8 @@ from gainroom.analysis.disk_margin import disk_margin_of
 from gainroom.analysis.margin_record import GainLimit, Margins
 from gainroom.cli import main
 from gainroom.design.robot_gains import recommend_robot
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions
+from gainroom.files.audit_options import audited as described
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.audit_text import audit_sentence, audit_warnings
 from gainroom.report.robot import robot_page
@@ -430,7 +431,7 @@ def test_legs_that_round_off_tells_apart_keep_the_models_order():
 def audited(folder: Path, *contacts: str) -> Audit:
     (folder / "gains.yaml").write_text('".*": {kp: 300, kd: 20}', "utf-8")
     options = AuditOptions(2.0, motor_inertia=0.5, base="fixed", contacts=contacts)
-    return audit(audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", options))
+    return audit(described(str(folder / "robot.urdf"), folder / "gains.yaml", options).system)
 
 
 def test_audit_says_where_contacts_hold_every_joint(folder: Path, capsys: pytest.CaptureFixture[str]):

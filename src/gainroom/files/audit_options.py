@@ -213,11 +213,6 @@ class Audited:
     gearboxes: GearboxRange | None = None
 
 
-def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
-    """As audited: the robot alone."""
-    return audited(model, gains, options).system
-
-
 def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     """A robot with the gains it has; joints without gains are held.
 

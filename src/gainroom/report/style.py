@@ -7,16 +7,7 @@ from typing import Any
 from .number_format import digits
 
 # Okabe and Ito, Color Universal Design (2008)
-BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
-    "#000000",
-    "#e69f00",
-    "#56b4e9",
-    "#009e73",
-    "#f0e442",
-    "#0072b2",
-    "#d55e00",
-    "#cc79a7",
-)
+BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = "#000000", "#e69f00", "#56b4e9", "#009e73", "#0072b2", "#d55e00", "#cc79a7"
 INK, SOFT, GRID = "#1b1b1b", "#5a5a5a", "#e6e6e6"
 DARK = {PURPLE: "#96386f", GREEN: "#00704f", VERMILION: "#b34a00"}  # the same hues where they must be read as text
 UNSTABLE_GROUND = "#fdf1e9"
