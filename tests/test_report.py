@@ -124,9 +124,8 @@ def test_command_and_names_are_escaped(stable_page):
 def test_skeleton_escapes_every_plain_string():
     fig = {"data": [{"type": "scatter", "x": np.array([1.0, np.nan]), "name": HOSTILE}], "layout": {"title": {"text": HOSTILE}}}
     parts = [HOSTILE, figure(fig, HOSTILE, HOSTILE), table([HOSTILE], [[HOSTILE]], HOSTILE)]
-    html = page(
-        HOSTILE, Lead(HOSTILE, "bad", HOSTILE, [HOSTILE]), [Card(*[HOSTILE] * 4, True, HOSTILE)], [Section(HOSTILE, parts)], [HOSTILE]
-    )
+    lead, card = Lead(HOSTILE, "bad", HOSTILE, [HOSTILE]), Card(*[HOSTILE] * 4, True, HOSTILE)
+    html = page(HOSTILE, lead, [card], [Section(HOSTILE, parts)], HOSTILE, [HOSTILE])
     own = without_library(html)
     assert "<script>alert" not in own
     assert "<img" not in own
@@ -136,7 +135,7 @@ def test_skeleton_escapes_every_plain_string():
 
 
 def test_library_is_left_out_where_nothing_is_drawn():
-    html = page("title", Lead("sentence"), [], [Section("words", ["text", Html("<b>kept</b>")])])
+    html = page("title", Lead("sentence"), [], [Section("words", ["text", Html("<b>kept</b>")])], "gainroom")
     assert len(html) < 20_000
     assert "<b>kept</b>" in html
 

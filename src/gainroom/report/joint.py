@@ -17,8 +17,8 @@ from .joint_tables import case_table, crossing_table, inputs, margin_table, unce
 from .joint_text import cause, notes, recommended_text, sentence, severity, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, typed_gains
-from .page import Card, Html, Lead, Section, block, facts, figure, page, paragraph
-from .page_parts import assumptions, footer, margin_card, unstable_card
+from .page import Card, Html, Lead, Section, facts, figure, page, paragraph
+from .page_parts import assumptions, margin_card, unstable_card
 from .verdict import gains_box, joint_to_use
 
 
@@ -32,11 +32,9 @@ def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE
         Section("Nyquist plot", [nyquist(study, shown)], "the open loop beside −1, and the disk about −1 that it stays out of"),
         Section("Over time", [time_response(study)], "responses to a step and to a disturbance"),
         Section("Margins", [margin_table(study), *_recommended(study)], "this file's gains, the recommended ones, and the 10 Hz rule's"),
-        *(
-            [Section("What the uncertainty costs", [uncertainty_table(study)], uncertainty_cost_text(study, ranked=False))]
-            if study.uncertainty_cost is not None
-            else []
-        ),
+        None
+        if study.uncertainty_cost is None
+        else Section("What the uncertainty costs", [uncertainty_table(study)], uncertainty_cost_text(study, ranked=False)),
         Section("With and without elasticity and delay", [case_table(shown)], "the same gains on a rigid joint, and without delay"),
         Section("All crossings of this file's loop", [crossing_table(found)], f"{len(found.phase_crossings) + len(found.gain_crossings)}"),
         Section(
@@ -45,10 +43,9 @@ def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE
             "what was read, and what it leaves out",
         ),
         Section("Certification", [_certificate(study)], "how each number was checked"),
-        Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom joint: gains of one joint, {model_kind(study.system.control.sample_time)} model"
-    return page(title, _lead(study, call), _cards(study), sections, footer())
+    return page(title, _lead(study, call), _cards(study), sections, command)
 
 
 def _lead(study: JointStudy, call: str) -> Lead:

@@ -14,8 +14,8 @@ from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
 from .margin_columns import margin_value, requirement
 from .number_format import digits, hertz, model_kind
-from .page import Card, Html, Lead, Section, beside, block, details, facts, page, paragraph
-from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
+from .page import Card, Html, Lead, Section, beside, details, facts, page, paragraph
+from .page_parts import ON_TOP, assumed_and_warned, assumptions, limit_proofs, margin_card, unstable_card
 from .robot_drawing import hero, small
 from .robot_headroom import coupling, heat_map, joint_factors, task_factors
 from .robot_loci import loci, loci_window
@@ -57,7 +57,7 @@ def robot_page(
             [paragraph(requirements_text(study.system)), heat_map(joint_factors(study), "joint")],
             "the factor on each joint's gains at which vibration starts, state by state",
         ),
-        *([] if swept is None else [_swept(swept)]),
+        None if swept is None else _swept(swept),
         Section("Vibration by contact state", _vibrations(study, shown), "each at its own gain limit"),
         Section("State by state", [state_table(study), *remedies(study)], "all margins of each"),
         Section("Why: the characteristic loci", [_loci_words(), loci_of], "where the eigenvalues of the coupled loops come near −1"),
@@ -71,10 +71,9 @@ def robot_page(
             "what was read, and what it leaves out",
         ),
         Section("Certification", [_certificate(study)], "how each number was checked"),
-        Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom robot: gains of {study.system.source.body.size} joints, {model_kind(sample_time)} model"
-    return page(title, _lead(study, elsewhere, call), _cards(study), sections, footer())
+    return page(title, _lead(study, elsewhere, call), _cards(study), sections, command)
 
 
 def _swept(found: SweepSummary) -> Section:

@@ -17,8 +17,8 @@ from ..studies.swept_margins import WorstStates
 from . import style
 from .columns import definitions, tabulated
 from .number_format import digits, hertz, model_kind
-from .page import Card, Html, Lead, Section, advice, beside, block, facts, figure, page, table
-from .page_parts import assumptions, footer, margin_card, uncertainty_text
+from .page import Card, Html, Lead, Section, advice, beside, facts, figure, page, table
+from .page_parts import assumptions, margin_card, uncertainty_text
 from .robot_columns import state_columns
 from .robot_drawing import hero, small
 from .robot_skeleton import common_view
@@ -36,24 +36,19 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
     plan, worst, states = found.plan, found.worst, list(at_worst.states)
     maps = pair_maps(plan, store.finished(), np.sum([one.joints for one in found.contacts], axis=0))
     sections = [
-        *([Section("The worst posture", _drawings(states))] if states else []),
+        Section("The worst posture", _drawings(states)) if states else None,
         Section("Limits by contact state", [_spreads(found), table(*tabulated(columns(found), found.contacts))]),
-        *([Section("Over two joints", [_map(found, maps)])] if maps.lowest else []),
+        Section("Over two joints", [_map(found, maps)]) if maps.lowest else None,
         Section("What a schedule would gain", [_schedule(found)]),
         Section("Which joint limits", [_limiting(found)]),
-        *([Section("Other requirements", [sample_table(found, at_worst)])] if at_worst.requirements else []),
-        *(
-            [Section("Margins in the worst postures", [_margins(states)], "all of them, one posture of each contact state")]
-            if states
-            else []
-        ),
+        Section("Other requirements", [sample_table(found, at_worst)]) if at_worst.requirements else None,
+        Section("Margins in the worst postures", [_margins(states)], "all of them, one posture of each contact state") if states else None,
         Section("How sure the worst case is", [facts(_sure(found, near))]),
         Section(
             "Inputs and assumptions",
             [facts(_inputs(found)), assumptions("Linear about every posture", plan.system.control, "; contacts neither slip nor lift")],
             "robot, postures, what is assumed",
         ),
-        Section("Command", [block(command)], "that makes this page"),
     ]
     said = use(found, at_worst)
     do_this = advice(said, "") if said and worst is not None and found.scale < 1 else ""
@@ -65,7 +60,7 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
     }
     lead = Lead(" ".join(verdict(found, at_worst)), state, headline[state], warnings(found), do_this)
     kind = model_kind(plan.system.control.sample_time)
-    return page(f"gainroom sweep: {counted(plan.postures.count)} postures, {kind} model", lead, _cards(found, near), sections, footer())
+    return page(f"gainroom sweep: {counted(plan.postures.count)} postures, {kind} model", lead, _cards(found, near), sections, command)
 
 
 def _cards(found: SweepSummary, near: SweptPosture | None) -> list[Card]:

@@ -15,8 +15,8 @@ from . import style
 from .columns import tabulated
 from .margin_columns import requirement
 from .number_format import digits, hertz, model_text
-from .page import Card, Html, Lead, Section, advice_box, beside, block, figure, page, table
-from .page_parts import assumptions, footer
+from .page import Card, Html, Lead, Section, advice_box, beside, figure, page, table
+from .page_parts import assumptions
 from .verification_text import CASE, WITNESSES, at_nominal, furthest, left_out, percent, sentence, size, what_to_do
 
 MARKS = {"linear": ("circle", style.BLUE, 11, -0.18), "mujoco": ("diamond", style.ORANGE, 11, 0.18)}
@@ -155,20 +155,19 @@ def verification_page(system: System, result: Verification, command: str, study_
     count = len(result.cases)
     sections = [
         Section(f"What disagrees: {len(wrong)} of {count} cases" if wrong else "Predicted and simulated", [agreement(result.cases)]),
-        *([Section("Growth about the limit", [growth(system, limit)])] if not result.of_robot and 0 < limit < math.inf else []),
+        Section("Growth about the limit", [growth(system, limit)]) if not result.of_robot and 0 < limit < math.inf else None,
         Section("Case by case", [_table(result)], f"{count} case{'s' * (count > 1)} with gains and frequencies"),
         Section(
             "Assumptions",
             [assumptions(model, system.control), _method(result), *(f"Left out: {warning}" for warning in result.warnings)],
             "the model, and how the limits are simulated",
         ),
-        Section("Command", [block(command)], "that makes this page"),
     ]
     said = [f"left out: {warning}" for warning in result.warnings]
     state = "bare" if result.least.enough is False or result.least.predicted_gain <= 1 else "good"
     headline = "" if result.agrees else "Simulation and prediction disagree: do not rely on the predicted limit"
     lead = Lead(sentence(result), state if result.agrees else "bad", headline, said, advice_box(what_to_do(result, study_call)))
-    return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, footer())
+    return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, command)
 
 
 def _cards(result: Verification) -> list[Card]:
