@@ -4,10 +4,10 @@ import hashlib
 import math
 import shlex
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from .messages import View
 
 REMEMBERED = 24
 """Studies, recommendations, planes: of each kind."""
+Value = TypeVar("Value")
 Part = tuple[str, dict[str, Any]]
 """A piece of an answer: its name and what it holds; strict() makes JSON of it."""
 
@@ -69,12 +70,20 @@ class Opened:
         return "".join(f"{line}\n" for line in lines)
 
 
-def remember(known: OrderedDict[str, Any], key: str, value: Any) -> None:
-    """And forget the oldest."""
-    known[key] = value
-    known.move_to_end(key)
-    while len(known) > REMEMBERED:
-        known.popitem(last=False)
+class Remembered(OrderedDict[str, Value]):
+    """The latest values, REMEMBERED of them, by what they depend on."""
+
+    def __setitem__(self, key: str, value: Value) -> None:
+        super().__setitem__(key, value)
+        self.move_to_end(key)
+        while len(self) > REMEMBERED:
+            self.popitem(last=False)
+
+    def of(self, key: str, made: Callable[[], Value]) -> Value:
+        """The value of a key, made where it is not there."""
+        if key not in self:
+            self[key] = made()
+        return self[key]
 
 
 def digest_of(text: str) -> str:

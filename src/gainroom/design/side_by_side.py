@@ -45,10 +45,15 @@ class _StoppedError(Exception):
     """Another job has failed."""
 
 
+def cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def side_by_side(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> list[Result]:
     """What the jobs give, in their order, whatever their number of threads. Raises what the first of them that fails raises."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if min(cores, len(jobs)) < 2:
+    threads = min(cores(), len(jobs))
+    if threads < 2:
         return [job(progress) for job in jobs]
     from concurrent.futures import ThreadPoolExecutor  # loads logging
 
@@ -59,7 +64,7 @@ def side_by_side(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> l
             raise _StoppedError
         progress()
 
-    with _handover.quick(), ThreadPoolExecutor(cores) as pool:
+    with _handover.quick(), ThreadPoolExecutor(threads) as pool:
         futures = [pool.submit(job, checkpoint) for job in jobs]
         try:
             return [future.result() for future in futures]

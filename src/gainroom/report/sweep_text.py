@@ -161,13 +161,10 @@ def sample_facts(found: SweepSummary, worst: WorstStates) -> dict[str, Any]:
         "count": worst.count,
         "random_count": worst.random_count,
         "everywhere": worst.everywhere,
-        "requirements": [facts(columns, one) | {"angles": _angles(found, one.state)} for one in worst.requirements],
+        "requirements": [
+            facts(columns, one) | {"angles": dict(one.state.system.source.postures[one.state.posture].angles)} for one in worst.requirements
+        ],
     }
-
-
-def _angles(found: SweepSummary, state: Any) -> dict[str, float]:
-    robot = state.system.source
-    return dict(robot.postures[state.posture].angles)
 
 
 def warnings(found: SweepSummary) -> list[str]:

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from ...design.side_by_side import cores
 from ...errors import GainroomError
 from ...robot.robot import Posture, Robot
 from ...system.linear.arrays import Floats
 from ...system.system import System
 from ..progress import Progress, quiet
 from .limits import StateLimits
-from .local_pool import cores, in_processes, in_this_process
+from .local_pool import in_processes, in_this_process
 from .plan import SweepPlan
 from .postures import Samples, Trajectory, sampled
 from .store import open_sweep
