@@ -484,5 +484,5 @@ def test_requirements_within_ranges_are_not_called_met(tmp_path: Path):
     uncertain = study_robot(parse_robot(soft + "uncertainty: {delay_ms: [1.9, 2.1]}\n", "arm", tmp_path), recommend=False)
     assert exact.requirements_met is True
     assert uncertain.requirements_met is None
-    beyond = changed(uncertain.every[0], worst=replace(uncertain.every[0].worst, unstable_at="a corner"))
+    beyond = changed(uncertain.every[0], worst_case=replace(uncertain.every[0].worst_case, unstable_at="a corner"))
     assert replace(uncertain, every=(beyond,)).requirements_met is False

@@ -51,7 +51,7 @@ class Opened:
 
         Raises GainroomError where it cannot be written, has changed since it was read, or the difference that was seen is another one.
         """
-        from ..io.atomic import replacement, writing
+        from ..io.atomic import write_text
 
         if self.path is None:
             raise GainroomError(f"{self.source}: no gains are saved to an example or a model: copy them, or start with --write-robot")
@@ -59,8 +59,7 @@ class Opened:
             raise GainroomError(f"{self.source}: not saved, as the gains have changed since the difference was shown")
         if read_text(self.path) != self.text:
             raise GainroomError(f"{self.source}: not saved, as the file has changed since it was opened; start gainroom app again")
-        with replacement(self.path) as temporary, writing(self.path):
-            temporary.write_text(text, "utf-8", newline="\n")
+        write_text(self.path, text)
 
     def difference(self, text: str) -> str:
         """As `diff -u` has it."""

@@ -31,7 +31,7 @@ from ..studies.deciding_joints import deciding_joints_in
 from ..studies.loop_numbers import limit_of
 from ..studies.progress import Progress, quiet
 from ..studies.robot import RobotStudy, study_robot
-from ..studies.state import State, by_headroom, strongest_first
+from ..studies.state import State, limit_headroom, strongest_first
 from ..system.system import System
 from .bench import Opened, Part, Remembered, advised, rounded
 from .channels import Channel, Channels
@@ -187,7 +187,7 @@ class RobotBench:
         if not states:
             return "these gains move nothing"
         limits = [limit_of(state.loop) for state in states]
-        worst = min(range(len(limits)), key=lambda k: by_headroom(limits[k]))
+        worst = min(range(len(limits)), key=lambda k: limit_headroom(limits[k]))
         where = f" in {states[worst].title}" + (f", the worst of {len(states)} states" if len(states) > 1 else "")
         nominal = ", at nominal values" if system.uncertainty.names else ""
         if not limits[worst].stable:

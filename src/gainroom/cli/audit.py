@@ -244,10 +244,10 @@ def _terminal(
 
         def screen(count: int) -> str:
             """With the `count` joints of the least headroom."""
-            left = result.by_headroom[count:]
+            left = result.joints_tightest_first[count:]
             unsafe = sum(not joint.safe for joint in left)
             others = f"{len(left)} more joint{'s' * (len(left) > 1)}{f', {unsafe} unsafe' if unsafe else ''}: --verbose. " if left else ""
-            joints = column_table("", columns, result.by_headroom[:count])
+            joints = column_table("", columns, result.joints_tightest_first[:count])
             return render(
                 *answer,
                 *said,

@@ -157,7 +157,7 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
         "limits": found.count,
         "unknown": found.unknown,
         "uncertified": found.uncertified,
-        "worst": posture_facts(found, found.worst),
+        "worst": posture_facts(found, found.worst_posture),
         "searched": posture_facts(found, near),
         "worst_states": [facts(state_columns(), state) for state in at_worst.states],
         "judged": sample_facts(found, at_worst),

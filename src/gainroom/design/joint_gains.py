@@ -167,7 +167,7 @@ class _Search:
             if found is None:
                 return None
             kp, kd = found
-            place, worst, missed = self.worst(kp, kd)
+            place, worst, missed = self.worst_at(kp, kd)
             if missed <= -self.reserve / 2:
                 place, worst, missed = self.proved(kp, kd, (place, worst, missed))
                 if self.proof is None or self.proof.holds:
@@ -232,7 +232,7 @@ class _Search:
             return [margins(build_loop(*self.case(place), controller, self.feedback, self.sample_time)) for place in places]
         return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
 
-    def worst(self, kp: float, kd: float) -> CaseMargins:
+    def worst_at(self, kp: float, kd: float) -> CaseMargins:
         """The screened case that misses most. Stops at the first screening that finds one that misses something."""
         self.seen, self.checked = [], set()
         places = self.uncertainty.corners

@@ -161,7 +161,7 @@ def _cards(result: Audit) -> list[Card]:
         None if math.isnan(extra) and result.stable else enough(extra, result.delay_margin),
         f"vibrates from {until} of delay, {digits(1e3 * result.system.delay, 'ms', 3)} given" if 0 < result.delay_limit < math.inf else "",
     )
-    joints = [joint.name for joint in result.by_headroom if not joint.safe]
+    joints = [joint.name for joint in result.joints_tightest_first if not joint.safe]
     states = [state.contact for state in result.states if not result.enough_in(state)]
     base = "no contacts" if result.system.source.body.base == "floating" else "fixed base, no contacts"
     judged = listed([state.contact if state.model.contacts else f"{state.contact} ({base})" for state in result.states])

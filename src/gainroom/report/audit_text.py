@@ -280,7 +280,7 @@ def _joints_of(result: Audit, found: GainsToUse[Audit]) -> str:
 def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
     """Which gains by which factor, with the values of the joint that has the least headroom."""
     names = result.system.source.joint_names
-    first = next(joint.name for joint in result.by_headroom if joint.name in found.joints)
+    first = next(joint.name for joint in result.joints_tightest_first if joint.name in found.joints)
     of_first = ", ".join(f"{name} {values[names.index(first)]:.4g}" for name, values in found.gains.items() if name != "ki")
     count, left = len(found.joints), len(names) - len(found.joints)
     if not left:

@@ -8,7 +8,7 @@ from ..errors import at_frequency, listed
 from ..studies.loop_numbers import margins_of
 from ..studies.over_uncertainty import unknown_first
 from ..studies.robot import RobotStudy
-from ..studies.state import State, by_headroom, task_headroom
+from ..studies.state import State, limit_headroom, task_headroom
 from ..studies.sweep.summary import SweepSummary
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
@@ -85,7 +85,7 @@ def _shown(study: RobotStudy) -> list[State]:
     if len(study.states) <= FEW:
         return list(study.states)
     found = study.tightest_by_contact
-    order = sorted(found, key=lambda state: by_headroom(state.limit))[:MOST_PICTURES]
+    order = sorted(found, key=lambda state: limit_headroom(state.limit))[:MOST_PICTURES]
     return [state for state in found if state in order]
 
 
@@ -154,7 +154,7 @@ def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
     parts.append(task_table(tightest))
     if len(tightest) < len(study.states):
         parts.append(details("Tasks in every posture and contact state", task_table(study.states)))
-    limit = min((state.task_limit for state in tightest if state.task_limit is not None), key=by_headroom)
+    limit = min((state.task_limit for state in tightest if state.task_limit is not None), key=limit_headroom)
     summary = f"tasks in the joints' place: {'stable' if limit.stable else 'UNSTABLE'}, limit {digits(limit.gain, '', 3)} ×"
     return [Section("Operational space", parts, summary)]
 

@@ -129,6 +129,12 @@ def label(x: float, y: float, text: str, color: str = INK, **parts: Any) -> Anno
     return base | parts
 
 
+def stamp(word: str) -> Annotation:
+    """A word at the lower right of a picture, that nobody misses."""
+    place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "bottom"}
+    return label(1, 0, f"<b>{word}</b>", **place) | {"font": {"size": 18, "color": DARK[VERMILION]}}
+
+
 def arrow(start: tuple[float, float], end: tuple[float, float], color: str, **parts: Any) -> Annotation:
     """An arrow in data coordinates (on a logarithmic axis: decimal logarithms, as plotly wants them)."""
     base = {

@@ -33,7 +33,7 @@ SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
 
 def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstStates, store: Store, command: str) -> str:
     """The report of a sweep as one HTML page; `near`: what a local search from the worst found; `command`: that makes it."""
-    plan, worst, states = found.plan, found.worst, list(at_worst.states)
+    plan, worst, states = found.plan, found.worst_posture, list(at_worst.states)
     maps = pair_maps(plan, store.finished(), np.sum([one.joints for one in found.contacts], axis=0))
     sections = [
         Section("The worst posture", _drawings(states)) if states else None,
@@ -64,7 +64,7 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
 
 
 def _cards(found: SweepSummary, near: SweptPosture | None) -> list[Card]:
-    worst = found.worst
+    worst = found.worst_posture
     if worst is None:
         return []
     asked = found.plan.system.requirements
@@ -103,7 +103,7 @@ def _spreads(found: SweepSummary) -> Html:
         yaxis=style.axis("postures below [%]", range=[0, 100]),
         showlegend=True,
         legend=style.switches(1.02),
-        shapes=shapes if found.worst is not None and found.worst.gain < 2 * found.margin else [],
+        shapes=shapes if found.worst_posture is not None and found.worst_posture.gain < 2 * found.margin else [],
         margin={"l": 72, "r": 24, "t": 48, "b": 52},
     )
     more = f" The first {FEW} contact states of {len(found.contacts)}." if len(found.contacts) > FEW else ""
@@ -157,7 +157,7 @@ def _map(found: SweepSummary, maps: PairMaps) -> Html:
 
 def _schedule(found: SweepSummary) -> Html:
     """Gains of one set, of one set per contact state, and by posture: factors on these gains at the margin that is asked for."""
-    worst = found.worst
+    worst = found.worst_posture
     rows = []
     for one in found.contacts:
         if not one.worst or worst is None:
@@ -226,5 +226,5 @@ def _inputs(found: SweepSummary) -> list[tuple[str, str]]:
         ("contact states", first_of_many(plan.contacts)),
         ("draws", f"{len(plan.places) - 1} within {uncertainty_text(plan.system)}" if len(plan.places) > 1 else "none: nominal values"),
         ("not looked at", "whether links collide, whether contacts can hold the robot there, whether its joints are strong enough"),
-        ("lowest vibration", "–" if found.worst is None else hertz(found.worst.frequency)),
+        ("lowest vibration", "–" if found.worst_posture is None else hertz(found.worst_posture.frequency)),
     ]

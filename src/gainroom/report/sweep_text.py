@@ -24,7 +24,7 @@ def counted(number: int) -> str:
 
 def sentence(found: SweepSummary) -> str:
     """The verdict, the worst limit and where it is."""
-    plan, worst = found.plan, found.worst
+    plan, worst = found.plan, found.worst_posture
     many, contacts = plan.postures.count, len(plan.contacts)
     states = f"{counted(many)} posture{'s' * (many > 1)} in {contacts} contact state{'s' * (contacts > 1)}"
     states += f" with {len(plan.places) - 1} draws" if len(plan.places) > 1 else ""
@@ -70,7 +70,7 @@ def advice(found: SweepSummary, worst: WorstStates) -> str:
 
 def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
     """How sure the worst case is, in sentences."""
-    worst, said = found.worst, []
+    worst, said = found.worst_posture, []
     if worst is None:
         return said
     if math.isfinite(found.rarer_than):
@@ -244,7 +244,7 @@ def worse_note(found: SweepSummary, one: SweptPosture, known: float) -> str:
 
 def checked_sentence(found: SweepSummary) -> str:
     """What recommended gains keep in the postures of a sweep."""
-    worst, count = found.worst, found.count
+    worst, count = found.worst_posture, found.count
     if worst is None:
         return "Recommended gains in the sweep's postures: no limit is known."
     asked, lowest = digits(to_db(found.margin), "dB", 3), digits(to_db(worst.gain), "dB", 3)

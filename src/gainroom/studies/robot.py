@@ -25,7 +25,7 @@ from .state import USUAL_RATE, State, task_headroom
 
 EXPECTED_LOOKS = 250
 """Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
-NUMBERS = ("margins", "worst", "joints", "tasks")
+NUMBERS = ("margins", "worst_case", "joints", "tasks")
 
 
 @dataclass(frozen=True)
