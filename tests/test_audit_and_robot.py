@@ -10,8 +10,7 @@ import yaml
 import gainroom as gr
 from gainroom.analysis.stability import is_stable
 from gainroom.cli import main
-from gainroom.files.audit_options import AuditOptions
-from gainroom.files.audit_options import audited as described
+from gainroom.files.audit_options import AuditOptions, audited as described
 from gainroom.studies.audit import audit
 from gainroom.studies.factors import largest_factor
 

@@ -12,8 +12,7 @@ from pytest import approx
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.files.audit_options import AuditOptions
-from gainroom.files.audit_options import audited as audited_robot
+from gainroom.files.audit_options import AuditOptions, audited as audited_robot
 from gainroom.files.audited_robot import audited_robot_text, with_gearboxes
 from gainroom.report.audit_text import audit_warnings
 from gainroom.studies.audit import Audit, audit

@@ -15,8 +15,7 @@ from gainroom.identification.prediction import Noise, Signals, prediction_errors
 from gainroom.identification.record import Record
 from gainroom.simulation import Friction, Run, Scenario, Testbed, simulate
 from identified import Case, coverage_bounds, holds, joint_case, multisine, soft_loop
-from independent.chain import Chain, record
-from independent.chain import multisine as chain_multisine
+from independent.chain import Chain, multisine as chain_multisine, record
 from refusals import assert_refused
 
 TICK, COUNT = 1e-3, 8_000

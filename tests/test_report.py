@@ -11,8 +11,7 @@ from pytest import approx
 
 import gainroom as gr
 from gainroom.report.joint import joint_page
-from gainroom.report.joint_text import _change, sentence
-from gainroom.report.joint_text import warnings as warnings_of
+from gainroom.report.joint_text import _change, sentence, warnings as warnings_of
 from gainroom.report.number_format import digits
 from gainroom.report.page import Card, Html, Lead, Section, figure, page, table
 from gainroom.simulation.step_response import step_response

@@ -17,8 +17,7 @@ from gainroom.analysis.disk_margin import disk_margin_of
 from gainroom.analysis.margin_record import GainLimit, Margins
 from gainroom.cli import main
 from gainroom.design.robot_gains import recommend_robot
-from gainroom.files.audit_options import AuditOptions
-from gainroom.files.audit_options import audited as described
+from gainroom.files.audit_options import AuditOptions, audited as described
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.audit_text import audit_sentence, audit_warnings
 from gainroom.report.robot import robot_page

@@ -19,8 +19,7 @@ from faults import environment
 from gainroom.analysis.first_crossing import SEARCH
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
-from gainroom.studies.sweep import cluster
-from gainroom.studies.sweep import plan as plans
+from gainroom.studies.sweep import cluster, plan as plans
 from gainroom.studies.sweep.limits import Limits, StateLimits
 from gainroom.studies.sweep.plan import SweepPlan, drawn
 from gainroom.studies.sweep.postures import Grid, Samples, Trajectory

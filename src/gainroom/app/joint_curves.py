@@ -8,8 +8,7 @@ import numpy as np
 
 from ..report.bode import Case, frequency_span, response
 from ..report.gain_map import around, edge_frequencies, gain_points
-from ..report.map_lines import View as Window
-from ..report.map_lines import opened, outlines, required_lines
+from ..report.map_lines import View as Window, opened, outlines, required_lines
 from ..simulation.step_response import step_response
 from ..studies.joint import JointStudy
 from ..system.linear.arrays import Floats

@@ -95,8 +95,7 @@ def audit(
     """
     from ..files.audit_options import audited
     from ..files.typed_requirements import delay_of_margin, further_requirements, margin_factor
-    from ..studies.audit import audit as run_audit
-    from ..studies.audit import required_of
+    from ..studies.audit import audit as run_audit, required_of
 
     if workspace is not None:
         from ..studies.sweep.postures import require_postures

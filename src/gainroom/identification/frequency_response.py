@@ -184,14 +184,11 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
             return math.inf
         return float(cost(shape(*np.exp(point[:3])) * np.exp(-1j * omega * delay))[0])
 
-    found = minimize(objective, start, method="Nelder-Mead", options={"maxiter": 400, "initial_simplex": _simplex(start)})
+    simplex = start + np.vstack([np.zeros(4), np.diag([0.02, 0.2, 0.3, 0.3])])
+    found = minimize(objective, start, method="Nelder-Mead", options={"maxiter": 400, "initial_simplex": simplex})
     resonance, ratio, damping = np.exp(found.x[:3])
     delay = float(max(found.x[3] * sample_time, 0.0)) if len(delays) > 1 else float(delays[0])
     inertia = math.exp(-float(cost(shape(resonance, ratio, damping) * np.exp(-1j * omega * delay))[1]))
     stiffness = inertia * resonance**2 / (1 + 1 / ratio)
     joint = ElasticJoint(inertia, inertia * ratio, stiffness, 2 * damping * stiffness / resonance)
     return Rough(joint, delay, opposite < OPPOSITE * coarse)
-
-
-def _simplex(start: Floats) -> Floats:
-    return start + np.vstack([np.zeros(4), np.diag([0.02, 0.2, 0.3, 0.3])])

@@ -147,11 +147,14 @@ def time_response(study: JointStudy) -> Html:
     traces.insert(0, style.line([0, 0, end], [0, 1, 1], style.SOFT, dash="dot", width=1.4, name="commanded", showlegend=True))
     if own.growth > 0:
         notes.append(_vibration(own))
+    place = {"xref": "paper", "yref": "paper", "xanchor": "right", "yanchor": "bottom", "name": "wide"}
+    for height, words in ((1.0, "unit step of the reference"), (0.45, "1 N·m added to the torque command")):
+        notes.append(style.label(0.995, height, words, style.SOFT, **place))
     picture = style.layout(
         xaxis=style.axis("time [ms]", anchor="y2", range=[-0.01 * end, end]),
         yaxis=style.axis("position / reference step [–]", domain=[0.55, 1]),
         yaxis2=style.axis("position for 1 N·m [µrad]", domain=[0, 0.45]),
-        annotations=[*notes, *_panel_names()],
+        annotations=notes,
         showlegend=True,
         legend=style.switches(1.03),
         margin={"l": 78, "r": 24, "t": 40, "b": 52},
@@ -160,14 +163,6 @@ def time_response(study: JointStudy) -> Html:
     return figure(
         {"data": traces, "layout": picture}, "Step of the reference, and step of a disturbance torque", _caption(study, own), 560, narrow
     )
-
-
-def _panel_names() -> list[style.Annotation]:
-    place = {"xref": "paper", "yref": "paper", "xanchor": "right", "yanchor": "bottom", "name": "wide"}
-    return [
-        style.label(0.995, 1.0, "unit step of the reference", style.SOFT, **place),
-        style.label(0.995, 0.45, "1 N·m added to the torque command", style.SOFT, **place),
-    ]
 
 
 def _vibration(response: StepResponse) -> style.Annotation:
@@ -194,8 +189,5 @@ def _caption(study: JointStudy, own: StepResponse) -> str:
         return text + "Stepped exactly from tick to tick; torque is held between ticks."
     if study.system.delay == 0:
         return text + "Stepped exactly (matrix exponential)."
-    return text + f"Stepped with the exact delay; halving the step changes the curve by {_share(own.change)}."
-
-
-def _share(change: float) -> str:
-    return f"{digits(100 * change, '', 1)} %" if change >= 1e-5 else "less than 0.001 %"
+    share = f"{digits(100 * own.change, '', 1)} %" if own.change >= 1e-5 else "less than 0.001 %"
+    return text + f"Stepped with the exact delay; halving the step changes the curve by {share}."

@@ -32,10 +32,6 @@ def _mainly(state: "State") -> str:
     return f"{first}, +{len(others)}" if others else first
 
 
-def _disk(state: "State") -> str:
-    return ("~" if state.margins.disk_certified is False else "") + digits(state.margins.disk_margin, significant=3)
-
-
 def _frequency(state: "State") -> str:
     return hertz(state.limit.frequency) if state.moves and math.isfinite(state.limit.frequency) else "–"
 
@@ -111,7 +107,7 @@ STATE = [
         "disk_margin",
         _if_moving(lambda state: state.margins.disk_margin),
         definition="the disk margin, independent errors of gain and phase in every motor's torque (~: not certified)",
-        shown=_disk,
+        shown=lambda state: "~" * (state.margins.disk_certified is False) + digits(state.margins.disk_margin, significant=3),
         margin="disk_margin",
     ),
     Column("", "disk_margin_certified", _if_moving(lambda state: state.margins.disk_certified)),

@@ -12,8 +12,15 @@ from ..studies.analysis import THIS_STATE
 from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
 from ..system.system import System
-from .joint_text import CONTINUOUS, NOT_EVERYWHERE, at_usual_rate_text, lost_at_usual_rate, verdict_text, vibration_starts
-from .joint_text import severity as severity_of_loops
+from .joint_text import (
+    CONTINUOUS,
+    NOT_EVERYWHERE,
+    at_usual_rate_text,
+    lost_at_usual_rate,
+    severity as severity_of_loops,
+    verdict_text,
+    vibration_starts,
+)
 from .margin_columns import short_text
 
 if TYPE_CHECKING:

@@ -23,8 +23,7 @@ from .robot_columns import state_columns
 from .robot_drawing import hero, small
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, machine
-from .sweep_text import advice as use
-from .sweep_text import columns, counted, joint_name, sureness, verdict, warnings
+from .sweep_text import advice as use, columns, counted, joint_name, sureness, verdict, warnings
 from .workspace import CURVES, FEW, sample_table
 
 SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]

@@ -192,8 +192,14 @@ def columns(found: SweepSummary) -> list[Column]:
     def worst(one: ContactSummary) -> SweptPosture | None:
         return one.worst[0] if one.worst else None
 
-    def number(of: Any) -> Any:
-        return lambda one: None if worst(one) is None else of(worst(one))
+    def number(of: Any, none: str | None = None) -> Any:
+        return lambda one: none if worst(one) is None else of(worst(one))
+
+    def mainly(at: SweptPosture) -> str:
+        return joint_name(found, at)
+
+    def vibration(at: SweptPosture) -> str:
+        return hertz(at.frequency) if math.isfinite(at.frequency) else "–"
 
     return [
         Column("contact", "contact", lambda one: one.name),
@@ -201,11 +207,14 @@ def columns(found: SweepSummary) -> list[Column]:
         Column("10 %", "gain_limit_p10", lambda one: one.quantile(0.1), significant=3, definition="a tenth of postures lie below"),
         Column("median", "gain_limit_median", lambda one: one.quantile(0.5), significant=3),
         Column("highest", "gain_limit_highest", lambda one: one.quantile(1.0), significant=3),
-        Column("at", "limit_frequency_rad_s", number(lambda at: at.frequency), shown=lambda one: _hertz(worst(one))),
-        Column("mainly", "limiting_joint", number(lambda at: joint_name(found, at)), shown=lambda one: _mainly(found, worst(one))),
         Column(
-            "posture", "posture", number(lambda at: at.number), shown=lambda one: "–" if worst(one) is None else str(one.worst[0].number)
+            "at",
+            "limit_frequency_rad_s",
+            number(lambda at: at.frequency),
+            shown=number(vibration, "–"),
         ),
+        Column("mainly", "limiting_joint", number(mainly), shown=number(mainly, "–")),
+        Column("posture", "posture", number(lambda at: at.number), shown=number(lambda at: str(at.number), "–")),
         Column("", "count", lambda one: one.count),
         Column("", "unknown", lambda one: one.unknown),
         Column("", "uncertified", lambda one: one.uncertified),
@@ -213,14 +222,6 @@ def columns(found: SweepSummary) -> list[Column]:
         Column("", "below_margin", lambda one: one.short),
         Column("", "lower_gain_highest", lambda one: one.lower),
     ]
-
-
-def _hertz(one: SweptPosture | None) -> str:
-    return "–" if one is None or not math.isfinite(one.frequency) else hertz(one.frequency)
-
-
-def _mainly(found: SweepSummary, one: SweptPosture | None) -> str:
-    return "–" if one is None else joint_name(found, one)
 
 
 def safe_share(found: SweepSummary) -> str:
