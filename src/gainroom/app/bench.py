@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import GainroomError
 from ..io.yaml_text import read_text
 from ..report.verdict import ToUse
+from ..simulation.step_response import StepResponse
 from ..studies.progress import Progress, quiet
 from ..system.linear.arrays import Complexes, Floats
 from .messages import View
@@ -160,6 +161,20 @@ def drawn_response(omega: Floats, value: Complexes, phase: Floats, marks: Mappin
         "im": rounded(value.imag),
         "marks": [{"name": name, "hz": at / (2 * math.pi)} for name, at in (marks or {}).items() if math.isfinite(at)],
     }
+
+
+def drawn_step(found: StepResponse, pick: slice, scale: float) -> dict[str, Any]:
+    """Responses to a step of the reference and to a disturbance, which is shown times `scale`; `pick`: of their points."""
+    return {
+        "ms": rounded(1e3 * found.time[pick]),
+        "reference": rounded(found.reference[pick]),
+        "disturbance": rounded(scale * found.disturbance[pick]),
+    }
+
+
+def drawn_line(points: Floats) -> list[list[float | None]]:
+    """Points (k, 2) of a gain map."""
+    return [rounded(column, 6) for column in points.T]
 
 
 def rounded(values: Any, significant: int = 5) -> list[float | None]:
