@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gainroom.paper.com_motion import SAMPLE_TIME, setup
+from gainroom.paper.com_motion import setup
+from gainroom.paper.joints import SAMPLE_TIME
 from gainroom.simulation.robot_run import RobotStepper
 
 from .measure import Spread

@@ -7,7 +7,7 @@ import control as ct
 import numpy as np
 
 import gainroom as gr
-from gainroom.system.requirements import to_db
+from gainroom.system.margin_units import to_db
 
 from .measure import in_turns
 from .table import Table

@@ -13,7 +13,8 @@ import numpy as np
 from walking_plan import Plan
 from walking_run import biped, plan_of
 
-from gainroom.design.robot_gains import RobotGains, recommend_robot
+from gainroom.design.gain_sets import RobotGains
+from gainroom.design.robot_gains import recommend_robot
 from gainroom.robot.robot import Posture, Robot
 from gainroom.system.system import System
 

@@ -241,7 +241,7 @@ def percent(part: int, whole: int) -> str:
 def drawn(name: str, found: dict[float, Swept]) -> None:
     """The worst posture at the shorter delay from its right and from the front, and how limits spread at both."""
     first, _ = found[min(found)]
-    worst = first.worst
+    worst = first.worst_posture
     assert worst is not None
     contact, system = first.plan.contacts[worst.contact], worst.system(first.plan)
     model = system.source.linearize(worst.name, contact)

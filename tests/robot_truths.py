@@ -12,9 +12,9 @@ from gainroom.robot.actuators import Actuators
 from gainroom.robot.body import RigidBody
 from gainroom.robot.contact import Contact, contact_jacobian
 from gainroom.simulation.robot_setup import RobotSetup
+from gainroom.system.assembly import Feedback
 from gainroom.system.drive import Drive
 from gainroom.system.elastic_joint import ElasticJoint
-from gainroom.system.loop import Feedback
 from gainroom.system.system import Control
 
 SIDES = ("left", "right")

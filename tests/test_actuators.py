@@ -5,13 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from numpy.testing import assert_allclose
 
 from gainroom.errors import GainroomError
-from gainroom.robot.actuators import ActuatorEntry, Actuators, actuators_of, drives_of, merge_entries
+from gainroom.robot.actuators import Actuators, actuators_of, drives_of, merge_entries
 from gainroom.robot.name_patterns import LONGEST, assign, compile_pattern, select
+from gainroom.system.actuator_entry import ActuatorEntry
 from gainroom.system.drive import Drive
 from refusals import assert_refused
 

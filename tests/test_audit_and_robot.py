@@ -10,7 +10,7 @@ import yaml
 import gainroom as gr
 from gainroom.analysis.stability import is_stable
 from gainroom.cli import main
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions, audited as described
 from gainroom.studies.audit import audit
 from gainroom.studies.factors import largest_factor
 
@@ -139,7 +139,7 @@ def test_factors_that_looks_find_are_those_of_all_margins(seeds: range):
     required, found = gr.Requirements(gain_margin=MARGIN, phase_margin=np.radians(20), peak_sensitivity=2.5, delay_margin=1.5e-3), []
     for seed in seeds:
         draw(seed)
-        system = audit_spec("leg.xml", Path("gains.yaml"), AuditOptions(3.0, rate_hz=1000.0))
+        system = described("leg.xml", Path("gains.yaml"), AuditOptions(3.0, rate_hz=1000.0)).system
         audited = audit(system, required)
         for lowered in np.array([[True, True, True], [True, False, False], [False, True, True]]):
             seen = audited.seen_factor(lowered, 1.0)

@@ -12,8 +12,7 @@ from pytest import approx
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.files.audit_options import AuditOptions, audit_spec
-from gainroom.files.audit_options import audited as audited_robot
+from gainroom.files.audit_options import AuditOptions, audited as audited_robot
 from gainroom.files.audited_robot import audited_robot_text, with_gearboxes
 from gainroom.report.audit_text import audit_warnings
 from gainroom.studies.audit import Audit, audit
@@ -36,7 +35,7 @@ def leg(tmp_path: Path) -> Path:
 
 
 def audited(leg: Path, *posture: str) -> Audit:
-    return audit(audit_spec(str(leg), None, AuditOptions(delay_ms=2.0, rate_hz=1000.0, posture=posture)))
+    return audit(audited_robot(str(leg), None, AuditOptions(delay_ms=2.0, rate_hz=1000.0, posture=posture)).system)
 
 
 def limit_by_mujoco(leg: Path, angles: tuple[float, float, float]) -> float:
@@ -164,7 +163,7 @@ def test_a_urdf_has_no_keyframes(tmp_path: Path):
     gains = tmp_path / "gains.yaml"
 
     def make() -> object:
-        return audit_spec("gainroom:biped.urdf", gains, AuditOptions(delay_ms=2.0, posture=("home",)))
+        return audited_robot("gainroom:biped.urdf", gains, AuditOptions(delay_ms=2.0, posture=("home",))).system
 
     gains.write_text('".*": {kp: 1, kd: 1}', "utf-8")
     assert_refused(make, ["--posture 'home'", "keyframes: none"])

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from gainroom.cli import main
 from gainroom.errors import GainroomError
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.files.gain_files import parse_gains
 
 MODEL = """\
@@ -118,7 +118,7 @@ def test_a_rate_that_is_none_is_refused(value: str):
 
 def test_a_keyframe_of_the_scene(folder: Path):
     def angles(*posture: str) -> dict[str, float]:
-        spec = audit_spec("robot.xml", None, AuditOptions(2.0, posture=posture))
+        spec = audited("robot.xml", None, AuditOptions(2.0, posture=posture)).system
         return {**spec.source.postures[next(iter(spec.source.postures))].angles, **dict.fromkeys(spec.assumptions, 0.0)}
 
     keys = '<keyframe><key name="bent" qpos="0.7"/></keyframe>'

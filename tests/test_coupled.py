@@ -8,8 +8,7 @@ import pytest
 
 import gainroom as gr
 from draws import draw_plant, seeds
-from independent.machine import topples
-from independent.machine import unstable as unstable_roots
+from independent.machine import topples, unstable as unstable_roots
 from machines import Pair, chain
 
 DRIVE = gr.Drive(4000.0, 0.9, 2e-3)

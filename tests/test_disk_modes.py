@@ -8,8 +8,7 @@ import pytest
 
 import gainroom as gr
 from draws import complex_normal, draw_robot
-from gainroom.analysis import _disk_modes
-from gainroom.analysis import disk_margin as multiloop_disk
+from gainroom.analysis import _disk_modes, disk_margin as multiloop_disk
 from gainroom.analysis._disk_modes import Modes, opened_at_torques
 from gainroom.analysis._mu import balanced, improved, largest, scaled
 from gainroom.analysis.disk_margin import TOLERANCE, disk_margin

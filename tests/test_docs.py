@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 
 from gainroom.cli import main
-from gainroom.files import joint_scenario as scenario_sections
-from gainroom.files import joint_yaml as config
-from gainroom.files import system_sections as config_sections
+from gainroom.files import joint_scenario as scenario_sections, joint_yaml as config, system_sections as config_sections
 from gainroom.files.gain_formats import actuator_configs, gain_arrays, gain_record, ros2_control
 from gainroom.files.identified_section import IdentifiedSection
 from robot_files import write_arm

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.design.robot_gains import RobotGains
+from gainroom.design.gain_sets import RobotGains
 from gainroom.robot.linearize import linearize
 from independent.coupled import Coupled, sampled_radius
 from robot_truths import BOTH, actuators, biped_posture, feet

@@ -12,7 +12,7 @@ import yaml
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.robot.gearbox_types import TYPES, GearboxRange
 from gainroom.studies.gearbox_range import RangeOfGearboxes, look_over
 from gainroom.studies.state import State
@@ -57,9 +57,10 @@ def test_nothing_in_the_range_is_worse_than_what_was_found(count: int):
             for resonance in np.geomspace(*TYPES[kind].resonance, 40)
             for ratio in np.geomspace(*TYPES[kind].damping_ratio, 3)
         ]
-        assert over.worst.gain_limit == pytest.approx(min(scanned), rel=0.01), (joint, kp, kd, delay, kind)
-        worst = gr.ElasticJoint(joint.motor_inertia, joint.link_inertia, *(float(v[0]) for v in (over.worst.stiffness, over.worst.damping)))
-        assert over.worst.gain_limit == pytest.approx(continuous_limit(worst, kp, kd, delay), rel=1e-3)
+        assert over.worst_look.gain_limit == pytest.approx(min(scanned), rel=0.01), (joint, kp, kd, delay, kind)
+        spring, damper = (float(values[0]) for values in (over.worst_look.stiffness, over.worst_look.damping))
+        worst = gr.ElasticJoint(joint.motor_inertia, joint.link_inertia, spring, damper)
+        assert over.worst_look.gain_limit == pytest.approx(continuous_limit(worst, kp, kd, delay), rel=1e-3)
         assert over.safe == all(look.gain_limit >= MARGIN for look in over.looks)
         unsafe += not over.safe
     assert count / 7 < unsafe < 6 * count / 7  # or this shows nothing
@@ -77,7 +78,7 @@ def test_sampled_ranges_that_are_safe_are():
                 for ratio in TYPES[kind].damping_ratio:
                     assert has_margin(geared(joint, resonance, ratio), kp, kd, delay, step, 0.99 * MARGIN)
         else:
-            spring, damper = over.worst.stiffness[0], over.worst.damping[0]
+            spring, damper = over.worst_look.stiffness[0], over.worst_look.damping[0]
             worst = gr.ElasticJoint(joint.motor_inertia, joint.link_inertia, float(spring), float(damper))
             assert not has_margin(worst, kp, kd, delay, step, MARGIN)
     assert 2 < safe < 14
@@ -175,7 +176,7 @@ def test_a_range_is_safe_at_its_corners_where_it_is_called_safe(capsys: pytest.C
         if not told["safe"]:
             continue
         ends = [row["stiffness"] for row in told["gearbox_range"]["joints"]]
-        system = audit_spec(LEG, gains, AuditOptions(0.5, rate_hz=2000.0, stiffness=1.0, damping=1.0))
+        system = audited(LEG, gains, AuditOptions(0.5, rate_hz=2000.0, stiffness=1.0, damping=1.0)).system
         for stiffness in itertools.product(*ends):
             damping = [2 * TYPES["harmonic"].damping_ratio[0] * math.sqrt(0.05 * one) for one in stiffness]
             geared = system.with_values(stiffness=np.array(stiffness), damping=np.array(damping))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.design.robot_gains import GainSet, recommend_robot
+from gainroom.design.gain_sets import GainSet
+from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.simulation.robot_simulation import RobotSimulation
 from gainroom.studies.simulation import simulate_study

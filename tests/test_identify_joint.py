@@ -7,16 +7,15 @@ import pytest
 
 import gainroom as gr
 from gainroom.identification.estimate import Estimate, interval, log_interval
-from gainroom.identification.frequency_response import frequency_response, given_torque
-from gainroom.identification.friction_signs import friction_not_below_zero
-from gainroom.identification.joint import JointFit, damping_beside_friction, fitted_response, identify_joint
+from gainroom.identification.frequency_response import fitted_response, frequency_response, given_torque
+from gainroom.identification.friction_estimates import damping_beside_friction, friction_not_below_zero
+from gainroom.identification.joint import JointFit, identify_joint
 from gainroom.identification.motion import motion_of
 from gainroom.identification.prediction import Noise, Signals, prediction_errors, stationary
 from gainroom.identification.record import Record
 from gainroom.simulation import Friction, Run, Scenario, Testbed, simulate
 from identified import Case, coverage_bounds, holds, joint_case, multisine, soft_loop
-from independent.chain import Chain, record
-from independent.chain import multisine as chain_multisine
+from independent.chain import Chain, multisine as chain_multisine, record
 from refusals import assert_refused
 
 TICK, COUNT = 1e-3, 8_000

@@ -168,7 +168,7 @@ def test_eight_threads_get_what_one_gets():
     """Compiled kernels, robots' files and answers: the same numbers from all, as from one alone."""
     import json
 
-    from gainroom.files.audit_options import AuditOptions, audit_spec
+    from gainroom.files.audit_options import AuditOptions, audited
     from gainroom.studies.audit import audit
 
     loops = [gr.build_loop(gr.ElasticJoint(1.0, 4.0 + k, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3), gr.PD(1e4, 300.0)) for k in range(8)]
@@ -178,7 +178,7 @@ def test_eight_threads_get_what_one_gets():
         with TemporaryDirectory() as folder:
             file = Path(folder) / "gains.yaml"
             file.write_text(GAINS, "utf-8")
-            found = audit(audit_spec(str(BIPED), file, AuditOptions(2.0)))
+            found = audit(audited(str(BIPED), file, AuditOptions(2.0)).system)
         return json.dumps([limit.gain, limit.frequency, found.tightest.limit.gain, found.delay_limit])
 
     alone = [answers(k) for k in range(8)]

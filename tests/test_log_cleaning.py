@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from gainroom.files.logs import JointLog, Log, LogOptions, read_log
 from gainroom.files.logs.cleaning import Cleaner

@@ -11,7 +11,7 @@ import scipy.signal
 import gainroom as gr
 from draws import draw_setup
 from gainroom.analysis.stability import unstable_roots
-from gainroom.system.requirements import from_db, to_db
+from gainroom.system.margin_units import from_db, to_db
 
 
 def stable_loop(seed: int, sampled: bool) -> gr.Loop:

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.errors import GainroomError
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.files.robot_yaml import load_robot
 from gainroom.robot import load_model
 from gainroom.robot.assemble import Description
@@ -92,7 +92,7 @@ def test_its_robot_is_analysed_recommended_for_and_shown(chain: Path, capsys: py
 
 
 def test_audit_takes_its_gains_and_keyframes(chain: Path):
-    spec = audit_spec(str(chain), None, AuditOptions(2.0, motor_inertia=0.1, posture=("bent",)))
+    spec = audited(str(chain), None, AuditOptions(2.0, motor_inertia=0.1, posture=("bent",))).system
     assert spec.control.controller is not None
     assert_allclose(spec.control.controller.kp, [200.0, 200.0])
     assert spec.source.postures["bent"].angles == {"hinge1": 0.5 * np.pi}

@@ -1,14 +1,31 @@
 """The structured singular value: brute force, slycot, closed forms and symmetries."""
 
 from math import pi
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
 from draws import complex_normal
-from gainroom.analysis._mu import balanced, improved, largest, scaled, structured_singular_value
+from gainroom.analysis._mu import balanced, from_below, improved, largest, scaled
 from gainroom.native import _core
+
+
+class Bounds(NamedTuple):
+    """lower ≤ μ ≤ upper; scaling (n,): log of the D that gives `upper`; phases (n,): q, with |eigenvalue| `lower` of M diag(q)."""
+
+    lower: float
+    upper: float
+    scaling: np.ndarray
+    phases: np.ndarray
+
+
+def structured_singular_value(matrix: np.ndarray) -> Bounds:
+    """Both bounds for one complex matrix (n, n), as the disk margin finds them for many."""
+    scaling, upper = improved(matrix[None], balanced(matrix[None]))
+    lower, phases = from_below(scaled(matrix[None], scaling)[0], float(upper[0]))
+    return Bounds(min(lower, float(upper[0])), float(upper[0]), scaling[0], phases)
 
 
 @pytest.mark.parametrize("size", [2, 3])

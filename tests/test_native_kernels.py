@@ -324,7 +324,7 @@ def test_eigenvalues_continue_the_nearest_as_a_whole():
         distance = np.abs(np.log(high / low[:, None])) ** 2  # its imaginary part the angle between them
         assert distance[range(4), found].sum() == pytest.approx(distance[range(4), orders].sum(axis=1).min(), abs=1e-12)
     for wrong in (before[:, :3], before[:1], np.full_like(before, np.nan), np.full_like(before, np.inf)):
-        with pytest.raises(ValueError, match="before and after must be|must be finite"):
+        with pytest.raises(ValueError, match=r"before and after must be|must be finite"):
             _core.paired(before, wrong)
     assert _core.paired(before[:0], after[:0]).shape == (0, 4)
 

@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.report.number_format import rounded_up
 from gainroom.studies.needed_stiffness import NeededStiffness, needed_stiffness
 from gainroom.studies.state import State
@@ -215,7 +215,7 @@ def test_a_robot_in_several_states_stays_safe_however_stiff_its_gearboxes():
     """A biped, in flight and on one foot: gain limits at stiffnesses that no search knows of, up to where rigid ones are as good."""
     Path("alike.yaml").write_text('".*": {kp: 2000, kd: 100, motor_inertia: 1}', "utf-8")
     options = AuditOptions(2.0, contacts=("left_sole",), posture=(".*_knee=0.6",))
-    system = audit_spec("gainroom:biped.urdf", Path("alike.yaml"), options)
+    system = audited("gainroom:biped.urdf", Path("alike.yaml"), options).system
     system = replace(system, requirements=USUAL)
     states = [State(system, *names, system.source.linearize(*names)) for names in system.source.states]
     found = needed_stiffness(system, states, DAMPING_RATIO)

@@ -12,8 +12,7 @@ from pytest import approx
 import gainroom as gr
 from gainroom.report.gain_map import GainPoint, _marks
 from gainroom.report.joint import joint_page
-from gainroom.report.joint_text import _change, sentence
-from gainroom.report.joint_text import warnings as warnings_of
+from gainroom.report.joint_text import _change, sentence, warnings as warnings_of
 from gainroom.report.map_lines import View
 from gainroom.report.number_format import digits
 from gainroom.report.page import Card, Html, Lead, Section, figure, page, table
@@ -126,9 +125,8 @@ def test_command_and_names_are_escaped(stable_page):
 def test_skeleton_escapes_every_plain_string():
     fig = {"data": [{"type": "scatter", "x": np.array([1.0, np.nan]), "name": HOSTILE}], "layout": {"title": {"text": HOSTILE}}}
     parts = [HOSTILE, figure(fig, HOSTILE, HOSTILE), table([HOSTILE], [[HOSTILE]], HOSTILE)]
-    html = page(
-        HOSTILE, Lead(HOSTILE, "bad", HOSTILE, [HOSTILE]), [Card(*[HOSTILE] * 4, True, HOSTILE)], [Section(HOSTILE, parts)], [HOSTILE]
-    )
+    lead, card = Lead(HOSTILE, "bad", HOSTILE, [HOSTILE]), Card(*[HOSTILE] * 4, True, HOSTILE)
+    html = page(HOSTILE, lead, [card], [Section(HOSTILE, parts)], HOSTILE, [HOSTILE])
     own = without_library(html)
     assert "<script>alert" not in own
     assert "<img" not in own
@@ -138,7 +136,7 @@ def test_skeleton_escapes_every_plain_string():
 
 
 def test_library_is_left_out_where_nothing_is_drawn():
-    html = page("title", Lead("sentence"), [], [Section("words", ["text", Html("<b>kept</b>")])])
+    html = page("title", Lead("sentence"), [], [Section("words", ["text", Html("<b>kept</b>")])], "gainroom")
     assert len(html) < 20_000
     assert "<b>kept</b>" in html
 

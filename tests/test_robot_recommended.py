@@ -16,9 +16,10 @@ import yaml
 import gainroom as gr
 from gainroom.analysis.margins import joint_margins
 from gainroom.cli import main
-from gainroom.design.robot_gains import GainSet, RobotGains, recommend_robot
+from gainroom.design.gain_sets import GainSet, RobotGains
+from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.robot_yaml import load_robot_system, parse_robot
-from gainroom.report.gains_to_use import typed
+from gainroom.report.number_format import typed
 from gainroom.report.robot_text import free_joints, sentence, warnings
 from gainroom.studies.robot import study_robot
 from gainroom.system.system import System

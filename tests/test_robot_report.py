@@ -19,8 +19,7 @@ from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.number_format import digits
 from gainroom.report.robot import MOST_PICTURES, robot_page
 from gainroom.report.robot_headroom import MOST_STATES
-from gainroom.report.robot_skeleton import common_view
-from gainroom.report.robot_skeleton import drawn as drawing
+from gainroom.report.robot_skeleton import common_view, drawn as drawing
 from gainroom.report.robot_text import sentence
 from gainroom.studies.robot import RobotStudy, study_robot
 from gainroom.system.requirements import REQUIREMENTS

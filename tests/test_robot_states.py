@@ -17,7 +17,7 @@ from gainroom.analysis.disk_margin import disk_margin_of
 from gainroom.analysis.margin_record import GainLimit, Margins
 from gainroom.cli import main
 from gainroom.design.robot_gains import recommend_robot
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions, audited as described
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.audit_text import audit_sentence, audit_warnings
 from gainroom.report.robot import robot_page
@@ -430,7 +430,7 @@ def test_legs_that_round_off_tells_apart_keep_the_models_order():
 def audited(folder: Path, *contacts: str) -> Audit:
     (folder / "gains.yaml").write_text('".*": {kp: 300, kd: 20}', "utf-8")
     options = AuditOptions(2.0, motor_inertia=0.5, base="fixed", contacts=contacts)
-    return audit(audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", options))
+    return audit(described(str(folder / "robot.urdf"), folder / "gains.yaml", options).system)
 
 
 def test_audit_says_where_contacts_hold_every_joint(folder: Path, capsys: pytest.CaptureFixture[str]):
@@ -483,5 +483,5 @@ def test_requirements_within_ranges_are_not_called_met(tmp_path: Path):
     uncertain = study_robot(parse_robot(soft + "uncertainty: {delay_ms: [1.9, 2.1]}\n", "arm", tmp_path), recommend=False)
     assert exact.requirements_met is True
     assert uncertain.requirements_met is None
-    beyond = changed(uncertain.every[0], worst=replace(uncertain.every[0].worst, unstable_at="a corner"))
+    beyond = changed(uncertain.every[0], worst_case=replace(uncertain.every[0].worst_case, unstable_at="a corner"))
     assert replace(uncertain, every=(beyond,)).requirements_met is False

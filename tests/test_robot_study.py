@@ -15,7 +15,7 @@ from pytest import approx
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.design.robot_gains import recommend_robot
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.files.robot_yaml import load_robot_system, parse_robot
 from gainroom.files.typed_requirements import margin_factor
 from gainroom.report.audit_text import audit_sentence
@@ -263,7 +263,7 @@ def test_report_is_one_page(answer: tuple[dict, str]):
 def test_audit_agrees_with_the_robot_file(folder: Path, study: RobotStudy):
     """The same arm, standing at 0, from a gains' file and options."""
     options = AuditOptions(2.0, stiffness=5e3, damping=2.0, motor_inertia=0.5, bandwidth=3000.0)
-    result = audit(audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", options))
+    result = audit(audited(str(folder / "robot.urdf"), folder / "gains.yaml", options).system)
     text = ROBOT.replace("bent: {hip: 0.3, knee: -0.8}", "zero: {hip: 0}")
     (state,) = study_robot(parse_robot(text, "f", folder), recommend=False).states
     assert result.tightest.limit.gain == approx(state.limit.gain, rel=1e-9)
@@ -305,7 +305,7 @@ def test_wrong_values_of_some_joints(folder: Path, capsys: pytest.CaptureFixture
 
 def test_audit_vibrates_from_its_delay_limit(folder: Path):
     def spec_at(delay: float) -> System:
-        return audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(1e3 * delay, motor_inertia=0.5))
+        return audited(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(1e3 * delay, motor_inertia=0.5)).system
 
     for delay in (2e-3, 30e-3):  # stable, and unstable: then the limit is below
         limit = audit(spec_at(delay)).delay_limit
@@ -318,7 +318,7 @@ def test_audit_vibrates_from_its_delay_limit(folder: Path):
 
 
 def test_audit_margin_decides(folder: Path):
-    spec = audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(2.0, motor_inertia=0.5))
+    spec = audited(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(2.0, motor_inertia=0.5)).system
     limit = audit(spec).tightest.limit.gain
     assert audit(spec, required_of(spec, 0.99 * limit)).safe
     tighter = audit(spec, required_of(spec, 1.01 * limit))
@@ -333,12 +333,12 @@ def test_unsafe_joints_are_counted_in_english(folder: Path, tmp_path: Path, scal
     hip, knee = ({"kp": 20.0 * factor, "kd": 20.0 * factor} for factor in scale)
     gains.write_text(yaml.safe_dump({"hip": hip, "knee": knee}), "utf-8")
     options = AuditOptions(2.0, stiffness=5e3, damping=2.0, motor_inertia=0.5, bandwidth=3000.0)
-    assert words in audit_sentence(audit(audit_spec(str(folder / "robot.urdf"), gains, options)))
+    assert words in audit_sentence(audit(audited(str(folder / "robot.urdf"), gains, options).system))
 
 
 def test_joints_without_gains_are_held_still(folder: Path, tmp_path: Path):
     (tmp_path / "hip.yaml").write_text("hip: {kp: 900, kd: 40}", "utf-8")
-    result = audit(audit_spec(str(folder / "robot.urdf"), tmp_path / "hip.yaml", AuditOptions(2.0, motor_inertia=0.5)))
+    result = audit(audited(str(folder / "robot.urdf"), tmp_path / "hip.yaml", AuditOptions(2.0, motor_inertia=0.5)).system)
     assert [joint.name for joint in result.joints] == ["hip"]
     assert any("held, as they have no gains: knee" in assumption for assumption in result.system.assumptions)
 
@@ -376,7 +376,7 @@ def test_audit_json_and_status(folder: Path, capsys: pytest.CaptureFixture[str])
 )
 def test_bad_options(folder: Path, options: dict, words: list[str]):
     def make() -> System:
-        return audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(**{"delay_ms": 2.0, **options}))
+        return audited(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(**{"delay_ms": 2.0, **options})).system
 
     assert_refused(make, words)
 

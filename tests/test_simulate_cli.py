@@ -183,7 +183,7 @@ def test_oscillations_above_a_frequency():
         ("scenario: {referense: {}}", "did you mean reference?"),
         ("scenario: {jitter_ms: 3}", "scenario.jitter_ms: 3 must be <= the drive's delay, 2.174 ms"),
         ("scenario: {friction: {motor: {coulomb: 2, static: 1}}}", "scenario.friction.motor: static 1"),
-        ("scenario: {whole_ticks: 1}", "scenario.whole_ticks: must be true or false"),
+        ("scenario: {whole_ticks: 1}", "scenario.whole_ticks: 1 must be true or false"),
         ("scenario: {seed: 1.5}", "scenario.seed: 1.5 must be a whole number"),
         ("scenario: {noise: 2 mrad}", "scenario.noise: '2 mrad' is text"),
     ],

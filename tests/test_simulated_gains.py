@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.robot.formats.model_names import locate
 from gainroom.simulation.simulated_gains import SimulatedRobot, Simulator
 from simulator_witness import Witness, public_urdf, urdf_text
@@ -116,7 +116,7 @@ def robot_of(chosen: Case, folder: Path) -> tuple[SimulatedRobot, np.ndarray, np
     gains.write_text("".join(f'"{name}": {{kp: {kp}, kd: {kd}{extra}}}\n' for name, (kp, kd) in chosen.gains.items()), "utf-8")
     posture = tuple(f"{name}={angle}" for name, angle in chosen.angles.items())
     options = AuditOptions(1.0, base="floating" if chosen.floating else None, contacts=chosen.feet, posture=posture)
-    source = audit_spec(str(path), gains, options).source
+    source = audited(str(path), gains, options).system.source
     (stance,) = source.postures.values()
     contacts = list(source.contacts.values())[-1]
     body = stance.body

@@ -19,8 +19,7 @@ from faults import environment
 from gainroom.analysis.first_crossing import SEARCH
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
-from gainroom.studies.sweep import cluster
-from gainroom.studies.sweep import plan as plans
+from gainroom.studies.sweep import cluster, plan as plans
 from gainroom.studies.sweep.limits import Limits, StateLimits
 from gainroom.studies.sweep.plan import SweepPlan, drawn
 from gainroom.studies.sweep.postures import Grid, Samples, Trajectory
@@ -219,8 +218,9 @@ def test_the_summary_is_that_of_all_numbers(arm, tmp_path):
     found = summarized(plan, store.finished())
     gain = open_sweep(tmp_path / "sweep.zarr").gain.values
     assert found.complete
-    assert found.worst.gain == gain.min()
-    assert (found.worst.draw, found.worst.contact, found.worst.number) == np.unravel_index(gain.argmin(), gain.shape)
+    worst = found.worst_posture
+    assert worst.gain == gain.min()
+    assert (worst.draw, worst.contact, worst.number) == np.unravel_index(gain.argmin(), gain.shape)
     assert [one.gain for one in found.contacts[0].worst] == np.sort(gain.ravel())[: len(found.contacts[0].worst)].tolist()
     for share in (0.1, 0.5, 0.9):
         assert found.contacts[0].quantile(share) == pytest.approx(np.quantile(gain, share, method="inverted_cdf"), rel=STEP)
@@ -253,7 +253,7 @@ def test_the_search_ends_no_higher_and_in_the_box(arm, tmp_path):
     ran(plan, tmp_path / "sweep.zarr", workers=1)
     found = summarized(plan, store.finished())
     near = searched(found)
-    assert near.gain <= found.worst.gain
+    assert near.gain <= found.worst_posture.gain
     assert np.all((plan.postures.low <= near.angles) & (near.angles <= plan.postures.high))
     dense = StateLimits(plan.system, "free").limits(
         plan.postures.at(0, 2000)

@@ -24,8 +24,7 @@ from gainroom.studies.joint import study_joint
 from gainroom.studies.robot import study_robot
 from gainroom.system.requirements import REQUIREMENTS
 from robot_files import ROBOT, write_arm
-from test_report import headline as top_of
-from test_report import without_library
+from test_report import headline as top_of, without_library
 
 EXAMPLES = Path(__import__("gainroom").__path__[0]) / "files" / "examples"
 JOINTS = sorted(path.stem for path in EXAMPLES.glob("*.yaml") if "biped" not in path.stem)

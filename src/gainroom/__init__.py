@@ -10,57 +10,31 @@ if TYPE_CHECKING:
     from typing import Any
 
     from .analysis.gain_limit import gain_limit as gain_limit
-    from .analysis.gain_region import PDRegion as PDRegion
-    from .analysis.gain_region import pd_region as pd_region
-    from .analysis.margin_record import GainLimit as GainLimit
-    from .analysis.margin_record import Margins as Margins
-    from .analysis.margins import joint_margins as joint_margins
-    from .analysis.margins import margins as margins
-    from .analysis.stability import Roots as Roots
-    from .analysis.stability import is_stable as is_stable
-    from .analysis.stability import rightmost_roots as rightmost_roots
-    from .design.joint_gains import Recommendation as Recommendation
-    from .design.joint_gains import recommend_pd as recommend_pd
-    from .design.realtime.posture_table import Feature as Feature
-    from .design.realtime.posture_table import PostureTable as PostureTable
-    from .design.realtime.posture_table import TableGains as TableGains
-    from .design.realtime.scheduler import GainScheduler as GainScheduler
-    from .design.realtime.scheduler import GainTable as GainTable
-    from .design.realtime.tracker import GainTracker as GainTracker
-    from .design.realtime.tracker import TrackedLimit as TrackedLimit
+    from .analysis.gain_region import PDRegion as PDRegion, pd_region as pd_region
+    from .analysis.margin_record import GainLimit as GainLimit, Margins as Margins
+    from .analysis.margins import joint_margins as joint_margins, margins as margins
+    from .analysis.stability import Roots as Roots, is_stable as is_stable, rightmost_roots as rightmost_roots
+    from .design.joint_gains import Recommendation as Recommendation, recommend_pd as recommend_pd
+    from .design.realtime.posture_table import Feature as Feature, PostureTable as PostureTable, TableGains as TableGains
+    from .design.realtime.scheduler import GainScheduler as GainScheduler, GainTable as GainTable
+    from .design.realtime.tracker import GainTracker as GainTracker, TrackedLimit as TrackedLimit
     from .errors import GainroomError as GainroomError
     from .files.robot_yaml import load_robot as load_robot
     from .native import warmup as warmup
-    from .simulation import Friction as Friction
-    from .simulation import Scenario as Scenario
-    from .simulation import Testbed as Testbed
-    from .simulation import simulate as simulate
-    from .studies.analysis import Analysis as Analysis
-    from .studies.analysis import State as State
-    from .studies.analysis import analyze as analyze
-    from .studies.joint import JointStudy as JointStudy
-    from .studies.joint import study_joint as study_joint
+    from .simulation import Friction as Friction, Scenario as Scenario, Testbed as Testbed, simulate as simulate
+    from .studies.analysis import Analysis as Analysis, State as State, analyze as analyze
+    from .studies.joint import JointStudy as JointStudy, study_joint as study_joint
     from .studies.sweep.store import open_sweep as open_sweep
-    from .system.closed_loop import ClosedLoop as ClosedLoop
-    from .system.closed_loop import closed_loop as closed_loop
-    from .system.controller import PD as PD
-    from .system.controller import PID as PID
-    from .system.controller import PPI as PPI
-    from .system.controller import Compensator as Compensator
+    from .system.closed_loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
+    from .system.controller import PD as PD, PID as PID, PPI as PPI, Compensator as Compensator
     from .system.drive import Drive as Drive
     from .system.elastic_joint import ElasticJoint as ElasticJoint
-    from .system.filters import LowPass as LowPass
-    from .system.filters import Notch as Notch
+    from .system.filters import LowPass as LowPass, Notch as Notch
     from .system.gain_path import GainPath as GainPath
-    from .system.loop import Loop as Loop
-    from .system.loop import build_loop as build_loop
-    from .system.loop import loop_from as loop_from
-    from .system.plant import Compliance as Compliance
-    from .system.plant import Plant as Plant
+    from .system.loop import Loop as Loop, build_loop as build_loop, loop_from as loop_from
+    from .system.plant import Compliance as Compliance, Plant as Plant
     from .system.requirements import Requirements as Requirements
-    from .system.system import Control as Control
-    from .system.system import JointSpec as JointSpec
-    from .system.system import System as System
+    from .system.system import Control as Control, JointSpec as JointSpec, System as System
     from .system.uncertainty import Uncertainty as Uncertainty
 
 __version__ = "0.1.0"

@@ -144,7 +144,7 @@ def opened_at_torques(loop: Loop) -> Opened:
     else:
         assert loop.parts is not None
         step = loop.sample_time
-        ticks, fractions = split_delay([drive.delay for drive in loop.parts.drives], step)
+        ticks, fractions = split_delay(loop.parts.delays, step)
         rest = [replace(drive, delay=step * part) for drive, part in zip(loop.parts.drives, fractions.tolist(), strict=True)]
         shorter = replace(loop, parts=replace(loop.parts, drives=tuple(rest))).open_loop
         assert shorter is not None

@@ -3,8 +3,6 @@
 μ(M) = 1 / min{ max|δ_i| : det(I − M diag(δ)) = 0 }, Packard and Doyle 1993; how it is bounded is said in structured_value.hpp.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..native import _core
@@ -12,22 +10,6 @@ from ..system.linear.arrays import Complexes, Floats
 
 TOLERANCE = 1e-7  # of log σ_max, at which the search for D ends
 MET = 1e-9  # where both bounds of μ are this near each other, relative, none is looked for any more
-
-
-class Bounds(NamedTuple):
-    """lower ≤ μ ≤ upper; scaling (n,): log of the D that gives `upper`; phases (n,): q, with |eigenvalue| `lower` of M diag(q)."""
-
-    lower: float
-    upper: float
-    scaling: Floats
-    phases: Complexes
-
-
-def structured_singular_value(matrix: Complexes) -> Bounds:
-    """Both bounds for one complex matrix (n, n)."""
-    scaling, upper = improved(matrix[None], balanced(matrix[None]))
-    lower, phases = from_below(scaled(matrix[None], scaling)[0], float(upper[0]))
-    return Bounds(min(lower, float(upper[0])), float(upper[0]), scaling[0], phases)
 
 
 def scaled(matrices: Complexes, scaling: Floats) -> Complexes:

@@ -5,6 +5,7 @@ target = −1 bounds the stable gains; −1/g and −g bound a gain margin, −e
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,6 +21,7 @@ DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequen
 GAIN_ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the target, ω cannot be distinguished
 UNRESOLVED = 2e-9  # relative distance of zeros between which no sample lies
 PINCH = 1e-9  # relative distance from a pinch within which the curve is taken as the straight line it is there
+Crossings = tuple[Integers, Floats, Floats]  # which value each is of, its ω, and the other gain there
 SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
 
 
@@ -144,6 +146,11 @@ def _divided(part: Factored, root: complex, omega: float) -> tuple[complex, comp
     return complex(value[0] * first), complex(first * (slope[0] + value[0] * 0.5j * step))
 
 
+def _together(parts: Iterable[Crossings]) -> Crossings:
+    index, omega, other = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return index, omega, other
+
+
 def _pinches(a: Factored, b: Factored, omega: Floats) -> Floats:
     """ω at which B/A is real, between the samples; B/A is of the controller alone, and smooth."""
 
@@ -218,7 +225,7 @@ class Curve:
         omega, found = refined(plane.omega, solved(plane.omega), solved, rough, 12, 40_000)
         return cls(plane, target, omega, *found.T)
 
-    def crossings(self, axis: str, values: Floats, polish: bool = True) -> tuple[Integers, Floats, Floats]:
+    def crossings(self, axis: str, values: Floats, polish: bool = True) -> Crossings:
         """Where the curve meets the lines kp = value (axis 'kp') or kd = value ('kd').
 
         Returns (index into values, ω, the other gain), each crossing polished to machine precision, or interpolated with polish=False.
@@ -240,8 +247,7 @@ class Curve:
             omega_found = self._polish(axis, values[index], omega[interval], omega[interval + 1], omega_found, along[interval])
         other = self._other(axis, values[index], omega_found)
         parts = (index, omega_found, other), self._straight(axis, values), self._beside_zeros(axis, values)
-        index, omega_found, other = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-        return index, omega_found, other
+        return _together(parts)
 
     def _other(self, axis: str, values: Floats, omega: Floats) -> Floats:
         """The other gain where one is `values` and the curve is met at ω: by projection, as two lines may be nearly parallel there."""
@@ -256,12 +262,12 @@ class Curve:
         middle, pinches = 0.5 * (omega[1:] + omega[:-1]), self.plane.pinches
         return np.any(np.abs(middle[:, None] - pinches) < PINCH * pinches, axis=1)
 
-    def _straight(self, axis: str, values: Floats) -> tuple[Integers, Floats, Floats]:
+    def _straight(self, axis: str, values: Floats) -> Crossings:
         """Crossings of `values` with the straight pieces at the pinches: from the last sample on either side out to infinity.
 
         There kd = Im(target/A)/Im(B/A) and kp = Re(target/A) − kd Re(B/A), of which only Im(B/A) moves, through 0.
         """
-        found: list[tuple[Integers, Floats, Floats]] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
+        found: list[Crossings] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
         for pinch in self.plane.pinches.tolist():
             for side in (-1.0, 1.0):
                 edge = np.array([pinch * (1 + side * PINCH)])
@@ -275,16 +281,15 @@ class Curve:
                 index = np.flatnonzero(outward * (values - start) > 0)
                 omega = np.full(len(index), pinch)
                 found.append((index, omega, self._other(axis, values[index], omega)))
-        index, omega, other = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        return index, omega, other
+        return _together(found)
 
-    def _beside_zeros(self, axis: str, values: Floats) -> tuple[Integers, Floats, Floats]:
+    def _beside_zeros(self, axis: str, values: Floats) -> Crossings:
         """Crossings of `values` nearer to a zero on the boundary than any sample, given the ω of the sample next to them.
 
         A notch of depth 0 or an undamped antiresonance at ω₀: A = a (ω − ω₀) and B = b (ω − ω₀), so the curve runs out to infinity on
         either side of it, where kp a + kd b = target/(ω − ω₀); a and b are taken to first order in ω − ω₀.
         """
-        found: list[tuple[Integers, Floats, Floats]] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
+        found: list[Crossings] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
         for center, *parts in self.plane.zeros:
             k = int(np.searchsorted(self.omega, center))
             if not 0 < k < len(self.omega):
@@ -299,8 +304,7 @@ class Curve:
             for inside, edge in ((rate < 0, self.omega[k - 1]), (rate > 0, self.omega[k])):
                 index = np.flatnonzero(inside & np.isfinite(rate) & (np.abs(rate * (edge - center)) > 1))
                 found.append((index, np.full(len(index), edge), other[index]))
-        index, omega, other = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        return index, omega, other
+        return _together(found)
 
     def along(self, axis: str) -> tuple[Floats, Floats]:
         """(ω, kp or kd) at the samples and at every extremum between them."""

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_finite
+from ..system.assembly import Feedback
 from ..system.controller import PD, Controller
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Booleans, Floats, Integers
 from ..system.linear.transfer_function import Factored
-from ..system.loop import Feedback, Loop, build_loop
+from ..system.loop import Loop, build_loop
 from ..system.plant import Plant
 from ..system.requirements import Requirements
 from .crossings import scan

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -259,15 +259,8 @@ def worst_of(found: Sequence[Margins]) -> Margins:
         "disk_margin disk_margin_frequency": least(lambda one: one.disk_margin),
     }
     upper, lower = (least(lambda one: one.limit.gain).limit, least(lambda one: -one.limit.lower_gain).limit)
-    limit = GainLimit(
-        stable=all(one.stable for one in found),
-        gain=upper.gain,
-        lower_gain=lower.lower_gain,
-        frequency=upper.frequency,
-        mode=upper.mode,
-        certificate=None,
-        lower_frequency=lower.lower_frequency,
-    )
+    low = {"lower_gain": lower.lower_gain, "lower_frequency": lower.lower_frequency}
+    limit = replace(upper, stable=all(one.stable for one in found), certificate=None, **low)
     loops = [one.one_loop for one in found]
     one_loop = OneLoop(
         gain_margin=np.min([one.gain_margin for one in loops], axis=0),

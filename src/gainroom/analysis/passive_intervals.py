@@ -45,7 +45,7 @@ def passive_intervals(loop: Loop, low: float, high: float) -> Floats:
     bandwidth = np.array([drive.bandwidth for drive in parts.drives])[driven]
     damping = np.array([drive.damping_ratio for drive in parts.drives])[driven]
     ratio = omega[:, None] / bandwidth
-    delays = np.array([drive.delay for drive in parts.drives])[driven]
+    delays = parts.delays[driven]
     lag = np.arctan2(2 * damping * ratio, 1 - ratio * ratio) + omega[:, None] * delays
     # The zeros of D lie to the left, so the lead only rises, and the lag only grows: within a step both stay between their ends.
     least, most = lead[:-1] - lag[1:], lead[1:] - lag[:-1]

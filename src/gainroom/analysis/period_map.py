@@ -77,7 +77,7 @@ class PeriodMap:
         counts = samples_in_common(*steps)
         self.period, self._faster = parts.sample_time * counts[0], int(np.argmin(steps))
         self._flows: dict[int, tuple[Floats, Floats]] = {}
-        self._delays = np.array([drive.delay for drive in parts.drives]), np.full(self.size, path.delay)
+        self._delays = parts.delays, np.full(self.size, path.delay)
         laws = parts.controller.without_kd(), parts.controller.kd_alone()
         nothing = np.zeros(self.size, dtype=int), np.zeros(self.size)
         self._lay_out([

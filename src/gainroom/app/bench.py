@@ -4,22 +4,24 @@ import hashlib
 import math
 import shlex
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from ..errors import GainroomError
 from ..io.yaml_text import read_text
 from ..report.verdict import ToUse
+from ..simulation.step_response import StepResponse
 from ..studies.progress import Progress, quiet
 from ..system.linear.arrays import Complexes, Floats
 from .messages import View
 
 REMEMBERED = 24
 """Studies, recommendations, planes: of each kind."""
+Value = TypeVar("Value")
 Part = tuple[str, dict[str, Any]]
 """A piece of an answer: its name and what it holds; strict() makes JSON of it."""
 
@@ -50,7 +52,7 @@ class Opened:
 
         Raises GainroomError where it cannot be written, has changed since it was read, or the difference that was seen is another one.
         """
-        from ..io.atomic import replacement, writing
+        from ..io.atomic import write_text
 
         if self.path is None:
             raise GainroomError(f"{self.source}: no gains are saved to an example or a model: copy them, or start with --write-robot")
@@ -58,8 +60,7 @@ class Opened:
             raise GainroomError(f"{self.source}: not saved, as the gains have changed since the difference was shown")
         if read_text(self.path) != self.text:
             raise GainroomError(f"{self.source}: not saved, as the file has changed since it was opened; start gainroom app again")
-        with replacement(self.path) as temporary, writing(self.path):
-            temporary.write_text(text, "utf-8", newline="\n")
+        write_text(self.path, text)
 
     def difference(self, text: str) -> str:
         """As `diff -u` has it."""
@@ -69,12 +70,20 @@ class Opened:
         return "".join(f"{line}\n" for line in lines)
 
 
-def remember(known: OrderedDict[str, Any], key: str, value: Any) -> None:
-    """And forget the oldest."""
-    known[key] = value
-    known.move_to_end(key)
-    while len(known) > REMEMBERED:
-        known.popitem(last=False)
+class Remembered(OrderedDict[str, Value]):
+    """The latest values, REMEMBERED of them, by what they depend on."""
+
+    def __setitem__(self, key: str, value: Value) -> None:
+        super().__setitem__(key, value)
+        self.move_to_end(key)
+        while len(self) > REMEMBERED:
+            self.popitem(last=False)
+
+    def of(self, key: str, made: Callable[[], Value]) -> Value:
+        """The value of a key, made where it is not there."""
+        if key not in self:
+            self[key] = made()
+        return self[key]
 
 
 def digest_of(text: str) -> str:
@@ -152,6 +161,20 @@ def drawn_response(omega: Floats, value: Complexes, phase: Floats, marks: Mappin
         "im": rounded(value.imag),
         "marks": [{"name": name, "hz": at / (2 * math.pi)} for name, at in (marks or {}).items() if math.isfinite(at)],
     }
+
+
+def drawn_step(found: StepResponse, pick: slice, scale: float) -> dict[str, Any]:
+    """Responses to a step of the reference and to a disturbance, which is shown times `scale`; `pick`: of their points."""
+    return {
+        "ms": rounded(1e3 * found.time[pick]),
+        "reference": rounded(found.reference[pick]),
+        "disturbance": rounded(scale * found.disturbance[pick]),
+    }
+
+
+def drawn_line(points: Floats) -> list[list[float | None]]:
+    """Points (k, 2) of a gain map."""
+    return [rounded(column, 6) for column in points.T]
 
 
 def rounded(values: Any, significant: int = 5) -> list[float | None]:

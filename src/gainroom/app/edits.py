@@ -10,8 +10,7 @@ import numpy as np
 from ..errors import GainroomError, listed, printable
 from ..files.edited_text import Keys
 from ..files.gain_formats.gain_record import Gain
-from ..report.gains_to_use import typed
-from ..report.number_format import own_gains
+from ..report.number_format import own_gains, typed
 from ..system.controller import Controller
 from ..system.uncertainty import Uncertainty
 from .bench import rounded

@@ -2,7 +2,6 @@
 
 import math
 import threading
-from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +24,7 @@ from ..studies.joint import JointStudy, study_joint
 from ..studies.progress import Progress, quiet
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
-from .bench import Opened, Part, advised, remember
+from .bench import Opened, Part, Remembered, advised
 from .edits import at_point, conditions, gain_of, put, ranges, timing
 from .joint_curves import bode, limits, map_window, required_gains, stable_gains, step, sweep_span
 from .messages import View
@@ -45,9 +44,9 @@ class JointBench:
         study = _nominal(self._system)
         self._span = sweep_span(study)
         self._window = map_window(study)
-        self._studies: OrderedDict[str, JointStudy] = OrderedDict()  # by text
-        self._plants: OrderedDict[str, JointStudy] = OrderedDict()  # by plant: with its recommendation
-        self._others: OrderedDict[str, System] = OrderedDict()  # by what is no gain
+        self._studies = Remembered[JointStudy]()  # by text
+        self._plants = Remembered[JointStudy]()  # by plant: with its recommendation
+        self._others = Remembered[System]()  # by what is no gain
         self._one_at_a_time = threading.Lock()
 
     def opening(self) -> dict[str, Any]:
@@ -106,11 +105,7 @@ class JointBench:
     def _followed(self, view: View) -> System:
         """The same while gains are dragged: a file is edited and read again only where something else changes."""
         key = repr(view.model_copy(update={"gains": {}, "point": None}))
-        system = self._others.get(key)
-        if system is None:
-            system = self.system(view)
-            remember(self._others, key, system)
-        return system.with_controller(self._controller(view))
+        return self._others.of(key, lambda: self.system(view)).with_controller(self._controller(view))
 
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
         system = self._followed(view)
@@ -180,8 +175,8 @@ class JointBench:
             else:
                 study = study_joint(study)
                 study.at_usual_rate  # noqa: B018 - computed now, so that it is remembered
-                remember(self._plants, plant, study)
-            remember(self._studies, text, study)
+                self._plants[plant] = study
+            self._studies[text] = study
             return study
 
     def plant(self, view: View) -> str:

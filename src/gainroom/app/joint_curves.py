@@ -8,12 +8,10 @@ import numpy as np
 
 from ..report.bode import Case, frequency_span, response
 from ..report.gain_map import around, edge_frequencies, gain_points
-from ..report.map_lines import View as Window
-from ..report.map_lines import opened, outlines, required_lines
+from ..report.map_lines import View as Window, opened, outlines, required_lines
 from ..simulation.step_response import step_response
 from ..studies.joint import JointStudy
-from ..system.linear.arrays import Floats
-from .bench import drawn_response, rounded
+from .bench import drawn_line, drawn_response, drawn_step, rounded
 
 WIDER = 2.0
 """The frequency axis beyond what the report of the file's own gains shows: gains move."""
@@ -45,20 +43,18 @@ def bode(study: JointStudy, span: tuple[float, float]) -> dict[str, Any]:
 
 def stable_gains(study: JointStudy, window: tuple[float, float]) -> dict[str, Any]:
     """Outlines of the stable gains."""
-    return {"stable": [_line(outline) for outline in outlines(study.region, Window(*window, *window))], "window": window}
+    return {"stable": [drawn_line(outline) for outline in outlines(study.region, Window(*window, *window))], "window": window}
 
 
 def required_gains(study: JointStudy, window: tuple[float, float]) -> Iterator[dict[str, Any]]:
     """Outlines of the gains that meet the requirements at the nominal values; then the frequencies along the edge of the stable ones."""
     view = Window(*window, *window)
     asked = study.system.requirements.asked
-    yield {"required": [_line(outline) for outline in outlines(study.required_region, view)] if asked else []}
+    yield {"required": [drawn_line(outline) for outline in outlines(study.required_region, view)] if asked else []}
     pieces = [opened(outline) for outline in outlines(study.region, view)]
     edge = [(piece, edge_frequencies(study.region, piece)) for piece in pieces]
     yield {
-        "edge": [
-            {"line": _line(piece), "hz": rounded((omega / (2 * math.pi)).tolist())} for piece, omega in edge if np.isfinite(omega).any()
-        ],
+        "edge": [{"line": drawn_line(piece), "hz": rounded(omega / (2 * math.pi))} for piece, omega in edge if np.isfinite(omega).any()],
         "last": True,
     }
 
@@ -66,21 +62,11 @@ def required_gains(study: JointStudy, window: tuple[float, float]) -> Iterator[d
 def limits(study: JointStudy, window: tuple[float, float]) -> dict[str, Any]:
     """The line of each required margin."""
     view = Window(*window, *window)
-    return {"lines": [{"text": text, "parts": [_line(part) for part in parts]} for text, parts in required_lines(study, view)]}
-
-
-def _line(points: Floats) -> list[list[float | None]]:
-    return [rounded(column.tolist(), 6) for column in points.T]
+    return {"lines": [{"text": text, "parts": [drawn_line(part) for part in parts]} for text, parts in required_lines(study, view)]}
 
 
 def step(study: JointStudy) -> dict[str, Any]:
     """The measured position after a step of its reference, and under 1 N m added to the command."""
     found = step_response(study.loop)
     pick = slice(None, None, max(1, len(found.time) // STEP_POINTS))
-    return {
-        "ms": rounded((1e3 * found.time[pick]).tolist()),
-        "reference": rounded(found.reference[pick].tolist()),
-        "disturbance": rounded((1e6 * found.disturbance[pick]).tolist()),
-        "growth": found.growth,
-        "hz": found.frequency / (2 * math.pi),
-    }
+    return drawn_step(found, pick, 1e6) | {"growth": found.growth, "hz": found.frequency / (2 * math.pi)}

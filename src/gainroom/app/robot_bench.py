@@ -3,7 +3,6 @@
 import math
 import re
 import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +18,7 @@ from ..files.gain_formats.export_text import copied_gains
 from ..files.robot_yaml import parse_robot
 from ..io.yaml_text import parse_yaml
 from ..report.columns import facts
-from ..report.gains_to_use import typed
-from ..report.number_format import own_gains
+from ..report.number_format import own_gains, typed
 from ..report.recommended_gains import recommended_facts
 from ..report.robot import robot_page
 from ..report.robot_columns import state_columns
@@ -33,9 +31,9 @@ from ..studies.deciding_joints import deciding_joints_in
 from ..studies.loop_numbers import limit_of
 from ..studies.progress import Progress, quiet
 from ..studies.robot import RobotStudy, study_robot
-from ..studies.state import State, by_headroom, strongest_first
+from ..studies.state import State, limit_headroom, strongest_first
 from ..system.system import System
-from .bench import Opened, Part, advised, remember, rounded
+from .bench import Opened, Part, Remembered, advised, rounded
 from .channels import Channel, Channels
 from .edits import conditions, gain_of, ranges, timing
 from .messages import View
@@ -68,12 +66,12 @@ class RobotBench:
         self.opened = opened
         self._system = parse_robot(opened.text, opened.source, opened.folder)
         self._data = parse_yaml(opened.text, opened.source)
-        self._systems: OrderedDict[str, System] = OrderedDict()
-        self._planes: OrderedDict[str, PartPlane] = OrderedDict()
-        self._found: OrderedDict[str, RobotStudy] = OrderedDict()
-        self._models: OrderedDict[str, RobotModel] = OrderedDict()
-        self._limits: OrderedDict[str, tuple[State, GainLimit | None]] = OrderedDict()
-        self._stars: OrderedDict[str, str] = OrderedDict()
+        self._systems = Remembered[System]()
+        self._planes = Remembered[PartPlane]()
+        self._found = Remembered[RobotStudy]()
+        self._models = Remembered[RobotModel]()
+        self._limits = Remembered[tuple[State, GainLimit | None]]()
+        self._stars = Remembered[str]()
         self._so_far = SoFar()
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._channels = Channels(self._system)
@@ -157,9 +155,7 @@ class RobotBench:
         base = View(delay_ms=view.delay_ms, sample_rate_hz=view.sample_rate_hz, payload=0.0)
         key = repr(base)
         with self._lock:
-            if key not in self._systems:
-                remember(self._systems, key, parse_robot(self.text(base), self.opened.source, self.opened.folder))
-            system = self._systems[key]
+            system = self._systems.of(key, lambda: parse_robot(self.text(base), self.opened.source, self.opened.folder))
         if view.stiffness not in (None, 1.0):
             factor = view.stiffness
             system = system.with_values(stiffness=factor * system.source.actuators.stiffness)
@@ -191,7 +187,7 @@ class RobotBench:
         if not states:
             return "these gains move nothing"
         limits = [limit_of(state.loop) for state in states]
-        worst = min(range(len(limits)), key=lambda k: by_headroom(limits[k]))
+        worst = min(range(len(limits)), key=lambda k: limit_headroom(limits[k]))
         where = f" in {states[worst].title}" + (f", the worst of {len(states)} states" if len(states) > 1 else "")
         nominal = ", at nominal values" if system.uncertainty.names else ""
         if not limits[worst].stable:
@@ -221,17 +217,18 @@ class RobotBench:
         with computable(f"{system.source.name}: posture {place[0]!r}, contact {place[1]!r}"):
             state.moves  # noqa: B018 - refused here where nothing of it can be computed
         with self._lock:
-            remember(self._models, key, model)
+            self._models[key] = model
         return state
 
     def _limited(self, view: View) -> tuple[State, GainLimit | None]:
         """The state and its gain limit, None where no gain acts on a motion; what verdict and mode both need is computed once."""
-        key = repr(view)
+
+        def found() -> tuple[State, GainLimit | None]:
+            state = self.state(view)
+            return state, limit_of(state.loop) if state.moves else None
+
         with self._limiting:
-            if key not in self._limits:
-                state = self.state(view)
-                remember(self._limits, key, (state, limit_of(state.loop) if state.moves else None))
-            return self._limits[key]
+            return self._limits.of(repr(view), found)
 
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
         (state, limit), channel = self._limited(view), self._channels.channel(view)
@@ -305,7 +302,7 @@ class RobotBench:
         there = view.model_copy(update={"gains": self._to_use(study), "point": None})
         with self._lock:
             for each in (view, there):  # P/PI gains as they are typed have proportions of their own
-                remember(self._found, self.plant(each), study)
+                self._found[self.plant(each)] = study
         yield from self.full(view, None, progress)
 
     def shaken(self, view: View, progress: Progress) -> Iterator[Part]:
@@ -365,7 +362,7 @@ class RobotBench:
             found = study_robot(self.system(there), progress, recommend=False)
             open_in = [state.title for state in found.states if not state.margins.certified]
             kept = "meets every requirement in every state" if found.requirements_met else "does not meet every requirement"
-            remember(self._stars, key, f"{kept}; {f'not certified in {listed(open_in)}' if open_in else 'limits certified'}")
+            self._stars[key] = f"{kept}; {f'not certified in {listed(open_in)}' if open_in else 'limits certified'}"
         return self._stars[key]
 
     def _state(self, view: View) -> tuple[str, str]:
@@ -396,5 +393,5 @@ class RobotBench:
     def _plane(self, state: State, channel: Channel, key: str, window: tuple[float, float] | None) -> PartPlane:
         with self._lock:
             if key not in self._planes or window is not None:
-                remember(self._planes, key, PartPlane.of(state.loop, part_of(state, channel), window or window_for(channel)))
+                self._planes[key] = PartPlane.of(state.loop, part_of(state, channel), window or window_for(channel))
             return self._planes[key]

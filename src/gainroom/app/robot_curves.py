@@ -25,9 +25,10 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, limiting_joints
 from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.loop_part import LoopPart
-from ..system.requirements import REQUIREMENTS, Requirements, to_db
+from ..system.margin_units import to_db
+from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
-from .bench import drawn_response, rounded
+from .bench import drawn_line, drawn_response, drawn_step, rounded
 from .channels import Channel
 
 BODE_POINTS = 500
@@ -98,8 +99,8 @@ def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | N
 
     kept = plane.outlines(window, required) if asked.asked else ()
     return {
-        "stable": _lines(plane.outlines(window)),
-        "required": _lines(kept),
+        "stable": [*map(drawn_line, plane.outlines(window))],
+        "required": [*map(drawn_line, kept)],
         "unread": list(unread(asked)),
         "edge": _edge(plane, window),
         "lines": [],
@@ -124,17 +125,13 @@ class EveryState:
             together = EveryLoop([(state.loop, part_of(state, self.channel)) for state in moving], self.window, self.checkpoint)
             asked = moving[0].system.requirements
             more = final and bool(asked.asked)
-            first = {"every": _lines(together.stable()), "safe": [], "whole": None, "missing": ""}
+            first = {"every": [*map(drawn_line, together.stable())], "safe": [], "whole": None, "missing": ""}
             yield first | {"next": "safe" if more else "", "last": final and not more}
             if more:
-                yield {"safe": _lines(together.required(asked)), "next": "whole"}
-                yield {"whole": _lines(together.required(asked, others=True)), "next": "", "last": True}
+                yield {"safe": [*map(drawn_line, together.required(asked))], "next": "whole"}
+                yield {"whole": [*map(drawn_line, together.required(asked, others=True))], "next": "", "last": True}
         except GainroomError as error:
             yield {"every": [], "safe": [], "whole": None, "missing": str(error), "next": "", "last": final}
-
-
-def _lines(outlines: Iterable[Floats]) -> list[list[list[float | None]]]:
-    return [[rounded(column, 6) for column in outline.T] for outline in outlines]
 
 
 def fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
@@ -254,13 +251,7 @@ def step(state: State, channel: Channel, duration: float, scale: float) -> dict[
     reference = found.reference
     large = np.flatnonzero(~(np.abs(reference) < GROWN))
     pick = slice(None, int(large[0]) if len(large) else None, max(1, len(reference) // 500))
-    return {
-        "ms": rounded(1e3 * found.time[pick]),
-        "reference": rounded(reference[pick]),
-        "disturbance": rounded(scale * found.disturbance[pick]),
-        "growth": None,
-        "hz": None,
-    }
+    return drawn_step(found, pick, scale) | {"growth": None, "hz": None}
 
 
 def heat(study: RobotStudy) -> dict[str, Any]:

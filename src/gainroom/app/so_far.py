@@ -7,7 +7,7 @@ from ..report.robot_text import severity
 from ..studies.analysis import analyzed, in_turn
 from ..studies.progress import Progress
 from ..studies.robot import NUMBERS, RobotStudy
-from ..studies.state import State, by_headroom
+from ..studies.state import State, limit_headroom
 from ..system.system import System
 
 
@@ -25,7 +25,7 @@ class SoFar:
         last = self._last
         if last is None or last[0] != key:
             progress(0, 1, "this state")
-            before = {} if last is None else {_place(state): by_headroom(state.limit) for state in last[1].states}
+            before = {} if last is None else {_place(state): limit_headroom(state.limit) for state in last[1].states}
             order = sorted(system.source.states, key=lambda place: (place != shown, before.get(place, math.inf)))
             found: dict[tuple[str, str], State] = {}
             for state in in_turn(system, order, progress, NUMBERS):

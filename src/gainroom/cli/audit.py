@@ -95,8 +95,7 @@ def audit(
     """
     from ..files.audit_options import audited
     from ..files.typed_requirements import delay_of_margin, further_requirements, margin_factor
-    from ..studies.audit import audit as run_audit
-    from ..studies.audit import required_of
+    from ..studies.audit import audit as run_audit, required_of
 
     if workspace is not None:
         from ..studies.sweep.postures import require_postures
@@ -153,7 +152,8 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
     from ..report.robot_columns import AUDITED_JOINT, audited_states
 
     columns = audited_states(result.enough_in)
-    from ..system.requirements import REQUIREMENTS, to_db  # loads numpy
+    from ..system.margin_units import to_db
+    from ..system.requirements import REQUIREMENTS
 
     further = {name: REQUIREMENTS[name] for name in ("phase_margin", "peak_sensitivity")}
     paths = result.tightest.margins.paths
@@ -245,10 +245,10 @@ def _terminal(
 
         def screen(count: int) -> str:
             """With the `count` joints of the least headroom."""
-            left = result.by_headroom[count:]
+            left = result.joints_tightest_first[count:]
             unsafe = sum(not joint.safe for joint in left)
             others = f"{len(left)} more joint{'s' * (len(left) > 1)}{f', {unsafe} unsafe' if unsafe else ''}: --verbose. " if left else ""
-            joints = column_table("", columns, result.by_headroom[:count])
+            joints = column_table("", columns, result.joints_tightest_first[:count])
             return render(
                 *doubts,
                 *answer,

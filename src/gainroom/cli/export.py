@@ -62,10 +62,9 @@ def export(
     difference = _difference(made, target, onto)
     show(as_json, lambda: _facts(made, to, target, write, difference), lambda: _terminal(made, target, write, difference))
     if write and target is not None:
-        from ..io.atomic import replacement, writing
+        from ..io.atomic import write_text
 
-        with replacement(target) as temporary, writing(target):
-            temporary.write_text(made.text, "utf-8", newline="\n")
+        write_text(target, made.text)
     return 0
 
 

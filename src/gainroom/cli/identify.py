@@ -13,8 +13,7 @@ from ..errors import GainroomError, require_positive
 from .identify_plan import plan
 from .log_options import LogCall
 from .options import AsJson, Number, Report, number_option, refuse_inputs, report_stream, text_output, typed_command, with_options
-from .output import closing, render, table
-from .output import show as shown
+from .output import closing, render, show as shown, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:

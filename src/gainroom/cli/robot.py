@@ -13,7 +13,7 @@ from .output import closing, column_table, folded_parts, headings, render, show,
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..design.robot_gains import RobotGains
+    from ..design.gain_sets import RobotGains
     from ..studies.progress import Progress
     from ..studies.robot import RobotStudy
     from ..studies.state import State

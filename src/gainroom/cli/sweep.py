@@ -139,7 +139,7 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
     from ..report.number_format import model_facts
     from ..report.robot_columns import state_columns
     from ..report.sweep_text import columns, posture_facts, sample_facts, sentence, warnings
-    from ..system.requirements import to_db
+    from ..system.margin_units import to_db
 
     plan = found.plan
     return {
@@ -157,7 +157,7 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
         "limits": found.count,
         "unknown": found.unknown,
         "uncertified": found.uncertified,
-        "worst": posture_facts(found, found.worst),
+        "worst": posture_facts(found, found.worst_posture),
         "searched": posture_facts(found, near),
         "worst_states": [facts(state_columns(), state) for state in at_worst.states],
         "judged": sample_facts(found, at_worst),

@@ -20,12 +20,14 @@ from ..analysis.margin_record import Margins, worst_of
 from ..analysis.margins import margins, margins_from_scan
 from ..analysis.range_proof import Proof, prove
 from ..errors import GainroomError
+from ..system.assembly import Feedback
 from ..system.controller import PD
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
+from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Floats
-from ..system.loop import Feedback, Loop, build_loop
-from ..system.requirements import REQUIREMENTS, ROUND_OFF, Requirements, title_of
+from ..system.loop import Loop, build_loop
+from ..system.requirements import REQUIREMENTS, Requirements, title_of
 from ..system.uncertainty import NOMINAL, Case, Place, Uncertainty
 
 COST_ACCURACY = 0.01
@@ -165,7 +167,7 @@ class _Search:
             if found is None:
                 return None
             kp, kd = found
-            place, worst, missed = self.worst(kp, kd)
+            place, worst, missed = self.worst_at(kp, kd)
             if missed <= -self.reserve / 2:
                 place, worst, missed = self.proved(kp, kd, (place, worst, missed))
                 if self.proof is None or self.proof.holds:
@@ -230,7 +232,7 @@ class _Search:
             return [margins(build_loop(*self.case(place), controller, self.feedback, self.sample_time)) for place in places]
         return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
 
-    def worst(self, kp: float, kd: float) -> CaseMargins:
+    def worst_at(self, kp: float, kd: float) -> CaseMargins:
         """The screened case that misses most. Stops at the first screening that finds one that misses something."""
         self.seen, self.checked = [], set()
         places = self.uncertainty.corners

@@ -50,10 +50,15 @@ class _StoppedError(Exception):
     """Another job has failed."""
 
 
+def cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def side_by_side(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> list[Result]:
     """What the jobs give, in their order, whatever their number of threads. Raises what the first of them that fails raises."""
-    cores = _cores()
-    if min(cores, len(jobs)) < 2:
+    threads = min(cores(), len(jobs))
+    if threads < 2:
         return [job(progress) for job in jobs]
     from concurrent.futures import ThreadPoolExecutor  # loads logging
 
@@ -64,7 +69,7 @@ def side_by_side(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> l
             raise _StoppedError
         progress()
 
-    with _handover.quick(), ThreadPoolExecutor(cores) as pool:
+    with _handover.quick(), ThreadPoolExecutor(threads) as pool:
         futures = [pool.submit(job, checkpoint) for job in jobs]
         try:
             return [future.result() for future in futures]
@@ -76,7 +81,7 @@ def side_by_side(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> l
 
 def at_once(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """What `function` gives of each item, in their order: parts of one job, which must not share what they change."""
-    if min(_cores(), len(items)) < 2:
+    if min(cores(), len(items)) < 2:
         return [function(item) for item in items]
     return list(_helpers().map(function, items))
 
@@ -86,8 +91,4 @@ def _helpers() -> "ThreadPoolExecutor":
     """Threads of their own, so that no job waits for one that waits for it."""
     from concurrent.futures import ThreadPoolExecutor
 
-    return ThreadPoolExecutor(_cores())
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return ThreadPoolExecutor(cores())

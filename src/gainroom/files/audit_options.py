@@ -214,11 +214,6 @@ class Audited:
     gearboxes: GearboxRange | None = None
 
 
-def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
-    """As audited: the robot alone."""
-    return audited(model, gains, options).system
-
-
 def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     """A robot with the gains it has; joints without gains are held.
 
@@ -230,25 +225,14 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     path = locate(model)
     _require_model(path)
     source = path if gains is None else gains
-    read: list[str] = []
     with _options_named(options):
         body = load_model(path, base_of(options.base, path, bool(options.contacts))[0])
         found = gains_of(read_gains(source).in_order(joint_order(path)), body.every_joint)
         if not np.any(found.given[: body.size]):
             raise GainroomError(f"{path}: no joint that can move has gains")
-        if options.rate_hz is None and found.rate_hz is not None and options.gains_run != "drive":
-            options = replace(options, rate_hz=found.rate_hz)
-            read.append(f"the controller runs at {found.rate_hz:g} Hz, as {source} has it: --rate-hz says another")
+        options, read = _with_rate_and_posture(options, found, source)
         if options.joint_damping == "controller":
             found = replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0))
-        if not options.posture and len(found.postures) == 1:
-            (name,) = found.postures
-            options = replace(options, posture=(name,))
-            read.append(f"the posture is {name} of {source}: --posture says another")
-        elif not options.posture and found.postures:
-            read.append(f"{source} holds postures, none of which is taken: --posture {first_of_many(tuple(found.postures))}")
-        if options.gains_run == "split" and options.rate_hz is None:
-            raise GainroomError("--gains-run split: needs --rate-hz, at which kp runs on the host")
         sections = options.sections(str(path), body, found)
         file = validate(RobotFile, sections, "")
         if (sample_time := file.sample_time()) is not None:
@@ -283,6 +267,26 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
     warnings = (*found.notes, *idle, *_damping_asked(warnings, options))
     return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, ranges)
+
+
+def _with_rate_and_posture(options: AuditOptions, found: JointGains, source: Path) -> tuple[AuditOptions, list[str]]:
+    """The options with the rate and the posture that the file of gains names, where none is given; and what was so read.
+
+    Raises GainroomError where a rate is needed and nobody gives one.
+    """
+    read = []
+    if options.rate_hz is None and found.rate_hz is not None and options.gains_run != "drive":
+        options = replace(options, rate_hz=found.rate_hz)
+        read.append(f"the controller runs at {found.rate_hz:g} Hz, as {source} has it: --rate-hz says another")
+    if not options.posture and len(found.postures) == 1:
+        (name,) = found.postures
+        options = replace(options, posture=(name,))
+        read.append(f"the posture is {name} of {source}: --posture says another")
+    elif not options.posture and found.postures:
+        read.append(f"{source} holds postures, none of which is taken: --posture {first_of_many(tuple(found.postures))}")
+    if options.gains_run == "split" and options.rate_hz is None:
+        raise GainroomError("--gains-run split: needs --rate-hz, at which kp runs on the host")
+    return options, read
 
 
 def _inertia_from(source: Path) -> str:

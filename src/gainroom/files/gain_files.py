@@ -24,8 +24,7 @@ from .gain_formats.gain_record import ACTUATOR, GainFile, GainSection
 from .gain_formats.mjcf_actuators import read_mjcf
 from .gain_formats.moteus import is_dump, read_dump, read_moteus
 from .gain_formats.onnx_metadata import read_onnx
-from .gain_formats.own_answers import MOST_BYTES as ANSWER_BYTES
-from .gain_formats.own_answers import answer_in, read_answer
+from .gain_formats.own_answers import MOST_BYTES as ANSWER_BYTES, answer_in, read_answer
 from .gain_formats.plain import is_plain, read_plain
 from .gain_formats.ros2_control import read_ros2_control
 

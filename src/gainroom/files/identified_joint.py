@@ -16,7 +16,6 @@ from ..identification import Estimate, JointFit
 from ..io.validation import SMALLEST
 from ..io.yaml_text import shown
 from ..system.drive import Drive
-from ..system.linear.arrays import Floats
 from ..system.system import System
 from .identified_section import problem_of
 from .joint_yaml import parse_joint
@@ -103,7 +102,7 @@ def _lines(
         "identified:",
         *(f"  {key}: {value}" for key, value in _identified(fit, log, date, version).items()),
         "  covariance:",
-        *(f"    - [{', '.join(_many(value) for value in row)}]" for row in _symmetric(fit.covariance)),
+        *(f"    - [{', '.join(_many(value) for value in row)}]" for row in ((fit.covariance + fit.covariance.T) / 2).tolist()),
     ]
 
 
@@ -150,7 +149,3 @@ def _rounded(value: float, towards: Callable[[float], int]) -> str:
         return "0.0"
     place = math.floor(math.log10(value)) - 5
     return f"{towards(value / 10.0**place * (1 + (1e-12 if towards is math.floor else -1e-12))) * 10.0**place:.6g}"
-
-
-def _symmetric(covariance: Floats) -> list[list[float]]:
-    return ((covariance + covariance.T) / 2).tolist()

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..errors import GainroomError
-from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal, typed
+from ..io.validation import Flag, NotNegative, Positive, PositiveOrInfinite, Section, number, refusal, typed
 from ..simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
 from ..simulation.simulation_spec import JointSimulation
 from ..system.linear.arrays import Floats
@@ -97,6 +97,8 @@ class MoveSection(ReferenceSection):
 class ChirpSection(ReferenceSection):
     """A sine whose frequency sweeps from `first` to `last`."""
 
+    EITHER = ("first", "last")
+
     type: Literal["chirp"]
     amplitude: Size = Field(description="the amplitude [rad], a number >= 0")
     first: Positive | None = None
@@ -105,11 +107,6 @@ class ChirpSection(ReferenceSection):
     last_hz: Positive | None = None
     duration: Duration = Field(description="the duration of the sweep [s], a number > 0")
     start: Instant = 0.0
-
-    @model_validator(mode="after")
-    def _one_of_each(self) -> "ChirpSection":
-        self.require_either("first", "last")
-        return self
 
     def trajectory(self) -> Trajectory:
         return Chirp(self.amplitude, self.omega("first"), self.omega("last"), self.duration, start=self.start, base=self.base)
@@ -121,17 +118,14 @@ class ChirpSection(ReferenceSection):
 class MultisineSection(ReferenceSection):
     """Sines together, for the whole run."""
 
+    EITHER = ("frequencies",)
+
     type: Literal["multisine"]
     amplitude: Size = Field(description="the amplitude of each sine [rad], a number >= 0")
     frequencies: Frequencies | None = None
     frequencies_hz: Frequencies | None = None
     start: Instant = 0.0
     seed: Seed = 0
-
-    @model_validator(mode="after")
-    def _one_list(self) -> "MultisineSection":
-        self.require_either("frequencies")
-        return self
 
     def trajectory(self) -> Trajectory:
         frequencies = self.frequencies or [rad_per_s(None, value) for value in self.frequencies_hz or []]
@@ -201,14 +195,7 @@ class ScenarioSection(Section):
     motor_resolution: Annotated[float, number(least=0, most=1)] = 0.0
     link_resolution: Annotated[float, number(least=0, most=1)] = 0.0
     jitter_ms: NotNegative = 0.0
-    whole_ticks: bool = False
-
-    @model_validator(mode="before")
-    @classmethod
-    def _true_or_false(cls, data: Any) -> Any:
-        if isinstance(data, dict) and not isinstance(data.get("whole_ticks", False), bool):
-            raise refusal("must be true or false", key="whole_ticks")
-        return data
+    whole_ticks: Flag = False
 
     @model_validator(mode="after")
     def _within_the_run(self) -> "ScenarioSection":

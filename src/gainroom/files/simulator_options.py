@@ -46,7 +46,7 @@ class SimulatorOptions:
 def simulator_of(options: SimulatorOptions, model: str, own_gains: bool, damping_in_kd: bool = False) -> tuple[Simulator, tuple[str, ...]]:
     """The simulator, and what is assumed of it where nothing was said, each with how to say it.
 
-    model       as audit_spec takes it
+    model       as `audited` takes it
     own_gains   whether the gains are those of the model's own actuators
     damping_in_kd   as Simulator has it
 

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Mapping
 from functools import cache
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,13 +115,16 @@ class DriveSection(Section):
 
 
 class FrequencySection(Section):
-    """A section with frequencies, each in rad/s under its key, or in Hz under key_hz."""
+    """A section with frequencies, each in rad/s under its key, one of EITHER, or in Hz under key_hz."""
 
-    def require_either(self, *keys: str) -> None:
-        """Refuse what has not exactly one of each pair."""
-        for key in keys:
+    EITHER: ClassVar[tuple[str, ...]] = ()
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> Self:
+        for key in self.EITHER:
             if (getattr(self, key) is None) == (getattr(self, f"{key}_hz") is None):
                 raise refusal(f"give either {key} [rad/s] or {key}_hz")
+        return self
 
     def omega(self, key: str) -> float:
         """[rad/s]."""
@@ -144,14 +147,15 @@ def rad_per_s(angular: float | None, hertz: float | None) -> float:
 class LowPassSection(FrequencySection):
     """A low-pass filter on the velocity."""
 
+    EITHER = ("bandwidth",)
+
     bandwidth: Positive | None = Field(None, description="[rad/s]")
     bandwidth_hz: Positive | None = None
     order: Literal[1, 2] = 1
     damping_ratio: DampingRatio | None = None
 
     @model_validator(mode="after")
-    def _one_bandwidth(self) -> "LowPassSection":
-        self.require_either("bandwidth")
+    def _damped(self) -> "LowPassSection":
         if self.damping_ratio is not None and self.order == 1:
             raise refusal("is for order 2 only", key="damping_ratio")
         return self
@@ -165,15 +169,12 @@ class LowPassSection(FrequencySection):
 class NotchSection(FrequencySection):
     """A notch in the controller's output."""
 
+    EITHER = ("frequency",)
+
     frequency: Positive | None = Field(None, description="[rad/s]")
     frequency_hz: Positive | None = None
     width: Annotated[float, number(above=0, most=100)] | None = None
     depth: Annotated[float, number(least=0, most=1)] | None = None
-
-    @model_validator(mode="after")
-    def _one_frequency(self) -> "NotchSection":
-        self.require_either("frequency")
-        return self
 
     def notch(self) -> Notch:
         """In rad/s."""

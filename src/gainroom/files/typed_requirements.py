@@ -2,7 +2,8 @@
 
 from ..errors import GainroomError, option_name
 from ..io.validation import checked, number
-from ..system.requirements import REQUIREMENTS, Requirements, from_db
+from ..system.margin_units import from_db
+from ..system.requirements import REQUIREMENTS, Requirements
 
 
 def margin_factor(decibels: float) -> float:

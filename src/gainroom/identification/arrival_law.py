@@ -96,6 +96,11 @@ def _even(low: float, high: float) -> tuple[Floats, Floats]:
     return (low + high) / 2 + (high - low) / 2 * NODES, WEIGHTS / 2
 
 
+def _half(point: Floats, stillest: float) -> float:
+    """Of the width of an even law [ticks], from its log deviation."""
+    return float(min(ROOT * np.exp(np.clip(point[1], stillest, 1)), WIDEST))
+
+
 def _prior(*knowledge: tuple[float, float]) -> Floats:
     mean, deviation = np.array(knowledge).T
     return np.stack([mean, 1 / deviation**2])
@@ -113,11 +118,8 @@ class Unseen:
     def start(self, delay: float) -> Floats:
         return np.array([delay, DEVIATION[0]])
 
-    def _half(self, point: Floats) -> float:
-        return float(min(ROOT * np.exp(np.clip(point[1], self.stillest, 1)), WIDEST))
-
     def _whole(self, point: Floats) -> int:
-        return max(int(np.floor(point[0] + self._half(point))), 0)
+        return max(int(np.floor(point[0] + _half(point, self.stillest))), 0)
 
     def known(self, point: Floats) -> Known:
         whole = self._whole(point)
@@ -127,7 +129,7 @@ class Unseen:
         return self._known[whole]
 
     def windows(self, point: Floats) -> tuple[float, list[Window]]:
-        half, whole = self._half(point), self._whole(point)
+        half, whole = _half(point, self.stillest), self._whole(point)
         first, last = point[0] - half, point[0] + half
         middle = float(np.clip(whole, first, last))
         parts = [_even(first, middle), _even(middle, last)]
@@ -144,60 +146,64 @@ class Unseen:
         return [(row, -1.0), (row + 1, -1.0)][: 2 if row - point[0] < BESIDE else 1]
 
     def means(self, point: Floats) -> Floats:
-        deviation = self._half(point) / ROOT
+        deviation = _half(point, self.stillest) / ROOT
         return np.array([point[0], point[0], deviation, deviation])
 
 
-class Phase:
+class _Seen:
+    """Arrivals that a demand torque shows to the tick."""
+
+    def __init__(self, seen: Arrivals, target: Floats, acting: Data) -> None:
+        self.seen = seen
+        self.stillest = STILLEST
+        self._known = Known(acting, seen.changes(target, acting.command))
+
+    def known(self, point: Floats) -> Known:
+        return self._known
+
+    def rows(self, point: Floats) -> Floats:
+        return np.array([self.seen.mean, self.seen.ticks.mean()])
+
+
+class Phase(_Seen):
     """Arrivals seen to the tick, and all of them at one place within it, as on a bus that is read once a tick; φ and log deviation.
 
     φ is the part of a tick from arrival to row. Rare ticks are hiccups, in which commands arrive at any place.
     """
 
     def __init__(self, seen: Arrivals, target: Floats, acting: Data) -> None:
-        self.seen = seen
-        self._known = Known(acting, seen.changes(target, acting.command))
+        super().__init__(seen, target, acting)
         self.usual = seen.shares >= HICCUP
-        self.prior, self.bounds, self.stillest = _prior(PLACE, DEVIATION), (0.0, 1.0), STILLEST
+        self.prior, self.bounds = _prior(PLACE, DEVIATION), (0.0, 1.0)
 
     def start(self, delay: float) -> Floats:
         return np.array([self.seen.mean - delay, DEVIATION[0]])
 
-    def known(self, point: Floats) -> Known:
-        return self._known
-
-    def _half(self, point: Floats) -> float:
-        return float(min(ROOT * np.exp(np.clip(point[1], self.stillest, 1)), WIDEST))
-
     def windows(self, point: Floats) -> tuple[float, list[Window]]:
-        half = self._half(point)
+        half = _half(point, self.stillest)
         laws = {True: _even(point[0] - half, point[0] + half), False: _even(0.0, 1.0)}
         return 1.0, [Window(laws[usual][0], *laws[usual]) for usual in self.usual.tolist()]
 
     def edges(self, point: Floats) -> list[tuple[float, float]]:
         return [(0.0, 1.0)]
 
-    def rows(self, point: Floats) -> Floats:
-        return np.array([self.seen.mean, self.seen.ticks.mean()])
-
     def means(self, point: Floats) -> Floats:
-        seen, within = self.seen, self._half(point) / ROOT
+        seen, within = self.seen, _half(point, self.stillest) / ROOT
         places = np.where(self.usual, point[0], 0.5)
         kinds = np.clip(seen.ticks - seen.first, 0, len(places) - 1)
         sooner = places[kinds].mean()
         return np.array([seen.mean - seen.shares @ places, seen.ticks.mean() - sooner, np.hypot(seen.deviation, within), within])
 
 
-class Spread:
+class Spread(_Seen):
     """Arrivals seen to the tick, and spread over several without a break; the shift of the first edge over the width, and the log width.
 
     In every tick D is even. An even law's edges follow from the shares of its first and last tick; the shift is how far they are from that.
     """
 
     def __init__(self, seen: Arrivals, target: Floats, acting: Data) -> None:
-        self.seen = seen
-        self._known = Known(acting, seen.changes(target, acting.command))
-        self.shares, self.bounds, self.stillest = seen.shares, (-0.5, 0.5), STILLEST
+        super().__init__(seen, target, acting)
+        self.shares, self.bounds = seen.shares, (-0.5, 0.5)
         inner = float(self.shares[1:-1].sum())
         self.between = len(self.shares) - 2
         sampled = (self.shares[0] * self.shares[-1] / len(seen.ticks)) ** 0.5
@@ -210,9 +216,6 @@ class Spread:
         first, last = self.shares
         width = 2 * (delay - self.seen.first) / (last - first) if last != first else 0.5
         return np.array([0.0, np.log(np.clip(width, *START))])
-
-    def known(self, point: Floats) -> Known:
-        return self._known
 
     def _ends(self, point: Floats) -> tuple[float, float]:
         """How much of the first and of the last tick the law covers."""
@@ -253,9 +256,6 @@ class Spread:
 
     def edges(self, point: Floats) -> list[tuple[float, float]]:
         return []  # where in its ticks it is the shares tell, with the loop's help
-
-    def rows(self, point: Floats) -> Floats:
-        return np.array([self.seen.mean, self.seen.ticks.mean()])
 
     def means(self, point: Floats) -> Floats:
         seen, bounds = self.seen, self._bounds(point)

@@ -21,7 +21,8 @@ from .current_loop import DAMPING, SPEED, Response
 from .delay import FLOOR
 from .estimate import FREEDOM, quantile
 from .frequency_response import frequency_response
-from .joint import DELAY_FLOOR, MODEL_ERROR, MODEL_ERROR_EXPLAINED, ROUGH_ROWS, damping_beside_friction, likeliest, resonances
+from .friction_estimates import damping_beside_friction
+from .joint import DELAY_FLOOR, MODEL_ERROR, MODEL_ERROR_EXPLAINED, ROUGH_ROWS, likeliest, resonances
 from .joint_model import JointModel, Prior
 from .motion import motion_of
 from .prediction import Signals

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Booleans, Complexes, Floats
 
@@ -96,16 +97,31 @@ def frequency_response(torque: Floats, position: Floats, sample_time: float, ins
     return FrequencyResponse(2 * np.pi * frequency[good], response[good], coherence[good], clearance[good], strength[good])
 
 
+def differenced_response(joint: ElasticJoint, omega: Floats, sample_time: float) -> Complexes:
+    """(k,) torque → acceleration of the motor at `omega` (k,) [rad/s], as a twice differenced position shows it."""
+    differenced = (2 - 2 * np.cos(omega * sample_time)) / sample_time**2
+    return -differenced * joint.plant().response(1j * omega, "motor")[:, 0, 0]
+
+
+def fitted_response(omega: Floats, joint: ElasticJoint, drive: Drive, sample_time: float, commanded: bool) -> Complexes:
+    """The same, `commanded`: from the target torque, with hold, current loop and delay; else from the torque itself."""
+    from ..system.assembly import current_loop
+
+    plant = differenced_response(joint, omega, sample_time)
+    if not commanded:
+        return plant
+    return plant * current_loop(drive).response(omega) * np.exp(-1j * omega * (drive.delay + sample_time / 2))
+
+
 @dataclass(frozen=True)
 class Rough:
-    """A joint and a delay [s] that go through a measured response, and the mean square of the logarithm of what is left.
+    """A joint and a delay [s] that go through a measured response.
 
     opposite   True where a joint that is pushed the other way goes through it far better: a sign is wrong
     """
 
     joint: ElasticJoint
     delay: float
-    cost: float
     opposite: bool = False
 
 
@@ -121,7 +137,6 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
     strength = measured.strength[used]
     weight = (sure / (1 - sure)) ** 0.5 * strength / (strength + 10 * STRONG) / omega  # per octave, not per hertz
     weight /= weight.sum()
-    differenced = (2 - 2 * np.cos(omega * sample_time)) / sample_time**2
     late = np.exp(-1j * np.outer(delays, omega))
 
     def cost(shape: Complexes, turned: float = 0.0) -> tuple[Floats, Floats]:
@@ -137,20 +152,17 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
     def shape(resonance: float, ratio: float, damping: float) -> Complexes:
         """Of a joint with J_M = 1."""
         if not elastic:
-            return -differenced * ElasticJoint(0.5, 0.5).plant().response(1j * omega, "motor")[:, 0, 0]
+            return differenced_response(ElasticJoint(0.5, 0.5), omega, sample_time)
         stiffness = resonance**2 / (1 + 1 / ratio)
-        joint = ElasticJoint(1.0, ratio, stiffness, 2 * damping * stiffness / resonance)
-        return -differenced * joint.plant().response(1j * omega, "motor")[:, 0, 0]
+        return differenced_response(ElasticJoint(1.0, ratio, stiffness, 2 * damping * stiffness / resonance), omega, sample_time)
 
-    if elastic:
-        grid = [
-            (resonance, ratio, damping)
-            for resonance in np.geomspace(omega[0] * 1.2, omega[-1] * 1.5, 50)
-            for ratio in (0.15, 0.3, 0.6, 1.2, 2.5, 5.0, 10.0, 20.0)
-            for damping in (0.01, 0.06)
-        ]
-    else:
-        grid = [(0.0, 0.0, 0.0)]
+    grid = [
+        (resonance, ratio, damping)
+        for resonance in np.geomspace(omega[0] * 1.2, omega[-1] * 1.5, 50)
+        for ratio in (0.15, 0.3, 0.6, 1.2, 2.5, 5.0, 10.0, 20.0)
+        for damping in (0.01, 0.06)
+    ]
+    grid = grid if elastic else [(0.0, 0.0, 0.0)]
     best, opposite = (math.inf, grid[0], 0, 0.0), math.inf
     for case in grid:
         shapes = shape(*case) * late
@@ -163,7 +175,7 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
     coarse, case, place, scale = best
     if not elastic:
         total = math.exp(-scale)
-        return Rough(ElasticJoint(0.5 * total, 0.5 * total), float(delays[place]), best[0])
+        return Rough(ElasticJoint(0.5 * total, 0.5 * total), float(delays[place]))
     start = np.append(np.log(case), delays[place] / sample_time)
 
     def objective(point: Floats) -> float:
@@ -172,14 +184,11 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
             return math.inf
         return float(cost(shape(*np.exp(point[:3])) * np.exp(-1j * omega * delay))[0])
 
-    found = minimize(objective, start, method="Nelder-Mead", options={"maxiter": 400, "initial_simplex": _simplex(start)})
+    simplex = start + np.vstack([np.zeros(4), np.diag([0.02, 0.2, 0.3, 0.3])])
+    found = minimize(objective, start, method="Nelder-Mead", options={"maxiter": 400, "initial_simplex": simplex})
     resonance, ratio, damping = np.exp(found.x[:3])
     delay = float(max(found.x[3] * sample_time, 0.0)) if len(delays) > 1 else float(delays[0])
     inertia = math.exp(-float(cost(shape(resonance, ratio, damping) * np.exp(-1j * omega * delay))[1]))
     stiffness = inertia * resonance**2 / (1 + 1 / ratio)
     joint = ElasticJoint(inertia, inertia * ratio, stiffness, 2 * damping * stiffness / resonance)
-    return Rough(joint, delay, float(found.fun), opposite < OPPOSITE * coarse)
-
-
-def _simplex(start: Floats) -> Floats:
-    return start + np.vstack([np.zeros(4), np.diag([0.02, 0.2, 0.3, 0.3])])
+    return Rough(joint, delay, opposite < OPPOSITE * coarse)

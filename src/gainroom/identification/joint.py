@@ -19,8 +19,8 @@ from .contradictions import encoders_apart
 from .delay import TorqueDelay, identify_delay
 from .estimate import FREEDOM, Estimate, log_interval, quantile
 from .excited_part import most_excited
-from .frequency_response import FrequencyResponse, Rough, frequency_response, given_torque, rough_joint
-from .friction_signs import friction_not_below_zero
+from .frequency_response import FrequencyResponse, Rough, fitted_response, frequency_response, given_torque, rough_joint
+from .friction_estimates import damping_beside_friction, friction_not_below_zero
 from .joint_model import JointModel, Prior
 from .likelihood import Maximum, maximize
 from .motion import motion_of
@@ -40,10 +40,8 @@ DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay a
 # the residual that the torque explains shows how much is left. Sized on virtual joints with Stribeck friction on both sides (tests).
 MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
 USUAL_LAG = 1.5  # ticks of a hold and a current loop
-HIDDEN = 0.2  # of the viscous friction that Coulomb friction comes to: what may be missing of the damping beside it
 UNUSED = 0.1  # of its motion: an encoder's noise from which on it tells nothing
 HELD = 1e12  # information: as good as known
-NO_DAMPING = 1e-3  # of its error: a damping that is less is 0
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
 
@@ -88,17 +86,6 @@ class JointFit:
     def response(self, omega: Floats) -> Complexes:
         """The fitted counterpart of `measured`: torque → acceleration at `omega` (k,) [rad/s], hold, current loop and delay included."""
         return fitted_response(omega, self.joint, self.drive, self.sample_time, self.torque == "target_torque")
-
-
-def fitted_response(omega: Floats, joint: ElasticJoint, drive: Drive, sample_time: float, commanded: bool) -> Complexes:
-    """(k,) as a twice differenced position sees it; `commanded`: from the target torque, else from the torque itself."""
-    from ..system.assembly import current_loop
-
-    differenced = (2 - 2 * np.cos(omega * sample_time)) / sample_time**2
-    plant = -differenced * joint.plant().response(1j * omega, "motor")[:, 0, 0]
-    if not commanded:
-        return plant
-    return plant * current_loop(drive).response(omega) * np.exp(-1j * omega * (drive.delay + sample_time / 2))
 
 
 def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
@@ -237,7 +224,6 @@ class _Fitting:
         self.record, self.source = record, source
         names = [name for name in ("motor_position", "link_position") if record.has(name)]
         self.positions = np.column_stack([record.channels[name] for name in names])
-        self.rough = rough
         self.model = JointModel.of(
             source.torque, self.positions, source.drive, record.sample_time, elastic, friction,
             (source.prior is not None, source.prior is not None and source.torques is None, source.sampled),
@@ -294,35 +280,17 @@ class _Fitting:
         tests = residual_tests(best.errors, best.variances, self.signals, measured)
         variance = variance + self.model.law_error(best.parameters, MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained)
         physical = self.model.physical
-        errors = np.sqrt(np.diag(variance))[: len(physical)]
-        inertia = errors[0] if name == "rigid" else float(np.hypot(errors[0], errors[1]))
+        errors = np.sqrt(np.diag(variance))
+        self._require_told(float(errors[0] if name == "rigid" else np.hypot(errors[0], errors[1])), tests)
         apart = encoders_apart(self.positions)
-        if inertia > 2 * MOST_INERTIA and not tests.adequate:
-            raise GainroomError(
-                f"joint: neither a rigid nor a two-mass joint with a linear spring explains the motion: {self.source.name} still explains "
-                f"{100 * tests.explained:.0f} % of what is left; "
-                + (apart or "look whether the position is that of the motor, and record without limits on the torque")
-            )
-        if apart and not tests.adequate:
-            raise GainroomError(f"joint: {apart}")
         if apart and noise.readings[-1] > UNUSED * np.std(self.positions[:, -1]):
             warnings = [*warnings, f"the fit makes no use of link_position: {apart[0].lower()}{apart[1:]}"]
-        if inertia > 2 * MOST_INERTIA:
-            raise GainroomError(
-                f"joint: the log tells the inertia to ± {100 * quantile(FREEDOM) * inertia:.0f} % only: record a multisine or chirp of "
-                "torque, well above friction, at frequencies where the joint still moves by many steps of its encoder"
-            )
         parameters = self.model.estimates(best.parameters, variance)
         if name != "rigid":
             parameters |= resonances(best.parameters, variance)
         _refuse_impossible(parameters, self.record.sample_time)
-        dry = sum(abs(parameters[side].value) for side in ("coulomb", "link_coulomb") if side in parameters)
-        size = float(np.std(self.source.torque))
-        if tests.adequate and size < LEAST_OVER_FRICTION * dry:  # a wrong model's friction holds whatever else it does not explain
-            raise GainroomError(
-                f"joint: the torque, {size:.3g} N·m (root mean square), is {size / dry:.2g} times Coulomb friction, {dry:.3g} N·m; "
-                f"{LEAST_OVER_FRICTION:g} times are needed, as no law of friction is exact: record a larger torque, on top of slow motion"
-            )
+        if tests.adequate:  # a wrong model's friction holds whatever else it does not explain
+            self._require_over_friction(parameters)
         scale = self.model.slopes(best.parameters)
         covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
         if self.source.torques is not None:
@@ -342,6 +310,33 @@ class _Fitting:
             name, parameters, physical, covariance, joint, drive, self.source.name, seen, tests, self.source.torques,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), (*warnings, *note),
         )  # fmt: skip
+
+    def _require_told(self, inertia: float, tests: Residuals) -> None:
+        """Raise GainroomError where the log does not tell the whole inertia, of relative error `inertia`, or its channels disagree."""
+        apart = encoders_apart(self.positions)
+        if inertia > 2 * MOST_INERTIA and not tests.adequate:
+            raise GainroomError(
+                f"joint: neither a rigid nor a two-mass joint with a linear spring explains the motion: {self.source.name} still explains "
+                f"{100 * tests.explained:.0f} % of what is left; "
+                + (apart or "look whether the position is that of the motor, and record without limits on the torque")
+            )
+        if apart and not tests.adequate:
+            raise GainroomError(f"joint: {apart}")
+        if inertia > 2 * MOST_INERTIA:
+            raise GainroomError(
+                f"joint: the log tells the inertia to ± {100 * quantile(FREEDOM) * inertia:.0f} % only: record a multisine or chirp of "
+                "torque, well above friction, at frequencies where the joint still moves by many steps of its encoder"
+            )
+
+    def _require_over_friction(self, parameters: Mapping[str, Estimate]) -> None:
+        """Raise GainroomError where friction takes too much of the torque."""
+        dry = sum(abs(parameters[side].value) for side in ("coulomb", "link_coulomb") if side in parameters)
+        size = float(np.std(self.source.torque))
+        if size < LEAST_OVER_FRICTION * dry:
+            raise GainroomError(
+                f"joint: the torque, {size:.3g} N·m (root mean square), is {size / dry:.2g} times Coulomb friction, {dry:.3g} N·m; "
+                f"{LEAST_OVER_FRICTION:g} times are needed, as no law of friction is exact: record a larger torque, on top of slow motion"
+            )
 
 
 def _refuse_impossible(parameters: Mapping[str, Estimate], tick: float) -> None:
@@ -371,25 +366,6 @@ def likeliest(model: JointModel, signals: Signals, start: Floats, prior: Prior, 
         return maximize(predict, start, used.ravel(), np.stack(prior), iterations)
     except np.linalg.LinAlgError as error:
         raise GainroomError("joint: no such joint explains the motion: look at signs, units and columns") from error
-
-
-def damping_beside_friction(parameters: Mapping[str, Estimate], speed: float) -> tuple[Estimate, list[str]]:
-    """The damping with what friction may hide of it, and a warning where that is all of it; `speed`: the motor's, root mean square [rad/s].
-
-    Motion about a mean linearises Coulomb friction to viscous friction √(2/π) F/σ of its side (Booton 1954; Gaussian motion), which damps
-    the resonance as the spring's damping does, the motor's in the square of its part in the mode. No law of friction is known to more
-    than a share of it. Sized on virtual joints (tests): the error of the damping is below a fifth of it where the damping is more.
-    """
-    motor, link, damping = (parameters[name].value for name in ("motor_inertia", "link_inertia", "damping"))
-    part = link / (motor + link)
-    sizes = abs(parameters["coulomb"].value) * part**2, abs(parameters["link_coulomb"].value) * (1 - part) ** 2
-    viscous = math.sqrt(2 / math.pi) * sum(sizes) / speed
-    was, hidden = parameters["damping"], damping < HIDDEN * viscous
-    wide = (2.0 if hidden else HIDDEN) * viscous
-    error = math.hypot(was.standard_error, wide / quantile(math.inf))
-    note = ["friction hides the damping, which may be 0: record a multisine of torque about the resonance on top of slow motion"] * hidden
-    value = was.value if was.value > NO_DAMPING * error else 0.0
-    return Estimate(value, max(was.low - wide, 0.0), was.high + wide, error), note
 
 
 def resonances(point: Floats, variance: Floats) -> dict[str, Estimate]:

@@ -90,8 +90,8 @@ def _search(record: Record) -> Search:
             return Search(measured(record, side, steady, irregular, deviation, step, irregular=True))
         return Search(None)
     assert reference is not None
-    driven, line = _line(reference, record.sample_time)
-    blind = BEYOND * _fastest(reference, record.sample_time)
+    driven, line, fastest = _set_point(reference, record.sample_time)
+    blind = BEYOND * fastest
     least = max(MOVING_STEPS * step, VISIBLE_MOVING)
     row: list[Vibration] = []
     best: tuple[slice, Vibration] | None = None
@@ -107,7 +107,7 @@ def _search(record: Record) -> Search:
             best = rows, row[-1]
     if best is None:
         return Search(None, driven, blind)
-    return Search(measured(record, side, best[0], best[1], deviation, step, moving=True), driven, blind)
+    return Search(measured(record, side, best[0], best[1], deviation, step), driven, blind)
 
 
 def _least(found: Vibration, step: float, ramp: bool, position: bool) -> float:
@@ -218,21 +218,15 @@ def _irregular(values: Floats, tick: float, step: float, least: float) -> Vibrat
     return Vibration(2 * math.pi * float(frequency[int(np.argmax(power))]), 0.0, size)
 
 
-def _fastest(reference: Floats, tick: float) -> float:
-    """[rad/s] below which 99 % of the power of the set-point's motion lie."""
+def _set_point(reference: Floats, tick: float) -> tuple[float, float, float]:
+    """Of its motion: frequency of the largest line, again where that is all there is, else 0, and where 99 % of the power end [rad/s]."""
     moved = reference - np.linspace(reference[0], reference[-1], len(reference))
     power = np.abs(np.fft.rfft(moved * np.hanning(len(moved)))) ** 2
-    share = np.cumsum(power) / max(float(power.sum()), 1e-300)
-    return 2 * math.pi * float(np.fft.rfftfreq(len(moved), tick)[int(np.argmax(share >= 0.99))])
-
-
-def _line(reference: Floats, tick: float) -> tuple[float, float]:
-    """Frequency of the set-point's largest line [rad/s], and again where that is all there is, else 0."""
-    moved = reference - np.linspace(reference[0], reference[-1], len(reference))
-    power = np.abs(np.fft.rfft(moved * np.hanning(len(moved)))) ** 2
+    omega = 2 * math.pi * np.fft.rfftfreq(len(moved), tick)
     place = 1 + int(np.argmax(power[1:]))
-    omega = 2 * math.pi * float(np.fft.rfftfreq(len(moved), tick)[place])
-    return omega, omega if power[max(1, place - 3) : place + 4].sum() > ALONE * power[1:].sum() else 0.0
+    alone = power[max(1, place - 3) : place + 4].sum() > ALONE * power[1:].sum()
+    share = np.cumsum(power) / max(float(power.sum()), 1e-300)
+    return float(omega[place]), float(omega[place]) if alone else 0.0, float(omega[int(np.argmax(share >= 0.99))])
 
 
 def _follows(reference: Floats, deviation: Floats, tick: float, found: Vibration) -> bool:

@@ -40,7 +40,6 @@ class RecordedOscillation:
     limit       that torque [N m]; NaN where there is none
     standing    share of the rows in which the joint stands still
     irregular   without a single frequency: `vibration` has the same power, at its mean frequency
-    moving      found while the set-point moved
     began_small it grew from a twentieth of its size or less
     """
 
@@ -56,7 +55,6 @@ class RecordedOscillation:
     limit: float = math.nan
     standing: float = math.nan
     irregular: bool = False
-    moving: bool = False
     began_small: bool = False
 
     @property
@@ -71,7 +69,7 @@ class RecordedOscillation:
 
 
 def measured(
-    record: Record, side: str, rows: slice, found: Vibration, deviation: Floats, step: float, irregular: bool = False, moving: bool = False
+    record: Record, side: str, rows: slice, found: Vibration, deviation: Floats, step: float, irregular: bool = False
 ) -> RecordedOscillation:
     """What a vibration looks like over its last periods."""
     tick, values = record.sample_time, deviation[rows]
@@ -101,7 +99,6 @@ def measured(
         limit,
         _standing(record.channels[side][rows][-math.ceil(STANDING_PERIODS * period) :], step, period) if side in POSITIONS else math.nan,
         irregular,
-        moving,
         small,
     )
 

@@ -34,6 +34,12 @@ def replacement(path: Path) -> Iterator[Path]:
             _swap(temporary, target)
 
 
+def write_text(path: Path, text: str) -> None:
+    """All of a text in the place of `path`, or none of it. Raises GainroomError where that cannot be written."""
+    with replacement(path) as temporary, writing(path):
+        temporary.write_text(text, "utf-8", newline="\n")
+
+
 @contextlib.contextmanager
 def writing(path: Path) -> Iterator[None]:
     """Turns an OSError in the block into a GainroomError."""

@@ -147,9 +147,9 @@ def validate(model: type[AnySection], data: object, source: str, within: str = "
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=True)[0]
-        path = ".".join(part for part in (within, _path(data, first["loc"], first.get("ctx", {}).get("key", ""))) if part)
-        raise GainroomError(": ".join(part for part in (source, _said_of(path, _message(first))) if part)) from error
+        message, path = _first(error, data)
+        path = ".".join(filter(None, (within, path)))
+        raise GainroomError(": ".join(filter(None, (source, _said_of(path, message))))) from error
 
 
 def made_when_read(model: Callable[[], type[Section]]) -> BeforeValidator:
@@ -159,8 +159,7 @@ def made_when_read(model: Callable[[], type[Section]]) -> BeforeValidator:
         try:
             return None if value is None else model().model_validate(value)
         except ValidationError as error:
-            first = error.errors(include_url=False, include_input=True)[0]
-            raise refusal(_message(first), key=_path(value, first["loc"], first.get("ctx", {}).get("key", ""))) from None
+            raise refusal(*_first(error, value)) from None
 
     return BeforeValidator(check)
 
@@ -168,6 +167,12 @@ def made_when_read(model: Callable[[], type[Section]]) -> BeforeValidator:
 def _said_of(path: str, message: str) -> str:
     """A message after the path of what it is about: one sentence where it begins with a verb, "drive.bandwidth is missing"."""
     return f"{path}{' ' if message.startswith(('is ', 'has ')) else ': '}{message}" if path else message
+
+
+def _first(error: ValidationError, data: object) -> tuple[str, str]:
+    """The first thing that is wrong with `data`, and the path of keys that lead to it."""
+    first = error.errors(include_url=False, include_input=True)[0]
+    return _message(first), _path(data, first["loc"], first.get("ctx", {}).get("key", ""))
 
 
 def _message(error: Any) -> str:

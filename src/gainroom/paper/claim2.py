@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from ..system.linear.arrays import Floats
-from ..system.requirements import to_db
+from ..system.margin_units import to_db
 from .biped import NAMES, SUPPORTS, free_loads
 from .joints import DRIVE, MOTOR_INERTIA, joint_with_load, limit_with_load
 from .picture import Curve, Panel, Picture

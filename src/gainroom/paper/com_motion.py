@@ -57,12 +57,6 @@ class ComMotion:
         """(3,) at the end."""
         return self.run.steady_error(STEADY)[:3]
 
-    @property
-    def transient(self) -> Floats:
-        """(3,) root mean square over the motion."""
-        moving = (self.time >= 0) & (self.time < MOTION)
-        return np.sqrt(np.mean(self.error[moving] ** 2, axis=0))
-
     def after(self, duration: float) -> Floats:
         """(3,) error `duration` [s] after the end of the motion."""
         return self.error[np.argmin(np.abs(self.time - MOTION - duration))]

@@ -6,7 +6,7 @@ from typing import Any
 from ..report import style
 from ..report.number_format import digits
 from ..report.page import Html, figure
-from .picture import Curve, Mark, Panel, Picture
+from .picture import Curve, Panel, Picture
 
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE)
 DASHES = ("solid", "dash", "dashdot", "dot")
@@ -43,7 +43,8 @@ def plotly_figure(picture: Picture) -> dict[str, Any]:
         on = {"xaxis": "x2" if picture.hertz and index == 0 else "x", "yaxis": name}
         top = 1 - index * (height + GAP)
         axes[name.replace("y", "yaxis")] = _y_axis(panel, domain=[max(top - height, 0.0), top], anchor=on["xaxis"])
-        traces += [_bar(mark, on) for mark in panel.marks if mark.stem is not None]
+        bars = [mark for mark in panel.marks if mark.stem is not None]
+        traces += [style.line([mark.x, mark.x], [mark.y, mark.stem], BAR, width=3, showlegend=False, **on) for mark in bars]
         traces += [_line(curve, place, on) for place, curve in enumerate(panel.curves)]
         traces += _points(panel, on, picture.kinds if index == 0 else ())
         notes += _names(panel, name, picture.logarithmic)
@@ -83,10 +84,6 @@ def _line(curve: Curve, place: int, axes: dict[str, str]) -> style.Trace:
     legend = {"name": curve.name, "legendgroup": curve.name, "showlegend": bool(curve.name) and axes["yaxis"] == "y"}
     inside = {"fill": "toself", "fillcolor": SHADE} if curve.filled else {}
     return style.line(curve.x, curve.y, COLOURS[place], dash=DASHES[place], width=2.2, **axes, **hover, **legend, **inside)
-
-
-def _bar(mark: Mark, axes: dict[str, str]) -> style.Trace:
-    return style.line([mark.x, mark.x], [mark.y, mark.stem], BAR, width=3, showlegend=False, **axes)
 
 
 def _points(panel: Panel, axes: dict[str, str], kinds: tuple[str, ...]) -> list[style.Trace]:

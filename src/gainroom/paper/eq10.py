@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..robot.model import RobotModel
+from ..robot.model import RobotModel, with_rotors
 from ..system.linear.arrays import Floats
 from .biped import COM_KD, COM_KP, SUPPORTS, com_tasks, standing
 from .row import Row, compare
@@ -51,8 +51,7 @@ def _torque_deviation(model: RobotModel) -> float:
 
 def _accelerations(model: RobotModel, torque: Floats) -> Floats:
     """(N, m) of everything under joint torques (n, m): inertia with rotors, contacts that do not accelerate."""
-    inertia = model.inertia + model.selection.T @ np.diag(model.motor_inertia) @ model.selection
-    contacts = model.contact_jacobian
+    inertia, contacts = with_rotors(model), model.contact_jacobian
     held = len(contacts)
     system = np.block([[inertia, contacts.T], [contacts, np.zeros((held, held))]])
     right = np.vstack([model.selection.T @ torque, np.zeros((held, torque.shape[1]))])

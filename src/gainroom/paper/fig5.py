@@ -7,7 +7,7 @@ from dataclasses import replace
 from ..analysis.margins import margins
 from ..system.controller import PD
 from ..system.loop import build_loop
-from ..system.requirements import to_db
+from ..system.margin_units import to_db
 from .joints import DRIVE, GAINS, LOAD_RATIOS, MOTOR_INERTIA, joint_with_load, torque_to_position
 from .picture import AXIS, Picture, bode, decibels
 from .row import Row, compare

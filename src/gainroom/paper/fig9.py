@@ -7,7 +7,7 @@ from functools import cache
 from ..analysis.margin_record import Margins
 from ..analysis.margins import margins
 from ..system.loop import Loop, build_loop
-from ..system.requirements import from_db, to_db
+from ..system.margin_units import from_db, to_db
 from .joints import DRIVE, GAINS, RATIO, joint_with_load, rigid
 from .picture import Mark, Picture, bode
 from .row import Row, compare

@@ -1,12 +1,10 @@
 """The reproduction as a page: the answer, the pictures in the paper's form, and every number beside the paper's."""
 
-import datetime
 from collections.abc import Sequence
 from html import escape
 
-from .. import __version__
 from ..report.number_format import hertz
-from ..report.page import Card, Html, Lead, Section, block, details, facts, page, table
+from ..report.page import Card, Html, Lead, Section, details, facts, page, table
 from . import Reproduced, Reproduction, joints
 from .drawing import drawn
 from .row import BRACKETS, COLUMNS, Row, cells, claims, counts, interval, summary, value_text
@@ -36,12 +34,12 @@ def reproduction_page(result: Reproduction, command: str) -> str:
         [
             Section(first.title, [*map(drawn, first.pictures), details(_agreeing(first), _table(first.rows))]),
             Section("What the paper concludes, checked", [facts(claims(result.rows))]),
-            *([Section("What disagrees, and why", [_table(apart)], f"{len(apart)} of {len(result.rows)} numbers")] if apart else []),
+            Section("What disagrees, and why", [_table(apart)], f"{len(apart)} of {len(result.rows)} numbers") if apart else None,
             *(Section(figure.title, [*map(drawn, figure.pictures), _table(figure.rows)], _agreeing(figure)) for figure in others),
             Section("Inputs and assumptions", [_inputs()], "and whether the paper prints them"),
-            Section("Command", [block(command)], "that makes this page"),
         ],
-        (SOURCE, f"gainroom {__version__}, {datetime.date.today():%d %B %Y}."),
+        command,
+        [SOURCE],
     )
 
 

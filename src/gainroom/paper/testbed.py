@@ -12,7 +12,7 @@ from ..analysis.margins import margins
 from ..analysis.stability import is_stable
 from ..system.controller import PD
 from ..system.loop import build_loop
-from ..system.requirements import to_db
+from ..system.margin_units import to_db
 from .joints import SAMPLE_TIME, STABLE_KV, TESTBED, TESTBED_DRIVE, TESTBED_KP, VIBRATING_KV
 from .picture import Curve, Mark, Panel, Picture
 from .row import Row, compare, same, within

@@ -15,8 +15,8 @@ from .columns import Column, definitions, tabulated, yes
 from .gearboxes import gearbox_assumptions, needed_table
 from .margin_columns import margin_value, requirement
 from .number_format import digits, hertz, model_kind, rounded_up, span
-from .page import Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
-from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
+from .page import Card, Html, Lead, Section, advice_box, beside, facts, page, paragraph, table
+from .page_parts import ON_TOP, assumed_and_warned, assumptions, limit_proofs, margin_card, unstable_card
 from .robot_columns import asked, audited_joints, audited_states, joint_caption
 from .robot_drawing import hero, small
 from .robot_headroom import coupling, heat_map, joint_factors
@@ -52,23 +52,21 @@ def audit_page(
     assumed = (*system.assumptions, *gearbox_assumptions(result))
     sample_time, further = system.control.sample_time, audit_warnings(result)[ON_TOP:]
     taken = assumptions(f"Linear about posture {result.tightest.posture}", system.control, "; contacts neither slip nor lift")
-    workspace = []
-    if swept is not None:
-        title = f"The workspace: {counted(swept.summary.plan.postures.count)} postures"
-        workspace = [workspace_section(swept.summary, title, audited=swept)]
     headings, texts = tabulated(audited_joints(result), result.joints)
     joints = table(headings, texts, joint_caption(result, headings), MARKS)
     sections = [
         *_reasons(result),
-        *workspace,
-        *([] if simulated is None else [Section("In the simulator", _simulator(simulated))]),
+        None
+        if swept is None
+        else workspace_section(swept.summary, f"The workspace: {counted(swept.summary.plan.postures.count)} postures", audited=swept),
+        None if simulated is None else Section("In the simulator", _simulator(simulated)),
         Section("Joint by joint", [joints], f"{count} joints with their gains and factors"),
         Section(
             "State by state",
             [_state_table(result), heat_map(factors, "joint")],
             f"each joint in {listed([state.contact for state in result.every])}",
         ),
-        *([Section("Vibration by state", _vibrations(result), "each at its own gain limit")] if len(result.states) > 1 else []),
+        Section("Vibration by state", _vibrations(result), "each at its own gain limit") if len(result.states) > 1 else None,
         Section("Cost of coupling", [beside(*coupling(factors, "joint"))], "each joint alone, and with all others closed"),
         Section(
             "Inputs and assumptions",
@@ -76,13 +74,12 @@ def audit_page(
             f"what was read, and {len(assumed)} assumptions",
         ),
         Section("Certification", [_certificate(result)], "how each number was checked"),
-        Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom audit: gains of {count} joints, {model_kind(sample_time)} model"
     cards = _cards(result)
     if swept is not None:  # a workspace says more than whether one state is safe
         cards[UNSAFE_STATES : UNSAFE_STATES + (len(result.states) == 1)] = [workspace_card(swept)]
-    return page(title, _lead(result, simulated, swept, call), cards, sections, footer())
+    return page(title, _lead(result, simulated, swept, call), cards, sections, command)
 
 
 def _reasons(result: Audit) -> list[Section]:
@@ -164,7 +161,7 @@ def _cards(result: Audit) -> list[Card]:
         None if math.isnan(extra) and result.stable else enough(extra, result.delay_margin),
         f"vibrates from {until} of delay, {digits(1e3 * result.system.delay, 'ms', 3)} given" if 0 < result.delay_limit < math.inf else "",
     )
-    joints = [joint.name for joint in result.by_headroom if not joint.safe]
+    joints = [joint.name for joint in result.joints_tightest_first if not joint.safe]
     states = [state.contact for state in result.states if not result.enough_in(state)]
     base = "no contacts" if result.system.source.body.base == "floating" else "fixed base, no contacts"
     judged = listed([state.contact if state.model.contacts else f"{state.contact} ({base})" for state in result.states])

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..studies.audit import Audit
 from ..system.linear.arrays import Floats
-from ..system.requirements import to_db
+from ..system.margin_units import to_db
 from . import style
 from .number_format import digits
 from .page import Html, figure

@@ -13,9 +13,10 @@ from ..studies.factors import typed_factor
 from ..studies.lowered_gains import GainsToUse
 from ..studies.state import HELD, USUAL_RATE
 from ..system.excluded_sets import ROUND_OFF
+from ..system.margin_units import to_db
 from ..system.plausibility import doubts_first
 from ..system.requirement import Requirement
-from ..system.requirements import REQUIREMENTS, to_db
+from ..system.requirements import REQUIREMENTS
 from .gains_to_use import gain_file
 from .gearboxes import needed_text, over_range, worst_gearboxes
 from .margin_columns import margin_value, requirement, short_text
@@ -295,7 +296,7 @@ def _factors(result: Audit, found: GainsToUse[Audit]) -> str:
 
 def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
     """Which gains by which factor, with the values of the joint that has the least headroom, or of each of few."""
-    first = next(joint.name for joint in result.by_headroom if joint.name in found.joints)
+    first = next(joint.name for joint in result.joints_tightest_first if joint.name in found.joints)
     of_first, count = _values(result, found, first), len(found.joints)
     left = len(result.joints) - count
     groups = _by_factor(result, found)

@@ -10,7 +10,7 @@ from ..errors import at_frequency
 from ..studies.joint import JointStudy
 from ..system.linear.arrays import Complexes, Floats, distinct
 from ..system.loop import Loop
-from ..system.requirements import to_db
+from ..system.margin_units import to_db
 from . import style
 from .number_format import digits, frequency, hertz
 from .page import Html, figure

@@ -7,6 +7,10 @@ from .columns import Column
 from .estimates import Answer, estimated
 from .number_format import digits
 
+CONFOUNDED = (
+    Column("", "told", lambda found: not found.confounded),
+    Column("", "confounded", lambda found: found.confounded),
+)
 TORQUE_COLUMNS = (
     estimated("delay", "delay_ms", lambda found: found.delay, "ms", 1e3, "from target to demand torque, mean over commands"),
     estimated("delay in ticks", "delay_ticks", lambda found: found.ticks, "", 1.0, "the same in ticks of the log"),
@@ -23,8 +27,7 @@ TORQUE_COLUMNS = (
     estimated("current loop ζ", "damping_ratio", lambda found: found.damping_ratio, "", 1.0, "damping ratio of the current loop"),
     estimated("gain", "gain", lambda found: found.gain, "", 1.0, "actual over demand torque"),
     estimated("delay + lag", "lag_ms", lambda found: found.lag, "ms", 1e3, "delay + 2ζ/ω_c, from target to actual torque"),
-    Column("", "told", lambda found: not found.confounded),
-    Column("", "confounded", lambda found: found.confounded),
+    *CONFOUNDED,
     Column("", "from", lambda found: list(found.channels)),
 )
 SETPOINT_COLUMNS = (
@@ -44,8 +47,7 @@ SETPOINT_COLUMNS = (
     Column("", "damping_ratio", lambda found: None),
     estimated("natural frequency", "natural_frequency_rad_s", lambda found: found.natural_frequency, "rad/s", 1.0, "√(kp/J) of the loop"),
     Column("loop ζ", "loop_damping_ratio", lambda found: found.damping_ratio, "", "damping ratio of the loop without delay", significant=3),
-    Column("", "told", lambda found: not found.confounded),
-    Column("", "confounded", lambda found: found.confounded),
+    *CONFOUNDED,
     Column("", "from", lambda found: ["reference", "position"]),
 )
 

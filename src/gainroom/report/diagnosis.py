@@ -9,13 +9,12 @@ from ..identification.recorded_oscillation import POSITIONS, TORQUES
 from ..studies.diagnosis import Diagnosis
 from ..studies.vibration_causes import Cause
 from ..system.linear.arrays import Floats
-from ..system.requirements import to_db
+from ..system.margin_units import to_db
 from . import style
 from .curves import Curve, Panel, stacked
 from .diagnosis_text import NAMES, SHORT, advice, evidence_text, growth, percent, ranked, sentence, size, strength, warnings
 from .number_format import digits, frequency, hertz, motion_unit
-from .page import Card, Html, Lead, Section, block, details, facts, figure, page, paragraph, table
-from .page_parts import footer
+from .page import Card, Html, Lead, Section, details, facts, figure, page, paragraph, table
 
 CLOSE_PERIODS = 8  # of the vibration in the enlarged figure
 COLUMNS, LINES = 160, 160  # of the spectrogram, at most
@@ -24,20 +23,23 @@ ORDERS = 6  # harmonics that are marked
 SPECTRUM_POINTS = 1500
 HIGHEST = 6.0  # times the vibration's frequency, or the predicted one: pictures end there
 PERIODS_IN_WINDOW = 8.0
+ASSUMPTIONS = (
+    "A vibration grows, is sustained, or rings with a damping ratio below 0.02. Likelihoods compare the causes listed, as if one alone "
+    "were at work, and one that is none of them; weights are rounded and were chosen on virtual recordings."
+)
 
 
 def diagnosis_page(found: Diagnosis, log: str, command: str) -> str:
     """The report as one HTML page; `log` as it is called, `command` that makes the page."""
-    sections = []
-    if texts := advice(found):
-        sections.append(Section("What to do", [paragraph(text) for text in texts]))
-    if found.causes:
-        sections.append(Section("Why", [_causes(found)]))
-    sections.append(Section("Over time", [_in_time(found), *([_close_up(found)] if found.oscillation is not None else [])]))
-    sections.append(Section("Frequencies", [_spectrogram(found), _spectrum(found)]))
-    sections.append(Section("Inputs and assumptions", [facts(_inputs(found, log)), _assumptions()]))
-    sections.append(Section("Command", [block(command)]))
-    return page("gainroom diagnose: a joint's recording", _lead(found), _cards(found), sections, footer())
+    texts = advice(found)
+    sections = [
+        Section("What to do", texts) if texts else None,
+        Section("Why", [_causes(found)]) if found.causes else None,
+        Section("Over time", [_in_time(found), *([_close_up(found)] if found.oscillation is not None else [])]),
+        Section("Frequencies", [_spectrogram(found), _spectrum(found)]),
+        Section("Inputs and assumptions", [facts(_inputs(found, log)), ASSUMPTIONS]),
+    ]
+    return page("gainroom diagnose: a joint's recording", _lead(found), _cards(found), sections, command)
 
 
 def _lead(found: Diagnosis) -> Lead:
@@ -306,10 +308,3 @@ def _inputs(found: Diagnosis, log: str) -> list[tuple[str, str]]:
     else:
         pairs.append(("model", "none: --joint joint.yaml was not given"))
     return pairs
-
-
-def _assumptions() -> Html:
-    return paragraph(
-        "A vibration grows, is sustained, or rings with a damping ratio below 0.02. Likelihoods compare the causes listed, as if one alone "
-        "were at work, and one that is none of them; weights are rounded and were chosen on virtual recordings."
-    )

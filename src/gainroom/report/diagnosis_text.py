@@ -8,7 +8,7 @@ from ..errors import frequency_text, listed
 from ..identification.recorded_oscillation import POSITIONS, RecordedOscillation
 from ..studies.diagnosis import Diagnosis
 from ..studies.vibration_causes import UNKNOWN, Cause, Evidence
-from ..system.requirements import to_db
+from ..system.margin_units import to_db
 from .number_format import digits, hertz, motion, typed_gains
 
 NAMES = {

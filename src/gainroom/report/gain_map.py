@@ -12,7 +12,7 @@ from ..analysis.margin_record import Margins
 from ..errors import at_frequency
 from ..studies.joint import JointStudy
 from ..system.linear.arrays import Floats
-from ..system.requirements import to_db
+from ..system.margin_units import to_db
 from . import style
 from .map_lines import View, contours, opened, outlines
 from .number_format import digits, frequency, hertz, plane_names

@@ -11,8 +11,7 @@ from ..analysis.margin_record import Margins
 from ..files.edited_text import quoted
 from ..system.requirements import Requirements
 from .margin_columns import margin_value
-from .number_format import own_gains
-from .number_format import typed as typed
+from .number_format import own_gains, typed
 
 MOST_COLUMNS = 78
 """Of a line that a terminal shows whole."""

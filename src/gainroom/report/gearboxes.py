@@ -32,7 +32,7 @@ def worst_gearboxes(result: "Audit") -> str:
     if over is None:
         return ""
     varied = [bool(name) for name in over.range.types]
-    stiffness, damping = (_spread(values[varied]) for values in (over.worst.stiffness, over.worst.damping))
+    stiffness, damping = (_spread(values[varied]) for values in (over.worst_look.stiffness, over.worst_look.damping))
     units = joint_units(result.system.source.body)
     joints = " by joint" if np.count_nonzero(varied) > 1 else ""
     return f" With the worst of these gearboxes (K {stiffness} {units['kp']}{joints}, B {damping} {units['kd']}):"
@@ -66,8 +66,8 @@ def range_facts(result: "Audit") -> dict[str, Any] | None:
             "type": found.types[k],
             "stiffness": [float(inertia[k] * end[k] ** 2) for end in (found.softest, found.stiffest)],
             "damping_ratio": [float(found.least_damped[k]), float(found.most_damped[k])],
-            "worst_stiffness": float(over.worst.stiffness[k]),
-            "worst_damping": float(over.worst.damping[k]),
+            "worst_stiffness": float(over.worst_look.stiffness[k]),
+            "worst_damping": float(over.worst_look.damping[k]),
         }
         for k, name in enumerate(result.system.source.joint_names)
         if found.types[k]

@@ -8,8 +8,7 @@ from .identification_advice import delay_advice, gains_advice, joint_advice, sti
 from .identification_figures import autocorrelation, frequency_response, gains_beside, hysteresis, jitter, predicted, torques
 from .identified_text import ASKED_TITLES, asked_rows
 from .number_format import digits
-from .page import Card, Lead, Section, block, page, paragraph, table
-from .page_parts import footer
+from .page import Card, Lead, Section, page, table
 
 
 def delay_page(found: TorqueDelay, record: Record, answer: Answer, command: str) -> str:
@@ -20,10 +19,11 @@ def delay_page(found: TorqueDelay, record: Record, answer: Answer, command: str)
         _card("current loop ω_c", found.bandwidth, "rad/s"),
         _card("delay + lag", None if found.lag is None else found.lag.scaled(1e3), "ms"),
     ]
-    sections = [Section("Torques", [torques(found, record)])]
-    if len(found.jitter.ticks):
-        sections.append(Section("Jitter", [jitter(found)]))
-    return _page("delay", answer, "warn" if found.confounded else "good", cards, sections, delay_advice(found), command)
+    return _page("delay", answer, "warn" if found.confounded else "good", cards, _torques(found, record), delay_advice(found), command)
+
+
+def _torques(found: TorqueDelay, record: Record) -> list[Section | None]:
+    return [Section("Torques", [torques(found, record)]), Section("Jitter", [jitter(found)]) if len(found.jitter.ticks) else None]
 
 
 def setpoint_delay_page(answer: Answer, command: str) -> str:
@@ -41,11 +41,11 @@ def joint_page(fit: JointFit, record: Record, answer: Answer, command: str) -> s
         _card("delay", None if delay is None else delay.scaled(1e3), "ms"),
         Card("model", "adequate" if fit.adequate else "not adequate", met=fit.adequate, note=fit.model),
     ]
-    sections = [Section("Measured and fitted", [frequency_response(fit)]), Section("What the model leaves", [autocorrelation(fit)])]
-    if fit.delay is not None:
-        sections.append(Section("Torques", [torques(fit.delay, record)]))
-        if len(fit.delay.jitter.ticks):
-            sections.append(Section("Jitter", [jitter(fit.delay)]))
+    sections = [
+        Section("Measured and fitted", [frequency_response(fit)]),
+        Section("What the model leaves", [autocorrelation(fit)]),
+        *([] if fit.delay is None else _torques(fit.delay, record)),
+    ]
     return _page("joint", answer, "good" if fit.adequate and not fit.warnings else "warn", cards, sections, joint_advice(fit), command)
 
 
@@ -63,25 +63,32 @@ def stiffness_page(fit: StiffnessFit, answer: Answer, command: str) -> str:
 
 def gains_page(fit: GainsFit, record: Record, asked: Sequence[tuple[str, float]], answer: Answer, command: str) -> str:
     """Of `identify gains`; `asked`: gains by name."""
-    cards = [_card("kp", fit.kp, "N·m/rad"), _card("kd", fit.kd, "N·m·s/rad"), None]
-    cards[-1] = Card("explained", digits(100 * fit.explained, "", 4), "%", note=f"of {fit.torque}'s power")
+    cards = [
+        _card("kp", fit.kp, "N·m/rad"),
+        _card("kd", fit.kd, "N·m·s/rad"),
+        Card("explained", digits(100 * fit.explained, "", 4), "%", note=f"of {fit.torque}'s power"),
+    ]
     sections = [Section("Predicted and logged torque", [predicted(fit, record)])]
     if asked:
-        sections.append(
-            Section("Beside what was asked for", [gains_beside(fit, asked), table(ASKED_TITLES, asked_rows(fit, asked), sorts=False)])
-        )
+        beside = [gains_beside(fit, asked), table(ASKED_TITLES, asked_rows(fit, asked), sorts=False)]
+        sections.append(Section("Beside what was asked for", beside))
     state = "warn" if fit.warnings or fit.unit_errors else "good"
     return _page("gains", answer, state, cards, sections, gains_advice(fit), command)
 
 
 def _page(
-    what: str, answer: Answer, state: str, cards: Sequence[Card | None], sections: list[Section], advice: Sequence[str], command: str
+    what: str,
+    answer: Answer,
+    state: str,
+    cards: Sequence[Card | None],
+    sections: Sequence[Section | None],
+    advice: Sequence[str],
+    command: str,
 ) -> str:
-    after = [Section("What to record next", [paragraph(text) for text in advice])] if advice else []
-    numbers = Section("Parameters", [table(TITLES, answer.rows(), "Intervals contain the true value in 95 of 100 logs.", sorts=False)])
-    sections = [*sections, *after, numbers, Section("Command", [block(command)])]
+    numbers = table(TITLES, answer.rows(), "Intervals contain the true value in 95 of 100 logs.", sorts=False)
+    sections = [*sections, Section("What to record next", advice) if advice else None, Section("Parameters", [numbers])]
     lead = Lead(answer.sentence, state, "", answer.warnings)  # type: ignore[arg-type]
-    return page(f"gainroom identify {what}", lead, [card for card in cards if card is not None], sections, footer())
+    return page(f"gainroom identify {what}", lead, cards, sections, command)
 
 
 def _card(label: str, estimate: Estimate | None, unit: str) -> Card | None:

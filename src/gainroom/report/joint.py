@@ -17,8 +17,8 @@ from .joint_tables import case_table, crossing_table, inputs, margin_table, unce
 from .joint_text import cause, notes, recommended_text, sentence, severity, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, typed_gains
-from .page import Card, Html, Lead, Section, block, facts, figure, page, paragraph
-from .page_parts import assumptions, footer, margin_card, unstable_card
+from .page import Card, Html, Lead, Section, facts, figure, page, paragraph
+from .page_parts import assumptions, margin_card, unstable_card
 from .verdict import gains_box, joint_to_use
 
 
@@ -32,11 +32,9 @@ def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE
         Section("Nyquist plot", [nyquist(study, shown)], "the open loop beside −1, and the disk about −1 that it stays out of"),
         Section("Over time", [time_response(study)], "responses to a step and to a disturbance"),
         Section("Margins", [margin_table(study), *_recommended(study)], "this file's gains, the recommended ones, and the 10 Hz rule's"),
-        *(
-            [Section("What the uncertainty costs", [uncertainty_table(study)], uncertainty_cost_text(study, ranked=False))]
-            if study.uncertainty_cost is not None
-            else []
-        ),
+        None
+        if study.uncertainty_cost is None
+        else Section("What the uncertainty costs", [uncertainty_table(study)], uncertainty_cost_text(study, ranked=False)),
         Section("With and without elasticity and delay", [case_table(shown)], "the same gains on a rigid joint, and without delay"),
         Section("All crossings of this file's loop", [crossing_table(found)], f"{len(found.phase_crossings) + len(found.gain_crossings)}"),
         Section(
@@ -45,10 +43,9 @@ def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE
             "what was read, and what it leaves out",
         ),
         Section("Certification", [_certificate(study)], "how each number was checked"),
-        Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom joint: gains of one joint, {model_kind(study.system.control.sample_time)} model"
-    return page(title, _lead(study, call), _cards(study), sections, footer())
+    return page(title, _lead(study, call), _cards(study), sections, command)
 
 
 def _lead(study: JointStudy, call: str) -> Lead:
@@ -150,11 +147,14 @@ def time_response(study: JointStudy) -> Html:
     traces.insert(0, style.line([0, 0, end], [0, 1, 1], style.SOFT, dash="dot", width=1.4, name="commanded", showlegend=True))
     if own.growth > 0:
         notes.append(_vibration(own))
+    place = {"xref": "paper", "yref": "paper", "xanchor": "right", "yanchor": "bottom", "name": "wide"}
+    for height, words in ((1.0, "unit step of the reference"), (0.45, "1 N·m added to the torque command")):
+        notes.append(style.label(0.995, height, words, style.SOFT, **place))
     picture = style.layout(
         xaxis=style.axis("time [ms]", anchor="y2", range=[-0.01 * end, end]),
         yaxis=style.axis("position / reference step [–]", domain=[0.55, 1]),
         yaxis2=style.axis("position for 1 N·m [µrad]", domain=[0, 0.45]),
-        annotations=[*notes, *_panel_names()],
+        annotations=notes,
         showlegend=True,
         legend=style.switches(1.03),
         margin={"l": 78, "r": 24, "t": 40, "b": 52},
@@ -163,14 +163,6 @@ def time_response(study: JointStudy) -> Html:
     return figure(
         {"data": traces, "layout": picture}, "Step of the reference, and step of a disturbance torque", _caption(study, own), 560, narrow
     )
-
-
-def _panel_names() -> list[style.Annotation]:
-    place = {"xref": "paper", "yref": "paper", "xanchor": "right", "yanchor": "bottom", "name": "wide"}
-    return [
-        style.label(0.995, 1.0, "unit step of the reference", style.SOFT, **place),
-        style.label(0.995, 0.45, "1 N·m added to the torque command", style.SOFT, **place),
-    ]
 
 
 def _vibration(response: StepResponse) -> style.Annotation:
@@ -197,8 +189,5 @@ def _caption(study: JointStudy, own: StepResponse) -> str:
         return text + "Stepped exactly from tick to tick; torque is held between ticks."
     if study.system.delay == 0:
         return text + "Stepped exactly (matrix exponential)."
-    return text + f"Stepped with the exact delay; halving the step changes the curve by {_share(own.change)}."
-
-
-def _share(change: float) -> str:
-    return f"{digits(100 * change, '', 1)} %" if change >= 1e-5 else "less than 0.001 %"
+    share = f"{digits(100 * own.change, '', 1)} %" if own.change >= 1e-5 else "less than 0.001 %"
+    return text + f"Stepped with the exact delay; halving the step changes the curve by {share}."

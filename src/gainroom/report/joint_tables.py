@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from ..analysis.margin_record import Margins
 from ..studies.joint import JointStudy
-from ..system.requirements import REQUIREMENTS, to_db
+from ..system.margin_units import to_db
+from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .bode import Case
 from .columns import Column, yes

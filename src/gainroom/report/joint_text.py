@@ -10,8 +10,9 @@ from ..errors import QUANTITIES, apart, at_frequency, case_text, frequency_text,
 from ..studies.analysis import Analysis
 from ..studies.deciding_joints import deciding_joints_in
 from ..studies.state import USUAL_RATE
+from ..system.margin_units import to_db
 from ..system.plausibility import unusual_values
-from ..system.requirements import REQUIREMENTS, title_of, to_db
+from ..system.requirements import REQUIREMENTS, title_of
 from ..system.system import System
 from .margin_columns import lacking, short_text, stable_but
 from .number_format import digits, own_gains, plane_names, quantity
@@ -110,7 +111,7 @@ def verdict_text(study: Analysis, where: str = "") -> str:
         return f"{start}{_failing(study)}.{_nominally(study)}"
     if not study.system.requirements.asked:
         return f"Not decided: stable{where}, but no margin is required (`limits`)."
-    met = f"every requirement is met{_over_ranges(study, '' if study.requirements_met else ' examined')}{_tightest_text(study)}"
+    met = f"every requirement is met{_in_the_worst_case(study, '' if study.requirements_met else ' examined')}{_tightest_text(study)}"
     if study.rate_is_missing:
         return f"Not decided: the file has no rate, and any rate costs margin. In continuous time{where} {met}."
     return f"Safe{where}: {met}."
@@ -136,7 +137,7 @@ def _tightest_text(study: Analysis) -> str:
     return f"; the tightest is {least}" if least else ""
 
 
-def _over_ranges(study: Analysis, proved: str = "") -> str:
+def _in_the_worst_case(study: Analysis, proved: str = "") -> str:
     """Of what a margin is the worst, where the file has ranges."""
     names = [name.replace("_", " ") for name in study.system.uncertainty.names]
     return f" in the worst case of uncertain {listed(names)}{proved}" if names else ""
@@ -171,7 +172,7 @@ def _failing(study: Analysis) -> str:
         where = f" in {state.title}" if several and not shared else ""
         parts.append(f"{title} {shown} ({one.sign} {one.text(needed)}){where}{at}")
     worst = f", worst in {next(iter(study.unmet.values())).title}" if several and shared else ""
-    worst += _over_ranges(study)
+    worst += _in_the_worst_case(study)
     mainly = f", mainly at {listed(next(iter(joints.values())), most=2)}" if alike else ""
     return f"{worst}: {('; ' if several or joints else ', ').join(parts)}{mainly}"
 

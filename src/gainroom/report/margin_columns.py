@@ -7,8 +7,9 @@ from typing import Any
 from ..analysis.margin_record import Margins
 from ..errors import apart
 from ..io.as_typed import as_typed
+from ..system.margin_units import to_db
 from ..system.requirement import Requirement
-from ..system.requirements import REQUIREMENTS, Requirements, to_db
+from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, yes
 from .number_format import digits, frequency
 

@@ -5,8 +5,7 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from ..errors import QUANTITIES, apart
-from ..errors import digits as digits
+from ..errors import QUANTITIES, apart, digits as digits
 
 if TYPE_CHECKING:
     from ..system.gain_path import GainPath

@@ -1,6 +1,6 @@
 """The skeleton of every report page: one self-contained HTML file with its style, its pictures and the library that draws them.
 
-A page is  page(title, lead, cards, sections, footer);  what goes into a section is made by figure, table, paragraph, facts, block, details.
+A page is  page(title, lead, cards, sections, command);  a section holds what figure, table, paragraph, facts, block and details make.
 Plain strings are escaped wherever they enter; only Html, made here, passes as it is. Figures are dicts in plotly's own format
 ({"data": [...], "layout": {...}}) or plotly figures; numpy arrays may stand anywhere in them.
 """
@@ -9,10 +9,12 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from html import escape
 from importlib.resources import files
 from typing import Any, Literal
 
+from .. import __version__
 from ..io.strict_json import strict
 from ..system.plausibility import by_doubt
 
@@ -66,9 +68,17 @@ class Section:
     summary: str = ""
 
 
-def page(title: str, lead: Lead, cards: Sequence[Card], sections: Sequence[Section], footer: Sequence[str] = ()) -> str:
-    """The whole page. `footer`: closing lines, plain text or Html. The drawing library is put in once, where a figure needs it."""
-    body = "".join(_section(section) for section in sections)
+def page(
+    title: str, lead: Lead, cards: Sequence[Card | None], sections: Sequence[Section | None], command: str, sources: Sequence[str] = ()
+) -> str:
+    """The whole page, without the cards and sections that are None. The drawing library is put in once, where a figure needs it.
+
+    command   that makes it, for the last section
+    sources   closing lines before the version and the date
+    """
+    last = Section("Command", [block(command)], "that makes this page")
+    body = "".join(_section(section) for section in (*sections, last) if section is not None)
+    footer = (*sources, f"gainroom {__version__}, {datetime.now(UTC).date().isoformat()}")
     script = _drawing_scripts() if 'class="plot"' in body else ""
     return "\n".join(
         [
@@ -78,7 +88,7 @@ def page(title: str, lead: Lead, cards: Sequence[Card], sections: Sequence[Secti
             f"<title>{escape(title)}</title>",
             f"<style>{_resource('page.css')}</style></head>",
             f'<body class="{lead.state}"><main>',
-            f'<header><p class="kind">{escape(title)}</p>{_lead(lead)}{_cards(cards)}</header>',
+            f'<header><p class="kind">{escape(title)}</p>{_lead(lead)}{_cards([*filter(None, cards)])}</header>',
             body,
             f"<footer>{''.join(map(_flow, footer))}</footer></main>",
             script,

@@ -2,12 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..analysis.margin_record import GainLimit
 from ..errors import listed
 from ..studies.state import State
@@ -19,11 +17,6 @@ from .page import Card, Html, facts, paragraph
 
 ON_TOP = 2
 """Warnings shown first; the others are listed with the assumptions."""
-
-
-def footer() -> list[str]:
-    """The closing line: version and date."""
-    return [f"gainroom {__version__}, {datetime.now(UTC).date().isoformat()}"]
 
 
 def margin_card(asked: Requirements, name: str, value: float, note: str, bounded: float | None = None, label: str = "") -> Card:

@@ -11,8 +11,7 @@ from . import style
 from .curves import Curve, Panel, stacked
 from .identified_text import TITLES
 from .number_format import digits
-from .page import Card, Html, Lead, Section, block, figure, page, paragraph, table
-from .page_parts import footer
+from .page import Card, Html, Lead, Section, figure, page, paragraph, table
 
 EXPECTED = ("motor_inertia", "link_inertia", "stiffness", "damping", "resonance", "antiresonance", "delay")
 UNITS = {"torque": "N·m", "speed": "rad/s", "travel": "rad"}
@@ -107,10 +106,9 @@ def plan_page(plan: Plan, command: str) -> str:
         Section("Limits", [table(LIMIT_TITLES, limit_rows(plan), "", {"yes": "met"}, sorts=False)]),
         Section("Accuracy to expect", [table(EXPECTED_TITLES, expected_rows(plan), "", sorts=False)]),
         Section("Assumptions", [paragraph(text) for text in assumptions(plan)]),
-        Section("Command", [block(command)]),
     ]
     lead = Lead(sentence(plan), "warn" if plan.warnings else "good", "", plan.warnings)
-    return page(f"gainroom identify plan: {plan.kind}", lead, cards, sections, footer())
+    return page(f"gainroom identify plan: {plan.kind}", lead, cards, sections, command)
 
 
 def _in_time(plan: Plan, start: float, end: float, title: str) -> Html:

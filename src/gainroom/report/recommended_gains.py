@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..design.robot_gains import EVERYWHERE, GainSet, RobotGains
+from ..design.gain_sets import GainSet, RobotGains
+from ..design.robot_gains import EVERYWHERE
 from ..errors import listed
 from ..system.linear.arrays import Floats
 from ..system.requirement import Requirement

@@ -1,6 +1,7 @@
 """The page of a robot: verdict, numbers, vibration at the limit, gain headroom, causes, remedies, gains to use, tables, proofs."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -8,14 +9,14 @@ from ..errors import at_frequency, listed
 from ..studies.loop_numbers import margins_of
 from ..studies.over_uncertainty import unknown_first
 from ..studies.robot import RobotStudy
-from ..studies.state import State, by_headroom, task_headroom
+from ..studies.state import State, limit_headroom, task_headroom
 from ..studies.sweep.summary import SweepSummary
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
 from .margin_columns import margin_value, requirement
 from .number_format import digits, hertz, model_kind
-from .page import Card, Html, Lead, Section, beside, block, details, facts, page, paragraph
-from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
+from .page import Card, Html, Lead, Section, beside, details, facts, page, paragraph
+from .page_parts import ON_TOP, assumed_and_warned, assumptions, limit_proofs, margin_card, unstable_card
 from .robot_drawing import hero, small
 from .robot_headroom import coupling, heat_map, joint_factors, task_factors
 from .robot_loci import loci, loci_window
@@ -30,6 +31,11 @@ from .workspace import workspace_section
 FEW = 4
 """States of which each has a picture; of more, the tightest posture of each contact state has one."""
 MOST_PICTURES = 8
+LOCI = (
+    "The eigenvalues λ of L(jω), all loops together, for ω > 0. Multiplying all gains by g multiplies every locus by g: the robot "
+    "vibrates where a locus passes through −1, so the limit is one over the distance from 0 where it crosses the thin axis. "
+    "A crossing on the thick line, beyond −1, means that these gains are too high."
+)
 
 
 def robot_page(
@@ -57,10 +63,12 @@ def robot_page(
             [paragraph(requirements_text(study.system)), heat_map(joint_factors(study), "joint")],
             "the factor on each joint's gains at which vibration starts, state by state",
         ),
-        *([] if swept is None else [_swept(swept)]),
+        None
+        if swept is None
+        else workspace_section(swept, f"Recommended gains in {counted(swept.plan.postures.count)} swept postures", checked_sentence(swept)),
         Section("Vibration by contact state", _vibrations(study, shown), "each at its own gain limit"),
         Section("State by state", [state_table(study), *remedies(study)], "all margins of each"),
-        Section("Why: the characteristic loci", [_loci_words(), loci_of], "where the eigenvalues of the coupled loops come near −1"),
+        Section("Why: the characteristic loci", [LOCI, loci_of], "where the eigenvalues of the coupled loops come near −1"),
         Section("Cost of coupling", [beside(*coupling(joint_factors(study), "joint"))], "each joint alone, and with all others closed"),
         Section("Recommended gains", _gains(study), "by contact state and for all, in both spaces, and what limits them"),
         *_tasks(study, shown),
@@ -71,14 +79,9 @@ def robot_page(
             "what was read, and what it leaves out",
         ),
         Section("Certification", [_certificate(study)], "how each number was checked"),
-        Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom robot: gains of {study.system.source.body.size} joints, {model_kind(sample_time)} model"
-    return page(title, _lead(study, elsewhere, call), _cards(study), sections, footer())
-
-
-def _swept(found: SweepSummary) -> Section:
-    return workspace_section(found, f"Recommended gains in {counted(found.plan.postures.count)} swept postures", checked_sentence(found))
+    return page(title, _lead(study, elsewhere, call), _cards(study), sections, command)
 
 
 def _shown(study: RobotStudy) -> list[State]:
@@ -86,7 +89,7 @@ def _shown(study: RobotStudy) -> list[State]:
     if len(study.states) <= FEW:
         return list(study.states)
     found = study.tightest_by_contact
-    order = sorted(found, key=lambda state: by_headroom(state.limit))[:MOST_PICTURES]
+    order = sorted(found, key=lambda state: limit_headroom(state.limit))[:MOST_PICTURES]
     return [state for state in found if state in order]
 
 
@@ -115,25 +118,12 @@ def _vibrations(study: RobotStudy, shown: Sequence[State]) -> list[Html]:
     parts = [] if study.decisive_motion is None else [hero(study.tightest, len(study.states) == 1)]
     if len(shown) > 1:
         view = common_view(shown)
-        parts.append(
-            beside(*(small(state, state.limit, view, 0 if len(shown) == len(study.states) else _others(study, state)) for state in shown))
-        )
+        postures = Counter(state.contact for state in study.states)
+        others = {state: 0 if len(shown) == len(study.states) else postures[state.contact] - 1 for state in shown}
+        parts.append(beside(*(small(state, state.limit, view, count) for state, count in others.items())))
     hidden = len({state.contact for state in study.states} - {state.contact for state in shown})
     words = f"{hidden} contact state{'s' * (hidden > 1)} with more headroom {'are' if hidden > 1 else 'is'} not drawn."
     return [*parts, paragraph(words)] if hidden else parts or [paragraph("One state, drawn above.")]
-
-
-def _others(study: RobotStudy, state: State) -> int:
-    """The number of other postures in the same contact state."""
-    return sum(other.contact == state.contact for other in study.states) - 1
-
-
-def _loci_words() -> Html:
-    return paragraph(
-        "The eigenvalues λ of L(jω), all loops together, for ω > 0. Multiplying all gains by g multiplies every locus by g: the robot "
-        "vibrates where a locus passes through −1, so the limit is one over the distance from 0 where it crosses the thin axis. "
-        "A crossing on the thick line, beyond −1, means that these gains are too high."
-    )
 
 
 def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
@@ -155,7 +145,7 @@ def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
     parts.append(task_table(tightest))
     if len(tightest) < len(study.states):
         parts.append(details("Tasks in every posture and contact state", task_table(study.states)))
-    limit = min((state.task_limit for state in tightest if state.task_limit is not None), key=by_headroom)
+    limit = min((state.task_limit for state in tightest if state.task_limit is not None), key=limit_headroom)
     summary = f"tasks in the joints' place: {'stable' if limit.stable else 'UNSTABLE'}, limit {digits(limit.gain, '', 3)} ×"
     return [Section("Operational space", parts, summary)]
 
@@ -181,9 +171,7 @@ def _gains(study: RobotStudy) -> list[Html]:
 
 
 def _joints(study: RobotStudy) -> list[Html]:
-    tight = study.tightest
-    words = f"{tight.title}."
-    parts = [joint_table([tight], words)]
+    parts = [joint_table([study.tightest], f"{study.tightest.title}.")]
     if len(study.states) > 1:
         parts.append(details("Joints in every posture and contact state", joint_table(study.states)))
     return parts

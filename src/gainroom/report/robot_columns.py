@@ -5,7 +5,8 @@ from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Any
 
 from ..errors import listed
-from ..system.requirements import REQUIREMENTS, to_db
+from ..system.margin_units import to_db
+from ..system.requirements import REQUIREMENTS
 from .columns import Column, definitions, facts, units_of, yes
 from .margin_columns import margin_facts
 from .number_format import digits, hertz, rounded_up
@@ -29,10 +30,6 @@ def _mainly(state: "State") -> str:
         return "nothing moves"
     first, *others = state.limiting_joints or ("–",)
     return f"{first}, +{len(others)}" if others else first
-
-
-def _disk(state: "State") -> str:
-    return ("~" if state.margins.disk_certified is False else "") + digits(state.margins.disk_margin, significant=3)
 
 
 def _frequency(state: "State") -> str:
@@ -110,7 +107,7 @@ STATE = [
         "disk_margin",
         _if_moving(lambda state: state.margins.disk_margin),
         definition="the disk margin, independent errors of gain and phase in every motor's torque (~: not certified)",
-        shown=_disk,
+        shown=lambda state: "~" * (state.margins.disk_certified is False) + digits(state.margins.disk_margin, significant=3),
         margin="disk_margin",
     ),
     Column("", "disk_margin_certified", _if_moving(lambda state: state.margins.disk_certified)),

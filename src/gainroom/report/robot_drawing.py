@@ -70,31 +70,23 @@ def small(state: State, limit: GainLimit, view: View, others: int) -> Html:
     posture = f"The tightest of {others + 1} postures. " if others else ""
     posture += f"{digits(limit.frequency, 'rad/s')}. " if joints else ""
     most = f"Mainly: {', '.join(joints[:4])}{' and more' if len(joints) > 4 else ''}." if joints else "No joint takes part mainly."
-    return figure({"data": traces, "layout": picture}, f"{state.title}: {_short(limit)}", posture + most, height)
-
-
-def _short(limit: GainLimit) -> str:
-    """At which frequency it would vibrate, and at which factor."""
-    if math.isnan(limit.gain):
-        return f"{'stable' if limit.stable else 'UNSTABLE'}, gain limit not known"
-    if not math.isfinite(limit.frequency):
-        return "no vibration at any factor" if limit.stable else "UNSTABLE at any lower gain"
-    text = f"{hertz(limit.frequency)} at {digits(limit.gain, '', 3)}\u00a0×"
-    return text if limit.stable else f"UNSTABLE; {text}"
+    return figure({"data": traces, "layout": picture}, f"{state.title}: {_vibrates(limit, short=True)}", posture + most, height)
 
 
 def _title(state: State, alone: bool) -> str:
     """The hero's."""
-    found = _found(state.limit)
+    found = _vibrates(state.limit)
     return f"{found[0].upper()}{found[1:]}" if alone else f"The tightest state, {state.title}: {found}"
 
 
-def _found(limit: GainLimit) -> str:
+def _vibrates(limit: GainLimit, short: bool = False) -> str:
     """At which factor vibration starts, and at which frequency."""
     if math.isnan(limit.gain):
         return f"{'stable' if limit.stable else 'UNSTABLE'}; gain limit not known"
     if not math.isfinite(limit.frequency):
         return "no vibration at any factor" if limit.stable else "UNSTABLE at any lower gain"
+    if short:
+        return f"{'' if limit.stable else 'UNSTABLE; '}{hertz(limit.frequency)} at {digits(limit.gain, '', 3)}\u00a0×"
     at = f"at {hertz(limit.frequency)} ({digits(limit.frequency, 'rad/s', 3)})"
     factor = digits(limit.gain, "", 3)
     if limit.stable:

@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.margin_record import GainLimit
 from ..errors import listed
 from ..studies.analysis import Analysis
-from ..studies.state import State, by_headroom
+from ..studies.state import State, limit_headroom
 from ..system.linear.arrays import Floats
 from . import style
 from .number_format import digits
@@ -49,18 +49,18 @@ class Factors:
         return tuple(limit.stable for limit in self.limits)
 
     @property
-    def by_headroom(self) -> list[int]:
+    def tightest_first(self) -> list[int]:
         """Indices of the states, the one with the least headroom first."""
-        return sorted(range(len(self.states)), key=lambda k: by_headroom(self.limits[k]))
+        return sorted(range(len(self.states)), key=lambda k: limit_headroom(self.limits[k]))
 
     @property
     def tightest(self) -> int:
         """Index of the state with the least headroom."""
-        return self.by_headroom[0]
+        return self.tightest_first[0]
 
     def few(self) -> "Factors":
         """At most MOST_STATES states, the tightest, in their order."""
-        shown = sorted(self.by_headroom[:MOST_STATES])
+        shown = sorted(self.tightest_first[:MOST_STATES])
         return Factors(
             tuple(self.states[k] for k in shown),
             self.parts,

@@ -34,7 +34,8 @@ def loci(state: State, window: tuple[float, float]) -> Html:
     sweep = _fine(state, window)
     curves, omega = _followed(sweep), sweep.omega
     critical = _critical(state, omega, curves)
-    traces = [_background(curves, window)]
+    others: Complexes = np.concatenate([np.append(_drawn(curve, window)[1], np.nan) for curve in curves.T])
+    traces = [style.line(others.real, others.imag, "#9a9a9a", width=1.3, name="other loci")]
     if critical is not None:
         near = np.abs(np.log(omega / state.limit.frequency)) < AROUND
         traces.append(_bold(omega[near], curves[near, critical], window))
@@ -101,11 +102,6 @@ def _drawn(curve: Complexes, window: tuple[float, float]) -> tuple[Integers, Com
     leaves = np.flatnonzero(edge[index][1:] & edge[index][:-1]) + 1
     index = np.insert(index, leaves, -1)
     return index, np.where(index < 0, np.nan, np.round(curve[index], 4))
-
-
-def _background(curves: Complexes, window: tuple[float, float]) -> style.Trace:
-    values: Complexes = np.concatenate([np.append(_drawn(curve, window)[1], np.nan) for curve in curves.T])
-    return style.line(values.real, values.imag, "#9a9a9a", width=1.3, name="other loci")
 
 
 def _bold(omega: Floats, curve: Complexes, window: tuple[float, float]) -> style.Trace:

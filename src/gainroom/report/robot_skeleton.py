@@ -212,8 +212,7 @@ def _names(model: RobotModel, limit: GainLimit, view: View) -> list[style.Annota
         x = 0.5 * float(across.min() + across.max())
         notes.append(style.label(x, float(view.high[1]), name, style.SOFT, yanchor="top", bgcolor="rgba(0,0,0,0)"))
     if not limit.stable:
-        place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "bottom"}
-        notes.append(style.label(1, 0, "<b>UNSTABLE</b>", style.VERMILION, **place) | {"font": {"size": 18, "color": "#b34a00"}})
+        notes.append(style.stamp("UNSTABLE"))
     if not model.contacts and model.body.base == "floating":
         x = 0.5 * float(middle[1].min() + middle[1].max())
         notes.append(style.label(x, float(view.low[1]), "no contact", style.SOFT, yanchor="bottom", bgcolor="rgba(0,0,0,0)"))

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..design.robot_gains import RobotGains
+from ..design.gain_sets import RobotGains
 from ..errors import at_frequency
 from ..robot.contact import Contact
 from ..robot.robot import Posture

@@ -13,8 +13,15 @@ from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
 from ..system.plausibility import NO_DATA, NO_STIFFNESS, doubts_first
 from ..system.system import System
-from .joint_text import CONTINUOUS, NOT_EVERYWHERE, at_usual_rate_text, lost_at_usual_rate, verdict_text, vibration_starts
-from .joint_text import severity as severity_of_loops
+from .joint_text import (
+    CONTINUOUS,
+    NOT_EVERYWHERE,
+    at_usual_rate_text,
+    lost_at_usual_rate,
+    severity as severity_of_loops,
+    verdict_text,
+    vibration_starts,
+)
 from .margin_columns import short_text
 
 if TYPE_CHECKING:

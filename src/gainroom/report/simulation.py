@@ -15,8 +15,8 @@ from ..studies.simulation import Outcome
 from ..system.requirements import REQUIREMENTS
 from . import joint_tables
 from .number_format import digits, hertz, milli, motion_unit, span, typed_gains
-from .page import Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
-from .page_parts import filters, footer, margin_card, unstable_card
+from .page import Card, Html, Lead, Section, advice_box, beside, facts, page, paragraph, table
+from .page_parts import filters, margin_card, unstable_card
 from .robot_tables import angles_text, contacts_text, machine
 from .simulation_advice import CALL, what_to_do
 from .simulation_figures import channel, channels, close_up, drawn_channels, in_time, links_over_time, pose
@@ -192,10 +192,9 @@ def simulation_page(outcome: Outcome, command: str, call: str = CALL, study_call
         Section(
             "Inputs and assumptions", [facts(inputs(outcome)), paragraph(kind.assumptions(outcome))], "what was read, and what is left out"
         ),
-        Section("Command", [block(command)], "that makes this page"),
     ]
     what = "one joint" if size == 1 else f"a robot of {size} joints"
-    return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome, call, study_call), _cards(outcome), sections, footer())
+    return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome, call, study_call), _cards(outcome), sections, command)
 
 
 def _first(outcome: Outcome) -> list[Section]:

@@ -237,8 +237,7 @@ def pose(outcome: Outcome, spec: RobotSimulation, run: RobotRun) -> Html:
     traces, notes = drawn(end, limit, view, 15)
     notes += [] if found is None else labels(end, limit, view, float(WIDTH / wide))
     if run.ending == "fell":
-        place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "bottom"}
-        notes.append(style.label(1, 0, "<b>FELL</b>", style.VERMILION, **place) | {"font": {"size": 18, "color": "#b34a00"}})
+        notes.append(style.stamp("FELL"))
     bar = {"len": 0.7, "xpad": 4}
     picture = {"data": [*ghost(start, view), *traces, *path(centre, view)], "layout": drawing_layout(limit, notes, view, [0, 1], bar)}
     if not outcome.sound:

@@ -7,16 +7,7 @@ from typing import Any
 from .number_format import digits
 
 # Okabe and Ito, Color Universal Design (2008)
-BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
-    "#000000",
-    "#e69f00",
-    "#56b4e9",
-    "#009e73",
-    "#f0e442",
-    "#0072b2",
-    "#d55e00",
-    "#cc79a7",
-)
+BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = "#000000", "#e69f00", "#56b4e9", "#009e73", "#0072b2", "#d55e00", "#cc79a7"
 INK, SOFT, GRID = "#1b1b1b", "#5a5a5a", "#e6e6e6"
 DARK = {PURPLE: "#96386f", GREEN: "#00704f", VERMILION: "#b34a00"}  # the same hues where they must be read as text
 UNSTABLE_GROUND = "#fdf1e9"
@@ -136,6 +127,12 @@ def label(x: float, y: float, text: str, color: str = INK, **parts: Any) -> Anno
         "borderpad": 1,
     }
     return base | parts
+
+
+def stamp(word: str) -> Annotation:
+    """A word at the lower right of a picture, that nobody misses."""
+    place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "bottom"}
+    return label(1, 0, f"<b>{word}</b>", **place) | {"font": {"size": 18, "color": DARK[VERMILION]}}
 
 
 def arrow(start: tuple[float, float], end: tuple[float, float], color: str, **parts: Any) -> Annotation:

@@ -17,14 +17,13 @@ from ..studies.swept_margins import WorstStates
 from . import style
 from .columns import definitions, tabulated
 from .number_format import digits, hertz, model_kind
-from .page import Card, Html, Lead, Section, advice, beside, block, facts, figure, page, table
-from .page_parts import assumptions, footer, margin_card, uncertainty_text
+from .page import Card, Html, Lead, Section, advice, beside, facts, figure, page, table
+from .page_parts import assumptions, margin_card, uncertainty_text
 from .robot_columns import state_columns
 from .robot_drawing import hero, small
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, machine
-from .sweep_text import advice as use
-from .sweep_text import columns, counted, joint_name, sureness, verdict, warnings
+from .sweep_text import advice as use, columns, counted, joint_name, sureness, verdict, warnings
 from .workspace import CURVES, FEW, sample_table
 
 SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
@@ -33,27 +32,22 @@ SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
 
 def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstStates, store: Store, command: str) -> str:
     """The report of a sweep as one HTML page; `near`: what a local search from the worst found; `command`: that makes it."""
-    plan, worst, states = found.plan, found.worst, list(at_worst.states)
+    plan, worst, states = found.plan, found.worst_posture, list(at_worst.states)
     maps = pair_maps(plan, store.finished(), np.sum([one.joints for one in found.contacts], axis=0))
     sections = [
-        *([Section("The worst posture", _drawings(states))] if states else []),
+        Section("The worst posture", _drawings(states)) if states else None,
         Section("Limits by contact state", [_spreads(found), table(*tabulated(columns(found), found.contacts))]),
-        *([Section("Over two joints", [_map(found, maps)])] if maps.lowest else []),
+        Section("Over two joints", [_map(found, maps)]) if maps.lowest else None,
         Section("What a schedule would gain", [_schedule(found)]),
         Section("Which joint limits", [_limiting(found)]),
-        *([Section("Other requirements", [sample_table(found, at_worst)])] if at_worst.requirements else []),
-        *(
-            [Section("Margins in the worst postures", [_margins(states)], "all of them, one posture of each contact state")]
-            if states
-            else []
-        ),
+        Section("Other requirements", [sample_table(found, at_worst)]) if at_worst.requirements else None,
+        Section("Margins in the worst postures", [_margins(states)], "all of them, one posture of each contact state") if states else None,
         Section("How sure the worst case is", [facts(_sure(found, near))]),
         Section(
             "Inputs and assumptions",
             [facts(_inputs(found)), assumptions("Linear about every posture", plan.system.control, "; contacts neither slip nor lift")],
             "robot, postures, what is assumed",
         ),
-        Section("Command", [block(command)], "that makes this page"),
     ]
     said = use(found, at_worst)
     do_this = advice(said, "") if said and worst is not None and found.scale < 1 else ""
@@ -65,11 +59,11 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
     }
     lead = Lead(" ".join(verdict(found, at_worst)), state, headline[state], warnings(found), do_this)
     kind = model_kind(plan.system.control.sample_time)
-    return page(f"gainroom sweep: {counted(plan.postures.count)} postures, {kind} model", lead, _cards(found, near), sections, footer())
+    return page(f"gainroom sweep: {counted(plan.postures.count)} postures, {kind} model", lead, _cards(found, near), sections, command)
 
 
 def _cards(found: SweepSummary, near: SweptPosture | None) -> list[Card]:
-    worst = found.worst
+    worst = found.worst_posture
     if worst is None:
         return []
     asked = found.plan.system.requirements
@@ -108,7 +102,7 @@ def _spreads(found: SweepSummary) -> Html:
         yaxis=style.axis("postures below [%]", range=[0, 100]),
         showlegend=True,
         legend=style.switches(1.02),
-        shapes=shapes if found.worst is not None and found.worst.gain < 2 * found.margin else [],
+        shapes=shapes if found.worst_posture is not None and found.worst_posture.gain < 2 * found.margin else [],
         margin={"l": 72, "r": 24, "t": 48, "b": 52},
     )
     more = f" The first {FEW} contact states of {len(found.contacts)}." if len(found.contacts) > FEW else ""
@@ -162,7 +156,7 @@ def _map(found: SweepSummary, maps: PairMaps) -> Html:
 
 def _schedule(found: SweepSummary) -> Html:
     """Gains of one set, of one set per contact state, and by posture: factors on these gains at the margin that is asked for."""
-    worst = found.worst
+    worst = found.worst_posture
     rows = []
     for one in found.contacts:
         if not one.worst or worst is None:
@@ -231,5 +225,5 @@ def _inputs(found: SweepSummary) -> list[tuple[str, str]]:
         ("contact states", first_of_many(plan.contacts)),
         ("draws", f"{len(plan.places) - 1} within {uncertainty_text(plan.system)}" if len(plan.places) > 1 else "none: nominal values"),
         ("not looked at", "whether links collide, whether contacts can hold the robot there, whether its joints are strong enough"),
-        ("lowest vibration", "–" if found.worst is None else hertz(found.worst.frequency)),
+        ("lowest vibration", "–" if found.worst_posture is None else hertz(found.worst_posture.frequency)),
     ]

@@ -7,7 +7,8 @@ from ..errors import THIN, beside
 from ..studies.factors import typed_factor
 from ..studies.sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
 from ..studies.swept_margins import SampledRequirement, WorstStates
-from ..system.requirements import Requirements, to_db
+from ..system.margin_units import to_db
+from ..system.requirements import Requirements
 from .columns import Column, facts
 from .margin_columns import margin_value, requirement
 from .number_format import digits, gain_factor, hertz
@@ -23,7 +24,7 @@ def counted(number: int) -> str:
 
 def sentence(found: SweepSummary) -> str:
     """The verdict, the worst limit and where it is."""
-    plan, worst = found.plan, found.worst
+    plan, worst = found.plan, found.worst_posture
     many, contacts = plan.postures.count, len(plan.contacts)
     states = f"{counted(many)} posture{'s' * (many > 1)} in {contacts} contact state{'s' * (contacts > 1)}"
     states += f" with {len(plan.places) - 1} draws" if len(plan.places) > 1 else ""
@@ -69,7 +70,7 @@ def advice(found: SweepSummary, worst: WorstStates) -> str:
 
 def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
     """How sure the worst case is, in sentences."""
-    worst, said = found.worst, []
+    worst, said = found.worst_posture, []
     if worst is None:
         return said
     if math.isfinite(found.rarer_than):
@@ -160,13 +161,10 @@ def sample_facts(found: SweepSummary, worst: WorstStates) -> dict[str, Any]:
         "count": worst.count,
         "random_count": worst.random_count,
         "everywhere": worst.everywhere,
-        "requirements": [facts(columns, one) | {"angles": _angles(found, one.state)} for one in worst.requirements],
+        "requirements": [
+            facts(columns, one) | {"angles": dict(one.state.system.source.postures[one.state.posture].angles)} for one in worst.requirements
+        ],
     }
-
-
-def _angles(found: SweepSummary, state: Any) -> dict[str, float]:
-    robot = state.system.source
-    return dict(robot.postures[state.posture].angles)
 
 
 def warnings(found: SweepSummary) -> list[str]:
@@ -194,8 +192,14 @@ def columns(found: SweepSummary) -> list[Column]:
     def worst(one: ContactSummary) -> SweptPosture | None:
         return one.worst[0] if one.worst else None
 
-    def number(of: Any) -> Any:
-        return lambda one: None if worst(one) is None else of(worst(one))
+    def number(of: Any, none: str | None = None) -> Any:
+        return lambda one: none if worst(one) is None else of(worst(one))
+
+    def mainly(at: SweptPosture) -> str:
+        return joint_name(found, at)
+
+    def vibration(at: SweptPosture) -> str:
+        return hertz(at.frequency) if math.isfinite(at.frequency) else "–"
 
     return [
         Column("contact", "contact", lambda one: one.name),
@@ -203,11 +207,14 @@ def columns(found: SweepSummary) -> list[Column]:
         Column("10 %", "gain_limit_p10", lambda one: one.quantile(0.1), significant=3, definition="a tenth of postures lie below"),
         Column("median", "gain_limit_median", lambda one: one.quantile(0.5), significant=3),
         Column("highest", "gain_limit_highest", lambda one: one.quantile(1.0), significant=3),
-        Column("at", "limit_frequency_rad_s", number(lambda at: at.frequency), shown=lambda one: _hertz(worst(one))),
-        Column("mainly", "limiting_joint", number(lambda at: joint_name(found, at)), shown=lambda one: _mainly(found, worst(one))),
         Column(
-            "posture", "posture", number(lambda at: at.number), shown=lambda one: "–" if worst(one) is None else str(one.worst[0].number)
+            "at",
+            "limit_frequency_rad_s",
+            number(lambda at: at.frequency),
+            shown=number(vibration, "–"),
         ),
+        Column("mainly", "limiting_joint", number(mainly), shown=number(mainly, "–")),
+        Column("posture", "posture", number(lambda at: at.number), shown=number(lambda at: str(at.number), "–")),
         Column("", "count", lambda one: one.count),
         Column("", "unknown", lambda one: one.unknown),
         Column("", "uncertified", lambda one: one.uncertified),
@@ -215,14 +222,6 @@ def columns(found: SweepSummary) -> list[Column]:
         Column("", "below_margin", lambda one: one.short),
         Column("", "lower_gain_highest", lambda one: one.lower),
     ]
-
-
-def _hertz(one: SweptPosture | None) -> str:
-    return "–" if one is None or not math.isfinite(one.frequency) else hertz(one.frequency)
-
-
-def _mainly(found: SweepSummary, one: SweptPosture | None) -> str:
-    return "–" if one is None else joint_name(found, one)
 
 
 def safe_share(found: SweepSummary) -> str:
@@ -246,7 +245,7 @@ def worse_note(found: SweepSummary, one: SweptPosture, known: float) -> str:
 
 def checked_sentence(found: SweepSummary) -> str:
     """What recommended gains keep in the postures of a sweep."""
-    worst, count = found.worst, found.count
+    worst, count = found.worst_posture, found.count
     if worst is None:
         return "Recommended gains in the sweep's postures: no limit is known."
     asked, lowest = digits(to_db(found.margin), "dB", 3), digits(to_db(worst.gain), "dB", 3)

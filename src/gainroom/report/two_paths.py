@@ -5,8 +5,9 @@ from typing import Any
 
 from ..errors import listed
 from ..studies.two_paths import PathCase, PathStudy
+from ..system.margin_units import to_db
 from ..system.plausibility import unusual_values
-from ..system.requirements import REQUIREMENTS, to_db
+from ..system.requirements import REQUIREMENTS
 from .columns import Column, yes
 from .margin_columns import margin_facts, required_facts, stable_but
 from .number_format import digits, hertz, model_facts, path_facts

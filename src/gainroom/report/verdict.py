@@ -12,10 +12,10 @@ from ..studies.analysis import Analysis
 from ..studies.state import USUAL_RATE
 from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, tabulated, yes
-from .gains_to_use import joint_gains, kept, robot_gains, typed
+from .gains_to_use import joint_gains, kept, robot_gains
 from .joint_text import AT_USUAL
 from .margin_columns import lacking, margin_value, requirement
-from .number_format import digits, hertz, own_gains, span
+from .number_format import digits, hertz, own_gains, span, typed
 from .page import Advice, Html, advice_box, table
 from .robot_units import joint_units
 

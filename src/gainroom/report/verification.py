@@ -15,8 +15,8 @@ from . import style
 from .columns import tabulated
 from .margin_columns import requirement
 from .number_format import digits, hertz, model_text
-from .page import Card, Html, Lead, Section, advice_box, beside, block, figure, page, table
-from .page_parts import assumptions, footer
+from .page import Card, Html, Lead, Section, advice_box, beside, figure, page, table
+from .page_parts import assumptions
 from .verification_text import CASE, WITNESSES, at_nominal, furthest, left_out, percent, sentence, size, what_to_do
 
 MARKS = {"linear": ("circle", style.BLUE, 11, -0.18), "mujoco": ("diamond", style.ORANGE, 11, 0.18)}
@@ -82,7 +82,11 @@ def _differences(cases: Sequence[Case]) -> Html:
     bands = [style.stretch(-width, width, style.GREEN, SHADES[witness]) for witness, width in allowed.items()]
     bounds = ", ".join(f"{WITNESSES[witness]} within {digits(width)} %" for witness, width in reversed(allowed.items()))
     caption = f"Filled: gain; open, below it: frequency. Green is agreement: {bounds}."
-    lost = [_not_found(case, rows) for case in cases if math.isnan(case.gain_difference)]
+    lost = [
+        style.label(0, rows.index(case.what) + MARKS[case.witness][3], f"<b>{WITNESSES[case.witness]}: no limit found</b>", style.VERMILION)
+        for case in cases
+        if math.isnan(case.gain_difference)
+    ]
     return _picture(traces, axis, rows, bands, lost, "Simulated minus predicted", caption)
 
 
@@ -108,11 +112,6 @@ def _picture(traces: list, axis: dict, rows: Sequence[str], shapes: list, notes:
         margin={"l": 20, "r": 12, "t": 40, "b": 48},
     )
     return figure({"data": traces, "layout": layout}, title, caption, 64 * len(rows) + 104, {"margin.l": 8})
-
-
-def _not_found(case: Case, rows: Sequence[str]) -> style.Annotation:
-    words = f"<b>{WITNESSES[case.witness]}: no limit found</b>"
-    return style.label(0, rows.index(case.what) + MARKS[case.witness][3], words, style.VERMILION)
 
 
 def growth(system: System, limit: float) -> Html:
@@ -153,22 +152,24 @@ def verification_page(system: System, result: Verification, command: str, study_
     if not result.of_robot:
         what, model = "one joint", "Linear two-mass joint"
     count = len(result.cases)
+    cases = table(
+        *tabulated(CASE, result.cases), "Predicted and simulated gains are factors on the file's own.", {"yes": "met", "no": "unmet"}
+    )
     sections = [
         Section(f"What disagrees: {len(wrong)} of {count} cases" if wrong else "Predicted and simulated", [agreement(result.cases)]),
-        *([Section("Growth about the limit", [growth(system, limit)])] if not result.of_robot and 0 < limit < math.inf else []),
-        Section("Case by case", [_table(result)], f"{count} case{'s' * (count > 1)} with gains and frequencies"),
+        Section("Growth about the limit", [growth(system, limit)]) if not result.of_robot and 0 < limit < math.inf else None,
+        Section("Case by case", [cases], f"{count} case{'s' * (count > 1)} with gains and frequencies"),
         Section(
             "Assumptions",
             [assumptions(model, system.control), _method(result), *(f"Left out: {warning}" for warning in result.warnings)],
             "the model, and how the limits are simulated",
         ),
-        Section("Command", [block(command)], "that makes this page"),
     ]
     said = [f"left out: {warning}" for warning in result.warnings]
     state = "bare" if result.least.enough is False or result.least.predicted_gain <= 1 else "good"
     headline = "" if result.agrees else "Simulation and prediction disagree: do not rely on the predicted limit"
     lead = Lead(sentence(result), state if result.agrees else "bad", headline, said, advice_box(what_to_do(result, study_call)))
-    return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, footer())
+    return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, command)
 
 
 def _cards(result: Verification) -> list[Card]:
@@ -198,12 +199,6 @@ def _limit(result: Verification) -> Card:
     if met and result.uncertain:  # one case of the file's ranges
         met = None
     return Card("vibration starts at", digits(least.predicted_gain, "", 4), "×", wanted, met, f"{at}{least.what}{at_nominal(result)}")
-
-
-def _table(result: Verification) -> Html:
-    return table(
-        *tabulated(CASE, result.cases), "Predicted and simulated gains are factors on the file's own.", {"yes": "met", "no": "unmet"}
-    )
 
 
 def _method(result: Verification) -> str:

@@ -9,7 +9,8 @@ from ..studies.audited_workspace import AuditedWorkspace
 from ..studies.factors import typed_factor
 from ..studies.sweep.summary import ContactSummary, SweepSummary
 from ..studies.swept_margins import WorstStates, worst_states
-from ..system.requirements import Requirements, to_db
+from ..system.margin_units import to_db
+from ..system.requirements import Requirements
 from . import style
 from .columns import tabulated
 from .number_format import digits
@@ -115,7 +116,7 @@ def workspace_facts(found: SweepSummary) -> dict[str, Any]:
         "uncertified": found.uncertified,
         "rarer_than": found.rarer_than,
         "scale": found.scale,
-        "worst": posture_facts(found, found.worst),
+        "worst": posture_facts(found, found.worst_posture),
     }
 
 
@@ -130,7 +131,7 @@ FAR = 3.0
 
 def workspace_section(found: SweepSummary, title: str, said: str = "", audited: AuditedWorkspace | None = None) -> Section:
     """Everything about it in one section; `said`: the verdict, where it is not that of a sweep; `audited`: what else was judged there."""
-    worst = found.worst
+    worst = found.worst_posture
     states = () if worst is None else worst_states(found, 0).states if audited is None else audited.sample.states
     later = "" if audited is None else later_there(audited)
     parts: list[Html] = [paragraph(" ".join([said or sentence(found), *sureness(found, None), *filter(None, [later]), *warnings(found)]))]
@@ -152,7 +153,7 @@ def workspace_section(found: SweepSummary, title: str, said: str = "", audited: 
 def workspace_card(swept: AuditedWorkspace) -> Card:
     """The lowest gain margin of the workspace, beside what is required."""
     found = swept.summary
-    worst, asked = found.worst, Requirements(gain_margin=found.margin if found.margin > 1 else None)
+    worst, asked = found.worst_posture, Requirements(gain_margin=found.margin if found.margin > 1 else None)
     note = f"{safe_share(found)} of {counted(found.count)} limits have it"
     if worst is None:
         return Card("gain margin, workspace", "–", "", "", False, note)
@@ -166,7 +167,7 @@ def sample_table(found: SweepSummary, sample: WorstStates, note: str = "") -> Ht
 
 
 def _numbers(found: SweepSummary, later: bool) -> list[tuple[str, str]]:
-    worst = found.worst
+    worst = found.worst_posture
     assert worst is not None
     names = found.plan.robot.joint_names
     low, high = found.plan.postures.low, found.plan.postures.high
@@ -185,7 +186,7 @@ def _numbers(found: SweepSummary, later: bool) -> list[tuple[str, str]]:
 
 
 def _limit(found: SweepSummary) -> str:
-    worst = found.worst
+    worst = found.worst_posture
     assert worst is not None
     if not math.isfinite(worst.gain):
         return "no vibration at any factor"

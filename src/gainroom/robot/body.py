@@ -111,11 +111,6 @@ class RigidBody:
         return (*self.joint_names, *self.locked, *self.passive)
 
     @property
-    def passive_size(self) -> int:
-        """Degrees of freedom of the passive joints."""
-        return sum(self._joint(name).nv for name in self.passive)
-
-    @property
     def prismatic(self) -> Booleans:
         """(n,) True where a joint is prismatic: its numbers are in m and N, where those of a hinge are in rad and N m."""
         return np.array([is_prismatic(joint) for joint in self.joints])
@@ -199,7 +194,9 @@ class RigidBody:
 
     def place(self, q: Floats, name: str, value: float) -> None:
         """Write the position of a joint of one degree of freedom, actuated or passive, into `q`. Raises GainroomError for another."""
-        joint = self.joints[self._index(name)] if name not in self.passive else self._joint(name)
+        if name not in self.passive and name not in self.joint_names:
+            raise GainroomError(f"{self.source}: no joint {name!r}{nearest(name, self.joint_names, 'joint')}")
+        joint = self._joint(name)
         if joint.nv > 1:
             raise GainroomError(f"{self.source}: joint {name!r} has {joint.nv} degrees of freedom and no single position")
         put_position(q, joint, value)
@@ -262,8 +259,7 @@ class RigidBody:
 
     def frame_placement(self, q: ArrayLike, frame: str) -> tuple[Floats, Floats]:
         """(R (3, 3), p (3,)): axes and origin of a frame in world axes [m]. Raises GainroomError for an unknown frame."""
-        placement = self._placed(q).oMf[self.frame_index(frame)]
-        return placement.rotation.copy(), placement.translation.copy()
+        return self.frame_placements(q, [frame])[0]
 
     def frame_placements(self, q: ArrayLike, frames: Iterable[str]) -> list[tuple[Floats, Floats]]:
         """frame_placement of several frames of one posture."""
@@ -373,11 +369,6 @@ class RigidBody:
     def _root(self) -> int:
         """Index of the base's frame."""
         return self._joint_frames[self.model.names[1]] if self.base == "floating" else 0
-
-    def _index(self, name: str) -> int:
-        if name not in self.joint_names:
-            raise GainroomError(f"{self.source}: no joint {name!r}{nearest(name, self.joint_names, 'joint')}")
-        return self.joint_names.index(name)
 
     def frame_index(self, name: str) -> int:
         """Pinocchio's number of a frame. Raises GainroomError for an unknown one."""

@@ -36,7 +36,7 @@ class Links(Protocol):
     @property
     def passive(self) -> tuple[str, ...]: ...
     @property
-    def passive_size(self) -> int: ...
+    def base(self) -> str: ...
     @property
     def linkages(self) -> "tuple[Linkage, ...]": ...
     def anchors(self, q: Floats, *names: str) -> tuple[Any, ...]: ...
@@ -150,7 +150,7 @@ def closed(body: Links, start: Floats, angles: Mapping[str, float]) -> Floats:
 
 def _closed_about(body: Links, q: Floats, follow: Sequence[str]) -> tuple[Floats, float]:
     """Newton's method in passive joints, a tied base and the joints of `follow`, least steps; and the largest residual that is left."""
-    first = 0 if ties_base(body) else body.nv - body.size - body.passive_size
+    first = 0 if ties_base(body) or body.base == "fixed" else 6
     moving = np.array([*range(first, body.nv - body.size), *map(body.velocity_of, follow)], dtype=int)
     moving = moving[moving >= 0]
     left = np.inf

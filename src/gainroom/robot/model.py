@@ -71,3 +71,8 @@ class RobotModel(Plant):
     def contact_jacobian(self) -> Floats:
         """J_c (c, N): all rows of `held`."""
         return self.held.jacobian
+
+
+def with_rotors(model: Stance) -> Floats:
+    """(N, N) inertia of the links and of the actuated joints' rotors."""
+    return model.inertia + model.selection.T @ np.diag(model.motor_inertia) @ model.selection

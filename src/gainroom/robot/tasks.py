@@ -32,7 +32,7 @@ from ..native import _core
 from ..system.controller import PD, PPI, Controller
 from ..system.linear.arrays import Booleans, Floats, Integers
 from .contact import free_motion
-from .model import Stance
+from .model import Stance, with_rotors
 
 TaskKind = Literal["com", "position", "orientation", "posture"]
 FRAMED = ("position", "orientation")
@@ -274,7 +274,7 @@ def task_motion(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> T
     """Of a stack that `tasks_of` has taken."""
     jacobians = [task.jacobian(model) for task in tasks]
     sizes, joints = [len(jacobian) for jacobian in jacobians], len(model.selection)
-    inertia = _modelled_inertia(model, rotors)
+    inertia = with_rotors(model) if rotors else model.inertia  # A'
     follow, torque, ranks, motions = _core.task_motion(inertia, model.contact_jacobian, np.vstack(jacobians), sizes, joints, MOVABLE)
     return TaskMotion([jacobian @ follow for jacobian in jacobians], torque, follow, _immovable(tasks, sizes, ranks, motions))
 
@@ -286,13 +286,6 @@ def following(model: Stance) -> Floats:
     """
     motion = free_motion(model.inertia, model.contact_jacobian)
     return motion @ _core.pseudo_inverse(model.selection @ motion, MOVABLE)
-
-
-def _modelled_inertia(model: Stance, rotors: bool) -> Floats:
-    """A' (N, N)."""
-    if not rotors:
-        return model.inertia
-    return model.inertia + model.selection.T @ np.diag(model.motor_inertia) @ model.selection
 
 
 def _immovable(tasks: Sequence[Task], sizes: Sequence[int], ranks: Sequence[int], motions: int) -> tuple[str, ...]:

@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import GainroomError, require_finite, require_positive
+from ..errors import GainroomError, nearest, require_finite, require_positive
 from ..robot.actuators import Actuators
 from ..robot.body import RigidBody, library
 from ..robot.contact import Contact
 from ..robot.formats.mjcf_file import ARENA
 from ..robot.ground import Ground, Sole, ground_axes, upwards
-from ..robot.name_patterns import nearest
 from ..system.linear.arrays import Floats, Integers
 
 HARDEST_CONSTRAINT = 0.9999

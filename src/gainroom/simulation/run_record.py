@@ -9,8 +9,8 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from ..errors import GainroomError
+from ..system.assembly import Feedback
 from ..system.linear.arrays import Floats
-from ..system.loop import Feedback
 
 OVERFLOWING = 1e150  # states beyond are about to overflow
 STEADY_SHARE = 0.1  # of the run: what the steady state is averaged over

@@ -69,7 +69,7 @@ def step_response(loop: Loop, end: float | None = None, part: LoopPart | None = 
     end = _horizon(roots) if end is None else end
     growth, frequency = float(roots[0].real), float(abs(roots[0].imag))
     fastest = float(np.abs(roots[:4]).max()) if part is None else 0.0
-    delays = np.array([drive.delay for drive in loop.parts.drives])
+    delays = loop.parts.delays
     if loop.sample_time is not None or not delays.any():
         step = end / UNDELAYED_POINTS if loop.sample_time is None else loop.sample_time
         count = UNDELAYED_POINTS if loop.sample_time is None else min(math.ceil(end / step), MOST_STEPS)

@@ -28,7 +28,7 @@ class LinearStepper:
         assert parts is not None
         assert step is not None
         self.loop, self.size = loop, loop.size
-        size, delays = self.size, np.array([drive.delay for drive in parts.drives])
+        size, delays = self.size, parts.delays
         body = hold(actuated_state(parts.plant, parts.drives), np.concatenate([delays, np.zeros(2 * size)]), step)
         control = controller_state(parts.controller, size, step)
         control = StateSpace(control.a, control.b, loop.gain * control.c, loop.gain * control.d)

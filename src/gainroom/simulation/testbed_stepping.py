@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..native import _core
-from ..system.assembly import actuated_state, controller_state
+from ..system.assembly import Feedback, actuated_state, controller_state
 from ..system.linear.arrays import Floats, Integers
 from ..system.linear.state_space import split_delay
-from ..system.loop import Feedback, Loop
+from ..system.loop import Loop
 from .run_record import Run
 from .scenario import Inputs, Signals
 from .testbed import Testbed

@@ -226,15 +226,21 @@ class Multisine(Trajectory):
 
 
 @dataclass(frozen=True)
-class Held(Trajectory):
-    """`moving` until `stop` [s], then constant."""
+class _Moving(Trajectory):
+    """What changes another trajectory, `moving`."""
 
     moving: Trajectory
-    stop: float
 
     @property
     def size(self) -> int:
         return self.moving.size
+
+
+@dataclass(frozen=True)
+class Held(_Moving):
+    """`moving` until `stop` [s], then constant."""
+
+    stop: float
 
     @property
     def end(self) -> float:
@@ -245,15 +251,10 @@ class Held(Trajectory):
 
 
 @dataclass(frozen=True)
-class Late(Trajectory):
+class Late(_Moving):
     """`moving`, `delay` [s] later."""
 
-    moving: Trajectory
     delay: float
-
-    @property
-    def size(self) -> int:
-        return self.moving.size
 
     @property
     def end(self) -> float:

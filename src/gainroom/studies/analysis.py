@@ -14,7 +14,7 @@ from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .over_uncertainty import Worst, unknown_first
 from .progress import Progress, quiet
-from .state import State, by_headroom, state_of
+from .state import State, limit_headroom, state_of
 
 THIS_STATE = "this state"
 
@@ -45,14 +45,14 @@ class Analysis:
     @property
     def tightest(self) -> State:
         """The state with the least headroom."""
-        return min(self.states, key=lambda state: by_headroom(state.limit))
+        return min(self.states, key=lambda state: limit_headroom(state.limit))
 
     @property
     def tightest_by_contact(self) -> tuple[State, ...]:
         """Of each contact state the posture with the least headroom, in the source's order."""
         contacts = dict.fromkeys(state.contact for state in self.states)
         groups = ([state for state in self.states if state.contact == contact] for contact in contacts)
-        return tuple(min(group, key=lambda state: by_headroom(state.limit)) for group in groups)
+        return tuple(min(group, key=lambda state: limit_headroom(state.limit)) for group in groups)
 
     @property
     def stable(self) -> bool:
@@ -77,7 +77,7 @@ class Analysis:
 
     def worst_in(self, state: State) -> Worst:
         """One state over the uncertainty."""
-        return state.worst
+        return state.worst_case
 
     def least(self, state: State, name: str) -> float:
         """What the requirement `name` bounds, in one state, at the worst of the uncertainty."""

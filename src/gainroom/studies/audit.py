@@ -199,7 +199,7 @@ class Audit(Analysis):
         return state.margins.one_loop_gain_margins if state.limit.stable else state.limits_others_open
 
     @property
-    def by_headroom(self) -> tuple[AuditedJoint, ...]:
+    def joints_tightest_first(self) -> tuple[AuditedJoint, ...]:
         """The joints, unsafe ones first, then those with the least headroom."""
         return tuple(sorted(self.joints, key=lambda joint: (joint.safe, unknown_first(joint.limit))))
 
@@ -357,7 +357,7 @@ def audit(
     if gearboxes is not None:
         states = [state for names in system.source.states if (state := state_of(system, *names)).moves]
         over = look_over(system, states, gearboxes, progress) if states else None
-        system = system if over is None else system.with_values(stiffness=over.worst.stiffness, damping=over.worst.damping)
+        system = system if over is None else system.with_values(stiffness=over.worst_look.stiffness, damping=over.worst_look.damping)
     found = Audit(system, analyze(system, progress, NUMBERS).every, over=over)
     if damping_ratio is None or not found.safe:
         return found

@@ -31,7 +31,7 @@ class RangeOfGearboxes:
     range   of each joint
     looks   all of them, the least and the most damped first, each from stiffest to softest
     mixed   how many of them are of gearboxes that differ, the last ones
-    worst   of those that are not safe, if there are some, the one that vibrates first; one whose limit is not known comes before all
+    worst_look   of those that are not safe, if there are some, the one that vibrates first; one whose limit is not known comes before all
     """
 
     range: GearboxRange
@@ -39,7 +39,7 @@ class RangeOfGearboxes:
     mixed: int
 
     @property
-    def worst(self) -> Gearboxes:
+    def worst_look(self) -> Gearboxes:
         return min(self.looks, key=_first)
 
     @property

@@ -86,7 +86,7 @@ class ExtraDelays:
         cases = [system.case_at(corner, posture, contact) for corner in corners]
         return cls(ends, {corner: extra_delay(case.system.loop(case.model)) for corner, case in zip(corners, cases, strict=True)})
 
-    def worst(self, system: System) -> tuple[float, Place]:
+    def least(self, system: System) -> tuple[float, Place]:
         """The least of all corners [s], and the corner."""
         corner = min(self.at, key=lambda corner: unknown_first(self.at[corner]))
         if not self.range:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..analysis.margin_record import GainLimit, Margins
-from ..design.robot_gains import GainSet, RobotGains, delay_margin_in_all, margins_at_rate, recommend_robot
+from ..design.gain_sets import GainSet, RobotGains
+from ..design.robot_gains import delay_margin_in_all, margins_at_rate, recommend_robot
 from ..design.side_by_side import Job, side_by_side
 from ..design.starting_gains import JointsAlone
 from ..errors import computable
@@ -24,7 +25,7 @@ from .state import USUAL_RATE, State, task_headroom
 
 EXPECTED_LOOKS = 250
 """Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
-NUMBERS = ("margins", "worst", "joints", "tasks")
+NUMBERS = ("margins", "worst_case", "joints", "tasks")
 
 
 @dataclass(frozen=True)

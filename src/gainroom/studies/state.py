@@ -148,7 +148,7 @@ class State:
         return margins_of(self.loop, self.largest_gains) if self.moves else Margins.unknown(GainLimit.unknown(self.model.size))
 
     @cached_property
-    def worst(self) -> Worst:
+    def worst_case(self) -> Worst:
         """Over the uncertainty: at the nominal values, and in every case that is looked at."""
         nominal = [("", self.margins)]
         if not (self.system.uncertainty.names and self.moves and self.margins.stable):
@@ -159,7 +159,7 @@ class State:
         if found.unstable_at or not math.isnan(found.margins.delay_margin) or self.system.control.kd_path is not None:
             return found
         extra = ExtraDelays.of(self.system, *place) if extra is None else extra
-        value, corner = extra.worst(self.system)
+        value, corner = extra.least(self.system)
         return found.with_delay_margin(value, self.system.case_at(corner, *place).place)
 
     @property
@@ -327,20 +327,20 @@ def _at_least_zero(entry: Floats, whole: Floats) -> Floats:
     return np.where(entry > IMMOBILE * np.abs(whole).max(), entry, 0.0)
 
 
-def by_headroom(limit: GainLimit) -> tuple[bool, float]:
+def limit_headroom(limit: GainLimit) -> tuple[bool, float]:
     """Sorts limits: unstable ones first, then the one with the least headroom. One that is not known (NaN) counts as far away."""
     return limit.stable, math.inf if math.isnan(limit.gain) else limit.gain
 
 
 def path_headroom(margins: Margins) -> tuple[bool, float]:
     """The same of what has two paths of gains: the least factor on all gains, or on those of one path."""
-    stable, gain = by_headroom(margins.limit)
+    stable, gain = limit_headroom(margins.limit)
     return stable, gain if margins.paths is None else min(gain, margins.paths.headroom)
 
 
 def task_headroom(state: State) -> tuple[bool, float]:
     """The same of states by the limits of their tasks; those without come last."""
-    return (True, math.inf) if state.task_limit is None else by_headroom(state.task_limit)
+    return (True, math.inf) if state.task_limit is None else limit_headroom(state.task_limit)
 
 
 def strongest_first(mode: Complexes) -> Integers:

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..robot.robot import Posture, Robot
+from ..robot.robot import Robot
 from ..system.controller import PD
 from ..system.system import System
 from .progress import Progress, quiet
 from .robot import RobotStudy, study_robot
 from .sweep.summary import SweepSummary
-from .sweep.workspace import checked_on, with_worst_of
+from .sweep.workspace import checked_on, with_postures, with_worst_of
 
 ROUNDS = 4
 """Of gains found and checked: what is worst depends on the gains."""
@@ -45,10 +45,6 @@ def _with_recommended(study: RobotStudy) -> System | None:
 
 def _with(system: System, found: SweepSummary) -> System:
     """With the worst posture of each contact state that is short of its margin."""
+    short = [contact.worst[0].angles for contact in found.contacts if contact.short]
     robot: Robot = system.source  # type: ignore[assignment]
-    postures = dict(robot.postures)
-    for contact in found.contacts:
-        if contact.short:
-            angles = dict(zip(robot.joint_names, contact.worst[0].angles.tolist(), strict=True))
-            postures[f"swept {len(postures) + 1}"] = Posture(robot.body, angles)
-    return replace(system, source=replace(robot, postures=postures))
+    return with_postures(system, {f"swept {k}": angles for k, angles in enumerate(short, len(robot.postures) + 1)})

@@ -12,6 +12,7 @@ from ..errors import GainroomError
 from .controller import Controller, gain_matrix
 from .drive import Drive
 from .gain_path import GainPath
+from .linear.arrays import Floats
 from .linear.state_space import StateSpace, realize
 from .linear.transfer_function import Factored, ratio
 from .plant import Plant
@@ -29,6 +30,11 @@ class Parts:
     feedback: Feedback
     sample_time: float | None
     kd_path: GainPath | None = None
+
+    @property
+    def delays(self) -> Floats:
+        """(n,) of the drives [s]."""
+        return np.array([drive.delay for drive in self.drives])
 
 
 def actuated_state(plant: Plant, drives: tuple[Drive, ...]) -> StateSpace:

@@ -20,7 +20,7 @@ from .drive import Drive
 from .elastic_joint import ElasticJoint
 from .gain_path import GainPath, samples_in_common
 from .linear.arrays import Booleans, Complexes, Floats, Integers
-from .linear.lti import factored_from, is_lti, sample_time_of
+from .linear.lti import factored_from, is_lti
 from .linear.state_space import StateSpace, hold, realize, split_delay
 from .linear.transfer_function import Factored, ratio
 from .measured_response import measured_signals, measured_state, sampled_scalar, unsampled_scalar
@@ -212,7 +212,7 @@ class Loop:
         """(n,) whole ticks of delay in sampled time."""
         assert self.parts is not None
         assert self.sample_time is not None
-        return split_delay(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)[0]
+        return split_delay(self.parts.delays, self.sample_time)[0]
 
     @cached_property
     def held(self) -> StateSpace:
@@ -220,7 +220,7 @@ class Loop:
         assert self.parts is not None
         assert self.sample_time is not None
         self.require_one_path("one sampled plant")
-        _, fraction = split_delay(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)
+        _, fraction = split_delay(self.parts.delays, self.sample_time)
         return hold(measured_state(self.parts, "position"), fraction * self.sample_time, self.sample_time)
 
     def response(self, omega: ArrayLike) -> Complexes:
@@ -321,7 +321,7 @@ def build_loop(
     parts = Parts(plant, drives, controller, feedback, sample_time, kd_path)
     if kd_path is not None:
         return _two_paths(parts)
-    delays = np.array([drive.delay for drive in drives]) if sample_time is None else np.zeros(plant.size)
+    delays = parts.delays if sample_time is None else np.zeros(plant.size)
     if plant.size > 1:
         loop = Loop(plant.size, sample_time, delays=delays, parts=parts)
         if plant.toppling is not None and controller.shaping(sample_time).unstable_poles == 0:
@@ -373,7 +373,7 @@ def loop_from(lti: Any, delay: float = 0.0, unstable_poles: int | None = None) -
             raise GainroomError(f"{type(lti).__name__} must be a python-control or scipy.signal LTI system, or a callable L(s)")
         return Loop(1, None, function=lti, delays=np.array([delay]), unstable_poles=unstable_poles or 0)
     system = factored_from(lti)
-    step = sample_time_of(lti) if not isinstance(lti, Factored) else lti.sample_time
+    step = system.sample_time
     if step is not None:
         ticks = round(delay / step)
         if abs(delay / step - ticks) > 1e-9:
@@ -384,23 +384,14 @@ def loop_from(lti: Any, delay: float = 0.0, unstable_poles: int | None = None) -
     if system.relative_degree == 0 and system.delay + delay > 0 and step is None and abs(system.gain) >= 1:
         raise GainroomError(f"loop: with a delay, |L(∞)| = {abs(system.gain):g} must be < 1 (else infinitely many roots are unstable)")
     total = Factored(system.zeros, system.poles, system.gain, system.delay + delay, step)
-    open_loop = realize(total)
+    open_loop, late = realize(total), np.array([total.delay])
     if step is not None:
-        lag = Drive(delay=total.delay)
-        open_loop, total_delay = open_loop @ _whole_ticks(lag.delay, step), 0.0
-    else:
-        total_delay = total.delay
+        open_loop, late = open_loop @ hold(StateSpace.gain(np.eye(1)), late, step), np.zeros(1)  # a chain of whole ticks before it
     count = total.unstable_poles if unstable_poles is None else unstable_poles
-    return Loop(1, step, total, ratio([1.0], [1.0], step), np.array([total_delay]), unstable_poles=count, given=open_loop)
-
-
-def _whole_ticks(delay: float, sample_time: float) -> StateSpace:
-    """A chain of whole ticks in front of a scalar sampled system."""
-    nothing = StateSpace.gain(np.eye(1))
-    return hold(nothing, np.array([delay]), sample_time)
+    return Loop(1, step, total, ratio([1.0], [1.0], step), late, unstable_poles=count, given=open_loop)
 
 
 def _unstable(poles: Complexes, sample_time: float | None) -> Booleans:
     """True where a pole in v grows by more than the round-off of an eigenvalue solver on repeated roots."""
     rate = poles.real if sample_time is None else poles.real + np.abs(poles) ** 2 * sample_time / 2
-    return rate > 1e-5 * np.abs(poles).max(initial=0.0) * 1e-2
+    return rate > 1e-7 * np.abs(poles).max(initial=0.0)

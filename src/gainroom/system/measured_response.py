@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from .assembly import Feedback, Parts, actuated_state, current_loop
+from .drive import Drive
 from .linear.sampling import sample
 from .linear.state_space import StateSpace, factored, hold, split_delay
 from .linear.transfer_function import Factored, ratio
@@ -19,7 +20,7 @@ def measured_signals(parts: Parts) -> StateSpace:
     """
     if parts.sample_time is None:
         return measured_state(parts, "position", "velocity")
-    return hold(measured_state(parts, "position", "position"), np.array([drive.delay for drive in parts.drives]), parts.sample_time)
+    return hold(measured_state(parts, "position", "position"), parts.delays, parts.sample_time)
 
 
 def measured_state(parts: Parts, *quantities: str) -> StateSpace:
@@ -68,12 +69,8 @@ def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:
 
 
 def _resting_transfer(plant: Plant, feedback: Feedback) -> Factored:
-    """P_M or P_L of one joint whose links rest on springs, from the second-order form."""
-    form = plant.mechanism()
-    states, inverse = len(form.mass), np.linalg.inv(form.mass)
-    a = np.block([[np.zeros((states, states)), np.eye(states)], [-inverse @ form.stiffness, -inverse @ form.damping]])
-    position = form.motor_position if feedback == "motor" else form.link_position
-    system = StateSpace(a, np.vstack([np.zeros((states, 1)), inverse @ form.force]), np.hstack([position, 0 * position]), np.zeros((1, 1)))
-    poles = np.linalg.eigvals(a)
+    """P_M or P_L of one joint whose links rest on springs, from its state space."""
+    system = actuated_state(plant, (Drive(),)).between(np.arange(1), np.array([0 if feedback == "motor" else 1]))
+    poles = np.linalg.eigvals(system.a)
     poles[np.abs(poles) < 1e-6 * np.abs(poles).max()] = 0.0  # a joint free to turn: its double integrator comes out to half the digits
     return factored(system, poles, None)

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import case_text
+from .assembly import Feedback
 from .controller import PD
 from .drive import Drive
 from .elastic_joint import ElasticJoint
 from .filters import LowPass, Notch
 from .gain_path import GainPath
 from .linear.arrays import Booleans, Floats
-from .loop import Feedback, Loop, build_loop
+from .loop import Loop, build_loop
 from .plant import Plant
 from .requirements import Requirements
 from .uncertainty import NOMINAL, Place, Uncertainty

@@ -6,13 +6,11 @@ digits, `_`, `-`, `.` and blanks as an octal escape: no name ends a string, a li
 
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...errors import GainroomError
-from ...io.atomic import replacement
 
 LONGEST_NAME = 40
 PLAIN = frozenset(b"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-. ")
@@ -142,12 +140,6 @@ def header_text(name: str, sizes: Mapping[str, int], constants: Sequence[Constan
     text = re.sub(rf"(?<![A-Z_])({'|'.join(sizes)})(?![A-Z_])", lambda found: str(sizes[found[0]]), TEMPLATE)
     text = text.replace("GUARD", name.upper()).replace("NAME", name)
     return text.replace("DATA\n", "".join(_definition(name, one) for one in constants))  # last: names in it are not looked at
-
-
-def write_header(path: Path, text: str) -> None:
-    """The whole file or none. Raises GainroomError where it cannot be written."""
-    with replacement(path) as temporary:
-        temporary.write_text(text, "ascii")
 
 
 def string(text: str) -> str:

@@ -24,9 +24,10 @@ from numpy.typing import ArrayLike
 
 from ...analysis.gain_limit import gain_limit
 from ...errors import GainroomError, first_of_many, nearest, require_count, require_finite, require_positive
+from ...io.atomic import write_text
 from ...system.controller import PD
 from ...system.linear.arrays import Floats
-from .c_header import Constant, header_text, write_header
+from .c_header import Constant, header_text
 from .scheduler import GainTable
 
 if TYPE_CHECKING:
@@ -183,7 +184,7 @@ class PostureTable:
         """
         sizes = {"JOINTS": len(self.joints), "FEATURES": len(self.features), "CONTACTS": len(self.contacts), "POINTS": self.limits[0].size}
         day = datetime.now(UTC).strftime("%Y-%m-%d") if date is None else date
-        write_header(Path(path), header_text(name, sizes, self._constants(day)))
+        write_text(Path(path), header_text(name, sizes, self._constants(day)))
 
     def _constants(self, day: str) -> list[Constant]:
         from ... import __version__

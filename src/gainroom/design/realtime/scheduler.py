@@ -31,7 +31,7 @@ from ...system.linear.arrays import Floats
 from ...system.requirements import Requirements
 
 if TYPE_CHECKING:
-    from ..robot_gains import RobotGains
+    from ..gain_sets import RobotGains
 
 RISE = 60.0
 """[dB/s]"""

@@ -25,7 +25,6 @@ from .carried import joint_gains, joint_table, require_carried, require_leads
 from .task_rows import TaskRows
 
 if TYPE_CHECKING:
-    from ...robot.contact import Contact
     from ...robot.robot import Robot
 
 SETTLING, WIDENING = 20_000, 1000
@@ -125,7 +124,7 @@ class GainTracker:
             sizes = [len(task.directions(robot.joint_names)) for task in tasks.tasks]
             self._tasks, self._core = TaskRows(body, tasks.tasks), _core.GainTracker(*machine, sizes, self.gains, rotors, MOVABLE)
         self._states = {
-            name: _State(index, tuple(_held_frame(body, contact) for contact in state))
+            name: _State(index, tuple((body.frame_index(one.frame), None if len(one.rows) == 6 else list(one.rows)) for one in state))
             for index, (name, state) in enumerate(zip(names, held, strict=True))
             if not (self._floating and 0 < rows[index] < HOLDING)
         }
@@ -264,10 +263,6 @@ class _State(NamedTuple):
 
     number: int
     frames: "tuple[tuple[int, list[int] | None], ...]"
-
-
-def _held_frame(body: Any, contact: "Contact") -> tuple[int, list[int] | None]:
-    return body.frame_index(contact.frame), None if len(contact.rows) == 6 else list(contact.rows)
 
 
 def _system(robot: "Robot", control: Control | PD | None) -> System:

@@ -205,8 +205,8 @@ class _Tree:
         """Armature and damping, the same for each velocity of the joint: of a free one they are in no axes of their own."""
         model, record = self.mujoco_model, self.result.joints[joint]
         velocities = slice(record.idx_v, record.idx_v + record.nv)
-        self._put("armature", velocities, _armature(model, index))
-        self._put("damping", velocities, _damping(model, index))
+        self._put("armature", velocities, _joint_and_actuators(model, "armature", index))
+        self._put("damping", velocities, _joint_and_actuators(model, "damping", index))
 
     def _put(self, name: str, at: slice, value: float) -> None:
         values = np.array(getattr(self.result, name))
@@ -289,21 +289,13 @@ def _not_counted(model: Any) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _armature(model: Any, joint: int) -> float:
-    """Armature of a joint, and of the actuators on it, which stand before their gear [kg m²; kg if prismatic]."""
-    return float(model.dof_armature[model.jnt_dofadr[joint]]) + _actuators_part(model, "armature", joint)
-
-
-def _damping(model: Any, joint: int) -> float:
-    """Likewise [N m s/rad; N s/m if prismatic]."""
-    return float(model.dof_damping[model.jnt_dofadr[joint]]) + _actuators_part(model, "damping", joint)
-
-
-def _actuators_part(model: Any, name: str, joint: int) -> float:
+def _joint_and_actuators(model: Any, name: str, joint: int) -> float:
+    """Armature [kg m²; kg if prismatic] or damping [N m s/rad; N s/m] of a joint, and of the actuators on it, which stand before a gear."""
+    whole = float(getattr(model, f"dof_{name}")[model.jnt_dofadr[joint]])
     count = len(model.actuator_trnid)  # nu counts inputs, of which a <pid> has two
     before_gear = getattr(model, f"actuator_{name}", np.zeros(count))  # since MuJoCo 3.5
     own = [index for index in range(count) if model.actuator_trnid[index, 0] == joint]
-    return sum(float(before_gear[index] * model.actuator_gear[index, 0] ** 2) for index in own)
+    return whole + sum(float(before_gear[index] * model.actuator_gear[index, 0] ** 2) for index in own)
 
 
 def _body_name(model: Any, body: int) -> str:

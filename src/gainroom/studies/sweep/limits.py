@@ -66,7 +66,8 @@ class StateLimits:
 
     def limits(self, angles: Floats) -> Limits:
         """At joint positions `angles` (k, n) [rad; m if prismatic]. The same for the same `angles`, to the last bit."""
-        found = _unknown(len(angles))
+        gain, lower, frequency = (np.full(len(angles), math.nan) for _ in range(3))
+        found = Limits(gain, lower, frequency, np.full(len(angles), -1), np.zeros(len(angles), dtype=bool))
         postures = configurations(self._body, angles)
         core = self._core
         stacks = None if core is None else self._stacks(postures)
@@ -169,8 +170,3 @@ def configurations(body: RigidBody, angles: Floats) -> Floats:
         for at, column in enumerate(columns):
             found[:, joint.idx_q + at] = column
     return found
-
-
-def _unknown(count: int) -> Limits:
-    gain, lower, frequency = (np.full(count, math.nan) for _ in range(3))
-    return Limits(gain, lower, frequency, np.full(count, -1), np.zeros(count, dtype=bool))

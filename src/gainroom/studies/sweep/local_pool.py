@@ -6,7 +6,6 @@ them end when this process ends, however it does.
 
 import contextlib
 import multiprocessing
-import os
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -22,11 +21,6 @@ MOST_DEATHS = 3
 PATIENCE = 0.1
 """[s] after which it is asked whether to stop."""
 Stop = Callable[[], bool]
-
-
-def cores() -> int:
-    """That this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_this_process(plan: SweepPlan, tasks: Iterator[Task], stop: Stop) -> Iterator[tuple[Task, Limits]]:

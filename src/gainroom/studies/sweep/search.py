@@ -23,7 +23,7 @@ def searched(summary: SweepSummary) -> SweptPosture | None:
     """
     plan = summary.plan
     low, high = plan.postures.low, plan.postures.high
-    found = summary.worst
+    found = summary.worst_posture
     if found is None or not found.gain > 0 or not np.any(high > low):
         return found
     for contact in summary.contacts:

@@ -118,7 +118,7 @@ class SweepSummary:
         return self.count == self.plan.states
 
     @property
-    def worst(self) -> SweptPosture | None:
+    def worst_posture(self) -> SweptPosture | None:
         """The lowest limit of all; None where none is known."""
         found = [one.worst[0] for one in self.contacts if one.worst]
         return min(found, key=lambda one: (one.gain, one.draw, one.contact, one.number)) if found else None
@@ -151,7 +151,7 @@ class SweepSummary:
     @property
     def scale(self) -> float:
         """The factor on all gains with which the margin holds in every posture swept; NaN where a limit is not known, or no factor does."""
-        worst = self.worst
+        worst = self.worst_posture
         unsure = self.unknown or self.uncertified or worst is None
         scale = math.nan if unsure or worst is None else worst.gain / self.margin
         return scale if scale > 0 and scale >= self.lower * self.margin else math.nan

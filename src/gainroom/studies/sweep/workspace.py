@@ -1,19 +1,20 @@
 """A whole workspace in passing: postures that a command was not asked for, and gains checked in those of a sweep that is there."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...design.side_by_side import cores
 from ...errors import GainroomError
 from ...robot.robot import Posture, Robot
 from ...system.linear.arrays import Floats
 from ...system.system import System
 from ..progress import Progress, quiet
 from .limits import StateLimits
-from .local_pool import cores, in_processes, in_this_process
+from .local_pool import in_processes, in_this_process
 from .plan import SweepPlan
 from .postures import Samples, Trajectory, sampled
 from .store import open_sweep
@@ -31,23 +32,19 @@ PART = 65536
 """Postures that are read at a time."""
 
 
-def over_workspace(
-    system: System, samples: int, margin: float | None = None, progress: Progress = quiet, workers: int | None = None
-) -> SweepSummary:
+def over_workspace(system: System, samples: int, margin: float | None = None, progress: Progress = quiet) -> SweepSummary:
     """Limits within the joints' limits in every contact state; `margin` in place of the gain margin that the system asks for.
-
-    workers   processes; None: as many as there are cores
 
     Raises GainroomError as `sampled` does, and for closed loops.
     """
     robot = system.source
     if not isinstance(robot, Robot):
         raise GainroomError(f"{robot.name}: a workspace is a robot's")
-    return summary_of(SweepPlan(system, _workspace(robot, samples), tuple(robot.contacts)), margin, progress, workers)
+    return summary_of(SweepPlan(system, _workspace(robot, samples), tuple(robot.contacts)), margin, progress)
 
 
 def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress = quiet, workers: int | None = None) -> SweepSummary:
-    """The summary of a plan that is computed without being kept."""
+    """The summary of a plan that is computed without being kept; `workers`: processes, None: as many as there are cores."""
     tasks = map(plan.task, range(plan.tasks))
     count = min(cores() if workers is None else workers, plan.tasks)
     results = in_processes(plan, tasks, lambda: False, count) if count > 2 else in_this_process(plan, tasks, lambda: False)
@@ -93,7 +90,7 @@ def latin_hypercube(count: int, size: int) -> Floats:
 
 def worse_posture(found: SweepSummary | None, known: float) -> tuple[SweepSummary, SweptPosture] | None:
     """A posture of a glance with a limit clearly below `known`, the lowest of those that were asked for; None where it has none."""
-    worst = None if found is None or not np.isfinite(known) else found.worst
+    worst = None if found is None or not np.isfinite(known) else found.worst_posture
     return None if worst is None or found is None or not worst.gain < WORSE * known else (found, worst)
 
 
@@ -102,19 +99,21 @@ def with_worst_of(system: System, store: Path) -> System:
 
     Raises GainroomError where the store is none, or of a robot with other joints or contact states.
     """
+    found, contacts = _stored(system.source, store)  # type: ignore[arg-type]
+    rows = dict.fromkeys(_lowest(found, contact) for contact in range(len(contacts)))
+    return with_postures(system, {f"sweep {row}": found.angles[row].values for row in rows})
+
+
+def with_postures(system: System, named: Mapping[str, Floats]) -> System:
+    """The system with further postures, by name the positions (n,) of its joints."""
     robot: Robot = system.source  # type: ignore[assignment]
-    found, contacts = _stored(robot, store)
-    postures = dict(robot.postures)
-    for row in dict.fromkeys(_lowest(found, contact) for contact in range(len(contacts))):
-        values = dict(zip(robot.joint_names, found.angles[row].values.tolist(), strict=True))
-        postures[f"sweep {row}"] = Posture(robot.body, values)
-    return replace(system, source=replace(robot, postures=postures))
+    more = {name: Posture(robot.body, dict(zip(robot.joint_names, values.tolist(), strict=True))) for name, values in named.items()}
+    return replace(system, source=replace(robot, postures={**robot.postures, **more}))
 
 
 def checked_on(system: System, store: Path, progress: Progress = quiet) -> SweepSummary:
     """Limits of the system's gains in the postures of a sweep, at most CHECKED of them, evenly chosen."""
-    robot: Robot = system.source  # type: ignore[assignment]
-    found, contacts = _stored(robot, store)
+    found, contacts = _stored(system.source, store)  # type: ignore[arg-type]
     count = found.sizes["posture"]
     chosen = found.angles[np.unique(np.linspace(0, count - 1, min(count, CHECKED)).astype(int))].values
     return summary_of(SweepPlan(system, Trajectory(chosen), contacts), progress=progress)

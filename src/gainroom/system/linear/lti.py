@@ -9,7 +9,7 @@ from .state_space import StateSpace, factored
 from .transfer_function import Factored, polynomial_roots
 
 
-def sample_time_of(system: Any) -> float | None:
+def _sample_time_of(system: Any) -> float | None:
     """T_s [s], or None for continuous time."""
     step = getattr(system, "dt", None)
     if step is None or (step == 0 and not isinstance(step, bool)):
@@ -46,7 +46,7 @@ def _checked(system: Factored) -> Factored:
 
 
 def _read(system: Any) -> Factored:
-    step = sample_time_of(system)
+    step = _sample_time_of(system)
     if hasattr(system, "num") and hasattr(system, "den"):
         num, den = _polynomial(system.num), _polynomial(system.den)
         if not np.any(num):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ...errors import GainroomError
 from ...native import _core
 from .arrays import Complexes, Floats, Integers, distinct
-from .transfer_function import Factored
+from .transfer_function import Factored, paired
 
 IN_CACHE = 250_000  # entries of all matrices that are solved at a time: more would leave the processor's cache
 
@@ -221,8 +221,7 @@ def zeros_of(system: StateSpace) -> Complexes:
         # Newton may only polish: a step that leaves the neighbourhood belongs to a zero that the pencil places better.
         roots = np.where(np.abs(step) < 1e-3 * np.abs(roots), roots - step, roots)
     roots.imag[np.abs(roots.imag) <= 1e-12 * np.abs(roots)] = 0.0
-    upper = roots[roots.imag > 0]
-    return np.concatenate([roots[roots.imag == 0], upper, upper.conj()])
+    return paired(roots)
 
 
 def factored(system: StateSpace, poles: Complexes, sample_time: float | None) -> Factored:

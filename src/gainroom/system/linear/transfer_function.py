@@ -125,7 +125,7 @@ def _roots(poly: list[float]) -> Complexes:
     scale = abs(trimmed[-1] / trimmed[0]) ** (1 / (len(trimmed) - 1))
     roots = np.roots(trimmed * scale ** np.arange(len(trimmed) - 1, -1, -1.0)).astype(complex) * scale
     roots.real[np.abs(roots.real) < 1e-14 * np.abs(roots)] = 0.0
-    return np.append(at_zero, _paired(roots))
+    return np.append(at_zero, paired(roots))
 
 
 def _without_leading_zeros(coefficients: ArrayLike) -> list[float]:
@@ -134,7 +134,7 @@ def _without_leading_zeros(coefficients: ArrayLike) -> list[float]:
     return poly[first:]
 
 
-def _paired(roots: Complexes) -> Complexes:
+def paired(roots: Complexes) -> Complexes:
     """`roots` made exactly closed under conjugation."""
     upper = roots[roots.imag > 0]
     return np.concatenate([roots[roots.imag == 0], upper, upper.conj()])
