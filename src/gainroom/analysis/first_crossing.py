@@ -317,7 +317,7 @@ def _told_apart(sweep: Sweep, off: Callable[[Complexes], Floats], at: "At", limi
     off, at   (k, r) how far each of λ (k, r) is from the line, with the sign of its side; the number at which it would cross, at ω (k,)
     limit     of that number: what comes later does not matter
     """
-    rows = np.arange(len(sweep.omega) - 1)
+    rows = np.flatnonzero(~sweep.passive)
     for _ in range(SEARCH.exchanges):
         steps, omega = sweep.steps(rows), sweep.omega[rows]
         ends = [(off(value), at(place[:, None], value)) for place, value in ((omega, steps.start), (sweep.omega[rows + 1], steps.end))]
@@ -333,21 +333,23 @@ def _told_apart(sweep: Sweep, off: Callable[[Complexes], Floats], at: "At", limi
 
 def _may_exchange(steps: Steps, off: tuple[Floats, Floats], at: tuple[Floats, Floats], limit: float) -> Booleans:
     """(k,) where two loci, `off` the line (k, r) at both ends of a step, are nearer to each other's next places than is clear."""
-    own, size = np.abs(steps.end - steps.start), steps.start.shape[1]
-    found = np.zeros(len(own), dtype=bool)
-    first, second = np.triu_indices(size, 1)
-    for some in np.array_split(np.arange(len(own)), len(own) * len(first) // SEARCH.compared + 1):
+    moves = np.abs(off[1] - off[0]).max(axis=1, initial=0.0)
+    near = np.minimum(np.abs(off[0]), np.abs(off[1])) <= SEARCH.apart * moves[:, None]
+    rows = np.flatnonzero(np.count_nonzero(near, axis=1) > 1)
+    found = np.zeros(len(near), dtype=bool)
+    first, second = np.triu_indices(near.shape[1], 1)
+    for some in np.array_split(rows, len(rows) * len(first) // SEARCH.compared + 1):
         spans = []  # of the line, and of the number: as far as the four reach, and a part of it beyond
         for ends in (off, at):
             four = [end[some][:, pair] for end in ends for pair in (first, second)]
             low, high = np.minimum.reduce(four), np.maximum.reduce(four)
             spans.append((low - SEARCH.beyond * (high - low), high + SEARCH.beyond * (high - low)))
         (least, most), (soon, _) = spans
-        rows, pairs = np.nonzero((least < 0) & (most > 0) & (soon < limit))
-        a, b, c, d = (each[some[rows], pair[pairs]] for each in (steps.start, steps.end) for pair in (first, second))
+        places, pairs = np.nonzero((least < 0) & (most > 0) & (soon < limit))
+        a, b, c, d = (each[some[places], pair[pairs]] for each in (steps.start, steps.end) for pair in (first, second))
         straight, swapped = np.abs(c - a) + np.abs(d - b), np.abs(d - a) + np.abs(c - b)
         apart = np.maximum(np.abs(a - b), np.abs(c - d)) > SEARCH.equal * np.abs(a)
-        found[some[rows[apart & (swapped < SEARCH.apart * straight)]]] = True
+        found[some[places[apart & (swapped < SEARCH.apart * straight)]]] = True
     return found
 
 

@@ -219,7 +219,8 @@ def _terminal(
     verbose: bool,
 ) -> str:
     """`call`, `written`: see what_to_do; `gains_run`: where; `verbose`: also every contact state and joint, and all that is assumed."""
-    from ..report.audit_text import audit_warnings, not_required, reason, verdict, what_to_do
+    from ..report.audit_advice import what_to_do
+    from ..report.audit_text import audit_warnings, not_required, reason, verdict
     from ..report.columns import definitions
     from ..report.gearboxes import CAPTION, gearbox_assumptions, look_columns, shown_looks
     from ..report.robot_columns import audited_joints, audited_states, joint_caption, legend

@@ -9,8 +9,9 @@ from ..errors import apart, at_frequency, listed
 from ..studies.audit import Audit
 from ..system.requirement import Requirement, enough
 from ..system.requirements import REQUIREMENTS
+from .audit_advice import what_to_do
 from .audit_headroom import PATHS, headroom, headroom_rows, row_of_verdict
-from .audit_text import audit_sentence, audit_warnings, besides, reason, verdict, what_to_do
+from .audit_text import audit_sentence, audit_warnings, besides, reason, verdict
 from .columns import Column, definitions, tabulated, yes
 from .gearboxes import gearbox_assumptions, needed_table
 from .margin_columns import margin_value, requirement
