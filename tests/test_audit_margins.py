@@ -10,7 +10,7 @@ import yaml
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.studies.audit import audit, required_of
 from test_needed_stiffness import continuous_limit
 
@@ -31,7 +31,7 @@ def asked(capsys: pytest.CaptureFixture[str], *options: str, model: str = LEG) -
 
 def test_python_asks_for_the_gain_margin_that_the_command_line_asks_for(capsys: pytest.CaptureFixture[str]):
     """6 dB is one number, 10^(6/20), wherever nothing else is said."""
-    system = audit_spec(LEG, None, AuditOptions(2.0, rate_hz=2000.0))
+    system = audited(LEG, None, AuditOptions(2.0, rate_hz=2000.0)).system
     _, told = asked(capsys, "--delay-ms", "2", "--rate-hz", "2000")
     assert told["required"]["gain_margin_db"] == 6.0
     assert required_of(system).gain_margin == gr.Requirements.usual().gain_margin == 10 ** (6 / 20)

@@ -96,5 +96,7 @@ def test_values_beyond_all_reckoning_are_unstable_and_what_is_not_known_is_said(
     )
     assert main(["joint", str(path)]) == 1
     printed = capsys.readouterr().out
-    assert " ".join(printed.split()).startswith("Not safe: unstable. Whether lower gains in the same ratio are stable is not known.")
+    doubts, verdict = " ".join(printed.split()).split(" Not safe: ", 1)
+    assert doubts.startswith("Warning: motor_inertia 1·10⁻¹² kg·m² is far outside the usual")
+    assert verdict.startswith("unstable. Whether lower gains in the same ratio are stable is not known.")
     assert "could not be certified" in printed.replace("\n", " ")
