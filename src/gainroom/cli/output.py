@@ -136,21 +136,17 @@ def _typed(lines: Iterable[str]) -> list[Any]:
     return [Text(printable("  " + line), no_wrap=True) for line in lines]
 
 
-def few(warnings: Sequence[str], most: int) -> list[str]:
-    """The first warnings, and how many more there are."""
-    more = len(warnings) - most
-    return [*warnings[:most], *([f"{more} more: --verbose"] if more > 0 else [])]
-
-
 def warned_first(warnings: Sequence[str], most: int | None = None) -> tuple[list[Any], list[str]]:
-    """Lines that stand before the answer, as what they warn of makes its numbers doubtful, and the other warnings.
+    """Lines that stand before the answer, as what they warn of makes its numbers doubtful; the other warnings, and how many are not shown.
 
-    most   warnings that are shown, in all; None: every one
+    most   of either that are shown, so that many doubts hide nothing else; None: every one
     """
-    from ..system.plausibility import by_doubt, doubts_first
+    from ..system.plausibility import by_doubt
 
-    doubts, others = by_doubt(doubts_first(warnings) if most is None else few(doubts_first(warnings), most))
-    return [*closing({}, doubts), ""] if doubts else [], others
+    doubts, others = by_doubt(warnings)
+    first, after = doubts[:most], others[:most]
+    more = len(doubts) + len(others) - len(first) - len(after)
+    return [*closing({}, first), ""] if first else [], [*after, *([f"{more} more: --verbose"] if more else [])]
 
 
 def closing(files: Mapping[str, Path | None], warnings: Iterable[str], assumed: Iterable[str] = (), notes: Iterable[str] = ()) -> list[Any]:
