@@ -361,3 +361,19 @@ def test_met_to_round_off_and_no_further(name: str):
         assert (shown == margin_value(asked, name, needed, True, 3)) is met
     assert asked.met(name, nan) is False
     assert gr.Requirements(**{other: getattr(asked, other) for other in asked.asked if other != name}).met(name, needed) is None
+
+
+@pytest.mark.parametrize("mended", [True, False])
+def test_gains_that_fail_a_closer_look_are_searched_once_more(monkeypatch, mended):
+    """Where the second search is no better the case is named: it is that for which none were found."""
+    case, careful, exact = case_of(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0).plant()), [], Case.all_margins
+
+    def closer(self: Case, gains: np.ndarray) -> Margins:
+        found = exact(self, gains)
+        return found if mended and careful else replace(found, phase_margin=0.1)
+
+    monkeypatch.setattr(Case, "all_margins", closer)
+    monkeypatch.setattr(Case, "be_careful", lambda self: careful.append(self))
+    found = raised_gains([case], soft(1), np.ones(1), [[0]], 1e9)
+    assert careful == [case]
+    assert (found.holds, found.failed) == ((True, ()) if mended else (False, (0,)))

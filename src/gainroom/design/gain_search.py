@@ -130,7 +130,7 @@ class _Search:
                 found = self.proved(gains)
                 kept = all(case.required.met_by(one) for case, one in zip(self._cases, found.margins, strict=True))
                 if careful or kept:
-                    return replace(found, holds=kept)
+                    return replace(found, holds=kept, failed=() if kept else active)
                 gains = found.gains
             for case in self._cases:
                 case.be_careful()
