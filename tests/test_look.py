@@ -173,6 +173,27 @@ def test_margins_move_as_they_are_said_to(number):
     assert count + both(logarithms, 1e-5, 0.05, 1.5e-6) > 0  # four parabolas find a height to about a millionth
 
 
+@pytest.mark.parametrize("number", [0, 2, 7, 10, 13])
+def test_the_first_that_is_broken_is_found_where_there_is_one(number):
+    """What is asked to end with the first margin below a bound, or peak above it, against all of them, at gains a little further."""
+    pair, along = machine_of(chain, number)
+    seen = look(along.loop(pair), along.gains, WHOLE)
+    gains, count = along.gains * 1.02, 0
+    for locus in (True, False):
+        for axis in (True, False):
+            every = np.abs(seen.crossings(gains, locus, axis, 2.5)[0][:, 0])
+            for bound in (0.5 * every.min(initial=1.0), *np.sort(every)[:3] * 1.001):
+                found = seen.crossings(gains, locus, axis, 2.5, bound)[0][:, 0]
+                broken = bool(np.any(every < bound))
+                assert (len(found) == 1 and abs(found[0]) < bound) if broken else len(found) == len(every)
+                count += broken
+    every = seen.peaks(gains, 1.05, 1.0, 0.0)[0][:, 0]
+    for bound in (1.001 * every.max(initial=1.05), *np.sort(every)[-2:] * 0.999):
+        found = seen.peaks(gains, 1.05, 1.0, 0.0, bound)[0][:, 0]
+        assert (len(found) == 1 and found[0] > bound) if np.any(every > bound) else len(found) == len(every)
+    assert count > 0
+
+
 @pytest.mark.parametrize("number", range(20))
 def test_crossings_of_nearly_equal_joints_are_all_found(number):
     """Each once, of gains a little further than those looked at: of joints that do not feel each other, by the scan of each alone.
@@ -212,8 +233,25 @@ def test_eigenvalues(size):
         np.triu(shapes[1]),
         np.diag(10.0 ** np.arange(-8, size - 8)) @ shapes[2],
     ]
-    for matrix in shapes:
-        own, right = _core.eigenvalues(matrix)[0], np.linalg.eigvals(matrix)
+    symmetric = [matrix + matrix.T for matrix in shapes[:5]]
+    units = np.exp(rng.normal(size=size) * 3 + 2j * rng.normal(size=size))
+    passive = symmetric[0].real @ symmetric[0].real + 0.1j * np.diag(rng.uniform(size=size))  # as of joints: nearly real
+    isotropic = passive.astype(complex)
+    isotropic[0, 1:3] = isotropic[1:3, 0] = [1.0, 1.0j][: len(isotropic[0, 1:3])]  # xᵀx = 0 in its first row, and little else there
+    isotropic[0, 3:] = isotropic[3:, 0] = 0.0
+    shapes += [
+        *symmetric,
+        units[:, None] * symmetric[1] / units,  # symmetric in other units
+        units[:, None] * passive / units,
+        np.where(np.arange(size) == size // 2, 0.0, passive),  # a joint without gains
+        np.kron(np.eye(2), passive)[:size, :size],  # limbs that do not feel each other
+        passive[0, 0] * np.eye(size),
+        np.tile(passive[:1, :1], (size, size)),  # of rank 1: 0 again and again
+        isotropic,
+        *(10.0**power * symmetric[2] for power in (-120, -30, 30, 120)),
+    ]
+    for matrix, own in zip(shapes, _core.eigenvalues(np.array(shapes)), strict=True):
+        right = np.linalg.eigvals(matrix)
         pairs = np.abs(own[:, None] - right[None, :])
         assert pairs.min(axis=1).max() <= 1e-10 * np.abs(matrix).max() * size
         assert pairs.min(axis=0).max() <= 1e-10 * np.abs(matrix).max() * size

@@ -98,14 +98,14 @@ class LooksApart:
     def delay(self) -> tuple[float, float]:
         return min((one.delay() for _, one in self._looks), key=lambda each: each[0])
 
-    def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float) -> tuple[Floats, Floats]:
-        return self._of_all(gains, lambda one, own: one.crossings(own, locus, axis, reach))
+    def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float, until: float = 0.0) -> tuple[Floats, Floats]:
+        return self._of_all(gains, lambda one, own: one.crossings(own, locus, axis, reach, until))
 
     def delays(self, gains: Floats, longest: float) -> tuple[Floats, Floats]:
         return self._of_all(gains, lambda one, own: one.delays(own, longest))
 
-    def peaks(self, gains: Floats, least: float, slope: float, offset: float) -> tuple[Floats, Floats]:
-        return self._of_all(gains, lambda one, own: one.peaks(own, least, slope, offset))
+    def peaks(self, gains: Floats, least: float, slope: float, offset: float, until: float = math.inf) -> tuple[Floats, Floats]:
+        return self._of_all(gains, lambda one, own: one.peaks(own, least, slope, offset, until))
 
     def ends(self, gains: Floats, locus: bool, reach: float) -> tuple[Floats, Floats]:
         return self._of_all(gains, lambda one, own: one.ends(own, locus, reach))

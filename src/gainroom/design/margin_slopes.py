@@ -6,7 +6,7 @@ return ratios and S_ii come near what is excluded, and how these places move (lo
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -172,10 +172,10 @@ class Case:
         """
         if not self._anchor:
             return ""
-        curves = _Curves(self, gains, self._anchor[0][1], FOLLOWED, followed=True)
+        curves = _Curves(self, gains, self._anchor[0][1], FOLLOWED, followed=True, broken=True)
         asked = sorted(self.required.asked_for, key=lambda each: each[0].name not in self._broke)
         for one, needed in asked:
-            if any(np.any(part.missed > BROKEN) for _, part in one.slopes(curves, needed)):
+            if any(_broken(part) for _, part in one.slopes(curves, needed)):
                 self._broke[:] = [one.name]
                 return one.name
         return ""
@@ -263,6 +263,7 @@ class _Curves:
     """What requirements ask of the loops of a case: what is missed or met by less than `near`, about where they were seen.
 
     followed   True: where gains are only a little further than where loops were seen; what is not followed is left out
+    broken     True: nothing is asked but whether anything is broken; what comes after the first such is left out, and how it moves
 
     Parts come with their place, peaks first, then loci, return ratios and ends: where a search is flat, their order decides by round-off.
     """
@@ -272,6 +273,7 @@ class _Curves:
     seen: Seen
     near: float
     followed: bool = False
+    broken: bool = False
 
     def slopes(self) -> Slopes:
         """Everything that is required."""
@@ -288,20 +290,36 @@ class _Curves:
 
     def at_axis(self, name: str, factor: float) -> list[Part]:
         """Gain margins: where loci and return ratios are real and negative."""
-        found, needed = [], math.log(factor)
-        for place, locus in ((PEAKS + 1, True), (PEAKS + 2, False)):
-            crossings = self.seen.crossings(self.gains, locus, True, needed + self.near)
-            found.append((place, _limited(needed, *self._moving(crossings), 1.0, name)))
-            ends = self.seen.ends(self.gains, locus, needed + self.near)
-            found.append((ENDS, _limited(needed, *self._moving(ends), 1.0, name)))
-        return found
+        needed = math.log(factor)
+        until = needed - BROKEN if self.broken else 0.0
+
+        def parts() -> Iterator[Part]:
+            for place, locus in ((PEAKS + 1, True), (PEAKS + 2, False)):
+                crossings = self.seen.crossings(self.gains, locus, True, needed + self.near, until)
+                yield place, _limited(needed, *self._moving(crossings), 1.0, name)
+                ends = self.seen.ends(self.gains, locus, needed + self.near)
+                yield ENDS, _limited(needed, *self._moving(ends), 1.0, name)
+
+        return self._as_far_as_asked(parts())
 
     def at_circle(self, name: str, angle: float) -> list[Part]:
         """Phase margins: where loci and return ratios are of size 1."""
+        until = angle * (1 - BROKEN) if self.broken else 0.0
+
+        def parts() -> Iterator[Part]:
+            for place, locus in ((PEAKS + 1, True), (PEAKS + 2, False)):
+                crossings = self.seen.crossings(self.gains, locus, False, angle * (1 + self.near), until)
+                yield place, _limited(angle, *self._moving(crossings), angle, name)
+
+        return self._as_far_as_asked(parts())
+
+    def _as_far_as_asked(self, parts: Iterator[Part]) -> list[Part]:
+        """All of them, or as far as the first that is broken."""
         found = []
-        for place, locus in ((PEAKS + 1, True), (PEAKS + 2, False)):
-            crossings = self.seen.crossings(self.gains, locus, False, angle * (1 + self.near))
-            found.append((place, _limited(angle, *self._moving(crossings), angle, name)))
+        for part in parts:
+            found.append(part)
+            if self.broken and _broken(part[1]):
+                break
         return found
 
     def at_delays(self, name: str, longest: float) -> list[Part]:
@@ -313,7 +331,8 @@ class _Curves:
 
     def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[Part]:
         """Where |slope S_ii + offset| is largest: a change of place changes nothing there."""
-        height, moves = self._moving(self.seen.peaks(self.gains, ceiling * math.exp(-self.near), slope, offset))
+        until = ceiling * math.exp(BROKEN) if self.broken else math.inf
+        height, moves = self._moving(self.seen.peaks(self.gains, ceiling * math.exp(-self.near), slope, offset, until))
         return [(PEAKS, Slopes(np.log(height / ceiling), moves, (name,) * len(height)))]
 
     def by_differences(self, requirement: Requirement, needed: float) -> list[Part]:
@@ -336,6 +355,10 @@ class _Curves:
             there = missed(moved(gains, step, case.cascade))
             slope[0][place] = (there - here) / DIFFERENCE if math.isfinite(there) else BELIEVED
         return [(PEAKS, _believed(np.array([here]), slope, requirement.name))]
+
+
+def _broken(part: Slopes) -> bool:
+    return bool(np.any(part.missed > BROKEN))
 
 
 def _limited(needed: float, margin: Floats, moves: Floats, unit: float, name: str) -> Slopes:

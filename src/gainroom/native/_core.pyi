@@ -258,8 +258,11 @@ class GainTracker:
     @property
     def passive_frequency(self) -> float: ...
 
-def eigenvalues(matrix: Complexes) -> Complexes:
-    """(1, n) of a matrix (n, n), as eigenvalues.hpp finds them."""
+def eigenvalues(matrices: Complexes) -> Complexes:
+    """(k, n) of matrices (k, n, n), as eigenvalues.hpp finds them. Raises ValueError where they do not settle."""
+
+def inverses(matrices: Complexes) -> Complexes:
+    """(k, n n) of matrices (k, n, n). Raises ValueError for a singular one."""
 
 class DirectedLoop:
     """As in directed_loop.hpp: a loop without its gains. torque (n, m), jacobian (m, n), both (0, 0) where directions are joints.
@@ -321,8 +324,6 @@ class Look:
     def unstable(self) -> int: ...
     @property
     def samples(self) -> int: ...
-    @property
-    def with_loci(self) -> int: ...
     def tell_apart(self, factor: float, phase: float) -> None:
         """More samples where loci that nearly meet may cross with a lesser factor > 1 on the gains, or phase [rad]."""
 
@@ -330,10 +331,12 @@ class Look:
         """As loop_curves.hpp; `apart`: with more samples where loci that nearly meet may cross with less."""
 
     def peak(self, slope: float, offset: float) -> tuple[float, float]: ...
-    def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float) -> tuple[Floats, Floats]: ...
+    def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float, until: float = ...) -> tuple[Floats, Floats]:
+        """`until`: the first that is less alone, without its changes. As in peaks, where it is the first that is higher."""
+
     def delays(self, gains: Floats, longest: float) -> tuple[Floats, Floats]: ...
     def delay(self) -> tuple[float, float]: ...
-    def peaks(self, gains: Floats, least: float, slope: float, offset: float) -> tuple[Floats, Floats]: ...
+    def peaks(self, gains: Floats, least: float, slope: float, offset: float, until: float = ...) -> tuple[Floats, Floats]: ...
     def ends(self, gains: Floats, locus: bool, reach: float) -> tuple[Floats, Floats]: ...
 
 def balanced(matrices: Complexes) -> Floats:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
@@ -139,17 +140,16 @@ class Analysis:
     def missed_at_usual_rate(self) -> dict[str, float]:
         """By name of a requirement, what the present gains have of it at USUAL_RATE where that is too little; {} where a rate is given.
 
-        Of the states that decide in continuous time alone, so what is not named may be missed, too; only where the margins are certified,
-        and nothing is uncertain.
+        Of the states that decide in continuous time alone, so what is not named may be missed, too; only where nothing is uncertain.
         """
         if not self.rate_is_missing or self.system.uncertainty.names or self.unstable_at_usual_rate is not None or not self.decisive:
             return {}
         deciding = {state.title: state for state in (*self.unmet.values(), self.worst[self.decisive])}
         try:
-            found = [state.at_usual_rate.margins for state in deciding.values()]
+            found = [bounded_margins(state.at_usual_rate.case) for state in deciding.values()]
         except GainroomError:  # a controller that is made for continuous time alone
             return {}
-        found, missed = [margins for margins in found if margins.certified], {}
+        missed = {}
         for one, needed in self.system.requirements.asked_for:
             values = [value for margins in found if not one.met(needed, value := one.value(margins)) and not math.isnan(value)]
             if values:

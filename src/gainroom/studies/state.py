@@ -20,7 +20,7 @@ from ..system.controller import Controller, own_gain
 from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.loop import Loop, build_loop
 from ..system.plant import Compliance, Plant
-from ..system.system import System
+from ..system.system import StateCase, System
 from .loop_numbers import extra_delay, limit_of, margins_of, moves
 from .over_uncertainty import ExtraDelays, Worst, uncertain_cases
 
@@ -131,6 +131,11 @@ class State:
         """The same, sampled at USUAL_RATE. Its numbers may raise GainroomError: some controllers are made for continuous time alone."""
         sampled = replace(self.system, control=replace(self.system.control, sample_time=1 / USUAL_RATE))
         return State(sampled, self.posture, self.contact, self.model, largest_gains=False)
+
+    @property
+    def case(self) -> StateCase:
+        """Its nominal values, as looks take them."""
+        return StateCase(self.posture, self.contact, "", self.system, self.model)
 
     @cached_property
     def moves(self) -> bool:

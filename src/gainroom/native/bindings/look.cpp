@@ -100,11 +100,6 @@ public:
     bool singular() const { return samples_->state() == gainroom::LookState::singular; }
     std::int64_t unstable() const { return samples_->unstable(); }
     std::size_t samples() const { return samples_->samples().size(); }
-    std::size_t with_loci() const {
-        std::size_t count = 0;
-        for (const auto& one : samples_->samples()) count += one->loci.known();
-        return count;
-    }
 
     void tell_apart(double factor, double phase) {
         nb::gil_scoped_release release;
@@ -125,12 +120,12 @@ public:
         return nb::make_tuple(found.margin, found.omega);
     }
 
-    nb::tuple crossings(Matrix gains, bool locus, bool axis, double reach) {
+    nb::tuple crossings(Matrix gains, bool locus, bool axis, double reach, double until) {
         const DirectedGains own = gains_of(loop_, gains);
         std::vector<gainroom::MovingMargin> found;
         {
             nb::gil_scoped_release release;
-            found = gainroom::LoopCurves(*samples_).crossings(own, locus, axis, reach);
+            found = gainroom::LoopCurves(*samples_).crossings(own, locus, axis, reach, until);
         }
         return columns(found);
     }
@@ -156,12 +151,12 @@ public:
         return nb::make_tuple(least, omega);
     }
 
-    nb::tuple peaks(Matrix gains, double least, double slope, double offset) {
+    nb::tuple peaks(Matrix gains, double least, double slope, double offset, double until) {
         const DirectedGains own = gains_of(loop_, gains);
         std::vector<gainroom::MovingMargin> found;
         {
             nb::gil_scoped_release release;
-            found = gainroom::SensitivityPeaks(*samples_).above(own, least, slope, offset, true);
+            found = gainroom::SensitivityPeaks(*samples_).above(own, least, slope, offset, std::isinf(until), until);
         }
         return columns(found);
     }
@@ -176,6 +171,7 @@ private:
         for (const gainroom::MovingMargin& one : found) {
             margins.push_back(one.margin);
             moves.insert(moves.end(), one.moves.begin(), one.moves.end());
+            moves.resize(margins.size() * 2 * loop_.directions);  // 0 where nobody asks
         }
         return nb::make_tuple(owned(margins.data(), found.size(), 1), owned(moves.data(), found.size(), 2 * loop_.directions));
     }
@@ -194,11 +190,44 @@ static nb::object response(DirectedLoop& loop, Vector omega) {
     return owned(found.data(), omega.size(), loop.directions * loop.directions);
 }
 
-static nb::object eigenvalues(Array<const Complex, 2> matrix) {
-    require(matrix.shape(0) == matrix.shape(1), "the matrix must be square");
-    std::vector<Complex> work(matrix.data(), matrix.data() + matrix.size()), values(matrix.shape(0));
-    require(gainroom::Eigenvalues().find(work, matrix.shape(0), values.data()), "the eigenvalues do not settle");
-    return owned(values.data(), 1, values.size());
+static nb::object eigenvalues(Array<const Complex, 3> matrices) {
+    const std::size_t count = matrices.shape(0), n = matrices.shape(1);
+    require(matrices.shape(2) == n, "matrices must be square");
+    std::vector<Complex> values(count * n);
+    bool found = true;
+    {
+        nb::gil_scoped_release release;
+        gainroom::Eigenvalues solver;
+        gainroom::Dense work;
+        work.shape(n, n);
+        for (std::size_t k = 0; found && k < count; k++) {
+            work.copy(matrices.data() + k * n * n);
+            found = solver.find(work.re.data(), work.im.data(), n, &values[k * n]);
+        }
+    }
+    require(found, "eigenvalues do not settle");
+    return owned(values.data(), count, n);
+}
+
+static nb::object inverses(Array<const Complex, 3> matrices) {
+    const std::size_t count = matrices.shape(0), n = matrices.shape(1);
+    require(matrices.shape(2) == n, "matrices must be square");
+    std::vector<Complex> found(count * n * n);
+    bool regular = true;
+    {
+        nb::gil_scoped_release release;
+        gainroom::Dense work;
+        std::vector<std::size_t> exchanged;
+        work.shape(n, n);
+        for (std::size_t k = 0; regular && k < count; k++) {
+            gainroom::LogDeterminant determinant;
+            work.copy(matrices.data() + k * n * n);
+            regular = invert(work, exchanged, determinant);
+            for (std::size_t e = 0; e < n * n; e++) found[k * n * n + e] = {work.re[e], work.im[e]};
+        }
+    }
+    require(regular, "a matrix is singular");
+    return owned(found.data(), count, n * n);
 }
 
 static nb::object paired(Array<const Complex, 2> before, Array<const Complex, 2> after) {
@@ -224,7 +253,8 @@ static nb::object paired(Array<const Complex, 2> before, Array<const Complex, 2>
 }
 
 void bind_look(nb::module_& m) {
-    m.def("eigenvalues", &eigenvalues, nb::arg("matrix"));
+    m.def("eigenvalues", &eigenvalues, nb::arg("matrices"));
+    m.def("inverses", &inverses, nb::arg("matrices"));
     m.def("paired", &paired, nb::arg("before"), nb::arg("after"));
     nb::class_<DirectedLoop>(m, "DirectedLoop")
         .def("__init__",
@@ -258,13 +288,14 @@ void bind_look(nb::module_& m) {
         .def_prop_ro("singular", &Look::singular)
         .def_prop_ro("unstable", &Look::unstable)
         .def_prop_ro("samples", &Look::samples)
-        .def_prop_ro("with_loci", &Look::with_loci)
         .def("tell_apart", &Look::tell_apart, nb::arg("factor"), nb::arg("phase"))
         .def("least", &Look::least, nb::arg("apart") = true)
         .def("peak", &Look::peak, nb::arg("slope"), nb::arg("offset"))
-        .def("crossings", &Look::crossings, nb::arg("gains"), nb::arg("locus"), nb::arg("axis"), nb::arg("reach"))
+        .def("crossings", &Look::crossings, nb::arg("gains"), nb::arg("locus"), nb::arg("axis"), nb::arg("reach"),
+             nb::arg("until") = 0.0)
         .def("delays", &Look::delays, nb::arg("gains"), nb::arg("longest"))
         .def("delay", &Look::delay)
-        .def("peaks", &Look::peaks, nb::arg("gains"), nb::arg("least"), nb::arg("slope"), nb::arg("offset"))
+        .def("peaks", &Look::peaks, nb::arg("gains"), nb::arg("least"), nb::arg("slope"), nb::arg("offset"),
+             nb::arg("until") = std::numeric_limits<double>::infinity())
         .def("ends", &Look::ends, nb::arg("gains"), nb::arg("locus"), nb::arg("reach"));
 }

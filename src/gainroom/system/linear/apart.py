@@ -1,7 +1,10 @@
 """Matrices that fall apart: limbs on a fixed base do not feel each other, and what is asked of a matrix is asked of its small blocks."""
 
+from collections.abc import Callable
+
 import numpy as np
 
+from ...native import _core
 from .arrays import Booleans, Complexes, Floats, Integers, distinct
 
 
@@ -21,9 +24,9 @@ def blocks(matrices: Floats | Complexes, parts: Integers) -> Floats | Complexes:
 
 
 def eigenvalues(matrices: Complexes) -> Complexes:
-    """Of matrices (k, n, n), block by block (k, n)."""
+    """Of matrices (k, n, n), block by block (k, n). Raises numpy.linalg.LinAlgError where they do not settle."""
     count = len(matrices)
-    found = [np.linalg.eigvals(blocks(matrices, parts)).reshape(count, parts.size) for parts in _parts(matrices)]
+    found = [_of_blocks(_core.eigenvalues, matrices, parts).reshape(count, parts.size) for parts in _parts(matrices)]
     return np.concatenate([np.zeros((count, 0), dtype=complex), *found], axis=1)
 
 
@@ -31,7 +34,8 @@ def inverses(matrices: Complexes) -> Complexes:
     """Of matrices (k, n, n), block by block. Raises numpy.linalg.LinAlgError for singular ones."""
     found = np.zeros_like(matrices)
     for parts in _parts(matrices):
-        found[:, parts[:, :, None], parts[:, None, :]] = np.linalg.inv(blocks(matrices, parts))
+        own = _of_blocks(_core.inverses, matrices, parts).reshape(len(matrices), *parts.shape, parts.shape[1])
+        found[:, parts[:, :, None], parts[:, None, :]] = own
     return found
 
 
@@ -46,6 +50,15 @@ def eigensystem(matrix: Floats) -> tuple[Floats, Floats]:
         start += parts.size
     order = np.argsort(values, kind="stable")
     return values[order], vectors[:, order]
+
+
+def _of_blocks(function: Callable[[Complexes], Complexes], matrices: Complexes, parts: Integers) -> Complexes:
+    """What `function` of the core finds of all blocks (k g, s, s) of all matrices."""
+    size = parts.shape[1]
+    try:
+        return function(np.ascontiguousarray(blocks(matrices, parts), dtype=complex).reshape(-1, size, size))
+    except ValueError as error:
+        raise np.linalg.LinAlgError(str(error)) from error
 
 
 def _parts(matrices: Complexes) -> list[Integers]:

@@ -1,4 +1,4 @@
-// Small dense complex matrices, by rows: inverse with determinant, factors, linear equations, a bound of eigenvalues.
+// Small dense complex matrices, by rows: inverse with determinant, factors, linear equations.
 #pragma once
 
 #include <algorithm>
@@ -28,6 +28,13 @@ struct Dense {
         columns = c;
         re.resize(r * c);
         im.resize(r * c);
+    }
+    // All entries, by rows.
+    void copy(const Complex* from) {
+        for (std::size_t k = 0; k < rows * columns; k++) {
+            re[k] = from[k].real();
+            im[k] = from[k].imag();
+        }
     }
     Complex at(std::size_t r, std::size_t c) const { return {re[r * columns + c], im[r * columns + c]}; }
     void set(std::size_t r, std::size_t c, Complex value) {
@@ -189,36 +196,6 @@ GAINROOM_WIDE inline bool solve(Dense& system, bool hessenberg = false) {
         }
     }
     return true;
-}
-
-// Whether |B²|_F ≥ |tr B²|/√n is at least least⁸, B = A⁴.
-inline bool surely_reaches(const Dense& b, double least) {
-    Complex trace = 0.0;
-    for (std::size_t i = 0; i < b.rows; i++)
-        for (std::size_t j = 0; j < b.rows; j++) trace += times(b.at(i, j), b.at(j, i));
-    return std::norm(trace) > 1.001 * static_cast<double>(b.rows) * std::pow(least, 16);
-}
-
-// Whether |A⁸|_F^(1/8), which no |eigenvalue| of A (n, n) is above, is at least `least`; A is destroyed. Each power's bound is lower than the last.
-GAINROOM_WIDE inline bool radius_reaches(Dense& a, Dense& square, double least) {
-    for (int power = 0;; power++) {
-        double size = 0.0;
-        for (std::size_t k = 0; k < a.re.size(); k++) size += a.re[k] * a.re[k] + a.im[k] * a.im[k];
-        if (!(std::pow(size, 0.5 / (1 << power)) >= least)) return false;
-        if (power == 3 || (power == 2 && surely_reaches(a, least))) return true;
-        square.resize(a.rows, a.rows);
-        for (std::size_t i = 0; i < a.rows; i++)
-            for (std::size_t k = 0; k < a.rows; k++) {
-                const double re = a.re[i * a.columns + k], im = a.im[i * a.columns + k];
-                double *to_re = &square.re[i * a.columns], *to_im = &square.im[i * a.columns];
-                const double *from_re = &a.re[k * a.columns], *from_im = &a.im[k * a.columns];
-                for (std::size_t j = 0; j < a.columns; j++) {
-                    to_re[j] += re * from_re[j] - im * from_im[j];
-                    to_im[j] += re * from_im[j] + im * from_re[j];
-                }
-            }
-        std::swap(a, square);
-    }
 }
 
 }  // namespace gainroom

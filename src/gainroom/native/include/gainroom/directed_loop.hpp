@@ -140,7 +140,7 @@ public:
     }
 
 private:
-    static constexpr std::size_t kEntries = 500000;  // complex numbers that are held
+    static constexpr std::size_t kEntries = 1500000;  // complex numbers that are held: of a humanoid's joints two looks
     Actuated::Workspace work_;
     std::vector<Complex> response_;
     std::unordered_map<double, std::shared_ptr<const LoopPoint>> points_;

@@ -121,13 +121,17 @@ public:
     }
 
     // Crossings of these gains with an interpolated |margin| below `reach`, each once: those of equal limbs lie so close together that two may be
-    // polished to the same.
-    std::vector<MovingMargin> crossings(const DirectedGains& gains, bool locus, bool axis, double reach) {
+    // polished to the same. Or the first with a |margin| below `until` alone, as it is.
+    std::vector<MovingMargin> crossings(const DirectedGains& gains, bool locus, bool axis, double reach, double until = 0.0) {
         std::vector<MovingMargin> found;
-        for (const CurveStep& step : meets(locus, axis)) {
-            if (!(std::fabs(margin_of(step.value, axis)) < reach)) continue;
-            MovingMargin one = polished(step, axis, gains, kUseful, kFew, true);
+        std::vector<CurveStep> steps = meets(locus, axis);
+        const auto size = [axis](const CurveStep& step) { return std::fabs(margin_of(step.value, axis)); };
+        if (until > 0) std::stable_sort(steps.begin(), steps.end(), [&](const CurveStep& a, const CurveStep& b) { return size(a) < size(b); });
+        for (const CurveStep& step : steps) {
+            if (!(size(step) < reach)) continue;
+            MovingMargin one = polished(step, axis, gains, kUseful, kFew, !(until > 0));
             if (locus && one.found && among(found, one)) one = other(one, found, axis, gains);
+            if (one.found && std::fabs(one.margin) < until) return {one};
             if (one.found) found.push_back(std::move(one));
         }
         return found;
@@ -267,10 +271,9 @@ private:
     std::vector<Complex> loci_beside(const MovingMargin& one, const DirectedGains& gains, double within) {
         LoopPoint point;
         if (!loop_.point(one.omega, point)) return {};
-        std::vector<Complex> law(m_), matrix(m_ * m_), values(m_);
+        std::vector<Complex> law(m_), values(m_);
         loop_.law(point, gains, law.data());
-        for (std::size_t k = 0; k < m_ * m_; k++) matrix[k] = times(point.seen[k], law[k % m_]);
-        if (!Eigenvalues().find(matrix, m_, values.data())) return {};
+        if (!samples_.eigenvalues(point, law.data(), values.data())) return {};
         const auto far = [&](Complex value) { return std::abs(value - one.value) > within * std::abs(one.value); };
         values.erase(std::remove_if(values.begin(), values.end(), far), values.end());
         const auto nearer = [&](Complex a, Complex b) { return std::norm(a - one.value) < std::norm(b - one.value); };

@@ -1,8 +1,8 @@
-// Coupled loops along the stability boundary: S_ii, ln det(I + L) and, where some eigenvalue of L may come near −1, these loci, from sample
-// to sample as finely as they need; and the number of unstable roots.
+// Coupled loops along the stability boundary: S_ii, ln det(I + L), the eigenvalues of L, and where some may come near −1 these loci, from
+// sample to sample as finely as they need; and the number of unstable roots.
 //
 // With M = (I + L)⁻¹ − I/2 the eigenvalues λ of L and μ of M belong together by 2μ = (1 − λ)/(1 + λ). A λ in [−g, −1/g], or on the unit
-// circle within φ of −1, has |μ| ≥ `wanted`, and |μ| ≤ |M⁸|_F^(1/8): where that is smaller no eigenvalue is computed.
+// circle within φ of −1, has |μ| ≥ `wanted`.
 #pragma once
 
 #include <algorithm>
@@ -102,10 +102,7 @@ public:
     bool loci(LoopSample& sample) {
         if (sample.loci.known()) return true;
         sample.loci.values.resize(m_);
-        dense_.shape(m_, m_);
-        for (std::size_t i = 0; i < m_; i++)
-            for (std::size_t j = 0; j < m_; j++) dense_.set(i, j, times(sample.point->seen[i * m_ + j], sample.law[j]));
-        if (!eigenvalues_.find(dense_.re.data(), dense_.im.data(), m_, sample.loci.values.data())) {
+        if (!eigenvalues(*sample.point, sample.law.data(), sample.loci.values.data())) {
             state_ = LookState::lost;
             sample.loci.values.clear();
             return false;
@@ -114,34 +111,41 @@ public:
         return true;
     }
 
-    // A sample that does not belong to the others; `near`: its loci are computed anyway.
+    // Those of L at a point, with d (m).
+    bool eigenvalues(const LoopPoint& point, const Complex* law, Complex* found) {
+        dense_.shape(m_, m_);
+        for (std::size_t i = 0; i < m_; i++)
+            for (std::size_t j = 0; j < m_; j++) dense_.set(i, j, times(point.seen[i * m_ + j], law[j]));
+        return eigenvalues_.find(dense_.re.data(), dense_.im.data(), m_, found);
+    }
+
+    // A sample that does not belong to the others; `near`: it counts as one whose loci come near −1.
     std::unique_ptr<LoopSample> sample(double omega, bool near = false) {
         const auto point = loop_.known(omega);
         if (point == nullptr) {
             state_ = LookState::lost;
             return nullptr;
         }
-        const std::size_t n = loop_.size();
         auto found = std::make_unique<LoopSample>();
         found->point = point;
-        found->law.resize(m_);
-        loop_.law(*point, gains_, found->law.data());
-        dense_.shape(m_, m_);
-        for (std::size_t i = 0; i < m_; i++)
-            for (std::size_t j = 0; j < m_; j++)
-                dense_.set(i, j, times(point->seen[i * m_ + j], found->law[j]) + (i == j ? 1.0 : 0.0));
         LogDeterminant determinant;
-        if (!invert(dense_, exchanged_, determinant)) {
+        if (!invert_loop(*found, gains_, determinant)) {
             state_ = LookState::singular;
             return nullptr;
         }
         found->log_determinant = determinant.value();
-        found->inverse.resize(m_ * m_);
-        for (std::size_t k = 0; k < m_ * m_; k++) found->inverse[k] = Complex(dense_.re[k], dense_.im[k]);
-        found->sensitivity.resize(n);
-        for (std::size_t i = 0; i < n; i++) found->sensitivity[i] = loop_.joints() ? found->inverse[i * m_ + i] : own_sensitivity(*found, i);
-        found->near = near || !(wanted_ > 0) || reaches(*found);
+        if (!loci(*found)) return nullptr;
+        const std::vector<Complex>& values = found->loci.values;
+        found->near = near || std::any_of(values.begin(), values.end(), [&](Complex one) { return nearer(one, kNear * wanted_); });
         return found;
+    }
+
+    // S_ii (n) of other gains, where this loop was sampled; empty where I + L is singular.
+    std::vector<Complex> sensitivity(const LoopSample& there, const DirectedGains& gains) {
+        LoopSample other;
+        other.point = there.point;
+        LogDeterminant determinant;
+        return invert_loop(other, gains, determinant) ? other.sensitivity : std::vector<Complex>();
     }
 
     // The loci that settle as ω → 0, which are real there.
@@ -165,10 +169,28 @@ private:
     // As in analysis/stability_boundary.py.
     static constexpr double kSmooth = 0.12, kDetour = 0.5, kGrowth = 0.7, kLarge = 1e3, kHuge = 1e9, kNoise = 1e-10, kSteepest = 2.5;
     static constexpr double kAstray = 0.02, kReal = 0.3, kOutside = 10.0, kBeside = 1.02, kLowest = 1e-12, kClosest = 1e-10;
+    static constexpr double kNear = 0.9;  // of what is wanted: between two samples that are further from −1 no locus comes as near as that
     static constexpr double kPeak = 0.8, kJump = 0.4;  // |S_ii − 1/2| from which on S_ii is followed closely; a move that is halved anyway
     // Of their moves, that tell two loci apart; of their size: nearer ones cross within that of where one would; of ω, that is not halved for it.
     static constexpr double kTold = 3.0, kEqual = 3e-4, kApart = 1e-6, kBeyond = 0.25;
     static constexpr std::size_t kMost = 12000;
+
+    // Law, inverse and S_ii of a sample with a point; false where I + L is singular.
+    bool invert_loop(LoopSample& sample, const DirectedGains& gains, LogDeterminant& determinant) {
+        sample.law.resize(m_);
+        loop_.law(*sample.point, gains, sample.law.data());
+        dense_.shape(m_, m_);
+        for (std::size_t i = 0; i < m_; i++)
+            for (std::size_t j = 0; j < m_; j++)
+                dense_.set(i, j, times(sample.point->seen[i * m_ + j], sample.law[j]) + (i == j ? 1.0 : 0.0));
+        if (!invert(dense_, exchanged_, determinant)) return false;
+        sample.inverse.resize(m_ * m_);
+        for (std::size_t k = 0; k < m_ * m_; k++) sample.inverse[k] = Complex(dense_.re[k], dense_.im[k]);
+        sample.sensitivity.resize(loop_.size());
+        for (std::size_t i = 0; i < loop_.size(); i++)
+            sample.sensitivity[i] = loop_.joints() ? sample.inverse[i * m_ + i] : own_sensitivity(sample, i);
+        return true;
+    }
 
     Complex own_sensitivity(const LoopSample& sample, std::size_t i) const {  // S_ii = 1 − (P X Δ (I + E P X Δ)⁻¹ E)_ii
         const std::size_t n = loop_.size();
@@ -181,23 +203,12 @@ private:
         return sum;
     }
 
-    // Whether |M⁸|_F^(1/8) does, in the coordinates in which P Δ is symmetric where directions are joints.
-    bool reaches(const LoopSample& sample) {
-        scale_.resize(m_);
-        for (std::size_t i = 0; i < m_; i++) scale_[i] = std::sqrt(std::abs(sample.law[i]));
-        dense_.shape(m_, m_);
-        for (std::size_t i = 0; i < m_; i++)
-            for (std::size_t j = 0; j < m_; j++) {
-                const double ratio = scale_[j] > 0 && scale_[i] > 0 ? scale_[i] / scale_[j] : 1.0;
-                dense_.set(i, j, ratio * (sample.inverse[i * m_ + j] - (i == j ? 0.5 : 0.0)));
-            }
-        return radius_reaches(dense_, square_, wanted_);
-    }
-
     void add(double omega, bool near = false) {
         if (!ok() || !(omega > 0) || omega > loop_.last) return;
         auto found = sample(omega, near);
-        if (found != nullptr) samples_.push_back(std::move(found));
+        if (found == nullptr) return;
+        if (found->near) std::vector<Complex>().swap(found->inverse);  // loci are known there, and tell as much
+        samples_.push_back(std::move(found));
     }
 
     // The first `sorted` are so already.
@@ -433,9 +444,8 @@ private:
     bool bottom_ = false, smooth_ = false;  // round-off hides what is further down; S_ii are followed
     int count_ = -1;
     std::vector<std::unique_ptr<LoopSample>> samples_;
-    Dense dense_, square_;
+    Dense dense_;
     std::vector<std::size_t> exchanged_;
-    std::vector<double> scale_;
     Eigenvalues eigenvalues_;
 };
 

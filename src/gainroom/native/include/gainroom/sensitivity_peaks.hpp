@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
+#include <utility>
 #include <vector>
 
 #include "curve_value.hpp"
@@ -24,52 +26,70 @@ class SensitivityPeaks {
 public:
     explicit SensitivityPeaks(LoopSamples& samples) : samples_(samples), loop_(samples.loop()), n_(loop_.size()), m_(loop_.directions), at_(loop_) {}
 
-    // Peaks of |slope S_ii + offset| above `least`: height, place and growth of its logarithm.
-    std::vector<MovingMargin> above(const DirectedGains& gains, double least, double slope, double offset, bool moves) {
+    // Peaks of |slope S_ii + offset| above `least`: height, place and growth of its logarithm; or the first that is higher than `until` alone.
+    std::vector<MovingMargin> above(const DirectedGains& gains, double least, double slope, double offset, bool moves, double until = kNever) {
         std::vector<MovingMargin> found;
         if (!samples_.ok()) return found;
         const auto& all = samples_.samples();
         const auto own = [&](std::size_t k, std::size_t i) { return slope * all[k]->sensitivity[i] + offset; };
-        const DirectedGains& seen = samples_.gains();
-        const bool others = gains.kp != seen.kp || gains.kd != seen.kd || gains.ki != seen.ki;
+        std::vector<std::pair<std::size_t, std::size_t>> peaks;  // sample and joint
         for (std::size_t k = 1; k + 1 < all.size(); k++)
             for (std::size_t i = 0; i < n_; i++) {
                 const double square = std::norm(own(k, i));
-                if (!(square > least * least && square >= std::norm(own(k - 1, i)) && square >= std::norm(own(k + 1, i)))) continue;
-                double height[3] = {std::abs(own(k - 1, i)), std::abs(own(k, i)), std::abs(own(k + 1, i))};
-                double place[3] = {all[k - 1]->omega(), all[k]->omega(), all[k + 1]->omega()};
-                at_.begin(false, i);
-                Complex value;
-                if (others && !about_peak(gains, slope, offset, place, height)) continue;
-                for (int round = 0; round < kParabolas; round++) {
-                    const double top = top_of_parabola(place, height);
-                    if (!at_.evaluate(top, gains, 0.0, value)) break;
-                    const double there = std::abs(slope * at_.sensitivity() + offset);
-                    const int to = there >= height[1] ? (top > place[1] ? 0 : 2) : (top > place[1] ? 2 : 0);
-                    if (there >= height[1]) {
-                        place[to] = place[1];
-                        height[to] = height[1];
-                        place[1] = top;
-                        height[1] = there;
-                    } else {
-                        place[to] = top;
-                        height[to] = there;
-                    }
-                }
-                MovingMargin peak;
-                peak.omega = place[1];
-                peak.margin = height[1];
-                peak.found = true;
-                if (moves) {
-                    if (!at_.evaluate(place[1], gains, 0.0, value)) continue;
-                    const Complex there = slope * at_.sensitivity() + offset;
-                    peak.margin = std::abs(there);
-                    at_.grow_sensitivity();
-                    peak.moves.resize(2 * m_);
-                    for (std::size_t q = 0; q < 2 * m_; q++) peak.moves[q] = (over(slope * at_.growth()[q], there)).real();
-                }
-                found.push_back(peak);
+                if (square > least * least && square >= std::norm(own(k - 1, i)) && square >= std::norm(own(k + 1, i))) peaks.emplace_back(k, i);
             }
+        if (until < kNever)
+            std::stable_sort(peaks.begin(), peaks.end(), [&](const auto& a, const auto& b) {
+                return std::norm(own(a.first, a.second)) > std::norm(own(b.first, b.second));
+            });
+        const DirectedGains& seen = samples_.gains();
+        const bool others = gains.kp != seen.kp || gains.kd != seen.kd || gains.ki != seen.ki;
+        std::vector<std::vector<Complex>> there(others ? all.size() : 0);  // S_ii of these gains, of samples where they were asked for
+        for (const auto& [k, i] : peaks) {
+            double height[3], place[3];
+            bool known = true;
+            for (std::size_t j = 0; known && j < 3; j++) {
+                const std::size_t at = k + j - 1;
+                place[j] = all[at]->omega();
+                if (others && there[at].empty()) there[at] = samples_.sensitivity(*all[at], gains);
+                known = !others || !there[at].empty();
+                if (known) height[j] = std::abs(others ? slope * there[at][i] + offset : own(at, i));
+            }
+            at_.begin(false, i);
+            if (!known || (others && !about_peak(gains, slope, offset, place, height))) continue;
+            Complex value;
+            for (int round = 0; round < kParabolas; round++) {
+                const double top = top_of_parabola(place, height);
+                if (!at_.evaluate(top, gains, 0.0, value)) break;
+                const double higher = std::abs(slope * at_.sensitivity() + offset);
+                const bool level = std::fabs(higher - height[1]) <= kLevel * higher;
+                const int to = higher >= height[1] ? (top > place[1] ? 0 : 2) : (top > place[1] ? 2 : 0);
+                if (higher >= height[1]) {
+                    place[to] = place[1];
+                    height[to] = height[1];
+                    place[1] = top;
+                    height[1] = higher;
+                } else {
+                    place[to] = top;
+                    height[to] = higher;
+                }
+                if (level || height[1] > until) break;
+            }
+            MovingMargin peak;
+            peak.omega = place[1];
+            peak.margin = height[1];
+            peak.found = true;
+            if (moves) {
+                if (!at_.evaluate(place[1], gains, 0.0, value)) continue;
+                const Complex top = slope * at_.sensitivity() + offset;
+                peak.margin = std::abs(top);
+                at_.grow_sensitivity();
+                peak.moves.resize(2 * m_);
+                for (std::size_t q = 0; q < 2 * m_; q++) peak.moves[q] = (over(slope * at_.growth()[q], top)).real();
+            }
+            found.push_back(peak);
+            if (peak.margin > until) return {peak};
+        }
         return found;
     }
 
@@ -90,6 +110,8 @@ public:
     }
 
 private:
+    static constexpr double kNever = std::numeric_limits<double>::infinity();
+    static constexpr double kLevel = 1e-8;  // of a height: a parabola that adds less has come to the peak
     static constexpr double kClose = 0.05;  // peaks whose sampled heights are within it of the highest are polished
     static constexpr int kParabolas = 4, kWalk = 6;
 
@@ -100,16 +122,8 @@ private:
         return std::clamp(0.5 * (place[0] + place[1]) + 0.5 * (place[2] - place[0]) * share, place[0], place[2]);
     }
 
-    // Three places about a peak, from where it was with other gains; false where it is not found near there.
+    // Moves three places, with their heights, until a peak lies between them; false where none is near.
     bool about_peak(const DirectedGains& gains, double slope, double offset, double* place, double* height) {
-        const auto fill = [&](int k) {
-            Complex value;
-            const bool found = at_.evaluate(place[k], gains, 0.0, value);
-            height[k] = std::abs(slope * at_.sensitivity() + offset);
-            return found;
-        };
-        for (int k = 0; k < 3; k++)
-            if (!fill(k)) return false;
         for (int round = 0; round < kWalk; round++) {
             const int from = height[0] > height[1] ? 0 : height[2] > height[1] ? 2 : 1;
             if (from == 1) return true;
@@ -120,7 +134,9 @@ private:
             place[1] = place[from];
             height[1] = height[from];
             place[from] = next;
-            if (!fill(from)) return false;
+            Complex value;
+            if (!at_.evaluate(next, gains, 0.0, value)) return false;
+            height[from] = std::abs(slope * at_.sensitivity() + offset);
         }
         return false;
     }
