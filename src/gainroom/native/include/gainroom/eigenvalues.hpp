@@ -81,7 +81,7 @@ public:
     }
 
 private:
-    static constexpr double kAgree = 1e-11;  // of the largest entry
+    static constexpr double kAgree = 1e-12;  // of the largest entry
 
     bool settled(Complex* values, bool unitary) {
         std::size_t high = n_;

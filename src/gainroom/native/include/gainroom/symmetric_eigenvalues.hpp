@@ -66,7 +66,7 @@ public:
     }
 
 private:
-    static constexpr double kAgree = 1e-11, kSymmetric = 1e-12, kLargest = 1e100;  // of the largest entry; its square
+    static constexpr double kAgree = 1e-12, kSymmetric = 1e-12, kLargest = 1e100;  // of the largest entry; its square
     static constexpr double kShortest = 0.01;  // |xᵀx| of |x|²: below, what is orthogonal loses too many digits
     static constexpr double kJoined = -2.0;
     static constexpr double kEqual = 2.3e-16;  // of its neighbours on the diagonal: what stands beside them is 0
