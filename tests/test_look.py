@@ -120,6 +120,11 @@ def test_share(draw, number):
     assert confirm(draw, number) == ""
 
 
+def test_loci_of_nothing_but_round_off_are_not_told_apart():
+    """More directions than motions: such loci turn at random, which took all the samples that there may be, and no limit was certified."""
+    assert confirm(chain, 233) == ""
+
+
 @pytest.mark.population
 @pytest.mark.parametrize("batch", range(BATCHES))
 @pytest.mark.parametrize("draw", [limbs, chain])

@@ -94,7 +94,7 @@ class Family:
     closer      takes samples at more frequencies
     nearest     t → what is nearest to the boundary there
     mode        of an exact crossing
-    apart       t → takes samples where loci that nearly meet may cross before t
+    apart       (low, high) → takes samples where loci that nearly meet may cross between these t
     """
 
     count: Callable[[float], int]
@@ -103,7 +103,7 @@ class Family:
     closer: Callable[[Floats], None]
     nearest: Callable[[float], Rough]
     mode: Callable[[Rough], Complexes]
-    apart: Callable[[float], None] = lambda t: None
+    apart: Callable[[float, float], None] = lambda low, high: None
 
     def end(self, start: float, stop: float) -> End | None:
         """The end of the stable interval around `start` on the way to `stop`; None where all of that way is stable.
@@ -113,7 +113,7 @@ class Family:
         way = math.copysign(1.0, stop - start)
         passed, looked = start, 0
         for _ in range(SEARCH.tries):
-            self.apart(min((abs(one.at) for one in self._ahead(way, passed, stop)), default=abs(stop)))
+            self.apart(*sorted((passed, min((one.at for one in self._ahead(way, passed, stop)), key=lambda at: way * at, default=stop))))
             ahead = self._ahead(way, passed, stop)
             if not ahead:
                 break
@@ -185,8 +185,8 @@ def gains(sweep: Sweep) -> Family:
     def mode(found: Rough) -> Complexes:
         return sweep.mode_at_rest(found.value) if found.omega == 0 else sweep.boundary.mode(found.omega, found.value)
 
-    def apart(t: float) -> None:
-        _told_apart(sweep, lambda value: np.angle(-value), lambda omega, value: 1 / np.maximum(np.abs(value), 1e-300), t)
+    def apart(low: float, high: float) -> None:  # in ln: what is lost in round-off is far away
+        _told_apart(sweep, lambda value: np.angle(-value), lambda omega, value: -height(value), math.log(low), math.log(high))
 
     return Family(sweep.unstable, lambda: _axis_crossings(sweep), polish, sweep.add, lambda t: _nearest(sweep, t, t), mode, apart)
 
@@ -255,7 +255,7 @@ def delays(sweep: Sweep) -> Family:
         lambda omega: None,
         nearest,
         lambda found: later(found.at).mode(found.omega, found.value),
-        lambda t: _told_apart(sweep, height, at, t),
+        lambda low, high: _told_apart(sweep, height, at, low, high),
     )
 
 
@@ -268,7 +268,7 @@ def _on_circle(sweep: Sweep, count: Callable[[float], int], at: "At", nearest: C
         sweep.add,
         nearest,
         lambda found: sweep.boundary.mode(found.omega, found.value),
-        lambda t: _told_apart(sweep, height, at, t),
+        lambda low, high: _told_apart(sweep, height, at, low, high),
     )
 
 
@@ -311,17 +311,17 @@ def _nearest(sweep: Sweep, at: float, factor: float | Complexes) -> Rough:
     return Rough(at, float(sweep.omega[row]), complex(sweep.loci[row, branch]))
 
 
-def _told_apart(sweep: Sweep, off: Callable[[Complexes], Floats], at: "At", limit: float) -> None:
+def _told_apart(sweep: Sweep, off: Callable[[Complexes], Floats], at: "At", low: float, high: float) -> None:
     """Samples where loci of equal limbs nearly meet, about a line: between two each may take the other's way, and cross it more often.
 
     off, at   (k, r) how far each of λ (k, r) is from the line, with the sign of its side; the number at which it would cross, at ω (k,)
-    limit     of that number: what comes later does not matter
+    low, high    of that number: what crosses elsewhere does not matter
     """
     rows = np.flatnonzero(~sweep.passive)
     for _ in range(SEARCH.exchanges):
         steps, omega = sweep.steps(rows), sweep.omega[rows]
         ends = [(off(value), at(place[:, None], value)) for place, value in ((omega, steps.start), (sweep.omega[rows + 1], steps.end))]
-        rows = rows[_may_exchange(steps, *zip(*ends, strict=True), limit)]
+        rows = rows[_may_exchange(steps, *zip(*ends, strict=True), low, high)]
         rows = rows[sweep.omega[rows + 1] - sweep.omega[rows] > SEARCH.nudge * sweep.omega[rows + 1]]
         if not len(rows) or sweep.full:
             break
@@ -331,7 +331,7 @@ def _told_apart(sweep: Sweep, off: Callable[[Complexes], Floats], at: "At", limi
         rows = distinct(np.concatenate([right - 1, right]))
 
 
-def _may_exchange(steps: Steps, off: tuple[Floats, Floats], at: tuple[Floats, Floats], limit: float) -> Booleans:
+def _may_exchange(steps: Steps, off: tuple[Floats, Floats], at: tuple[Floats, Floats], low: float, high: float) -> Booleans:
     """(k,) where two loci, `off` the line (k, r) at both ends of a step, are nearer to each other's next places than is clear."""
     moves = np.abs(off[1] - off[0]).max(axis=1, initial=0.0)
     near = np.minimum(np.abs(off[0]), np.abs(off[1])) <= SEARCH.apart * moves[:, None]
@@ -342,10 +342,11 @@ def _may_exchange(steps: Steps, off: tuple[Floats, Floats], at: tuple[Floats, Fl
         spans = []  # of the line, and of the number: as far as the four reach, and a part of it beyond
         for ends in (off, at):
             four = [end[some][:, pair] for end in ends for pair in (first, second)]
-            low, high = np.minimum.reduce(four), np.maximum.reduce(four)
-            spans.append((low - SEARCH.beyond * (high - low), high + SEARCH.beyond * (high - low)))
-        (least, most), (soon, _) = spans
-        places, pairs = np.nonzero((least < 0) & (most > 0) & (soon < limit))
+            first_one, last_one = np.minimum.reduce(four), np.maximum.reduce(four)
+            beyond = SEARCH.beyond * (last_one - first_one)
+            spans.append((first_one - beyond, last_one + beyond))
+        (least, most), (soon, late) = spans
+        places, pairs = np.nonzero((least < 0) & (most > 0) & (soon < high) & (late > low))
         a, b, c, d = (each[some[places], pair[pairs]] for each in (steps.start, steps.end) for pair in (first, second))
         straight, swapped = np.abs(c - a) + np.abs(d - b), np.abs(d - a) + np.abs(c - b)
         apart = np.maximum(np.abs(a - b), np.abs(c - d)) > SEARCH.equal * np.abs(a)
