@@ -259,7 +259,10 @@ class GainTracker:
     def passive_frequency(self) -> float: ...
 
 def eigenvalues(matrices: Complexes) -> Complexes:
-    """(k, n) of matrices (k, n, n), as eigenvalues.hpp finds them. Raises ValueError where they do not settle."""
+    """(k, n) of matrices (k, n, n), as eigenvalues.hpp finds them; NaN where they do not settle."""
+
+def symmetric_eigenvalues(matrices: Complexes, error: float) -> Complexes:
+    """The same of those that are symmetric in some units; NaN where they are not, or may be off by more than `error`."""
 
 def inverses(matrices: Complexes) -> Complexes:
     """(k, n n) of matrices (k, n, n). Raises ValueError for a singular one."""

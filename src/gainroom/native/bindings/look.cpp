@@ -190,23 +190,35 @@ static nb::object response(DirectedLoop& loop, Vector omega) {
     return owned(found.data(), omega.size(), loop.directions * loop.directions);
 }
 
-static nb::object eigenvalues(Array<const Complex, 3> matrices) {
+// NaN where `find` does not: of each of the matrices, in a row.
+template <typename Find>
+static nb::object eigenvalues_of(const Array<const Complex, 3>& matrices, Find find) {
     const std::size_t count = matrices.shape(0), n = matrices.shape(1);
     require(matrices.shape(2) == n, "matrices must be square");
     std::vector<Complex> values(count * n);
-    bool found = true;
     {
         nb::gil_scoped_release release;
-        gainroom::Eigenvalues solver;
         gainroom::Dense work;
         work.shape(n, n);
-        for (std::size_t k = 0; found && k < count; k++) {
+        for (std::size_t k = 0; k < count; k++) {
             work.copy(matrices.data() + k * n * n);
-            found = solver.find(work.re.data(), work.im.data(), n, &values[k * n]);
+            if (!find(work.re.data(), work.im.data(), n, &values[k * n]))
+                std::fill_n(&values[k * n], n, std::numeric_limits<double>::quiet_NaN());
         }
     }
-    require(found, "eigenvalues do not settle");
     return owned(values.data(), count, n);
+}
+
+static nb::object eigenvalues(Array<const Complex, 3> matrices) {
+    gainroom::Eigenvalues solver;
+    return eigenvalues_of(matrices, [&](auto... of) { return solver.find(of...); });
+}
+
+static nb::object symmetric_eigenvalues(Array<const Complex, 3> matrices, double error) {
+    gainroom::SymmetricEigenvalues solver;
+    return eigenvalues_of(matrices, [&](const double* re, const double* im, std::size_t n, Complex* values) {
+        return solver.find(re, im, n, error, values);
+    });
 }
 
 static nb::object inverses(Array<const Complex, 3> matrices) {
@@ -254,6 +266,7 @@ static nb::object paired(Array<const Complex, 2> before, Array<const Complex, 2>
 
 void bind_look(nb::module_& m) {
     m.def("eigenvalues", &eigenvalues, nb::arg("matrices"));
+    m.def("symmetric_eigenvalues", &symmetric_eigenvalues, nb::arg("matrices"), nb::arg("error"));
     m.def("inverses", &inverses, nb::arg("matrices"));
     m.def("paired", &paired, nb::arg("before"), nb::arg("after"));
     nb::class_<DirectedLoop>(m, "DirectedLoop")

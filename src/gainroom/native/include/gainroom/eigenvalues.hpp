@@ -8,13 +8,11 @@
 #include <vector>
 
 #include "complex.hpp"
-#include "symmetric_eigenvalues.hpp"
 
 namespace gainroom {
 
-// As symmetric_eigenvalues.hpp has them where it can. Else Hessenberg form by elimination, then LR with shifts and exchanges, which takes a
-// third of QR's products (Martin and Wilkinson 1968). It may lose digits where QR does not: sums of eigenvalues and of their squares tell, and
-// then QR follows (Golub and Van Loan, section 7.5).
+// Hessenberg form by elimination, then LR with shifts and exchanges, which takes a third of QR's products (Martin and Wilkinson 1968). It
+// may lose digits where QR does not: sums of eigenvalues and of their squares tell, and then QR follows (Golub and Van Loan, section 7.5).
 class Eigenvalues {
 public:
     // All memory for matrices up to (n, n).
@@ -23,7 +21,6 @@ public:
         for (auto* one : {&factor_re_, &factor_im_}) one->reserve(n);
         for (auto* one : {&cosine_, &sine_}) one->reserve(n);
         exchanged_.reserve(n);
-        symmetric_.reserve(n);
     }
 
     // Of a (n, n) by rows, its real and imaginary parts apart. False where they do not settle, or an entry is not finite.
@@ -39,7 +36,6 @@ public:
             std::fill(values, values + n, Complex(0.0));
             return true;
         }
-        if (n > 1 && symmetric_.find(re, im, n, values)) return true;
         re_.resize(n * n);
         im_.resize(n * n);
         for (std::size_t k = 0; k < n * n; k++) {  // so that no square leaves the range
@@ -250,7 +246,6 @@ private:
     std::vector<double> re_, im_, form_re_, form_im_, factor_re_, factor_im_;
     std::vector<Complex> cosine_, sine_;
     std::vector<std::size_t> exchanged_;
-    SymmetricEigenvalues symmetric_;
 };
 
 }  // namespace gainroom

@@ -19,6 +19,7 @@
 #include "eigenvalues.hpp"
 #include "locus_step.hpp"
 #include "loop_sample.hpp"
+#include "symmetric_eigenvalues.hpp"
 
 namespace gainroom {
 
@@ -116,7 +117,8 @@ public:
         dense_.shape(m_, m_);
         for (std::size_t i = 0; i < m_; i++)
             for (std::size_t j = 0; j < m_; j++) dense_.set(i, j, times(point.seen[i * m_ + j], law[j]));
-        return eigenvalues_.find(dense_.re.data(), dense_.im.data(), m_, found);
+        return symmetric_.find(dense_.re.data(), dense_.im.data(), m_, kOff, found) ||
+               eigenvalues_.find(dense_.re.data(), dense_.im.data(), m_, found);
     }
 
     // A sample that does not belong to the others; `near`: it counts as one whose loci come near −1.
@@ -173,6 +175,7 @@ private:
     static constexpr double kPeak = 0.8, kJump = 0.4;  // |S_ii − 1/2| from which on S_ii is followed closely; a move that is halved anyway
     // Of their moves, that tell two loci apart; of their size: nearer ones cross within that of where one would; of ω, that is not halved for it.
     static constexpr double kTold = 3.0, kEqual = 3e-4, kApart = 1e-6, kBeyond = 0.25;
+    static constexpr double kOff = 1e-8;  // so far symmetric eigenvalues may be off: 1e-5 of what a factor of 1000 brings to −1
     static constexpr std::size_t kMost = 12000;
 
     // Law, inverse and S_ii of a sample with a point; false where I + L is singular.
@@ -447,6 +450,7 @@ private:
     Dense dense_;
     std::vector<std::size_t> exchanged_;
     Eigenvalues eigenvalues_;
+    SymmetricEigenvalues symmetric_;
 };
 
 }  // namespace gainroom

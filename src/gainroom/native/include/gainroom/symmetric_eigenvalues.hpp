@@ -12,22 +12,13 @@
 namespace gainroom {
 
 // Three diagonals by reflections H = I − u uᵀ/h, h = uᵀu/2, then QL with shifts, as of a real matrix: transposes do not conjugate (Cullum and
-// Willoughby 1985, chapter 6). That takes a third of the time of eigenvalues.hpp. Such reflections and rotations are orthogonal, not unitary,
+// Willoughby 1985, chapter 6). That takes a third of the time of eigenvalues.hpp, and knows nothing of eigenvalues much smaller than others. Such reflections and rotations are orthogonal, not unitary,
 // and lose digits where xᵀx is much smaller than |x|². There, where no units make the matrix symmetric, and where sums of eigenvalues and of
 // their squares do not agree with it, nothing is found.
 class SymmetricEigenvalues {
 public:
-    // All memory for matrices up to (n, n).
-    void reserve(std::size_t n) {
-        const std::size_t stride = (n + 3) / 4 * 4;
-        for (auto* one : {&re_, &im_}) one->reserve(n * stride);
-        for (auto* one : {&u_re_, &u_im_, &p_re_, &p_im_, &ties_, &share_}) one->reserve(stride);
-        for (auto* one : {&units_, &inverse_units_, &diagonal_, &beside_}) one->reserve(n);
-        from_.reserve(n);
-    }
-
-    // Of a (n, n) by rows, its real and imaginary parts apart.
-    bool find(const double* re, const double* im, std::size_t n, Complex* values) {
+    // Of a (n, n) by rows, its real and imaginary parts apart; false also where they may be off by more than `error`.
+    bool find(const double* re, const double* im, std::size_t n, double error, Complex* values) {
         n_ = n;
         stride_ = (n + 3) / 4 * 4;
         const auto entry = [re, im, n](std::size_t r, std::size_t c) { return Complex(re[r * n + c], im[r * n + c]); };
@@ -50,7 +41,7 @@ public:
             diagonal_[r] = entry(r, r);
             most = std::max(most, std::norm(diagonal_[r]));
         }
-        if (!(most > 1 / kLargest && most < kLargest && off <= kSymmetric * kSymmetric * most)) return false;
+        if (!(kDigits * kDigits * most <= error * error && most > 1 / kLargest && off <= kSymmetric * kSymmetric * most)) return false;
         squares *= 2.0;
         for (const Complex& one : diagonal_) {
             sum += one;
@@ -62,11 +53,13 @@ public:
             squares -= times(diagonal_[k], diagonal_[k]);
             values[k] = diagonal_[k];
         }
-        return std::norm(sum) <= kAgree * kAgree * most && std::norm(squares) <= kAgree * kAgree * most * most;
+        error = std::min(error, kAgree * std::sqrt(most));
+        return std::norm(sum) <= error * error && std::norm(squares) <= error * error * most;
     }
 
 private:
-    static constexpr double kAgree = 1e-12, kSymmetric = 1e-12, kLargest = 1e100;  // of the largest entry; its square
+    static constexpr double kDigits = 1e-13, kAgree = 1e-12, kSymmetric = 1e-12;  // of the largest entry
+    static constexpr double kLargest = 1e100;                                             // its square
     static constexpr double kShortest = 0.01;  // |xᵀx| of |x|²: below, what is orthogonal loses too many digits
     static constexpr double kJoined = -2.0;
     static constexpr double kEqual = 2.3e-16;  // of its neighbours on the diagonal: what stands beside them is 0
