@@ -309,6 +309,9 @@ def test_the_terminal_names_the_page_and_inputs_stay(folder: Path, capsys: pytes
         assert main(call(folder, "--delay-ms", "2", "--report", str(folder / name))) == 2
         assert "would overwrite the input" in capsys.readouterr().err
         assert (folder / name).read_bytes() == before
+    assert main(call(folder, "--delay-ms", "2", "--report", str(folder / "page.pdf"))) == 2
+    assert "page.pdf: --report writes a web page, whose name must end in .html" in capsys.readouterr().err
+    assert not (folder / "page.pdf").exists()
 
 
 @pytest.mark.slow

@@ -217,6 +217,7 @@ def test_a_key_that_is_missing_is_told_in_a_sentence_that_says_what_it_is():
         ("[" + "1, " * MAX_NODES + "1]", "more than"),
         ("<<: {joint: 1}\n", "unknown key"),
         ("1: 2\n", "a key must be a word"),
+        ("control: {kp: 900,5}\n", "a key must be a word; a decimal comma is written as a point"),
         ("- joint\n", "must be a section"),
         ("just words", "must be a section"),
         ("joint: 'open\n", "line"),

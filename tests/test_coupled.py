@@ -183,3 +183,19 @@ def test_sampled_delay_margins_of_many_ticks(monkeypatch):
 
 def test_delays_beyond_a_second_are_not_looked_at():
     assert gr.joint_margins(chain(2017, 581).loop).delay_margin == inf
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-12, 1e-15])
+@pytest.mark.parametrize("law", [lambda kp, kd: gr.PD(kp, kd), lambda kp, kd: gr.PID(kp, kp, kd)])
+def test_a_joint_in_tiny_units_counts(unit, law):
+    """Two joints, the second in units of its own, with 8 times the gains that the first could bear: it passed for one without gains."""
+
+    def limit(unit: float) -> gr.GainLimit:
+        units = np.array([1.0, unit])
+        inverse = np.array([[0.5, 0.01], [0.01, 0.5]]) / np.sqrt(np.outer(units, units))
+        plant = gr.Plant(inverse, 0.3 * units, 8000.0 * units, 2.0 * units)
+        return gr.gain_limit(gr.build_loop(plant, gr.Drive(delay=2e-3), law(1000.0 * units * [1, 8], 30.0 * units * [1, 8])))
+
+    here, there = limit(1.0), limit(unit)
+    assert (here.stable, there.stable) == (False, False)
+    assert there.gain == pytest.approx(here.gain, rel=1e-9)  # a similarity: units change nothing but the last digits

@@ -220,6 +220,24 @@ def test_a_robots_answer_is_read(tmp_path: Path):
     )
 
 
+def test_gains_that_do_without_the_weight_say_so(tmp_path: Path):
+    """Where no gains meet the requirements with it: the file for the controller says what its margins leave out, and where it topples."""
+    data, path = answer(), tmp_path / "answer.json"
+    found = data["recommended"][1]["sets"][0]
+    for without, topples, says in (
+        (
+            True,
+            ["stand/double", "stand/left"],
+            "without the robot's weight; with it the robot topples in stand/double and stand/left: a balance",
+        ),
+        (True, [], "in every state without the robot's weight\n"),
+        (False, [], "in every state\n"),
+    ):
+        found |= {"without_weight": without, "topples": topples}
+        path.write_text(json.dumps(data), "utf-8")
+        assert says in export_gains(read_gains(path), "yaml", None, None, "1.2.3", TODAY).text
+
+
 def joint_sets(*kp: list[Any]) -> dict[str, Any]:
     return {"recommended": [{"space": "joint", "names": ["hip"], "sets": [{"contact": "everywhere", "kp": each} for each in kp]}]}
 

@@ -141,7 +141,7 @@ def test_gains_for_the_usual_rate_say_how_they_hold_over_the_ranges():
     shown = study.at_usual_rate.recommended
     assert shown is not None
     assert shown.reserve > 0.01  # else nothing is to be said
-    proof = "Proved everywhere within the ranges, with 2 % of each requirement to spare, without which the proof came to no end."
+    proof = "Proved everywhere within the ranges, with 2 % of each requirement to spare, without which the proof did not finish."
     assert joint_to_use(study).remarks[1] == proof
     vars(study.at_usual_rate)["recommended"] = replace(shown, proved=False, reserve=0.002)
     why = "of those in between there is no proof for such requirements."
@@ -150,7 +150,7 @@ def test_gains_for_the_usual_rate_say_how_they_hold_over_the_ranges():
     vars(study.at_usual_rate)["recommended"] = replace(shown, proved=False)
     told = joint_to_use(study).remarks[1]
     assert told.startswith("Not proved: the requirements are met with 2 % of each requirement to spare in all cases")
-    assert told.endswith("the proof for those in between came to no end.")
+    assert told.endswith("the proof for those in between did not finish.")
     assert "proved" not in told.removeprefix("Not proved").lower()
 
 

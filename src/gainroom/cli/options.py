@@ -73,7 +73,13 @@ def text_output(path: Path | None, what: str, other: Path | None = None, yaml_of
 
 
 def report_stream(report: Path | None, other: Path | None = None) -> "contextlib.AbstractContextManager[StringIO | None]":
-    """What takes the page."""
+    """What takes the page. Raises GainroomError for a file of another kind."""
+    from ..errors import GainroomError
+
+    if report is not None:
+        refuse_inputs(report, "report")
+    if report is not None and report.suffix.lower() not in (".html", ".htm", ""):
+        raise GainroomError(f"{report}: --report writes a web page, whose name must end in .html")
     return text_output(report, "report", other)
 
 

@@ -246,11 +246,13 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         for name in options.posture
         if "=" not in name and name not in found.postures and (scene := model_keyframes(path)[name].file) != path
     ]
-    motors, ranges = spec.source.actuators, None
+    motors, ranges, kept = spec.source.actuators, None, []
     if options.gearboxes:
         ranges = gearbox_range(
             options.gearboxes, spec.source.joint_names, motors.stiffness, motors.motor_inertia, "--gearbox", _inertia_from(source)
         )
+        kept = [_without_effect(ranges.known, source)] * bool(ranges.known)
+        ranges = ranges if any(ranges.types) else None
     elastic = bool(np.isfinite(motors.stiffness).any()) or ranges is not None
     taken = [text for text in spec.warnings if text.startswith(ASSUMED)]
     slight = _slight_damping(body, found, options)
@@ -265,7 +267,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings if text not in taken]
     idle = [name for name, has in zip(body.every_joint, found.given, strict=True) if has and name not in body.joint_names]
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
-    warnings = (*found.notes, *idle, *_damping_asked(warnings, options))
+    warnings = (*found.notes, *idle, *kept, *_damping_asked(warnings, options))
     return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, ranges)
 
 
@@ -287,6 +289,11 @@ def _with_rate_and_posture(options: AuditOptions, found: JointGains, source: Pat
     if options.gains_run == "split" and options.rate_hz is None:
         raise GainroomError("--gains-run split: needs --rate-hz, at which kp runs on the host")
     return options, read
+
+
+def _without_effect(known: tuple[str, ...], source: Path) -> str:
+    each = f"{len(known)} joints have their stiffness" if len(known) > 1 else "one joint has its stiffness"
+    return f"--gearbox has no effect where {each} from {source}: {first_of_many(known)}; leave the stiffness out there to audit the range"
 
 
 def _inertia_from(source: Path) -> str:

@@ -104,7 +104,8 @@ class _Loader(yaml.SafeLoader):
         for key_node, value_node in node.value:
             key = self.construct_object(key_node, deep=True) if isinstance(key_node, yaml.ScalarNode) else None
             if not isinstance(key, str):
-                raise self._refusal("a key must be a word", key_node.start_mark)
+                comma = "; a decimal comma is written as a point" if isinstance(key, int) else ""
+                raise self._refusal(f"a key must be a word{comma}", key_node.start_mark)
             if key in seen:
                 raise self._refusal(f"key {shown(key)} is given twice", key_node.start_mark)
             seen[key] = self.construct_object(value_node, deep=deep)

@@ -15,7 +15,7 @@ from .audit_text import audit_sentence, audit_warnings, besides, reason, verdict
 from .columns import Column, definitions, tabulated, yes
 from .gearboxes import gearbox_assumptions, needed_table
 from .margin_columns import margin_value, requirement
-from .number_format import digits, hertz, model_kind, rounded_up, span
+from .number_format import digits, hertz, model_kind, rate, rounded_up, span
 from .page import Card, Html, Lead, Section, advice_box, beside, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, limit_proofs, margin_card, unstable_card
 from .robot_columns import asked, audited_joints, audited_states, joint_caption
@@ -235,7 +235,7 @@ def audited_margins(result: Audit) -> list[Column]:
         return required.met(one.name, value(one, result)) and result.stable
 
     columns = [
-        Column("in continuous time" if step is None else f"at {digits(1e-3 / step, 'kHz', 4)}", "", lambda one: one.label),
+        Column("in continuous time" if step is None else f"at {rate(1 / step)}", "", lambda one: one.label),
         Column("these gains", "", lambda one: margin_value(required, one.name, value(one, result), met(one), 3)),
         Column("required", "", lambda one: requirement(required, one.name, 3) or "not required"),
         Column("met", "", lambda one: "" if met(one) is None else yes(met(one))),

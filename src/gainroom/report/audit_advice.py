@@ -111,7 +111,7 @@ def _not_yet(result: Audit, found: GainsToUse[Audit], call: str, written: Path |
     folded = f"Not yet to use: {factors}, the others as they are"
     if not rate:
         margin, extra = to_db(found.audited.tightest.limit.gain), found.audited.least_extra_delay
-        lost = f"; below about {digits(1 / extra, 'Hz', 3)} these gains may vibrate, too" if 0 < extra < math.inf else ""
+        lost = f"; at rates below about {digits(1 / extra, 'Hz', 3)} these gains, too, may vibrate" if 0 < extra < math.inf else ""
         leave = "leave" if found.factor is None else "leaves"
         why = f"{factors} {leave} gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
         remarks = [f"Without a rate, {why}", *([] if damped else [f"{change}."])]

@@ -43,7 +43,7 @@ def verdict(result: Audit) -> str:
     if result.safe:
         return _safe_text(result, over)
     short = "; ".join([*([_short_of_gain(result)] if "gain_margin" in result.missed else []), *besides(result)])
-    less = "; any loop rate leaves less" if result.system.control.sample_time is None else ""
+    less = "; at any real loop rate it is less" if result.system.control.sample_time is None else ""
     return f"Not safe{over}: {short}{less}. {_count(count, result)}{_without_inertia(result)}{_hardly_damped(result)}"
 
 

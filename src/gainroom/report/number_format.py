@@ -47,6 +47,11 @@ def hertz(omega: float) -> str:
     return digits(omega / (2 * math.pi), "Hz", 3)
 
 
+def rate(hz: float) -> str:
+    """Of a loop, in kHz from 1 kHz on."""
+    return digits(1e-3 * hz, "kHz", 4) if hz >= 1e3 else digits(hz, "Hz", 4)
+
+
 def frequency(omega: float | None, significant: int = 4) -> str:
     """`omega` [rad/s] in Hz and rad/s; a dash where there is none."""
     if omega is None or not math.isfinite(omega):

@@ -54,8 +54,8 @@ def cost_text(gains: RobotGains) -> str:
         return "One set for every state costs nothing: no contact state alone allows stiffer gains."
     each = ", ".join(f"{contact} {digits(cost, significant=3)}" for contact, cost in costs.items())
     return (
-        f"Gains for one contact state alone are stiffer, by the sum of inertia over kp, this many times: {each}. Switching gains with the "
-        f"contacts pays most in {most}."
+        f"Gains for one contact state alone are stiffer: the sum of inertia over kp is smaller by these factors: {each}. Switching gains "
+        f"with the contacts gains most in {most}."
     )
 
 

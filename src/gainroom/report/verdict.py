@@ -15,7 +15,7 @@ from .columns import Column, tabulated, yes
 from .gains_to_use import joint_gains, kept, robot_gains
 from .joint_text import AT_USUAL
 from .margin_columns import lacking, margin_value, requirement
-from .number_format import digits, hertz, own_gains, span, typed
+from .number_format import digits, hertz, own_gains, rate, span, typed
 from .page import Advice, Html, advice_box, table
 from .robot_units import joint_units
 
@@ -79,7 +79,7 @@ def verdict_columns(study: Analysis, use: "ToUse") -> list[Column]:
     """Of its rows: the nominal value beside the worst where something is uncertain, the state where there are several, and gains to use."""
     uncertain, several, step = bool(study.system.uncertainty.names), len(study.states) > 1, study.system.control.sample_time
     return [
-        Column("in continuous time" if step is None else f"at {digits(1e-3 / step, 'kHz', 4)}", "", lambda row: row.title),
+        Column("in continuous time" if step is None else f"at {rate(1 / step)}", "", lambda row: row.title),
         Column("worst case" if uncertain else "worst" if several else "these gains", "", lambda row: row.worst),
         *([Column("nominal", "", lambda row: row.nominal)] if uncertain else []),
         Column("required", "", lambda row: row.required),
@@ -131,8 +131,8 @@ def _over_ranges(found: "Recommendation") -> list[str]:
     """What is to be said of gains for uncertain values: what is proved, what was only looked at, and why; else nothing."""
     spare = f" with {100 * found.reserve:g} % of each requirement to spare" if found.reserve > 0.01 else ""
     if found.proved:
-        return [f"Proved everywhere within the ranges,{spare}, without which the proof came to no end."] if spare else []
-    why = "the proof for those in between came to no end" if spare else "of those in between there is no proof for such requirements"
+        return [f"Proved everywhere within the ranges,{spare}, without which the proof did not finish."] if spare else []
+    why = "the proof for those in between did not finish" if spare else "of those in between there is no proof for such requirements"
     return [f"Not proved: the requirements are met{spare} in all cases within the ranges that were looked at; {why}."]
 
 
@@ -166,8 +166,11 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
     if usual is not None and not asked.met_by(usual):
         return replace(_state_rate(call), folded=(_not_at_usual_rate(usual, asked, f"{place}{now}"), lines))
     if found.without_weight:
-        topples = f" and the robot topples on these in {found.topples[0]}" if found.topples else ""
-        remarks.append(f"For a controller that compensates the robot's weight: with it no gains meet the requirements{topples}.")
+        topples = f", and the robot topples on these in {found.topples[0]}" if found.topples else ""
+        remarks.append(
+            "These gains assume that the controller compensates the robot's weight. Without that no gains were found that meet the "
+            f"requirements{topples}."
+        )
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
     if study.raised:

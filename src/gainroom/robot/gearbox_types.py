@@ -4,6 +4,7 @@ Both are told as motors feel them, so that one range serves small and large join
 on the joint side, on its gearbox with the output held; and the damping ratio ζ = B/(2 √(K J)).
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -52,6 +53,7 @@ class GearboxRange:
     """Between which Ω [rad/s] and ζ each joint's gearbox lies; (n,) each, NaN where it is known or there is none.
 
     types   (n,) by name, "" where it is known or there is none
+    known   the joints of a type whose own stiffness is given, which they keep
     """
 
     softest: Floats
@@ -59,6 +61,7 @@ class GearboxRange:
     least_damped: Floats
     most_damped: Floats
     types: tuple[str, ...]
+    known: tuple[str, ...] = ()
 
 
 def gearbox_range(
@@ -71,18 +74,19 @@ def gearbox_range(
 
     Raises GainroomError, which names the `option`, for an unknown type, a pattern that matches nothing and a motor without inertia.
     """
-    types = [""] * len(joint_names)
+    types, known = [""] * len(joint_names), [False] * len(joint_names)
     for text in typed:
         pattern, _, name = text.rpartition("=")
         if name not in (*TYPES, DIRECT):
             raise GainroomError(f"{option} {text}: {name!r} is no type of gearbox{nearest(name, (*TYPES, DIRECT), 'type')}")
         for k in select(pattern, joint_names, f"{option} {text}") if pattern else range(len(joint_names)):
-            types[k] = "" if name == DIRECT or math.isfinite(stiffness[k]) else name
+            known[k] = name != DIRECT and math.isfinite(stiffness[k])
+            types[k] = "" if name == DIRECT or known[k] else name
     bare = [name for name, kind, inertia in zip(joint_names, types, motor_inertia.tolist(), strict=True) if kind and inertia <= 0]
     if bare:
         raise GainroomError(f"{option}: the gearbox of joint {bare[0]!r} needs its motor's inertia: give {inertia_from}")
     ends = [(*TYPES[kind].resonance, *TYPES[kind].damping_ratio) if kind else (math.nan,) * 4 for kind in types]
-    return GearboxRange(*np.array(ends).reshape(-1, 4).T, types=tuple(types))
+    return GearboxRange(*np.array(ends).reshape(-1, 4).T, types=tuple(types), known=tuple(itertools.compress(joint_names, known)))
 
 
 def sources(types: Mapping[str, None]) -> list[str]:

@@ -29,7 +29,7 @@ from .plant import Plant
 
 EXACT_MODES = 1e-12  # relative: a sum over modes that is off by no more has all digits that polishing and counting need
 ABOUT_AXIS = 1e-7  # |Re s| of Im s up to which sums over modes serve
-NO_GAIN = 1e-11  # of the largest gain: less is what round-off leaves of none, and spoils eigenvectors
+NO_GAIN = 1e-11  # of the largest gain of matrices: less is what round-off leaves of none, and spoils eigenvectors
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,13 @@ class Loop:
         if self.parts is None or self.size == 1:
             return None
         gains = [gain_matrix("gain", gain, self.size) for gain in self.parts.controller.terms().values()]
-        if not gains or all(_is_diagonal_without_gaps(gain) for gain in gains):
+        if not gains:
             return None
+        if all(np.count_nonzero(gain) == np.count_nonzero(np.diagonal(gain)) for gain in gains):  # of joints in whatever units
+            acts = np.any([np.diagonal(gain) != 0 for gain in gains], axis=0)
+            acts[0] |= not acts.any()
+            own = np.eye(self.size)[:, acts]
+            return None if acts.all() else (own, own)
         spans = []
         for stacked in (np.hstack(gains), np.hstack([gain.T for gain in gains])):
             left, sizes, _ = np.linalg.svd(stacked, full_matrices=False)
@@ -271,11 +276,6 @@ def require_loop(owner: str, given: Any) -> None:
     """Raise GainroomError, named `owner`, where what was given is no loop."""
     if not isinstance(given, Loop):
         raise GainroomError(f"{owner}: {one_line(repr(given), 60)} must be a Loop, as build_loop and loop_from make it")
-
-
-def _is_diagonal_without_gaps(gain: Floats) -> bool:
-    own = np.abs(np.diagonal(gain))
-    return np.count_nonzero(gain) == np.count_nonzero(own) and bool(own.min() > NO_GAIN * own.max())
 
 
 def _called(function: Callable[[Complexes], Any], points: Complexes) -> Complexes:

@@ -49,7 +49,7 @@ GIVEN = {
     "link_viscous": Usual(1e-9, 1e3, "N·m·s/rad", "N·mm·s/rad?"),
     "bandwidth": Usual(30, 2e5, "rad/s", "kHz?"),
     "damping_ratio": Usual(0.05, 10, "", "percent?"),
-    "delay": Usual(0.005, 200, "ms", "s or µs?", 1e3),
+    "delay": Usual(0.005, 200, "ms", "seconds, or µs?", 1e3),
     "sample_rate_hz": Usual(20, 1e5, "Hz", "kHz, or a period?"),
     "kp": Usual(1e-6, 1e7, "N·m/rad", "N·mm/rad?"),
     "kd": Usual(1e-8, 1e6, "N·m·s/rad", "N·mm·s/rad?"),

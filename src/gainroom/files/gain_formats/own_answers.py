@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ...errors import GainroomError, first_of_many
+from ...errors import GainroomError, first_of_many, listed
 from ...io.validation import checked, number
 from ...io.yaml_text import shown
 from .gain_record import ACTUATOR, NOT_NEGATIVE, Gain, GainFile, Origin
@@ -115,7 +115,17 @@ def _recommended(data: Mapping[str, Any], source: str, contact: str) -> tuple[di
         raise GainroomError(f"{source}: recommended: {contact}: no joint has gains")
     parts = [text.format(one[key]) for key, text in MARGINS.items() if isinstance(one.get(key), int | float)]
     where = "in every state" if contact == EVERYWHERE else f"in contact state {contact}"
-    return gains, f"{', '.join(parts)} {where}" if parts else ""
+    return gains, f"{', '.join(parts)} {where}{_weight_text(one)}" if parts else ""
+
+
+def _weight_text(one: Mapping[str, Any]) -> str:
+    """What the margins of a set leave out: the weight of a robot that stands."""
+    if one.get("without_weight") is not True:
+        return ""
+    topples, text = one.get("topples"), " without the robot's weight"
+    if isinstance(topples, list) and topples:
+        text += f"; with it the robot topples in {listed([str(each) for each in topples])}: a balance controller must prevent that"
+    return text
 
 
 def _named(data: Mapping[str, Any], key: str, source: str) -> dict[str, dict[str, Any]]:

@@ -6,7 +6,7 @@ from ...native import _core
 from .arrays import Booleans, Complexes, Floats, Integers, distinct
 
 OFF = 1e-8
-"""Of eigenvalues: 1e-5 of what a factor of 1000 brings to −1."""
+"""Of eigenvalues of 1, about; of 1e-3, which a factor of 1000 brings to −1, 1e-5 at most."""
 
 
 def parts_of(coupled: Booleans) -> list[Integers]:
@@ -25,7 +25,7 @@ def blocks(matrices: Floats | Complexes, parts: Integers) -> Floats | Complexes:
 
 
 def eigenvalues(matrices: Complexes) -> Complexes:
-    """Of matrices (k, n, n), block by block (k, n): off by at most OFF, or to all digits of the largest where that is less."""
+    """Of matrices (k, n, n), block by block (k, n): off by about OFF, or to all digits of the largest where that is more."""
     count = len(matrices)
     found = [_eigenvalues(_stacked(matrices, parts)).reshape(count, parts.size) for parts in _parts(matrices)]
     return np.concatenate([np.zeros((count, 0), dtype=complex), *found], axis=1)

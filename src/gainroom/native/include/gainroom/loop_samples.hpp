@@ -30,6 +30,7 @@ public:
     LoopSamples(DirectedLoop& loop, const DirectedGains& gains, double factor, double phase, double peak)
         : loop_(loop), gains_(gains), m_(loop.directions) {
         wanted_ = 0.9 * std::min(0.5 * (factor + 1) / (factor - 1), phase < kPi ? 0.5 / std::tan(0.5 * phase) : 0.0);
+        near_ = std::min(kNear * wanted_, std::max(kFar, 0.5 * kNear * wanted_));
         highest_ = std::max(3.0, factor);
         reach_factor_ = std::log(factor);
         reach_phase_ = phase;
@@ -138,7 +139,7 @@ public:
         found->log_determinant = determinant.value();
         if (!loci(*found)) return nullptr;
         const std::vector<Complex>& values = found->loci.values;
-        found->near = near || std::any_of(values.begin(), values.end(), [&](Complex one) { return nearer(one, kNear * wanted_); });
+        found->near = near || std::any_of(values.begin(), values.end(), [&](Complex one) { return nearer(one, near_); });
         return found;
     }
 
@@ -171,11 +172,12 @@ private:
     // As in analysis/stability_boundary.py.
     static constexpr double kSmooth = 0.12, kDetour = 0.5, kGrowth = 0.7, kLarge = 1e3, kHuge = 1e9, kNoise = 1e-10, kSteepest = 2.5;
     static constexpr double kAstray = 0.02, kReal = 0.3, kOutside = 10.0, kBeside = 1.02, kLowest = 1e-12, kClosest = 1e-10;
-    static constexpr double kNear = 0.9;  // of what is wanted: between two samples that are further from −1 no locus comes as near as that
+    // Of what is wanted: between two samples that are further from −1 by half no locus comes as near as that. Where L is small |μ| is 0.5.
+    static constexpr double kNear = 0.9, kFar = 0.55;
     static constexpr double kPeak = 0.8, kJump = 0.4;  // |S_ii − 1/2| from which on S_ii is followed closely; a move that is halved anyway
     // Of their moves, that tell two loci apart; of their size: nearer ones cross within that of where one would; of ω, that is not halved for it.
     static constexpr double kTold = 3.0, kEqual = 3e-4, kApart = 1e-6, kBeyond = 0.25;
-    static constexpr double kOff = 1e-8;  // so far symmetric eigenvalues may be off: 1e-5 of what a factor of 1000 brings to −1
+    static constexpr double kOff = 1e-8;  // so far symmetric eigenvalues of 1 may be off, about; of 1e-3, which a factor of 1000 brings to −1, 1e-5
     static constexpr std::size_t kMost = 12000;
 
     // Law, inverse and S_ii of a sample with a point; false where I + L is singular.
@@ -442,7 +444,7 @@ private:
     DirectedLoop& loop_;
     DirectedGains gains_;
     std::size_t m_;
-    double wanted_, highest_, peak_, reach_factor_, reach_phase_;
+    double wanted_, near_, highest_, peak_, reach_factor_, reach_phase_;
     LookState state_;
     bool bottom_ = false, smooth_ = false;  // round-off hides what is further down; S_ii are followed
     int count_ = -1;

@@ -41,13 +41,19 @@ public:
             diagonal_[r] = entry(r, r);
             most = std::max(most, std::norm(diagonal_[r]));
         }
-        if (!(kDigits * kDigits * most <= error * error && most > 1 / kLargest && off <= kSymmetric * kSymmetric * most)) return false;
+        if (!(kDigits * kDigits * most <= error * error && most > 1 / kLargest)) return false;
+        if (!(off <= std::min(error * error, kSymmetric * kSymmetric * most))) return false;
         squares *= 2.0;
         for (const Complex& one : diagonal_) {
             sum += one;
             squares += times(one, one);
         }
-        if (!reduce() || !settled()) return false;
+        if (!reduce()) return false;
+        const Complex determinant = determinant_beside_one();
+        if (!settled()) return false;
+        Complex product = 1.0;
+        for (const Complex& one : diagonal_) product = times(product, 1.0 + one);
+        if (!(std::abs(product - determinant) <= kSure * std::abs(determinant))) return false;  // small ones do not show in sums beside large ones
         for (std::size_t k = 0; k < n; k++) {
             sum -= diagonal_[k];
             squares -= times(diagonal_[k], diagonal_[k]);
@@ -59,7 +65,8 @@ public:
 
 private:
     static constexpr double kDigits = 1e-13, kAgree = 1e-12, kSymmetric = 1e-12;  // of the largest entry
-    static constexpr double kLargest = 1e100;                                             // its square
+    static constexpr double kSure = 1e-8;  // of det(I + A), that tells whether eigenvalues near −1 and small ones are right
+    static constexpr double kLargest = 1e100;  // its square
     static constexpr double kShortest = 0.01;  // |xᵀx| of |x|²: below, what is orthogonal loses too many digits
     static constexpr double kJoined = -2.0;
     static constexpr double kEqual = 2.3e-16;  // of its neighbours on the diagonal: what stands beside them is 0
@@ -206,6 +213,17 @@ private:
             }
         }
         return true;
+    }
+
+    // det(I + T) of the three diagonals.
+    Complex determinant_beside_one() const {
+        Complex before = 1.0, own = 1.0 + diagonal_[0];
+        for (std::size_t k = 1; k < n_; k++) {
+            const Complex next = times(1.0 + diagonal_[k], own) - times(times(beside_[k - 1], beside_[k - 1]), before);
+            before = own;
+            own = next;
+        }
+        return own;
     }
 
     bool negligible(std::size_t k) const {
