@@ -336,6 +336,14 @@ def test_small_eigenvalues_beside_a_large_one_are_right_or_not_told(entries):
             assert np.all(np.abs(own[:, None] - right).min(axis=1) <= allowed)
 
 
+@pytest.mark.parametrize("shape", [(0, 3, 3), (2, 0, 0), (1, 1, 1)])
+def test_matrices_without_entries_have_no_eigenvalues(shape):
+    found = _core.symmetric_eigenvalues(np.full(shape, 2.0 + 1.0j), 1e-8)
+    assert found.shape == shape[:2]
+    assert np.all(found == 2.0 + 1.0j)
+    assert np.isnan(_core.symmetric_eigenvalues(np.full((2, 3, 3), np.nan + 0j), 1e-8)).all()
+
+
 def _apart(own, right):
     pairs = np.abs(own[:, None] - right[None, :])
     return max(pairs.min(axis=1).max(), pairs.min(axis=0).max())

@@ -125,9 +125,11 @@ def _verdict(study: "RobotStudy") -> str:
 
 
 def _coupling(state: State) -> str:
-    """The cost of coupling: the limit of the tightest joint alone, where that is higher."""
+    """The cost of coupling: the limit of the tightest joint with all other loops open, where that is higher."""
     alone = min((limit for limit in state.limits_others_open.tolist() if not math.isnan(limit)), default=math.nan)
-    return f" One joint alone suggests {digits(alone, '×', 3)}; coupling lowers it." if state.limit.gain < COUPLED * alone else ""
+    if not state.limit.gain < COUPLED * alone:
+        return ""
+    return f" With all other loops open the tightest joint allows {digits(alone, '×', 3)}; coupling lowers it."
 
 
 def warnings(study: "RobotStudy") -> tuple[str, ...]:

@@ -12,13 +12,15 @@
 namespace gainroom {
 
 // Three diagonals by reflections H = I − u uᵀ/h, h = uᵀu/2, then QL with shifts, as of a real matrix: transposes do not conjugate (Cullum and
-// Willoughby 1985, chapter 6). That takes a third of the time of eigenvalues.hpp, and knows nothing of eigenvalues much smaller than others. Such reflections and rotations are orthogonal, not unitary,
-// and lose digits where xᵀx is much smaller than |x|². There, where no units make the matrix symmetric, and where sums of eigenvalues and of
-// their squares do not agree with it, nothing is found.
+// Willoughby 1985, chapter 6). That takes a third of the time of eigenvalues.hpp, and knows nothing of eigenvalues much smaller than others.
+// Such reflections and rotations are orthogonal, not unitary, and lose digits where xᵀx is much smaller than |x|². There, where no units make
+// the matrix symmetric, and where the sums of the eigenvalues λ and of their squares, and the product of 1 + λ, do not agree with it, nothing
+// is found.
 class SymmetricEigenvalues {
 public:
     // Of a (n, n) by rows, its real and imaginary parts apart; false also where they may be off by more than `error`.
     bool find(const double* re, const double* im, std::size_t n, double error, Complex* values) {
+        if (n == 0) return true;
         n_ = n;
         stride_ = (n + 3) / 4 * 4;
         const auto entry = [re, im, n](std::size_t r, std::size_t c) { return Complex(re[r * n + c], im[r * n + c]); };
@@ -51,9 +53,9 @@ public:
         if (!reduce()) return false;
         const Complex determinant = determinant_beside_one();
         if (!settled()) return false;
-        Complex product = 1.0;
+        Complex product = 1.0;  // small ones do not show in sums beside large ones
         for (const Complex& one : diagonal_) product = times(product, 1.0 + one);
-        if (!(std::abs(product - determinant) <= kSure * std::abs(determinant))) return false;  // small ones do not show in sums beside large ones
+        if (!(std::abs(product - determinant) <= kSure * std::abs(determinant))) return false;
         for (std::size_t k = 0; k < n; k++) {
             sum -= diagonal_[k];
             squares -= times(diagonal_[k], diagonal_[k]);
@@ -68,7 +70,7 @@ private:
     static constexpr double kSure = 1e-8;  // of det(I + A), that tells whether eigenvalues near −1 and small ones are right
     static constexpr double kLargest = 1e100;  // its square
     static constexpr double kShortest = 0.01;  // |xᵀx| of |x|²: below, what is orthogonal loses too many digits
-    static constexpr double kJoined = -2.0;
+    static constexpr double kJoined = -2.0;  // no strength of a tie
     static constexpr double kEqual = 2.3e-16;  // of its neighbours on the diagonal: what stands beside them is 0
     static constexpr int kRounds = 60;
 
