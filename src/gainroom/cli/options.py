@@ -72,13 +72,15 @@ def text_output(path: Path | None, what: str, other: Path | None = None, yaml_of
             temporary.write_text(text.getvalue(), "utf-8", newline="\n")
 
 
+OTHER_PAGES = (".pdf", ".png", ".svg", ".jpg", ".docx", ".md")
+"""Of which a reader might think that --report writes them."""
+
+
 def report_stream(report: Path | None, other: Path | None = None) -> "contextlib.AbstractContextManager[StringIO | None]":
-    """What takes the page. Raises GainroomError for a file of another kind."""
+    """What takes the page. Raises GainroomError for the name of a document or picture of another kind."""
     from ..errors import GainroomError
 
-    if report is not None:
-        refuse_inputs(report, "report")
-    if report is not None and report.suffix.lower() not in (".html", ".htm", ""):
+    if report is not None and report.suffix.lower() in OTHER_PAGES:
         raise GainroomError(f"{report}: --report writes a web page, whose name must end in .html")
     return text_output(report, "report", other)
 
