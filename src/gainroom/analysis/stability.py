@@ -20,6 +20,7 @@ from .loci import Sweep
 from .sampled_scan import scan_callable
 from .two_paths import TwoPaths
 
+SPARE = 10  # candidates for roots that are polished beside twice as many as are asked for
 RESOLUTION = 1e-13  # of a root, relative to the largest element of the state matrix
 MOST_STATES = 1000  # with discretised delay lines, for a proof that may as well be had from elsewhere
 INFINITELY_MANY = 10**9
@@ -121,6 +122,8 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
     apart = _rightmost(unmoved, np.zeros(len(unmoved)), 0, 2 * len(unmoved), loop.sample_time)
     if loop.sample_time is not None or not np.any(system.delays > 0):
         starts = system.without(unmoved, np.linalg.eigvals(system.collocated(0)))
+        starts = starts[starts.imag >= 0]
+        starts = starts[np.argsort(-_rate(starts, loop.sample_time), kind="stable")][: 2 * count + SPARE]
         return replace(_rightmost(*_newton(system, starts, math.inf), count, loop.sample_time), unmoved=apart.roots)
     best: Complexes | None = None
     for nodes in (12, 20, 32, 48, 72, 108):
@@ -250,7 +253,7 @@ def _candidates(system: _Characteristic, nodes: int, count: int) -> Complexes:
     """Eigenvalues of the discretised delay lines, rightmost first, upper half plane; more than requested, as some are spurious."""
     values = np.linalg.eigvals(system.collocated(nodes))
     values = values[values.imag >= 0]
-    return values[np.argsort(-values.real)][: 2 * count + 10]
+    return values[np.argsort(-values.real)][: 2 * count + SPARE]
 
 
 def _newton(system: _Characteristic, starts: Complexes, reach: float) -> tuple[Complexes, Floats, int]:
