@@ -251,7 +251,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         ranges = gearbox_range(
             options.gearboxes, spec.source.joint_names, motors.stiffness, motors.motor_inertia, "--gearbox", _inertia_from(source)
         )
-        kept = [_without_effect(ranges.known, source)] * bool(ranges.known)
+        kept = ranges.without_effect("--gearbox", source)
         ranges = ranges if any(ranges.types) else None
     elastic = bool(np.isfinite(motors.stiffness).any()) or ranges is not None
     taken = [text for text in spec.warnings if text.startswith(ASSUMED)]
@@ -289,11 +289,6 @@ def _with_rate_and_posture(options: AuditOptions, found: JointGains, source: Pat
     if options.gains_run == "split" and options.rate_hz is None:
         raise GainroomError("--gains-run split: needs --rate-hz, at which kp runs on the host")
     return options, read
-
-
-def _without_effect(known: tuple[str, ...], source: Path) -> str:
-    each = f"{len(known)} joints have their stiffness" if len(known) > 1 else "one joint has its stiffness"
-    return f"--gearbox has no effect where {each} from {source}: {first_of_many(known)}; leave the stiffness out there to audit the range"
 
 
 def _inertia_from(source: Path) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import GainroomError, nearest
+from ..errors import GainroomError, first_of_many, nearest
 from ..system.linear.arrays import Floats
 from .name_patterns import select
 
@@ -62,6 +62,12 @@ class GearboxRange:
     most_damped: Floats
     types: tuple[str, ...]
     known: tuple[str, ...] = ()
+
+    def without_effect(self, option: str, source: object) -> list[str]:
+        """That `option` changes nothing of what is known, as a warning; [] where nothing is. `source`: of the known stiffness."""
+        count = f"{len(self.known)} joints have their stiffness" if len(self.known) > 1 else "one joint has its stiffness"
+        advice = "leave the stiffness out there to audit the range"
+        return [f"{option} has no effect where {count} from {source}: {first_of_many(self.known)}; {advice}"] * bool(self.known)
 
 
 def gearbox_range(

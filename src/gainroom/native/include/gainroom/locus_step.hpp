@@ -16,7 +16,6 @@ struct Loci {
     std::vector<Complex> values;
     std::vector<double> sizes, angles, returned;
 
-    bool known() const { return !values.empty(); }
     void describe() {
         for (auto* one : {&sizes, &angles, &returned}) one->reserve(values.size());
         for (const Complex& value : values) {

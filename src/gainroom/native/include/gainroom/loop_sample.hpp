@@ -13,8 +13,8 @@ namespace gainroom {
 struct LoopSample {
     std::shared_ptr<const LoopPoint> point;
     std::vector<Complex> law, sensitivity;  // d (m), S_ii (n)
-    std::vector<Complex> inverse;           // (I + L)⁻¹ (m, m), or empty: of what is kept only where no loci are
-    Loci loci;                              // (m), or not known
+    std::vector<Complex> inverse;           // (I + L)⁻¹ (m, m), or empty: of what is kept only where it is not `near`
+    Loci loci;                              // (m)
     Complex log_determinant;
     bool near = false;                 // some |μ| may be as large as is wanted
     const LoopSample* next = nullptr;  // with which this interval was found fine enough

@@ -97,23 +97,10 @@ public:
             });
     }
 
-    // Whether loci are known between two samples that are neighbours.
+    // Whether loci are followed between two samples that are neighbours.
     bool near(const LoopSample& low, const LoopSample& high) const { return low.near || high.near; }
 
-    // Eigenvalues of L at a sample, or next to ω = 0.
-    bool loci(LoopSample& sample) {
-        if (sample.loci.known()) return true;
-        sample.loci.values.resize(m_);
-        if (!eigenvalues(*sample.point, sample.law.data(), sample.loci.values.data())) {
-            state_ = LookState::lost;
-            sample.loci.values.clear();
-            return false;
-        }
-        sample.loci.describe();
-        return true;
-    }
-
-    // Those of L at a point, with d (m).
+    // Of L at a point, with d (m); false where they do not settle.
     bool eigenvalues(const LoopPoint& point, const Complex* law, Complex* found) {
         dense_.shape(m_, m_);
         for (std::size_t i = 0; i < m_; i++)
@@ -137,8 +124,13 @@ public:
             return nullptr;
         }
         found->log_determinant = determinant.value();
-        if (!loci(*found)) return nullptr;
-        const std::vector<Complex>& values = found->loci.values;
+        std::vector<Complex>& values = found->loci.values;
+        values.resize(m_);
+        if (!eigenvalues(*point, found->law.data(), values.data())) {
+            state_ = LookState::lost;
+            return nullptr;
+        }
+        found->loci.describe();
         found->near = near || std::any_of(values.begin(), values.end(), [&](Complex one) { return nearer(one, near_); });
         return found;
     }
@@ -155,7 +147,7 @@ public:
     std::vector<Complex> at_rest() {
         std::vector<Complex> found;
         auto rest = sample(1e-6 * samples_.front()->omega());
-        if (rest == nullptr || !loci(*rest) || !loci(*samples_.front())) return found;
+        if (rest == nullptr) return found;
         const std::vector<double> falling = falls();
         for (const Complex& value : rest->loci.values)
             for (std::size_t i = 0; i < m_; i++) {
@@ -212,7 +204,7 @@ private:
         if (!ok() || !(omega > 0) || omega > loop_.last) return;
         auto found = sample(omega, near);
         if (found == nullptr) return;
-        if (found->near) std::vector<Complex>().swap(found->inverse);  // loci are known there, and tell as much
+        if (found->near) std::vector<Complex>().swap(found->inverse);  // loci are followed there
         samples_.push_back(std::move(found));
     }
 
@@ -229,8 +221,7 @@ private:
     // (m) how each locus falls at the lowest sample, as 1/ωᵏ: k; 0 where it is lost in round-off.
     std::vector<double> falls() {
         std::vector<double> found(m_, 0.0);
-        LoopSample &low = *samples_[0], &high = *samples_[1];
-        if (!loci(low) || !loci(high)) return found;
+        const LoopSample &low = *samples_[0], &high = *samples_[1];
         const std::vector<std::size_t> pairs = paired(low.loci, high.loci);
         double most = 0.0;
         for (const Complex& value : low.loci.values) most = std::max(most, std::abs(value));
@@ -293,7 +284,6 @@ private:
     // Up to where the loci have become small.
     void reach_up() {
         for (int round = 0; round < 60 && ok() && std::isinf(loop_.last); round++) {
-            if (!loci(*samples_.back())) return;
             double most = 0.0;
             for (const Complex& value : samples_.back()->loci.values) most = std::max(most, std::abs(value));
             if (most * highest_ <= 1 || samples_.back()->omega() > 1e12 * samples_.front()->omega()) return;
@@ -346,7 +336,6 @@ private:
             low.turned = mean + off;
             return found && std::fabs(ahead - behind) < 1.5 && std::fabs(off) < 1.0 && std::fabs(mean) < 0.8 * static_cast<double>(m_);
         }
-        if (!loci(low) || !loci(high)) return true;
         low.pairs = paired(low.loci, high.loci);
         low.turned = 0.0;
         double most = 0.0;
@@ -428,7 +417,7 @@ private:
         for (std::size_t k = 0; k + 1 < samples_.size(); k++) turned += samples_[k]->turned;
         const std::vector<double> falling = falls();
         LoopSample &first = *samples_.front(), &top = *samples_.back();
-        if (!ok() || !loci(first) || !loci(top)) return -1;
+        if (!ok()) return -1;
         for (std::size_t i = 0; i < m_; i++) {  // from ω = 0+ to the first sample: integrators point along their own value there
             const double order = std::max(std::round(falling[i]), 0.0);
             const Complex power = std::polar(1.0, 0.5 * kPi * order), one = 1.0 + first.loci.values[i];
