@@ -13,7 +13,18 @@ inline std::vector<std::size_t> assigned(const double* cost, std::size_t n) {
     std::vector<double> row_price(n, 0.0), column_price(n + 1, 0.0), nearest(n + 1);
     std::vector<std::size_t> row_of(n + 1, n), before(n + 1);  // column n stands for the row that is placed next
     std::vector<char> reached(n + 1);
-    for (std::size_t placed = 0; placed < n; placed++) {
+    std::vector<std::size_t> left;  // rows whose cheapest column is another's already
+    for (std::size_t row = 0; row < n; row++) {
+        std::size_t cheapest = 0;
+        for (std::size_t j = 1; j < n; j++)
+            if (cost[row * n + j] < cost[row * n + cheapest]) cheapest = j;
+        row_price[row] = cost[row * n + cheapest];
+        if (row_of[cheapest] == n)
+            row_of[cheapest] = row;
+        else
+            left.push_back(row);
+    }
+    for (const std::size_t placed : left) {
         nearest.assign(n + 1, infinite);
         reached.assign(n + 1, 0);
         row_of[n] = placed;

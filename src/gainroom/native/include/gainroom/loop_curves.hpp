@@ -273,7 +273,7 @@ private:
         if (!loop_.point(one.omega, point)) return {};
         std::vector<Complex> law(m_), values(m_);
         loop_.law(point, gains, law.data());
-        if (!samples_.eigenvalues(point, law.data(), values.data())) return {};
+        if (!samples_.solver().eigenvalues(point, law.data(), values.data())) return {};
         const auto far = [&](Complex value) { return std::abs(value - one.value) > within * std::abs(one.value); };
         values.erase(std::remove_if(values.begin(), values.end(), far), values.end());
         const auto nearer = [&](Complex a, Complex b) { return std::norm(a - one.value) < std::norm(b - one.value); };
@@ -308,7 +308,7 @@ private:
     void add_settled(double lowest, const DirectedGains& gains, double reach, bool moves, std::vector<MovingMargin>& found) {
         std::vector<char> told(n_, 0);
         for (double omega = lowest; omega > kDeepest * lowest; omega *= 0.3) {
-            const auto rest = samples_.sample(omega), lower = samples_.sample(0.5 * omega);
+            const auto rest = samples_.inverted(omega), lower = samples_.inverted(0.5 * omega);
             if (rest == nullptr || lower == nullptr || blurred(*lower) > kBlur) return;
             for (std::size_t i = 0; i < n_; i++) {
                 const Complex value = return_ratio(rest->sensitivity[i]), below = return_ratio(lower->sensitivity[i]);

@@ -14,12 +14,10 @@
 #include <vector>
 
 #include "complex.hpp"
-#include "dense.hpp"
 #include "directed_loop.hpp"
-#include "eigenvalues.hpp"
 #include "locus_step.hpp"
 #include "loop_sample.hpp"
-#include "symmetric_eigenvalues.hpp"
+#include "sample_solver.hpp"
 
 namespace gainroom {
 
@@ -28,7 +26,7 @@ enum class LookState { followed, lost, singular };
 class LoopSamples {
 public:
     LoopSamples(DirectedLoop& loop, const DirectedGains& gains, double factor, double phase, double peak)
-        : loop_(loop), gains_(gains), m_(loop.directions) {
+        : loop_(loop), gains_(gains), m_(loop.directions), solver_(loop) {
         wanted_ = 0.9 * std::min(0.5 * (factor + 1) / (factor - 1), phase < kPi ? 0.5 / std::tan(0.5 * phase) : 0.0);
         near_ = std::min(kNear * wanted_, std::max(kFar, 0.5 * kNear * wanted_));
         highest_ = std::max(3.0, factor);
@@ -100,48 +98,41 @@ public:
     // Whether loci are followed between two samples that are neighbours.
     bool near(const LoopSample& low, const LoopSample& high) const { return low.near || high.near; }
 
-    // Of L at a point, with d (m); false where they do not settle.
-    bool eigenvalues(const LoopPoint& point, const Complex* law, Complex* found) {
-        dense_.shape(m_, m_);
-        for (std::size_t i = 0; i < m_; i++)
-            for (std::size_t j = 0; j < m_; j++) dense_.set(i, j, times(point.seen[i * m_ + j], law[j]));
-        return symmetric_.find(dense_.re.data(), dense_.im.data(), m_, kOff, found) ||
-               eigenvalues_.find(dense_.re.data(), dense_.im.data(), m_, found);
+    // A sample that does not belong to the others, perhaps without its inverse; `near`: it counts as one whose loci come near −1.
+    std::unique_ptr<LoopSample> sample(double omega, bool near = false) {
+        auto found = begun(omega);
+        if (found == nullptr) return nullptr;
+        const auto describe = [&] {
+            const std::vector<Complex>& values = found->loci.values;
+            found->loci.describe();
+            found->near = near || std::any_of(values.begin(), values.end(), [&](Complex one) { return nearer(one, near_); });
+        };
+        const bool symmetric = solver_.find_symmetric(*found);
+        if (symmetric) describe();
+        if (symmetric && found->near && loop_.joints() && solver_.close_symmetric(*found)) return found;
+        if (!close(*found)) return nullptr;
+        if (symmetric) return found;
+        if (!solver_.find_other(*found)) {
+            state_ = LookState::lost;
+            return nullptr;
+        }
+        describe();
+        return found;
     }
 
-    // A sample that does not belong to the others; `near`: it counts as one whose loci come near −1.
-    std::unique_ptr<LoopSample> sample(double omega, bool near = false) {
-        const auto point = loop_.known(omega);
-        if (point == nullptr) {
-            state_ = LookState::lost;
-            return nullptr;
-        }
-        auto found = std::make_unique<LoopSample>();
-        found->point = point;
-        LogDeterminant determinant;
-        if (!invert_loop(*found, gains_, determinant)) {
-            state_ = LookState::singular;
-            return nullptr;
-        }
-        found->log_determinant = determinant.value();
-        std::vector<Complex>& values = found->loci.values;
-        values.resize(m_);
-        if (!eigenvalues(*point, found->law.data(), values.data())) {
-            state_ = LookState::lost;
-            return nullptr;
-        }
-        found->loci.describe();
-        found->near = near || std::any_of(values.begin(), values.end(), [&](Complex one) { return nearer(one, near_); });
-        return found;
+    // The same with its inverse, and without loci.
+    std::unique_ptr<LoopSample> inverted(double omega) {
+        auto found = begun(omega);
+        return found != nullptr && close(*found) ? std::move(found) : nullptr;
     }
 
     // S_ii (n) of other gains, where this loop was sampled; empty where I + L is singular.
     std::vector<Complex> sensitivity(const LoopSample& there, const DirectedGains& gains) {
-        LoopSample other;
-        other.point = there.point;
-        LogDeterminant determinant;
-        return invert_loop(other, gains, determinant) ? other.sensitivity : std::vector<Complex>();
+        LoopSample other = solver_.begun(there.point, gains);
+        return solver_.close(other) ? other.sensitivity : std::vector<Complex>();
     }
+
+    SampleSolver& solver() { return solver_; }
 
     // The loci that settle as ω → 0, which are real there.
     std::vector<Complex> at_rest() {
@@ -169,35 +160,19 @@ private:
     static constexpr double kPeak = 0.8, kJump = 0.4;  // |S_ii − 1/2| from which on S_ii is followed closely; a move that is halved anyway
     // Of their moves, that tell two loci apart; of their size: nearer ones cross within that of where one would; of ω, that is not halved for it.
     static constexpr double kTold = 3.0, kEqual = 3e-4, kApart = 1e-6, kBeyond = 0.25;
-    static constexpr double kOff = 1e-8;  // so far symmetric eigenvalues of 1 may be off, about; of 1e-3, which a factor of 1000 brings to −1, 1e-5
     static constexpr std::size_t kMost = 12000;
 
-    // Law, inverse and S_ii of a sample with a point; false where I + L is singular.
-    bool invert_loop(LoopSample& sample, const DirectedGains& gains, LogDeterminant& determinant) {
-        sample.law.resize(m_);
-        loop_.law(*sample.point, gains, sample.law.data());
-        dense_.shape(m_, m_);
-        for (std::size_t i = 0; i < m_; i++)
-            for (std::size_t j = 0; j < m_; j++)
-                dense_.set(i, j, times(sample.point->seen[i * m_ + j], sample.law[j]) + (i == j ? 1.0 : 0.0));
-        if (!invert(dense_, exchanged_, determinant)) return false;
-        sample.inverse.resize(m_ * m_);
-        for (std::size_t k = 0; k < m_ * m_; k++) sample.inverse[k] = Complex(dense_.re[k], dense_.im[k]);
-        sample.sensitivity.resize(loop_.size());
-        for (std::size_t i = 0; i < loop_.size(); i++)
-            sample.sensitivity[i] = loop_.joints() ? sample.inverse[i * m_ + i] : own_sensitivity(sample, i);
-        return true;
+    // Null where the loop has no finite value.
+    std::unique_ptr<LoopSample> begun(double omega) {
+        auto point = loop_.known(omega);
+        if (point == nullptr) state_ = LookState::lost;
+        return point == nullptr ? nullptr : std::make_unique<LoopSample>(solver_.begun(std::move(point), gains_));
     }
 
-    Complex own_sensitivity(const LoopSample& sample, std::size_t i) const {  // S_ii = 1 − (P X Δ (I + E P X Δ)⁻¹ E)_ii
-        const std::size_t n = loop_.size();
-        Complex sum = 1.0;
-        for (std::size_t k = 0; k < m_; k++) {
-            Complex row = 0.0;
-            for (std::size_t j = 0; j < m_; j++) row += times(times(sample.point->reached[i * m_ + j], sample.law[j]), sample.inverse[j * m_ + k]);
-            sum -= row * loop_.jacobian[k * n + i];
-        }
-        return sum;
+    bool close(LoopSample& sample) {
+        const bool regular = solver_.close(sample);
+        if (!regular) state_ = LookState::singular;
+        return regular;
     }
 
     void add(double omega, bool near = false) {
@@ -438,10 +413,7 @@ private:
     bool bottom_ = false, smooth_ = false;  // round-off hides what is further down; S_ii are followed
     int count_ = -1;
     std::vector<std::unique_ptr<LoopSample>> samples_;
-    Dense dense_;
-    std::vector<std::size_t> exchanged_;
-    Eigenvalues eigenvalues_;
-    SymmetricEigenvalues symmetric_;
+    SampleSolver solver_;
 };
 
 }  // namespace gainroom

@@ -55,6 +55,13 @@ public:
                 known = !others || !there[at].empty();
                 if (known) height[j] = std::abs(others ? slope * there[at][i] + offset : own(at, i));
             }
+            if (known && height[1] > until) {  // a peak is no lower than that
+                MovingMargin peak;
+                peak.omega = place[1];
+                peak.margin = height[1];
+                peak.found = true;
+                return {peak};
+            }
             at_.begin(false, i);
             if (!known || (others && !about_peak(gains, slope, offset, place, height))) continue;
             Complex value;

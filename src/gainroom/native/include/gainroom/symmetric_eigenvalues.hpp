@@ -18,8 +18,9 @@ namespace gainroom {
 // is found.
 class SymmetricEigenvalues {
 public:
-    // Of a (n, n) by rows, its real and imaginary parts apart; false also where they may be off by more than `error`.
-    bool find(const double* re, const double* im, std::size_t n, double error, Complex* values) {
+    // Of a (n, n) by rows, its real and imaginary parts apart; false also where they may be off by more than `error`, or where pairs of entries
+    // differ, in those units, by more than `symmetric` of the largest.
+    bool find(const double* re, const double* im, std::size_t n, double error, Complex* values, double symmetric = kSymmetric) {
         if (n == 0) return true;
         n_ = n;
         stride_ = (n + 3) / 4 * 4;
@@ -44,7 +45,7 @@ public:
             most = std::max(most, std::norm(diagonal_[r]));
         }
         if (!(kDigits * kDigits * most <= error * error && most > 1 / kLargest)) return false;
-        if (!(off <= std::min(error * error, kSymmetric * kSymmetric * most))) return false;
+        if (!(off <= std::min(error * error, symmetric * symmetric * most))) return false;
         squares *= 2.0;
         for (const Complex& one : diagonal_) {
             sum += one;
@@ -61,12 +62,15 @@ public:
             squares -= times(diagonal_[k], diagonal_[k]);
             values[k] = diagonal_[k];
         }
-        error = std::min(error, kAgree * std::sqrt(most));
+        error = std::min(error, symmetric * std::sqrt(most));  // sums differ from what they should be by as much as pairs of entries
         return std::norm(sum) <= error * error && std::norm(squares) <= error * error * most;
     }
 
+    // Entry (i, j) times this is that of the symmetric matrix, of the one that was found last.
+    Complex unit(std::size_t i, std::size_t j) const { return times(units_[i], inverse_units_[j]); }
+
 private:
-    static constexpr double kDigits = 1e-13, kAgree = 1e-12, kSymmetric = 1e-12;  // of the largest entry
+    static constexpr double kDigits = 1e-13, kSymmetric = 1e-12;  // of the largest entry
     static constexpr double kSure = 1e-8;  // of det(I + A), that tells whether eigenvalues near −1 and small ones are right
     static constexpr double kLargest = 1e100;  // its square
     static constexpr double kShortest = 0.01;  // |xᵀx| of |x|²: below, what is orthogonal loses too many digits

@@ -4,6 +4,7 @@
 // phase of the determinant does not need and a crossing makes good by its residual. Where Im β > 0 no pivot is small.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <vector>
@@ -59,6 +60,26 @@ public:
         eliminate();
     }
 
+    // Any symmetric matrix: `entry(i, j)`, j ≥ i.
+    template <class Entry>
+    void factor(Entry entry) {
+        for (std::size_t i = 0; i < size_; i++)
+            for (std::size_t j = i; j < size_; j++) {
+                const Complex value = entry(i, j);
+                re_[i * stride_ + j] = value.real();
+                im_[i * stride_ + j] = value.imag();
+            }
+        eliminate();
+    }
+
+    // Of L, apart from its diagonal of 1: large where digits are lost.
+    double largest() const {
+        double most = 0.0;
+        for (std::size_t k = 0; k < size_; k++)
+            for (std::size_t j = k + 1; j < size_; j++) most = std::max(most, std::norm(lower(k, j)));
+        return std::sqrt(most);
+    }
+
     // In place.
     void solve(Complex* b) const {
         const std::size_t n = size_;
@@ -85,24 +106,23 @@ public:
         }
     }
 
-    // tr((W + diag β)⁻¹ diag(β_ω)); `work`, with `room`: L⁻¹ by rows.
-    GAINROOM_WIDE Complex trace(const JointValue* values, double* work) const {
-        const std::size_t n = size_;
-        double *re = work, *im = work + n * stride_;
+    // tr((W + diag β)⁻¹ diag(β_ω)); `work`, with `room`.
+    Complex trace(const JointValue* values, double* work) const {
         Complex sum = 0.0;
-        for (std::size_t k = 0; k < n; k++) {
-            double *row_re = re + k * stride_, *row_im = im + k * stride_;
-            for (std::size_t j = 0; j < stride_; j++) row_re[j] = row_im[j] = 0.0;
-            row_re[k] = 1.0;
-            for (std::size_t m = 0; m < k; m++) subtract(row_re, row_im, re + m * stride_, im + m * stride_, lower(m, k), 0, m + 1);
+        inverted(work, [&](std::size_t k, const double* re, const double* im) {
             Complex own = 0.0;
-            for (std::size_t j = 0; j <= k; j++) {
-                const Complex entry(row_re[j], row_im[j]);
-                own += times(times(entry, entry), values[j].beta_omega);
-            }
+            for (std::size_t j = 0; j <= k; j++) own += times(square(re[j], im[j]), values[j].beta_omega);
             sum += times(own, inverse_[k]);
-        }
+        });
         return sum;
+    }
+
+    // Diagonal of the inverse (n).
+    void inverse_diagonal(double* work, Complex* found) const {
+        std::fill(found, found + size_, Complex(0.0));
+        inverted(work, [&](std::size_t k, const double* re, const double* im) {
+            for (std::size_t j = 0; j <= k; j++) found[j] += times(square(re[j], im[j]), inverse_[k]);
+        });
     }
 
 private:
@@ -110,6 +130,25 @@ private:
 
     // Entry (j, k) of L, j > k.
     Complex lower(std::size_t k, std::size_t j) const { return {re_[k * stride_ + j], im_[k * stride_ + j]}; }
+
+    static Complex square(double re, double im) { return {re * re - im * im, 2 * re * im}; }
+
+    // L⁻¹ row by row, into `work` and to `use(k, re, im)`: of row k the first k + 1.
+    template <class Use>
+    void inverted(double* work, Use use) const {
+        double *re = work, *im = work + size_ * stride_;
+        for (std::size_t k = 0; k < size_; k++) {
+            next_row(re, im, k);
+            use(k, re + k * stride_, im + k * stride_);
+        }
+    }
+
+    GAINROOM_WIDE void next_row(double* re, double* im, std::size_t k) const {
+        double *row_re = re + k * stride_, *row_im = im + k * stride_;
+        for (std::size_t j = 0; j < stride_; j++) row_re[j] = row_im[j] = 0.0;
+        row_re[k] = 1.0;
+        for (std::size_t m = 0; m < k; m++) subtract(row_re, row_im, re + m * stride_, im + m * stride_, lower(m, k), 0, m + 1);
+    }
 
     // Upper triangle → pivots, and a row of Lᵀ behind each.
     GAINROOM_WIDE void eliminate() {
