@@ -97,6 +97,22 @@ def test_a_controller_is_one_class():
     assert "Series" in joint_page(study, "again")
 
 
+class Twice(Series):
+    """Acts on acceleration, which this package's controllers do not."""
+
+    def terms(self):
+        return {(0, 0): np.asarray(self.kp), (2, 0): np.asarray(self.kp * self.lead)}
+
+
+def test_a_controller_of_other_powers_is_refused():
+    """Analysis and simulation would each have taken it for something else."""
+    one, drive = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3)
+    two = gr.Plant(np.eye(2), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
+    for joint, law in ((one, Twice(1600.0, 0.04)), (two, Twice(np.array([400.0, 300.0]), 0.05))):
+        with pytest.raises(gr.GainroomError, match=r"powers \(2, 0\) of V and I must have powers of 0 or 1"):
+            gr.margins(gr.build_loop(joint, drive, law))
+
+
 @dataclass(frozen=True)
 class Loaded(gr.ElasticJoint):
     """A source of plants: one joint with each of several loads [kg m²], a state each."""

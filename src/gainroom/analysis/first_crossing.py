@@ -22,8 +22,8 @@ from .stability_boundary import Boundary
 class Search:
     """How the first root that crosses the boundary is looked for."""
 
-    nudge: float = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
-    # Relative distances from a crossing at which samples show on which side of it ±NUDGE lies: no step is longer than twice its distance.
+    nudge: float = 1e-6  # the certificate counts roots at limit·(1 ± nudge)
+    # Relative distances from a crossing at which samples show on which side of it ±nudge lies: no step is longer than twice its distance.
     towards: Floats = field(default_factory=lambda: np.concatenate([sign * np.geomspace(0.2e-6, 0.03, 14) for sign in (-1, 1)]))
     # where a crossing was not where its neighbours promised
     around: Floats = field(default_factory=lambda: np.linspace(-0.06, 0.06, 121))

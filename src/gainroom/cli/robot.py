@@ -1,6 +1,5 @@
 """gainroom robot: the whole robot, by posture and contact state."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -77,17 +76,11 @@ def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tup
             return study, None, ({"swept": None}, ["There are no recommended gains that could be checked in the sweep's postures."])
         return study, found, ({"swept": workspace_facts(found)}, [checked_sentence(found)])
     from ..design.side_by_side import Job, side_by_side
+    from ..studies.progress import after
     from ..studies.robot import study_robot
     from ..studies.sweep.workspace import glance, worse_posture
 
-    def studied(checkpoint: Callable[[], None]) -> "RobotStudy":
-        def report(done: int, total: int, what: str) -> None:
-            checkpoint()
-            progress(done, total, what)
-
-        return study_robot(system, report)
-
-    jobs: list[Job[Any]] = [studied, lambda checkpoint: glance(system)]
+    jobs: list[Job[Any]] = [lambda checkpoint: study_robot(system, after(checkpoint, progress)), lambda checkpoint: glance(system)]
     study, seen = side_by_side(jobs, lambda: None)
     known = study.tightest.limit.gain
     worse = worse_posture(seen, known)

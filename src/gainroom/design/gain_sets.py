@@ -23,7 +23,7 @@ class GainSet:
     margin    (m,) what breaks if that joint or direction is raised by 5 %: the name of a requirement, "stability", or "" where nothing does
     case      (m,) and where, as text
     softest   the joint or direction that `binding` speaks of, by its place
-    without_weight  True where the weight of a robot that stands was left out, as with it no gains to begin with were found
+    without_weight  True where the weight of a robot that stands was left out, as no gains were found that meet the requirements with it
     nearest   what came nearest with the weight, as text; "" where it counted
     topples   the states in which the weight makes these gains unstable
     """

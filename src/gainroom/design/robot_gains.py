@@ -27,7 +27,7 @@ from .gain_search import Raised, raised_gains, stiffness
 from .gain_sets import GainSet, RobotGains
 from .margin_slopes import Case, Gains
 from .mirrored_sets import mirror_image, mirrored
-from .side_by_side import Job, side_by_side
+from .side_by_side import Job, at_once, side_by_side
 from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, stable_starts, tasks_alike
 
 SEARCHES = 3
@@ -133,7 +133,7 @@ def margins_at_rate(system: System, found: GainSet, space: str, rate: float) -> 
     """What gains for every state keep where the loop runs at `rate` [Hz], the rest as it is: the worst of all states and corners."""
     sampled = replace(system, control=replace(system.control, sample_time=1 / rate))
     weight = space == "joint" and not found.without_weight
-    return worst_of([case.all_margins(gains) for case, gains in _acting(sampled, found, space, weight)])
+    return worst_of(at_once(lambda acting: acting[0].all_margins(acting[1]), list(_acting(sampled, found, space, weight))))
 
 
 def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:

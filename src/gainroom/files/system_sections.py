@@ -210,7 +210,8 @@ class ControlSection(Section):
     @model_validator(mode="after")
     def _gains_of_the_type(self) -> "ControlSection":
         names = ", ".join(self.gain_names)
-        given = [name for name in ("kp", "kd", "kv", "ki") if getattr(self, name) is not None]
+        known = dict.fromkeys(name for one in CONTROLLERS.values() for name in one.gain_names())
+        given = [name for name in known if getattr(self, name) is not None]
         missing = [name for name in self.gain_names if name not in given]
         for name in given:
             if name not in self.gain_names:

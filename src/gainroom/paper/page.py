@@ -62,7 +62,7 @@ def _agreeing(figure: Reproduced) -> str:
 
 def _table(rows: Sequence[Row]) -> Html:
     caption = "" if counts(rows)[1] == len(rows) else BRACKETS
-    return table(COLUMNS, [(_named(row), *cells(row)[1:]) for row in rows], caption, {"yes": "met", "no": "unmet"})
+    return table(COLUMNS, [(_named(row), *cells(row)[1:]) for row in rows], caption)
 
 
 def _named(row: Row) -> Html:

@@ -22,7 +22,7 @@ from .robot_columns import asked, audited_joints, audited_states, joint_caption
 from .robot_drawing import hero, small
 from .robot_headroom import coupling, heat_map, joint_factors
 from .robot_skeleton import common_view
-from .robot_tables import MARKS, inputs
+from .robot_tables import inputs
 from .robot_units import joint_units
 from .sweep_text import counted
 from .workspace import advice_there, in_workspace, workspace_card, workspace_section
@@ -54,7 +54,7 @@ def audit_page(
     sample_time, further = system.control.sample_time, audit_warnings(result)[ON_TOP:]
     taken = assumptions(f"Linear about posture {result.tightest.posture}", system.control, "; contacts neither slip nor lift")
     headings, texts = tabulated(audited_joints(result), result.joints)
-    joints = table(headings, texts, joint_caption(result, headings), MARKS)
+    joints = table(headings, texts, joint_caption(result, headings))
     sections = [
         *_reasons(result),
         None
@@ -137,7 +137,7 @@ def _do_this(result: Audit, call: str) -> Html | str:
         return advice_box(found)
     units = joint_units(result.system.source.body)
     caption = "" if result.ready_to_use is None else f"kp {units['kp']}, kd {units['kd']}"
-    beside_it = table(*tabulated(audited_margins(result), shown_requirements(result)), caption, MARKS, sorts=False)
+    beside_it = table(*tabulated(audited_margins(result), shown_requirements(result)), caption, sorts=False)
     return advice_box(found, beside_it, paragraph(reason(result)))
 
 
@@ -199,7 +199,7 @@ def _vibrations(result: Audit) -> list[Html]:
 def _state_table(result: Audit) -> Html:
     columns = audited_states(result.enough_in)
     headings, texts = tabulated(columns, result.states + result.immobile)
-    return table(headings, texts, f"{definitions(columns, headings)} Safe: {asked(result)} or more.", MARKS)
+    return table(headings, texts, f"{definitions(columns, headings)} Safe: {asked(result)} or more.")
 
 
 def _simulator(result: "SimulatorAudit") -> list[Html]:

@@ -189,4 +189,4 @@ CAPTION = (
 
 def needed_table(result: "Audit", needed: "NeededStiffness") -> Html:
     """The gain limit by stiffness, on a page."""
-    return table(*tabulated(look_columns(result, needed), shown_looks(needed)), CAPTION, {"yes": "met", "no": "unmet"})
+    return table(*tabulated(look_columns(result, needed), shown_looks(needed)), CAPTION)

@@ -16,8 +16,6 @@ from .number_format import digits, frequency, own_gains, plane_names
 from .page import Html, facts, table
 from .page_parts import filters, uncertainty_text
 
-MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet", "not certified": "unmet"}
-
 
 @dataclass(frozen=True)
 class Gains:
@@ -87,7 +85,7 @@ def margin_table(study: JointStudy) -> Html:
     caption = f"{RULE} Margins of an unstable loop are meaningless."
     if study.recommended is not None and study.system.uncertainty.names:
         caption += " Worst case: the least of each margin over the cases examined, which may differ from margin to margin."
-    return table(["", *(one.name for one in gains)], rows, caption, MARKS, sorts=False)
+    return table(["", *(one.name for one in gains)], rows, caption, sorts=False)
 
 
 def uncertainty_table(study: JointStudy) -> Html:
@@ -140,7 +138,7 @@ def case_table(shown: list[Case]) -> Html:
         )
         for case in shown
     ]
-    return table(["case", "gain margin", "vibration at", "phase margin", "delay margin"], rows, "", MARKS)
+    return table(["case", "gain margin", "vibration at", "phase margin", "delay margin"], rows)
 
 
 def inputs(study: JointStudy) -> Html:

@@ -114,18 +114,15 @@ def figure(fig: Any, title: str, caption: str, height: int = 480, narrow: Mappin
     )
 
 
-def table(
-    headers: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", marks: Mapping[str, str] | None = None, sorts: bool = True
-) -> Html:
-    """A table. The first column is left-aligned, the others right.
+MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet"}
+"""The CSS class of a table's cells, by their text."""
 
-    marks   CSS class ("met", "unmet") of cells by their text, for example {"yes": "met", "no": "unmet"}
-    sorts   a click on a heading sorts the rows
-    """
-    classes = marks or {}
+
+def table(headers: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", sorts: bool = True) -> Html:
+    """A table. The first column is left-aligned, the others right; a click on a heading `sorts` the rows."""
 
     def cell(text: str) -> str:
-        kind = classes.get(text)
+        kind = MARKS.get(text)
         return f'<td class="{escape(kind)}">{_inline(text)}</td>' if kind else f"<td>{_inline(text)}</td>"
 
     head = "".join(f'<th scope="col">{_inline(text)}</th>' for text in headers)

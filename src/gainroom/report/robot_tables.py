@@ -25,7 +25,6 @@ GRAVITY = {
     False: "left out",
     None: "left out; its stiffness is counted in recommended gains where rigid contacts hold the base",
 }
-MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet", "not confirmed": "unmet"}
 MOST_ROWS = 600
 """Of one table: beyond it a page becomes slow; --json has everything."""
 SET_CAPTION = (
@@ -40,8 +39,8 @@ def state_table(study: RobotStudy) -> Html:
     columns = state_columns()
     rows = study.states + study.immobile
     headings, texts = tabulated(columns, rows[:MOST_ROWS])
-    caption = f"{definitions(columns, headings)} Margins of an unstable robot are meaningless.{_cut(len(rows))}"
-    return table(headings, texts, caption, MARKS)
+    caption = f"{definitions(columns, headings)} An unstable state has none.{_cut(len(rows))}"
+    return table(headings, texts, caption)
 
 
 def joint_table(states: Sequence[State], caption: str = "") -> Html:
@@ -83,7 +82,6 @@ def _several(columns: Sequence[Column], rows: Sequence[tuple[State, Any]], named
         headings,
         [(first + name, *rest) for (first, *rest), name in zip(texts, names, strict=False)],
         caption(headings) + _cut(len(rows)),
-        MARKS,
     )
 
 

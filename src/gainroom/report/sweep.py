@@ -22,7 +22,7 @@ from .page_parts import assumptions, margin_card, uncertainty_text
 from .robot_columns import state_columns
 from .robot_drawing import hero, small
 from .robot_skeleton import common_view
-from .robot_tables import MARKS, machine
+from .robot_tables import machine
 from .sweep_text import advice as use, columns, counted, joint_name, sureness, verdict, warnings
 from .workspace import CURVES, FEW, sample_table
 
@@ -185,7 +185,7 @@ def _limiting(found: SweepSummary) -> Html:
 def _margins(states: list[State]) -> Html:
     shown = state_columns()
     headings, texts = tabulated(shown, states)
-    return table(headings, texts, f"{definitions(shown, headings)} Nominal values.", MARKS)
+    return table(headings, texts, f"{definitions(shown, headings)} Nominal values.")
 
 
 def _sure(found: SweepSummary, near: SweptPosture | None) -> list[tuple[str, str]]:

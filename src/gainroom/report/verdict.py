@@ -31,7 +31,7 @@ MOST_WARNINGS = 3
 
 @dataclass(frozen=True)
 class VerdictRow:
-    """A margin: at the worst of states and uncertainty, nominally in that state, and with the gains to use; SI, None where there is none.
+    """A margin: at the worst of states and uncertainty, nominally in that state, and with the gains to use; text, "" where there is none.
 
     name    of the requirement
     omega   where it is, at the worst [rad/s]
@@ -218,5 +218,4 @@ def gains_box(study: "JointStudy | RobotStudy", found: ToUse) -> Html | str:
     if found.margins is None:  # the cards say as much
         return advice_box(found)
     columns = [column for column in verdict_columns(study, found) if column.title not in ("at", STATE)]
-    marks = {"yes": "met", "no": "unmet"}
-    return advice_box(found, table(*tabulated(columns, verdict_rows(study, found.margins)), marks=marks, sorts=False))
+    return advice_box(found, table(*tabulated(columns, verdict_rows(study, found.margins)), sorts=False))

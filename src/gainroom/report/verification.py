@@ -152,9 +152,7 @@ def verification_page(system: System, result: Verification, command: str, study_
     if not result.of_robot:
         what, model = "one joint", "Linear two-mass joint"
     count = len(result.cases)
-    cases = table(
-        *tabulated(CASE, result.cases), "Predicted and simulated gains are factors on the file's own.", {"yes": "met", "no": "unmet"}
-    )
+    cases = table(*tabulated(CASE, result.cases), "Predicted and simulated gains are factors on the file's own.")
     sections = [
         Section(f"What disagrees: {len(wrong)} of {count} cases" if wrong else "Predicted and simulated", [agreement(result.cases)]),
         Section("Growth about the limit", [growth(system, limit)]) if not result.of_robot and 0 < limit < math.inf else None,

@@ -17,7 +17,6 @@ from .number_format import digits
 from .page import Advice, Card, Html, Section, facts, figure, paragraph, table
 from .page_parts import margin_card
 from .robot_drawing import hero
-from .robot_tables import MARKS
 from .sweep_text import (
     columns,
     counted,
@@ -163,7 +162,7 @@ def workspace_card(swept: AuditedWorkspace) -> Card:
 def sample_table(found: SweepSummary, sample: WorstStates, note: str = "") -> Html:
     """Requirements besides the gain margin, with the worst that a sample of postures has."""
     caption = f"{looked_at(found, sample)} Worst found and missed: among these; at random: how many of those chosen so miss it.{note}"
-    return table(*tabulated(sample_columns(found, sample), sample.requirements), caption, MARKS)
+    return table(*tabulated(sample_columns(found, sample), sample.requirements), caption)
 
 
 def _numbers(found: SweepSummary, later: bool) -> list[tuple[str, str]]:

@@ -53,7 +53,7 @@ class RigidBody:
     """Rigid links, n actuated joints of one degree of freedom each, and N velocities: n, the passive joints', 6 of a floating base.
 
     source        its name in messages
-    model         Pinocchio's, links only: its armature and rotor inertias are zero
+    model         Pinocchio's, links only: armature and rotor inertia of the actuated joints are zero
     joint_names   the n actuated joints, in the model's order
     base          "fixed" | "floating"
     armature      (n,) reflected rotor inertia given in the file, 0 where none [kg m²; kg if prismatic]

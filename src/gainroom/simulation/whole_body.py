@@ -40,7 +40,7 @@ class SampledControl:
     channels      m
     sample_time   [s]
 
-    P/PI takes the velocity of the measured value alone, as Fig. 13 of Jung et al. 2017 draws it; all others that of the error.
+    Velocity is that of the error, or of the measured value alone (Controller.rate_of_error; P/PI, as Fig. 13 of Jung et al. 2017 draws it).
     """
 
     def __init__(self, controller: Controller, channels: int, sample_time: float):

@@ -8,3 +8,13 @@ Progress = Callable[[int, int, str], None]
 
 def quiet(done: int, total: int, what: str) -> None:
     """Progress that nobody follows."""
+
+
+def after(checkpoint: Callable[[], None], progress: Progress) -> Progress:
+    """`progress` of a job of several, which ends at its `checkpoint` where another has failed (design/side_by_side.py)."""
+
+    def report(done: int, total: int, what: str) -> None:
+        checkpoint()
+        progress(done, total, what)
+
+    return report

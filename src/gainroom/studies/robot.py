@@ -20,7 +20,7 @@ from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .analysis import Analysis, analyze
 from .deciding_joints import most_sensitive
-from .progress import Progress, quiet
+from .progress import Progress, after, quiet
 from .state import USUAL_RATE, State, task_headroom
 
 EXPECTED_LOOKS = 250
@@ -171,11 +171,7 @@ def study_robot(system: System, progress: Progress = quiet, recommend: bool = Tr
     jobs = _recommended(system, progress) if recommend and system.requirements.asked else []
 
     def analysis(checkpoint: Callable[[], None]) -> Analysis:
-        def report(done: int, total: int, what: str) -> None:
-            checkpoint()
-            progress(done, total, what)
-
-        found = analyze(system, report, NUMBERS)
+        found = analyze(system, after(checkpoint, progress), NUMBERS)
         found.missed_at_usual_rate  # noqa: B018 - beside the search for gains; its states remember
         return found
 

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import GainroomError
-from .controller import Controller, gain_matrix
+from .controller import Controller
 from .drive import Drive
 from .gain_path import GainPath
 from .linear.arrays import Floats
@@ -76,7 +76,7 @@ def controller_state(controller: Controller, size: int, step: float | None) -> S
     continuous ones get the velocities themselves. Feeding the negated measurement into both closes the loop; a reference need not
     enter both (eq. (4) has D act on x_d − x, the P/PI cascade of Fig. 13 only position gains on x_d).
     """
-    terms = {powers: gain_matrix(f"gain {powers}", gain, size) for powers, gain in controller.terms().items()}
+    terms = controller.matrices(size)
     nothing = np.zeros((size, size))
     velocity = StateSpace.gain(np.eye(1))
     if step is not None:

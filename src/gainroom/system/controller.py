@@ -98,11 +98,11 @@ class Controller:
 
     def matrix(self, s: Complexes, v: Complexes, size: int, sample_time: float | None) -> Complexes:
         """D of `size` joints at complex s (k,), with v the same points in this module's variable: (k, n, n)."""
-        return self._sum(self._matrices(size), (size, size), s, v, sample_time)
+        return self._sum(self.matrices(size), (size, size), s, v, sample_time)
 
     def after(self, response: Complexes, s: Complexes, v: Complexes, sample_time: float | None) -> Complexes:
         """`response` D of what is measured, (k, n, n), at the points of `matrix`."""
-        terms = self._matrices(response.shape[-1])
+        terms = self.matrices(response.shape[-1])
         if all(np.count_nonzero(gain) == np.count_nonzero(np.diagonal(gain)) for gain in terms.values()):
             own = {powers: np.diagonal(gain) for powers, gain in terms.items()}
             return response * self._sum(own, response.shape[-1:], s, v, sample_time)[:, None, :]
@@ -119,11 +119,18 @@ class Controller:
         shaping = self.shaping(sample_time)
         return total if shaping.is_one else (shaping.at(s) * total.T).T
 
-    def _matrices(self, size: int) -> Terms:
-        """`terms` as (n, n) matrices; cached, as responses are evaluated many times."""
+    def matrices(self, size: int) -> Terms:
+        """`terms` as (n, n) matrices; cached, as responses are evaluated many times. Raises GainroomError on shapes and powers."""
         if size not in self._sized:
-            self._sized[size] = {powers: gain_matrix("gain", gain, size) for powers, gain in self.terms().items()}
+            self._sized[size] = {powers: gain_matrix(f"gain {powers}", gain, size) for powers, gain in self._known(self.terms()).items()}
         return self._sized[size]
+
+    def _known(self, terms: Terms) -> Terms:
+        """The same terms. Raises GainroomError where one has a power of V or I that is neither 0 nor 1."""
+        for powers in terms:
+            if not set(powers) <= {0, 1}:
+                raise GainroomError(f"{type(self).__name__}: a term with powers {powers} of V and I must have powers of 0 or 1")
+        return terms
 
     @cached_property
     def _sized(self) -> dict[int, Terms]:
@@ -132,7 +139,7 @@ class Controller:
     def slowest(self, size: int) -> float:
         """The lowest frequency [rad/s] at which one term takes over from another on some joint; inf where there is but one."""
         by_order: dict[int, Floats] = {}
-        for (power_v, power_i), gain in self._matrices(size).items():
+        for (power_v, power_i), gain in self.matrices(size).items():
             by_order[power_v - power_i] = by_order.get(power_v - power_i, 0.0) + np.linalg.norm(gain, axis=1)
         corners = [
             (by_order[low][both] / by_order[high][both]) ** (1 / (high - low))
@@ -161,7 +168,7 @@ class Controller:
     def _polynomials(self, terms: Terms, sample_time: float | None) -> tuple[Floats, Floats]:
         """What each term's gain multiplies in a common numerator (terms, k), highest power first, and the denominator."""
         ratios = self.velocity(sample_time), integrator(sample_time)
-        most = [max((powers[k] for powers in terms), default=0) for k in (0, 1)]
+        most = [max((powers[k] for powers in self._known(terms)), default=0) for k in (0, 1)]
         parts = [reduce(np.convolve, (ratios[k][0 if powers[k] else 1] for k in (0, 1) if most[k]), np.ones(1)) for powers in terms]
         longest = max((len(part) for part in parts), default=1)
         padded = np.array([np.concatenate([np.zeros(longest - len(part)), part]) for part in parts]).reshape(len(parts), longest)
