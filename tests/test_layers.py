@@ -1,8 +1,11 @@
 """Data flows one way: nothing imports what stands to its right in LAYERS, and no two modules import each other."""
 
 import ast
+import re
 from graphlib import TopologicalSorter
 from pathlib import Path
+
+import pytest
 
 import gainroom
 
@@ -83,6 +86,18 @@ def test_imports_have_no_cycle():
     graph = {name: imported(name) - {"__init__"} for name in MODULES if name != "__init__"}
     order = list(TopologicalSorter(graph).static_order())  # raises CycleError
     assert set(order) >= set(graph)
+
+
+@pytest.mark.parametrize("package", ["analysis", "report"])
+def test_the_map_of_a_large_package_names_every_file(package):
+    """And no other: its docstring is where a reader begins."""
+    text = ast.get_docstring(ast.parse((PACKAGE / package / "__init__.py").read_text("utf-8")))
+    assert text is not None
+    files = {path.stem for path in (PACKAGE / package).glob("*.py")} - {"__init__"}
+    named = set(re.findall(r"\w+", text))
+    assert files <= named, files - named
+    compound = {word for word in named if "_" in word.strip("_")}
+    assert compound <= {*files, "X_text", "X_columns"}, compound - files
 
 
 def test_importing_the_command_line_costs_little():

@@ -1,1 +1,15 @@
-"""Stability, margins, limits and gain regions of a loop, certified."""
+"""Stability, margins, limits and gain regions of a loop, certified.
+
+Margins        margins (of one joint, and the entry for all), coupled_margins (all loops at once, and one at a time), margin_record (what
+               both give), return_ratios (each loop with the others closed), disk_margin, _disk_modes and _mu (all at once, independently);
+               two_paths and period_map (kd on a path of its own)
+Delay margin   of one joint in margins; of coupled loops, with their phase margin and gain limit, in first_crossing
+Gain limits    gain_limit; proved: proved_limit, by modal_loop and proof_at_rest; followed: first_crossing, along loci; of a part of the
+               gains: partial_limits, gain_directions; passive_intervals, limbs
+Stability      stability (roots), stability_boundary (where s or z runs along it)
+Frequencies    crossings (of one joint, certified between points), sampled_scan (of callables), sampled_curves, loci
+Gain regions   gain_region of one joint, from gain_plane and excluded_region; of a part of coupled gains: part_plane, part_requirements,
+               other_loops, common_phase_plane, every_loop
+Ranges         range_proof and box_loops: every joint whose parameters lie in ranges
+Searches       look: all of this of coupled loops in the core, sampled and not certified, in milliseconds
+"""
