@@ -104,7 +104,7 @@ def _is_lost_at_infinity(loop: Loop) -> bool:
 def is_stable(loop: Loop) -> bool:
     """True when every closed-loop root decays that the gains move, and none grows that they do not (see unstable_roots)."""
     require_loop("is_stable", loop)
-    return unstable_roots(loop) == 0
+    return not loop.topples and unstable_roots(loop) == 0
 
 
 def rightmost_roots(loop: Loop, count: int = 6) -> Roots:

@@ -17,7 +17,6 @@ from ..analysis.look import WHOLE, Directed, Reach, Seen, directed_loop, joint_l
 from ..analysis.margin_record import Margins
 from ..analysis.margins import margins
 from ..errors import GainroomError
-from ..system.assembly import Parts
 from ..system.controller import PD
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
@@ -67,18 +66,10 @@ class Case:
         return np.array_equal(self.torque, eye) and np.array_equal(self.jacobian, eye)
 
     @cached_property
-    def _any_loop(self) -> Loop:
-        return self.loop(np.ones((3, len(self.cascade))))
-
-    @property
-    def _parts(self) -> Parts:
-        assert self._any_loop.parts is not None
-        return self._any_loop.parts
-
-    @cached_property
     def _directed(self) -> Directed:
-        loop = self._any_loop
-        apart = self.joints and type(self._parts.controller) is PD
+        loop = self.loop(np.ones((3, len(self.cascade))))
+        assert loop.parts is not None
+        apart = self.joints and type(loop.parts.controller) is PD
         return joint_loops(loop) if apart else directed_loop(loop, self.torque, self.jacobian, self.cascade)
 
     @cached_property
@@ -114,14 +105,6 @@ class Case:
             self._whole[key] = self._margins_at(gains, look(self._directed, gains, WHOLE.wider(self._reach)), True)
         return self._whole[key]
 
-    def topples(self, gains: Gains) -> bool:
-        """Whether these gains are too soft for the weight, which they hold up alone: known without a look, where it is."""
-        parts = self._parts
-        if not self.joints or type(parts.controller) is not PD or parts.feedback != "motor":
-            return False
-        count = parts.plant.toppled(gains[0]) or 0
-        return count > 0 if parts.sample_time is None else count % 2 == 1  # an odd number of roots cannot leave the real axis in pairs
-
     def _margins_at(self, gains: Gains, seen: Seen, apart: bool) -> Margins:
         found = margins_seen(seen, len(self.torque), apart)
         if not found.stable or not seen.followed:
@@ -144,7 +127,7 @@ class Case:
         if key in self._known:
             return self._known[key].stable
         if key not in self._stable:
-            seen = None if self.topples(gains) else look(self._directed, gains, STABLE)
+            seen = None if self.loop(gains).topples else look(self._directed, gains, STABLE)
             self._stable[key] = seen is not None and seen.followed and seen.unstable == 0
         return self._stable[key]
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..analysis.margin_record import GainLimit, Margins
 from ..design.gain_sets import GainSet, RobotGains
 from ..design.robot_gains import delay_margin_in_all, margins_at_rate, recommend_robot
-from ..design.side_by_side import Job, side_by_side
+from ..design.side_by_side import Job, at_once, side_by_side
 from ..design.starting_gains import JointsAlone
 from ..errors import computable
 from ..system.controller import Controller
@@ -145,7 +145,8 @@ class RobotStudy(Analysis):
         stable = [state for state in self.states if state.limit.stable]
         models = [source.linearize(state.model.posture, state.model.contact, weight=True) for state in stable]
         weighed = [replace(state, model=model) for state, model in zip(stable, models, strict=True) if model.gravity_stiffness is not None]
-        return tuple(state.title for state in weighed if state.moves and not state.stable)
+        lost = at_once(lambda state: state.moves and not state.stable, weighed)
+        return tuple(itertools.compress((state.title for state in weighed), lost))
 
     @property
     def unstable_tasks(self) -> list[State]:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, one_line, require_count, require_finite, require_positive
 from ..native import _core
 from .assembly import Feedback, Parts, controller_state
-from .controller import Compensator, Controller, gain_matrix
+from .controller import PD, Compensator, Controller, gain_matrix
 from .drive import Drive
 from .elastic_joint import ElasticJoint
 from .gain_path import GainPath, samples_in_common
@@ -30,6 +30,7 @@ from .plant import Plant
 EXACT_MODES = 1e-12  # relative: a sum over modes that is off by no more has all digits that polishing and counting need
 ABOUT_AXIS = 1e-7  # |Re s| of Im s up to which sums over modes serve
 NO_GAIN = 1e-11  # of the largest gain of matrices: less is what round-off leaves of none, and spoils eigenvectors
+SYMMETRIC = 1e-12  # of the largest gain of a matrix: what round-off leaves between its halves
 
 
 @dataclass(frozen=True)
@@ -227,6 +228,20 @@ class Loop:
         self.require_one_path("one sampled plant")
         _, fraction = split_delay(self.parts.delays, self.sample_time)
         return hold(measured_state(self.parts, "position"), fraction * self.sample_time, self.sample_time)
+
+    @cached_property
+    def topples(self) -> bool:
+        """Whether PD gains are too soft for the weight, which nothing else holds up: known from stiffness alone. False is no verdict."""
+        parts = self.parts
+        if parts is None or parts.plant.gravity_stiffness is None or parts.kd_path is not None:
+            return False
+        if type(parts.controller) is not PD or parts.feedback != "motor":
+            return False
+        gains = parts.controller.matrices(self.size)
+        if any(np.abs(gain - gain.T).max() > SYMMETRIC * np.abs(gain).max() for gain in gains.values()):
+            return False
+        count = parts.plant.toppled(gains.get((0, 0), np.zeros((self.size, self.size)))) or 0
+        return count > 0 if self.sample_time is None else count % 2 == 1  # an odd number cannot leave the real axis in pairs
 
     def response(self, omega: ArrayLike) -> Complexes:
         """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""

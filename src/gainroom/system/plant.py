@@ -259,10 +259,10 @@ class Plant:
     @cached_property
     def toppling(self) -> int | None:
         """How many motions the weight topples, one pole each. None for a G that is not symmetric."""
-        return self.toppled(np.zeros(self.size))
+        return self.toppled(np.zeros((self.size, self.size)))
 
     def toppled(self, held: Floats) -> int | None:
-        """The same where springs `held` (n,) [N m/rad] hold the motors in place: a gain kp, for all that is real and slow.
+        """The same where springs `held` (n, n) [N m/rad], symmetric, hold the motors in place: a gain kp, for all that is real and slow.
 
         As many as K_η, with them, has negative eigenvalues, since no damper drives anything (Thomson, Tait and Chetaev: Merkin 1997,
         Introduction to the Theory of Stability, chapter 6). With PD gains as springs that act late these are roots on the positive real
@@ -275,7 +275,7 @@ class Plant:
         if not np.allclose(gravity, gravity.T, rtol=0, atol=1e-9 * np.abs(gravity).max()):
             return None
         form = self.mechanism()
-        squares = undamped(form.mass, form.stiffness + form.force @ (held[:, None] * form.motor_position))[0]
+        squares = undamped(form.mass, form.stiffness + form.force @ held @ form.motor_position)[0]
         return int(np.count_nonzero(squares < -AT_REST * np.abs(squares).max(initial=0.0)))
 
     def resonances(self) -> Complexes:
