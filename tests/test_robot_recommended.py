@@ -235,7 +235,10 @@ def test_where_the_file_counts_the_weight_no_gains_are_found_without_it():
         assert study.topples == toppling
         assert ("without the robot's weight" in sentence(study)) == bool(toppling)
         assert any("topples on these gains in stand/all" in one for one in warnings(study)) == bool(toppling)
-    assert not study_robot(replace(own, source=replace(own.source, gravity=True)), recommend=False).stable
+    lost = study_robot(replace(own, source=replace(own.source, gravity=True)), recommend=False)
+    assert not lost.stable
+    assert "kp is too low to hold the robot's weight up" in sentence(lost)
+    assert lost.tightest.loop.topples
 
 
 @pytest.mark.population

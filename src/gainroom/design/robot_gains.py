@@ -365,7 +365,8 @@ def _most_missed(cases: Sequence[Case], found: Raised) -> float:
 def _nearest(cases: Sequence[Case], found: Raised) -> str:
     """What came nearest, as text."""
     margins, case = max(zip(found.margins, cases, strict=True), key=lambda pair: pair[1].required.shortfall(pair[0]))
-    return f"{_shortage(margins, case.required)} in {case.title}"
+    shortage = "too soft for the weight" if case.loop(found.gains).topples else _shortage(margins, case.required)
+    return f"{shortage} in {case.title}"
 
 
 def _shortage(margins: Margins, required: Requirements) -> str:

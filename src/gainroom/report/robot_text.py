@@ -114,6 +114,8 @@ def _verdict(study: "RobotStudy") -> str:
         return f"{start} {limited}{at_usual_rate_text(study)}"
     every = f" in {worst.title}" if study.examined else every
     start = f"Not safe: unstable{every}" if count == 1 else f"Not safe: unstable in {unstable} of {count} states{act}"
+    if worst.loop.topples:
+        return f"{start}: kp is too low to hold the robot's weight up {where}, where it topples."
     if math.isnan(limit.gain):
         return f"{start}: the robot vibrates {where}."
     if limit.gain > 0 and math.isfinite(limit.gain):
