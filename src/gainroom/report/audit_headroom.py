@@ -24,6 +24,8 @@ WHOLE = (TOGETHER, PATHS)
 """Names of the rows that are no joint's."""
 WIDEST = 30.0
 """Ratio of the factors on the axis; what lies beyond is drawn at its end."""
+ROOM = 0.75
+"""Of the axis: a number beside a mark that is further right stands on its left, or a phone cuts it."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def headroom(result: Audit) -> Html:
             color = style.BLUE if value >= result.margin else style.VERMILION
             symbol, size = ("star", 20) if row is decides and k == worst else ("circle", 12) if k == worst else ("circle-open", 9)
             hover = f"{escape(row.title)}<br>{escape(result.states[k].contact)}<br>{digits(value, '×')} ({_level(value)})"
-            beside = "left" if value > left * (right / left) ** 0.9 else "right"
+            beside = "left" if value > left * (right / left) ** ROOM else "right"
             text = {"mode": "markers+text", "text": [f" {digits(value, '×', 3)} "], "textposition": f"middle {beside}"}
             mark = style.markers([min(max(value, left * edge), right / edge)], [place], symbol, color, size)
             traces.append(mark | {"hoverinfo": "text", "hovertext": [hover], "cliponaxis": False} | (text if k == worst else {}))

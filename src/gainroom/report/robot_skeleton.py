@@ -19,6 +19,7 @@ NEAR, FAR = "#7d7d7d", "#bdbdbd"  # links
 GHOST = "#b9dcf2"  # links in another posture
 SMALLEST_PART = 0.05  # participation factors below it get no angle
 LINE = 17  # [px] a line of text is high
+STAMPED = 26  # [px] the stamp at the foot of a picture is high
 Projection = Callable[[Floats], Floats]
 
 
@@ -215,7 +216,8 @@ def _names(model: RobotModel, limit: GainLimit, view: View) -> list[style.Annota
         notes.append(style.stamp("UNSTABLE"))
     if not model.contacts and model.body.base == "floating":
         x = 0.5 * float(middle[1].min() + middle[1].max())
-        notes.append(style.label(x, float(view.low[1]), "no contact", style.SOFT, yanchor="bottom", bgcolor="rgba(0,0,0,0)"))
+        above = {"yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)", "yshift": 0 if limit.stable else STAMPED}
+        notes.append(style.label(x, float(view.low[1]), "no contact", style.SOFT, **above))
     return notes
 
 
