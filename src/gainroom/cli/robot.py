@@ -143,9 +143,11 @@ def _all_there_is(study: "RobotStudy") -> list[Any]:
 
     title = f"All joints together ({model_text(study.system.control.sample_time)})"
     columns = state_columns()
-    states = column_table(title, columns, study.states + study.immobile, ("delay", "one loop", "disk"))
+    states = column_table(title, columns, study.states + study.immobile, ("delay", "one-loop phase", "disk"))
     parts: list[Any] = [states, definitions(columns, headings(states)), ""]
-    joints = {state: column_table(f"Joints, {state.title}", JOINT, state.joints, ("load", "alone")) for state in study.tightest_by_contact}
+    joints = {
+        state: column_table(f"Joints, {state.title}", JOINT, state.joints, ("load", "by itself")) for state in study.tightest_by_contact
+    }
     for state, shown in joints.items():
         parts += [shown, *_task_parts(state)]
     parts.append(joint_legend(study.system.source.body, {title for shown in joints.values() for title in headings(shown)}))

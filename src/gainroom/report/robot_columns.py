@@ -87,7 +87,7 @@ STATE = [
         margin="phase_margin",
     ),
     Column(
-        "one loop",
+        "one-loop phase",
         "single_loop_phase_margin_deg",
         _if_moving(lambda state: math.degrees(state.margins.one_loop_phase_margin)),
         "°",
@@ -140,7 +140,7 @@ def state_columns() -> list[Column]:
 
 
 ALONE = Column(
-    "alone",
+    "by itself",
     "single_joint_limit",
     lambda row: row.single_joint_limit,
     definition="the factor on the joint's gains if it were the only joint, with that load: its neighbours move freely, without motors",
