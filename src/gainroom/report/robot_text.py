@@ -23,6 +23,7 @@ from .joint_text import (
     vibration_starts,
 )
 from .margin_columns import short_text
+from .number_format import rounded_up
 
 if TYPE_CHECKING:
     from ..studies.robot import RobotStudy
@@ -121,7 +122,12 @@ def _verdict(study: "RobotStudy") -> str:
             f"{start}. Scaled together, these gains are stable only below {digits(limit.gain, '×', 3)}, with no margin there; vibration "
             f"starts at {at} {where}, mainly {joints}.{_coupling(worst)}"
         )
-    return f"{start}: no lower gains in the same ratio are stable {where}."
+    if worst.toppled_below is None:
+        return f"{start}: no lower gains in the same ratio are stable {where}."
+    if study.softest is None:
+        return f"{start}: no lower gains in the same ratio are stable {where}, as gravity topples the robot on them."
+    least = digits(rounded_up(study.softest.lower_gain), "×", 3)
+    return f"{start}: too soft to hold the robot against gravity, which in {study.softest.title} takes more than {least} these gains."
 
 
 def _coupling(state: State) -> str:

@@ -148,6 +148,12 @@ class RobotStudy(Analysis):
         return tuple(state.title for state in weighed if state.moves and not state.stable)
 
     @property
+    def softest(self) -> State | None:
+        """The state in which gravity, which topples the robot at these and all lower gains, takes the highest; None where none hold it."""
+        toppled = [state for state in self.states if (state.toppled_below or 0) > 1]
+        return max(toppled, key=lambda state: state.lower_gain, default=None) if (self.tightest.toppled_below or 0) > 1 else None
+
+    @property
     def unstable_tasks(self) -> list[State]:
         """The states in which the tasks' own gains, which the file does not close, are unstable."""
         return [state for state in self._open_tasks if state.task_limit is not None and not state.task_limit.stable]
