@@ -63,12 +63,14 @@ def recommend_robot(
     progress: Callable[[], None] = lambda: None,
     start: RobotGains | None = None,
     alone: JointsAlone | None = None,
+    by_contact: bool = True,
 ) -> RobotGains:
     """Gains for the joints, or for the file's tasks (space "task").
 
     start   gains that are known, such as those found for fewer states: the search, a local one, begins there, too, where it would else
             end softer
     alone   what is known of joints by themselves, and is added to
+    by_contact   False: the set for all states alone
 
     Raises GainroomError where nothing is required, and in task space without tasks.
     """
@@ -102,6 +104,8 @@ def recommend_robot(
         return _held(contact, states, required, nearest, search)
 
     safe = held(EVERYWHERE, found, progress, known.get(EVERYWHERE), failed)
+    if not by_contact:
+        return RobotGains(space, tuple(names), {}, safe, inertia, nearest, _unweighed(system, space, states))
     whole: dict[str, GainSet | None] = {}
     own = {contact: [state for state in found if state.contact == contact] for contact in system.source.contacts}
 
