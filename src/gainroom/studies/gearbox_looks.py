@@ -26,8 +26,7 @@ from ..system.loop import Loop
 from ..system.requirement import enough
 from ..system.requirements import Requirements
 from ..system.system import StateCase, System
-from .certified_delay import LATE
-from .loop_numbers import extra_delay, limit_of, margins_of
+from .loop_numbers import LATE, extra_delay, limit_of, margins_of
 from .state import State
 
 FAR_BELOW = 0.01

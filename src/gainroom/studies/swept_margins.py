@@ -14,8 +14,7 @@ from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..system.requirement import Requirement
 from ..system.system import StateCase
-from .certified_delay import with_certified_delay
-from .loop_numbers import moves
+from .loop_numbers import moves, with_certified_delay
 from .progress import Progress, quiet
 from .state import State, state_of
 from .sweep.plan import SweepPlan

@@ -165,7 +165,7 @@ class _Tree:
             if model.jnt_type[index] != _FREE:
                 joint, place, frame = self._add_joint(index, joint, place, frame)
             elif floats:
-                self._set_drag(index, joint)
+                self._set_armature_and_damping(index, joint)
         inertia = pin.Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body]))
         self.result.appendBodyToJoint(joint, inertia, place * self._placement(model.body_ipos[body], model.body_iquat[body]))
         frame = self.result.addBodyFrame(_body_name(model, body), joint, place, frame)
@@ -187,7 +187,7 @@ class _Tree:
         else:
             joint_model = pin.JointModelSpherical()
         joint = self.result.addJoint(parent, joint_model, place, _joint_name(model, index))
-        self._set_drag(index, joint)
+        self._set_armature_and_damping(index, joint)
         if kind != _BALL:
             self._set_limits(index, joint)
             self.friction[_joint_name(model, index)] = float(model.dof_frictionloss[model.jnt_dofadr[index]])
@@ -201,7 +201,7 @@ class _Tree:
         self._put("lowerPositionLimit", slice(at, at + 1), low)
         self._put("upperPositionLimit", slice(at, at + 1), high)
 
-    def _set_drag(self, index: int, joint: int) -> None:
+    def _set_armature_and_damping(self, index: int, joint: int) -> None:
         """Armature and damping, the same for each velocity of the joint: of a free one they are in no axes of their own."""
         model, record = self.mujoco_model, self.result.joints[joint]
         velocities = slice(record.idx_v, record.idx_v + record.nv)
