@@ -247,7 +247,7 @@ def _disk_words(study: RobotStudy) -> str:
     return f"{words} make the robot unstable: a bound with scalings, proved between frequencies, too, in {count} stable states"
 
 
-LOOKED_AT = "corners and places between, the rest is not proved"
+LOOKED_AT = "corners and points between, the rest is not proved"
 
 
 def _certificate(study: RobotStudy) -> Html:

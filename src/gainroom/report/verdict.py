@@ -135,7 +135,7 @@ def _over_ranges(found: "Recommendation") -> list[str]:
     if found.proved:
         return [f"Proved everywhere within the ranges,{spare}, without which the proof did not finish."] if spare else []
     why = "the proof for those in between did not finish" if spare else "of those in between there is no proof for such requirements"
-    return [f"Not proved: the requirements are met{spare} in all cases within the ranges that were looked at; {why}."]
+    return [f"Not proved: the requirements are met{spare} in all cases within the ranges that were checked; {why}."]
 
 
 def _at_half_rate(usual: "JointStudy", asked: Requirements) -> str:
