@@ -311,7 +311,7 @@ What is assumed, the same for all robots:
 - Gearboxes are rigid, but those of TALOS, whose stiffness is public; current loops are infinitely fast. Both are
   optimistic: elastic gearboxes leave less.
 - No friction, no gravity stiffness; feet neither slip nor lift. Whether links collide and whether the robot could stand
-  like that is not looked at.
+  like that is not checked.
 - Only the gain margin: the factor on all gains at which the robot starts to vibrate, in dB. Every limit is certified.
   0 dB or less is unstable.
 

@@ -197,6 +197,9 @@ def test_the_picture_has_every_joint_and_state_and_marks_what_decides(folder: Pa
     least = {name: one["x"][0] for name, one in zip(names[1:], marks[1:], strict=True)}
     assert least == {joint["name"]: approx(joint["limit_others_closed"], rel=1e-5) for joint in told["joints"]}
     assert f" in {worst['contact']}" in told["sentence"]
+    numbers = picture["layout"]["annotations"][: len(marks)]
+    assert [number["text"] for number in numbers] == [digits(mark["x"][0], "×", 3) for mark in marks]
+    assert {number["xanchor"] for number in numbers} == {"right"}  # left of the least of each row: no other mark is there
 
 
 def test_a_verdict_on_rigid_gearboxes_is_no_plain_safe(folder: Path, capsys: pytest.CaptureFixture[str]):

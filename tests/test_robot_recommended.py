@@ -24,7 +24,7 @@ from gainroom.report.robot_text import free_joints, sentence, warnings
 from gainroom.studies.robot import study_robot
 from gainroom.system.system import System
 from independent.quick_margins import quick_margins
-from robot_files import SOLO, write_arm
+from robot_files import ROBOT, SOLO, write_arm
 
 BIPED = """\
 model: {package: gainroom, file: biped.urdf, base: floating}
@@ -207,6 +207,27 @@ def test_the_gains_of_the_file_play_no_part(tmp_path: Path):
         np.testing.assert_array_equal(other.kd, found[0].kd)
 
 
+@pytest.mark.parametrize(("ranges", "said"), [("stiffness: [20, 100000]", True), ("stiffness: [7900, 8100]", False), ("", None)])
+def test_what_a_wide_range_costs_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str], ranges: str, said: bool | None):
+    """By the gains of the same file without the range."""
+    text = ROBOT[: ROBOT.index("tasks:")]
+    system = parse_robot(write_arm(tmp_path, text).read_text("utf-8"), "arm", tmp_path)
+    path = write_arm(tmp_path, text + f"uncertainty: {{{ranges}}}\n")
+    assert main(["robot", str(path), "--json"]) in (0, 1)
+    told = json.loads(capsys.readouterr().out)
+    if said is None:
+        assert told["uncertainty_cost"] is None
+        return
+    exact = safe(recommend_robot(system))
+    over = next(one for one in told["recommended"][0]["sets"] if one["contact"] == "everywhere")
+    cost = 1 - np.array(over["kp"]) / exact.kp
+    np.testing.assert_allclose(told["uncertainty_cost"]["cost"], np.maximum(cost, 0.0))
+    main(["robot", str(path)])
+    shown = " ".join(capsys.readouterr().out.split())
+    k = int(np.argmax(cost))
+    assert (f"The range of stiffness costs {system.source.joint_names[k]} {100 * cost[k]:.0f} % of its gain" in shown) == said
+
+
 @pytest.mark.slow
 def test_without_weight_where_it_cannot_be_kept():
     """Gains that motors and springs so light allow cannot hold it: what is told is without the weight, and says so."""
@@ -237,7 +258,7 @@ def test_where_the_file_counts_the_weight_no_gains_are_found_without_it():
         assert any("topples on these gains in stand/all" in one for one in warnings(study)) == bool(toppling)
     lost = study_robot(replace(own, source=replace(own.source, gravity=True)), recommend=False)
     assert not lost.stable
-    assert "kp is too low to hold the robot's weight up" in sentence(lost)
+    assert "too soft to hold the robot against gravity" in sentence(lost)
     assert lost.tightest.loop.topples
 
 

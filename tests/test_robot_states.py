@@ -28,7 +28,7 @@ from gainroom.studies.state import limiting_joints, state_of
 from independent.quick_margins import quick_margins
 from refusals import assert_refused
 from robot_files import changed, write_arm
-from robot_truths import hinge, link, write_robot
+from robot_truths import GRAVITY, hinge, link, write_robot
 
 LEG = """\
 model: {file: robot.urdf, base: floating}
@@ -380,6 +380,30 @@ def test_gravity_counts_on_two_feet_in_continuous_time():
         sampled = replace(spec, control=replace(spec.control, sample_time=5e-4))
         held = state_of(sampled, posture, "double")
         assert state.limit.lower_gain == approx(held.limit.lower_gain, rel=1e-3)  # of statics, which no sampling changes
+
+
+def test_gains_that_are_too_soft_for_gravity_say_how_stiff_they_have_to_be(tmp_path: Path):
+    """A rigid pendulum that stands is held where kp > m g l."""
+    links = link("base") + link("upper", 4.0, (0, 0, 1.0), (0.1, 0.1, 0.01))
+    write_robot(tmp_path, links, hinge("hip", "base", "upper", (0, 0, 1.0)))
+    text = """
+model: {file: robot.urdf, base: fixed, gravity_stiffness: true}
+joints: {default: {motor_inertia: 0.1, stiffness: rigid}}
+drive: {bandwidth: .inf, delay_ms: 1.0}
+postures: {up: {}}
+contacts: {none: []}
+control: {type: pd, feedback: motor, sample_rate_hz: 1000, kp: KP, kd: 2.0}
+"""
+    held = 4.0 * GRAVITY * 1.0  # statics, which no rate and no delay changes
+    for kp, factor in ((0.1 * held, 10.0), (0.6 * held, 1 / 0.6), (2 * held, None)):
+        study = study_robot(parse_robot(text.replace("KP", repr(kp)), "robot.yaml", tmp_path), recommend=False)
+        (state,) = study.states
+        assert state.stable == (factor is None)
+        if factor is None:
+            assert state.toppled_below is None
+        else:
+            assert state.toppled_below == approx(factor, rel=1e-6)  # the weight is differenced
+            assert "too soft to hold the robot against gravity, which in up/none takes more than" in sentence(study)
 
 
 def test_what_each_state_keeps(folder: Path, leg: RobotStudy, at_once: None, capsys: pytest.CaptureFixture[str]):

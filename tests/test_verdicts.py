@@ -146,7 +146,7 @@ def test_gains_for_the_usual_rate_say_how_they_hold_over_the_ranges():
     vars(study.at_usual_rate)["recommended"] = replace(shown, proved=False, reserve=0.002)
     why = "of those in between there is no proof for such requirements."
     told = joint_to_use(study).remarks[1]
-    assert told == f"Not proved: the requirements are met in all cases within the ranges that were looked at; {why}"
+    assert told == f"Not proved: the requirements are met in all cases within the ranges that were checked; {why}"
     vars(study.at_usual_rate)["recommended"] = replace(shown, proved=False)
     told = joint_to_use(study).remarks[1]
     assert told.startswith("Not proved: the requirements are met with 2 % of each requirement to spare in all cases")

@@ -317,7 +317,7 @@ class RobotBench:
         key = repr(view.model_copy(update={"posture": place, "contact": None, "joint": view.joint if view.point else None}))
         known = self._found.get(self.plant(view))
         for study in self._so_far.studies(key, self.system(view), self._state(view), progress):
-            yield study if known is None else replace(study, recommended=known.recommended)
+            yield study if known is None else replace(study, recommended=known.recommended, exact=known.exact)
 
     def plant(self, view: View) -> str:
         """What recommended gains depend on: not on the file's, but for the proportions of P/PI tasks."""

@@ -112,8 +112,6 @@ def audited_text(found: "Audited", result: "Audit | None", model: str, required:
     if result is not None and result.over is not None:
         one = result.over.worst_together
         sections = with_gearboxes(sections, result.system.source.joint_names, result.over.range.types, one.stiffness, one.damping)
-        heading.append(
-            "stiffness and damping: one place in the range of gearboxes, the worst for these gains at which all joints stand alike."
-        )
+        heading.append("stiffness and damping: one point in the range of gearboxes, the same for all joints, where these gains are worst.")
         heading.append("Audit the gains that are found with it over the whole range again.")
     return audited_robot_text(sections, model, required, heading, target)

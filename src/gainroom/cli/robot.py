@@ -116,6 +116,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
         "states": [facts(state_columns(), state) for state in study.every],
         "at_usual_rate": None if usual is None else {"sample_rate_hz": USUAL_RATE, **margin_facts(usual), "requirements_met": met},
         "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
+        "uncertainty_cost": None if study.exact is None else {"cost": study.uncertainty_cost, "exact": recommended_facts(study.exact)},
         "actuators": actuator_facts(study.system),
         "assumptions": list(study.system.assumptions),
         "warnings": [*warnings(study), *notes(study)],

@@ -63,12 +63,14 @@ def recommend_robot(
     progress: Callable[[], None] = lambda: None,
     start: RobotGains | None = None,
     alone: JointsAlone | None = None,
+    by_contact: bool = True,
 ) -> RobotGains:
     """Gains for the joints, or for the file's tasks (space "task").
 
     start   gains that are known, such as those found for fewer states: the search, a local one, begins there, too, where it would else
             end softer
     alone   what is known of joints by themselves, and is added to
+    by_contact   False: the set for all states alone
 
     Raises GainroomError where nothing is required, and in task space without tasks.
     """
@@ -76,11 +78,11 @@ def recommend_robot(
     first = states[0].model
     required = system.requirements
 
-    def searched(state: StateCase) -> SearchedState:
+    def with_reserve(state: StateCase) -> SearchedState:
         state = replace(state, system=replace(state.system, requirements=required.tightened(RESERVE)))
         return joint_state(state) if space == "joint" else task_state(state)
 
-    found = [searched(state) for state in states]
+    found = [with_reserve(state) for state in states]
     moved = [state.model for state, one in zip(states, found, strict=True) if one.moves.any()] or [first]
     beginning = joints_alone(system, first, np.min([link_inertia(model) for model in moved], axis=0), alone)
     if space == "joint":
@@ -93,15 +95,17 @@ def recommend_robot(
     known = {} if start is None else {EVERYWHERE: start.everywhere, **start.per_contact}
     failed: list[_Failed] = []
 
-    def held(
+    def gain_set(
         contact: str, states: Sequence[SearchedState], checkpoint: Callable[[], None], safe: GainSet | None, failed: list[_Failed]
     ) -> GainSet | None:
         def search(some: Sequence[SearchedState]) -> GainSet | None:
             return _set(contact, some, required, beginning, checkpoint, nearest, safe, failed)
 
-        return _held(contact, states, required, nearest, search)
+        return _over_uncertainty(contact, states, required, nearest, search)
 
-    safe = held(EVERYWHERE, found, progress, known.get(EVERYWHERE), failed)
+    safe = gain_set(EVERYWHERE, found, progress, known.get(EVERYWHERE), failed)
+    if not by_contact:
+        return RobotGains(space, tuple(names), {}, safe, inertia, nearest, _unweighed(system, space, states))
     whole: dict[str, GainSet | None] = {}
     own = {contact: [state for state in found if state.contact == contact] for contact in system.source.contacts}
 
@@ -112,7 +116,7 @@ def recommend_robot(
             sets: list[GainSet | None] = []
             for contact in contacts:
                 found = mirror_image(sets[0], own[contacts[0]], own[contact], required) if sets else None
-                sets.append(found or held(contact, own[contact], checkpoint, known.get(contact) or safe, list(failed)))
+                sets.append(found or gain_set(contact, own[contact], checkpoint, known.get(contact) or safe, list(failed)))
             return sets
 
         return job
@@ -174,7 +178,7 @@ def _unweighed(system: System, space: str, states: Sequence[StateCase]) -> tuple
     return tuple(state.title for state in states if state.model.contacts and state.model.gravity_stiffness is None and not state.place)
 
 
-def _held(
+def _over_uncertainty(
     contact: str,
     states: Sequence[SearchedState],
     required: Requirements,
@@ -229,10 +233,10 @@ def _set(
     heavy = [state.with_weight for state in acting]
     light = [state.without for state in acting if state.weighed]
     cases = heavy + light
-    found = _searched(acting, cases, beginning, weighed, free, progress, safe, failed)
+    found = _from_beginnings(acting, cases, beginning, weighed, free, progress, safe, failed)
     if light and not found.holds:
         cases = heavy
-        found = _searched(acting, cases, beginning, weighed, free, progress, safe, failed)
+        found = _from_beginnings(acting, cases, beginning, weighed, free, progress, safe, failed)
     without = weighed and not found.holds
     near = "" if found.holds else _nearest(cases, found)
     if without and any(state.state.system.source.gravity for state in acting):  # as the file says: gains without it are no answer
@@ -240,7 +244,7 @@ def _set(
         return None
     if without:
         cases = [state.without for state in acting]
-        found = _searched(acting, cases, beginning, False, free, progress, safe, failed)
+        found = _from_beginnings(acting, cases, beginning, False, free, progress, safe, failed)
     if not found.holds:
         nearest[contact] = near
         return None
@@ -280,7 +284,7 @@ def _rounded(found: Raised, cases: Sequence[Case], required: Requirements) -> tu
     return found.gains.copy(), found.margins
 
 
-def _searched(
+def _from_beginnings(
     states: Sequence[SearchedState],
     cases: Sequence[Case],
     beginning: Beginning,

@@ -70,6 +70,6 @@ def with_ranges(
     if not own:
         return given, ()
     together = (
-        "; joints vary together: one quantity is low in all of them, or high in all; mixtures are not looked at" if len(own) > 1 else ""
+        "; joints vary together: one quantity is low in all of them, or high in all; mixtures are not checked" if len(own) > 1 else ""
     )
     return Uncertainty(**found), (f"the intervals of {first_of_many(own)} are those of their own files{together}",)

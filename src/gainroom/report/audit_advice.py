@@ -49,7 +49,7 @@ def what_to_do(
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
     none = "No common factor on the gains was found that gives all margins."
     if result.over is not None:
-        measure = "Measure the gearboxes (`gainroom identify stiffness`), as a wide range may leave no gains; for one place in the range"
+        measure = "Measure the gearboxes (`gainroom identify stiffness`), as a wide range may leave no gains; for one point in the range"
         return Advice(f"{none} {measure} search joint by joint:", _searched(call, written), [AGAIN])
     return Advice(f"{none} Search joint by joint:", _searched(call, written), [AGAIN])
 

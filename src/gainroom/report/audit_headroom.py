@@ -24,8 +24,6 @@ WHOLE = (TOGETHER, PATHS)
 """Names of the rows that are no joint's."""
 WIDEST = 30.0
 """Ratio of the factors on the axis; what lies beyond is drawn at its end."""
-ROOM = 0.75
-"""Of the axis: a number beside a mark that is further right stands on its left, or a phone cuts it."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +86,10 @@ def headroom(result: Audit) -> Html:
     decides = row_of_verdict(result, every) if _is_named(result) else None
     known = [value for row in rows for value in row.factors.tolist() if math.isfinite(value) and value > 0]
     low, high = min([1.0, *known]), max([result.margin, *known])
-    left, right = 0.75 * low, max(1.7 * min(high, WIDEST * low), 7.6 * low)  # more than a decade: ticks at 1, 2 and 5
+    right = max(1.7 * min(high, WIDEST * low), 7.6 * low)
+    left, far = (low * (low / right) ** share for share in (0.2, 0.6))  # room for a number left of its mark, where its row has no other
     edge = (right / left) ** 0.02
-    traces = []
+    traces, numbers = [], []
     for place, row in enumerate(rows):
         worst = int(np.nanargmin(row.factors)) if not np.isnan(row.factors).all() else -1
         for k, value in enumerate(row.factors.tolist()):
@@ -99,27 +98,30 @@ def headroom(result: Audit) -> Html:
             color = style.BLUE if value >= result.margin else style.VERMILION
             symbol, size = ("star", 20) if row is decides and k == worst else ("circle", 12) if k == worst else ("circle-open", 9)
             hover = f"{escape(row.title)}<br>{escape(result.states[k].contact)}<br>{digits(value, '×')} ({_level(value)})"
-            beside = "left" if value > left * (right / left) ** ROOM else "right"
-            text = {"mode": "markers+text", "text": [f" {digits(value, '×', 3)} "], "textposition": f"middle {beside}"}
-            mark = style.markers([min(max(value, left * edge), right / edge)], [place], symbol, color, size)
-            traces.append(mark | {"hoverinfo": "text", "hovertext": [hover], "cliponaxis": False} | (text if k == worst else {}))
+            x = min(max(value, left * edge), right / edge)
+            mark = style.markers([x], [place], symbol, color, size)
+            traces.append(mark | {"hoverinfo": "text", "hovertext": [hover], "cliponaxis": False})
+            if k == worst:
+                beside = {"xanchor": "left", "xshift": 0.6 * size} if value < x else {"xanchor": "right", "xshift": -0.6 * size}
+                numbers.append(style.label(math.log10(x), place, digits(value, "×", 3), **beside))
     names = [f"<b>{row.name}</b>" if row.name == TOGETHER else _label(row) for row in rows]
     words = {"yref": "paper", "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"}
     picture = style.layout(
         xaxis=style.log_axis("factor on the gains at which vibration starts [×]", left, right, fixedrange=True),
         yaxis=style.axis("", tickvals=list(range(len(rows))), ticktext=names, range=[len(rows) - 0.4, -0.6], fixedrange=True, ticks=""),
         shapes=[
-            style.stretch(left, result.margin, style.UNSTABLE_GROUND, 1.0),
+            style.stretch(far, result.margin, style.UNSTABLE_GROUND, 1.0),
             style.upright(1.0, style.INK, "dot", 1.4),
             style.upright(result.margin, style.VERMILION, "solid", 2),
         ],
         annotations=[
+            *numbers,
             style.label(0.0, 1, "these gains", style.SOFT, **words, xanchor="right" if result.margin < 1.5 else "center", name="wide"),
             style.label(math.log10(result.margin), 1, f"required {digits(result.margin, '×', 4)}", style.VERMILION, **words),
         ],
         margin={"l": 20, "r": 24, "t": 30, "b": 48},
     )
-    narrow = {"margin.l": 8, "margin.r": 8, "xaxis.title.text": "factor [×]"}
+    narrow = {"margin.l": 8, "margin.r": 8, "xaxis.title.text": "factor [×]", "xaxis.range": [math.log10(far), math.log10(right)]}
     return figure(
         {"data": traces, "layout": picture}, _title(result), _caption(result, len(every) - len(rows)), 32 * len(rows) + 96, narrow
     )

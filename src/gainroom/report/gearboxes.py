@@ -23,7 +23,7 @@ def over_range(result: "Audit") -> str:
     if result.over is None:
         return ""
     kinds = f"{listed(_types(result.over))} gearboxes"
-    return f" with all {len(result.over.looks)} {kinds} of the range that were looked at" if result.safe else f" in the range of {kinds}"
+    return f" with all {len(result.over.looks)} {kinds} of the range that were checked" if result.safe else f" in the range of {kinds}"
 
 
 def worst_gearboxes(result: "Audit") -> str:
@@ -44,7 +44,7 @@ def gearbox_assumptions(result: "Audit") -> tuple[str, ...]:
     if over is None:
         return how_it_was_found(result.needed)
     looked = (
-        f"looked at {len(over.looks) - over.mixed} places within these ranges with all gearboxes moved together, and at {over.mixed} "
+        f"checked at {len(over.looks) - over.mixed} points within these ranges with all gearboxes moved together, and at {over.mixed} "
         f"mixes of them, each with a certified limit and sampled margins; between them nothing is proved; all numbers are of the worst: of "
         "those with too little of something, else of all, the one with the least gain limit"
     )
@@ -102,7 +102,7 @@ def needed_text(result: "Audit") -> tuple[str, str]:
         return f"{which} are rigid{why}", ""
     ratio = f"{100 * needed.damping_ratio:.3g} % of critical damping"
     if needed.least is None:
-        return f"{which} are rigid: with {ratio} no stiffness that was looked at is enough", ""
+        return f"{which} are rigid: with {ratio} no stiffness that was checked is enough", ""
     softer = [look.gain_limit for look in needed.looks if not look.safe]
     worst = (
         f" Some softer ones vibrate from {digits(min(softer), '×', 3)} these gains on." if softer and not math.isnan(min(softer)) else ""
@@ -128,7 +128,7 @@ def how_it_was_found(needed: "NeededStiffness | None") -> tuple[str, ...]:
         return ()
     text = (
         f"gearboxes of unknown stiffness have one resonance Ω, outputs held (K = J Ω², B = 2 ζ J Ω, J the motor's inertia), and a damping "
-        f"ratio ζ of {needed.damping_ratio:.3g} (--damping-ratio), so stiffer ones more damping; looked at {len(needed.looks)} Ω"
+        f"ratio ζ of {needed.damping_ratio:.3g} (--damping-ratio), so stiffer ones more damping; checked at {len(needed.looks)} Ω"
     )
     if needed.mixed:
         text += f" and {needed.mixed} mixes of stiffer, more damped ones"

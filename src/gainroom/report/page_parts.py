@@ -12,7 +12,7 @@ from ..studies.state import State
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import Control, System
 from .margin_columns import margin_value, requirement
-from .number_format import digits, quantity
+from .number_format import digits, quantity, rounded_up
 from .page import Card, Html, facts, paragraph
 
 ON_TOP = 2
@@ -33,15 +33,17 @@ def margin_card(asked: Requirements, name: str, value: float, note: str, bounded
     return Card(label or one.label, shown, unit, requirement(asked, name, 3), met, note)
 
 
-def unstable_card(asked: Requirements, limit: GainLimit, where: str, what: str) -> Card:
-    """The factor below which unstable gains become stable. `where` ends the note, `what` is the subject where there is none."""
+def unstable_card(asked: Requirements, limit: GainLimit, where: str, what: str, above: float = math.nan) -> Card:
+    """The factor below which unstable gains become stable, or `above` which. `where` ends the note, `what` is who has none."""
     required = requirement(asked, "gain_margin", 3)
     required = f"gain margin {required}" if required else ""
     if 0 < limit.gain < math.inf:
         return Card("stable only below", digits(limit.gain, "", 3), "×", required, False, f"times these gains{where}")
+    if above > 1:
+        return Card("stable only above", digits(rounded_up(above), "", 3), "×", required, False, f"times these gains{where}")
     if math.isnan(limit.gain):
         return Card("stable factor on these gains", "–", "", required, False, "not known")
-    return Card("stable factor on these gains", "none", "", required, False, f"no factor makes {what} stable")
+    return Card("stable factor on these gains", "none", "", required, False, f"no lower gains in the same ratio make {what} stable")
 
 
 def limit_proofs(states: Sequence[State], immobile: Sequence[State]) -> list[tuple[str, str]]:

@@ -202,11 +202,11 @@ def _cards(study: RobotStudy) -> list[Card]:
 
 
 def _unstable_cards(study: RobotStudy) -> list[Card]:
-    tight, limit = study.tightest, study.tightest.limit
+    tight, limit, soft = study.tightest, study.tightest.limit, study.softest
     lowered, count = 0 < limit.gain < math.inf, sum(not state.limit.stable for state in study.states)
     vibrates = Card("vibrates at", digits(limit.frequency / (2 * math.pi), "", 3), "Hz", note=", ".join(tight.limiting_joints[:2]))
     return [
-        unstable_card(study.system.requirements, limit, f", {tight.title}", tight.title),
+        unstable_card(study.system.requirements, limit, f", {(soft or tight).title}", tight.title, soft.lower_gain if soft else math.nan),
         Card("unstable states", f"{count}", f"of {len(study.states)}", "none", False),
         *([vibrates] if lowered else []),
     ]
@@ -247,7 +247,7 @@ def _disk_words(study: RobotStudy) -> str:
     return f"{words} make the robot unstable: a bound with scalings, proved between frequencies, too, in {count} stable states"
 
 
-LOOKED_AT = "corners and places between, the rest is not proved"
+LOOKED_AT = "corners and points between, the rest is not proved"
 
 
 def _certificate(study: RobotStudy) -> Html:

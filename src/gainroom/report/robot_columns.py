@@ -64,7 +64,7 @@ STATE = [
     MOVES,
     Column("stable", "stable", STABLE, shown=lambda state: yes(STABLE(state))),
     LIMIT,
-    Column("", "lower_gain_limit", _if_moving(lambda state: state.limit.lower_gain)),
+    Column("", "lower_gain_limit", _if_moving(lambda state: state.lower_gain)),
     AT,
     Column("", "limit_certified", _if_moving(lambda state: state.limit.certificate is not None and state.limit.certificate.holds)),
     CERTIFIED,

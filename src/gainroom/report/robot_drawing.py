@@ -10,7 +10,7 @@ from ..studies.state import State, limiting_joints, strongest_first
 from . import style
 from .number_format import digits, hertz
 from .page import Html, figure
-from .robot_skeleton import View, common_view, drawn, labels, participation_text, stand, vibration
+from .robot_skeleton import NAMES_BETWEEN, View, common_view, drawn, labels, participation_text, stand, vibration
 
 # ColorBrewer's YlOrBr (Brewer 2013): light to dark in grey too, and to all eyes
 PARTICIPATION = [[0, "#fffbe6"], [0.15, "#fee391"], [0.35, "#fec44f"], [0.55, "#fe9929"], [0.75, "#cc4c02"], [1, "#662506"]]
@@ -24,19 +24,19 @@ def hero(state: State, alone: bool, motion: GainLimit | None = None, title: str 
 
     motion   another one than at the gain limit, with the picture's `title`
     """
-    view, limit = common_view([state], 0.65), motion or state.limit  # names stand between the sides
+    view, limit = common_view([state], NAMES_BETWEEN), motion or state.limit
     title = title or _title(state, alone)
     caption = _hero_caption(state) if motion is None else f"The colour of a joint is its motion relative to the largest; {_parts(state)}"
     wide, high = view.high - view.low
     part = min(0.54, max(0.4, 0.42 * wide / high))
     traces, notes = drawn(state.model, limit, view, 17)
     if vibration(limit) is None:  # no vibration
-        height = round(min(max(part * WIDTH * high / wide, 220), 420)) + 16
+        height = round(min(max(part * WIDTH * high / wide, 220), 420)) + 34
         layout = drawing_layout(limit, notes, view, [0, 1], {})
         return figure({"data": traces, "layout": layout}, title, caption, height)
     bars, names = _bars(state.model, limit)
     notes += labels(state.model, limit, view, float(part * WIDTH / wide))
-    height = round(min(max(part * WIDTH * high / wide, 27 * len(names)), 420)) + 60
+    height = round(min(max(part * WIDTH * high / wide, 27 * len(names)), 420)) + 78
     bar = {"orientation": "h", "x": 0.5 * part, "xanchor": "center", "y": 0, "yanchor": "top", "len": 0.3}
     picture = drawing_layout(limit, notes, view, [0, part], bar)
     picture |= {
@@ -65,12 +65,13 @@ def small(state: State, limit: GainLimit, view: View, others: int) -> Html:
     traces, notes = drawn(state.model, limit, view, 12)
     picture = drawing_layout(limit, notes, view, [0, 1], {"len": 0.7, "xpad": 4})
     wide, high = view.high - view.low
-    height = round(min(max(430 * high / wide, 220), 420)) + 16
+    height = round(min(max(430 * high / wide, 220), 420)) + 34
     joints = limiting_joints(limit, state.model.joint_names)
     posture = f"The tightest of {others + 1} postures. " if others else ""
     posture += f"{digits(limit.frequency, 'rad/s')}. " if joints else ""
     most = f"Mainly: {', '.join(joints[:4])}{' and more' if len(joints) > 4 else ''}." if joints else "No joint takes part mainly."
-    return figure({"data": traces, "layout": picture}, f"{state.title}: {_vibrates(limit, short=True)}", posture + most, height)
+    narrow = {"coloraxis.showscale": False}
+    return figure({"data": traces, "layout": picture}, f"{state.title}: {_vibrates(limit, short=True)}", posture + most, height, narrow)
 
 
 def _title(state: State, alone: bool) -> str:
@@ -127,7 +128,7 @@ def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, 
         xaxis=hidden | {"range": [view.low[0], view.high[0]], "domain": domain, "constrain": "domain"},
         yaxis=hidden | {"range": [view.low[1], view.high[1]], "scaleanchor": "x", "constrain": "domain"},
         annotations=notes,
-        margin={"l": 8, "r": 8, "t": 8, "b": 44 if domain[1] < 1 else 8},
+        margin={"l": 8, "r": 8, "t": 26, "b": 44 if domain[1] < 1 else 8},
         plot_bgcolor=ground,
         coloraxis={
             "colorscale": PARTICIPATION,

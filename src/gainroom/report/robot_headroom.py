@@ -102,7 +102,7 @@ def heat_map(factors: Factors, what: str) -> Html:
     values = np.vstack([factors.together, factors.other_loops_closed.T]) if known else factors.together[None]
     names = [f"<b>{TOGETHER}</b>", *(style.shown(part) for part in factors.parts if known)]
     columns = list(range(len(factors.states)))
-    rows, wide = list(range(len(names))), len(columns) > 8
+    rows, wide = list(range(len(names))), len(columns) > 5  # columns that hold no numbers on a phone
     with np.errstate(divide="ignore"):
         colors = np.clip(np.log10(values), -DECADE, DECADE)
     text = [["" if math.isnan(value) else digits(value, "", 3) for value in row] for row in values.tolist()]

@@ -19,7 +19,7 @@ NEAR, FAR = "#7d7d7d", "#bdbdbd"  # links
 GHOST = "#b9dcf2"  # links in another posture
 SMALLEST_PART = 0.05  # participation factors below it get no angle
 LINE = 17  # [px] a line of text is high
-STAMPED = 26  # [px] the stamp at the foot of a picture is high
+NAMES_BETWEEN = 0.72  # of the robot's size: a gap between the sides that holds names
 Projection = Callable[[Floats], Floats]
 
 
@@ -57,7 +57,7 @@ def view_of(models: Sequence[RobotModel], gap: float = 0.3) -> View:
     side, front = bare.side(nodes), bare.front(nodes)
     shift = float(side[:, 0].max() - front[:, 0].min()) + gap * size
     both = np.vstack([side, front + np.array([shift, 0.0])])
-    low, high = np.array([0.1, 0.18]), np.array([0.7 * gap - 0.1, 0.16])  # space for labels
+    low, high = np.array([0.1, 0.18]), np.array([0.7 * gap - 0.1, 0.06])  # space for labels
     return View(both.min(axis=0) - low * size, both.max(axis=0) + high * size, shift, size)
 
 
@@ -206,18 +206,15 @@ def _round_length(length: float) -> float:
 
 
 def _names(model: RobotModel, limit: GainLimit, view: View) -> list[style.Annotation]:
-    """Which view is which, and whether it is unstable."""
+    """Which view is which, whether anything touches the ground, and whether it is unstable."""
     middle = view.side(_outline(model))[:, 0], view.front(_outline(model))[:, 0]
     notes = []
-    for across, name in zip(middle, ("from its right", "from the front"), strict=True):
+    flies = not model.contacts and model.body.base == "floating"
+    for across, name in zip(middle, ("from its right", "from the front" + ", no contact" * flies), strict=True):
         x = 0.5 * float(across.min() + across.max())
-        notes.append(style.label(x, float(view.high[1]), name, style.SOFT, yanchor="top", bgcolor="rgba(0,0,0,0)"))
+        notes.append(style.label(x, 1, name, style.SOFT, yref="y domain", yanchor="bottom", bgcolor="rgba(0,0,0,0)"))
     if not limit.stable:
         notes.append(style.stamp("UNSTABLE"))
-    if not model.contacts and model.body.base == "floating":
-        x = 0.5 * float(middle[1].min() + middle[1].max())
-        above = {"yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)", "yshift": 0 if limit.stable else STAMPED}
-        notes.append(style.label(x, float(view.low[1]), "no contact", style.SOFT, **above))
     return notes
 
 
@@ -230,11 +227,15 @@ def labels(model: RobotModel, limit: GainLimit, view: View, scale: float) -> lis
     middle = 0.5 * float(plane[:, 0].min() + plane[:, 0].max())
     notes = []
     for right in (True, False):
-        own = sorted((k for k in nodes if bool(plane[k, 0] >= middle) == right), key=lambda k: plane[k, 1])
+        way = -1 if right else 1  # of joints at one height the outer one first: the others' lines would cross its disc
+        own = sorted(
+            (k for k in nodes if bool(plane[k, 0] >= middle) == right),
+            key=lambda k: (-round(plane[k, 1] * scale / LINE), way * plane[k, 0]),
+        )
         edge = (plane[:, 0].max() if right else plane[:, 0].min()) + (0.06 if right else -0.06) * view.size
-        last = -math.inf
+        last = math.inf
         for k in own:
-            last = max(float(plane[k, 1]), last + LINE / scale)
+            last = min(float(plane[k, 1]), last - LINE / scale)
             side = {"xanchor": "left" if right else "right", "axref": "x", "ayref": "y", "showarrow": True, "name": "wide"}
             line = {"arrowhead": 0, "arrowwidth": 1, "arrowcolor": "#8a8a8a", "ax": edge, "ay": last}
             note = style.label(float(plane[k, 0]), float(plane[k, 1]), style.shown(skeleton.names[k]), style.INK, **side, **line)

@@ -23,6 +23,7 @@ from .joint_text import (
     vibration_starts,
 )
 from .margin_columns import short_text
+from .number_format import rounded_up
 
 if TYPE_CHECKING:
     from ..studies.robot import RobotStudy
@@ -114,8 +115,11 @@ def _verdict(study: "RobotStudy") -> str:
         return f"{start} {limited}{at_usual_rate_text(study)}"
     every = f" in {worst.title}" if study.examined else every
     start = f"Not safe: unstable{every}" if count == 1 else f"Not safe: unstable in {unstable} of {count} states{act}"
+    if study.softest is not None:
+        least = digits(rounded_up(study.softest.lower_gain), "×", 3)
+        return f"{start}: too soft to hold the robot against gravity, which in {study.softest.title} takes more than {least} these gains."
     if worst.loop.topples:
-        return f"{start}: kp is too low to hold the robot's weight up {where}, where it topples."
+        return f"{start}: too soft to hold the robot against gravity {where}, and so are higher gains in the same ratio."
     if math.isnan(limit.gain):
         return f"{start}: the robot vibrates {where}."
     if limit.gain > 0 and math.isfinite(limit.gain):

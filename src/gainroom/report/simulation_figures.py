@@ -19,7 +19,7 @@ from .curves import Curve, Panel, stacked
 from .number_format import digits, frequency, hertz, milli, motion_unit
 from .page import Html, figure
 from .robot_drawing import WIDTH, drawing_layout
-from .robot_skeleton import drawn, ghost, labels, path, view_of
+from .robot_skeleton import NAMES_BETWEEN, drawn, ghost, labels, path, view_of
 from .simulation_text import floor_of
 
 MOST_TOGETHER = 3  # channels, or joints, in one panel
@@ -230,7 +230,7 @@ def pose(outcome: Outcome, spec: RobotSimulation, run: RobotRun) -> Html:
         postures = [np.concatenate([run.posture(0)[:7], posture[7:]]) for posture in postures]
     start, end = (replace(model, q=postures[row]) for row in (0, -1))
     centre = np.array([model.body.com(posture) for posture in postures])
-    view = view_of([start, end], 0.3 if found is None else 0.65)  # names stand between the sides
+    view = view_of([start, end], 0.3 if found is None else NAMES_BETWEEN)
     wide, high = view.high - view.low
     parts = np.zeros(model.size, dtype=complex) if outcome.oscillation is None else outcome.oscillation.parts
     limit = GainLimit(True, math.nan, math.nan, math.nan if found is None else found.vibration.frequency, parts, None)
@@ -253,4 +253,4 @@ def pose(outcome: Outcome, spec: RobotSimulation, run: RobotRun) -> Html:
     )
     caption = f"In free fall, drawn relative to the base. {caption}" if floats else caption
     title = f"Initial posture, and posture after {digits(outcome.duration, 's', 3)}"
-    return figure(picture, title, caption, round(min(max(WIDTH * high / wide, 260), 460)), {"margin.l": 4, "margin.r": 4})
+    return figure(picture, title, caption, round(min(max(WIDTH * high / wide, 260), 460)) + 18, {"margin.l": 4, "margin.r": 4})

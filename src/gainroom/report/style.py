@@ -57,13 +57,14 @@ def axis(title: str, **parts: Any) -> dict[str, Any]:
 def log_axis(title: str, low: float, high: float, scale: float = 1.0, **parts: Any) -> dict[str, Any]:
     """A logarithmic axis over [low, high] with ticks at 1, 2 and 5, or at every digit, in units of `scale` (2π: rad/s in Hz)."""
     wide, narrow = high / low > 3e3, high / low < 10  # wide: only powers of ten have room for their names
+    named = (1,) if wide else (1, 2, 5) if high / low > 4 else range(1, 10)
     ticks, names = [], []
     for decade in range(math.floor(math.log10(low / scale)), math.ceil(math.log10(high / scale)) + 1):
         for step in range(1, 10) if narrow else (1, 2, 5):
             value = step * 10.0**decade
             if low <= value * scale * (1 + ROUNDING) and value * scale <= high * (1 + ROUNDING):
                 ticks.append(value * scale)
-                names.append(digits(value) if step == 1 or not wide else "")
+                names.append(digits(value) if step in named else "")
     span = [math.log10(low), math.log10(high)]
     return axis(title, type="log", range=span, tickmode="array", tickvals=ticks, ticktext=names, **parts)
 

@@ -178,7 +178,7 @@ def _limiting(found: SweepSummary) -> Html:
     rows = [
         (names[joint], *(digits(100 * one.joints[joint] / max(one.joints.sum(), 1), "", 3) for one in found.contacts)) for joint in shown
     ]
-    caption = "Share of postures [%] in whose vibration at the limit the joint moves most; of joints that move alike, the first."
+    caption = "Share of postures [%] in whose vibration at the limit the joint moves most; of joints that move equally far, the first."
     return table(("joint", *(one.name for one in found.contacts)), rows, caption)
 
 
@@ -224,6 +224,6 @@ def _inputs(found: SweepSummary) -> list[tuple[str, str]]:
         ("joints that move", first_of_many(ranges) if ranges else "none"),
         ("contact states", first_of_many(plan.contacts)),
         ("draws", f"{len(plan.places) - 1} within {uncertainty_text(plan.system)}" if len(plan.places) > 1 else "none: nominal values"),
-        ("not looked at", "whether links collide, whether contacts can hold the robot there, whether its joints are strong enough"),
+        ("not checked", "whether links collide, whether contacts can hold the robot there, whether its joints are strong enough"),
         ("lowest vibration", "–" if found.worst_posture is None else hertz(found.worst_posture.frequency)),
     ]

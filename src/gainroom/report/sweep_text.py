@@ -239,7 +239,7 @@ def worse_note(found: SweepSummary, one: SweptPosture, known: float) -> str:
     contact = found.plan.contacts[one.contact]
     return (
         f"Another posture is worse than the file's: gain limit {one.gain:.3g} in {contact} (file: {known:.3g}){where}; "
-        f"gainroom sweep looks at all of them{'' if where else ', and --json has the angles of this one'}."
+        f"gainroom sweep checks all of them{'' if where else ', and --json has the angles of this one'}."
     )
 
 

@@ -99,9 +99,9 @@ def warnings(study: PathStudy) -> tuple[str, ...]:
         names = listed([REQUIREMENTS[name].title for name in study.unknown])
         said.append(f"{names}: not known where kd closes on a path of its own, and not judged")
     if system.uncertainty.names:
-        said.append("within the ranges every corner and places between were examined; the rest is not proved")
+        said.append("within the ranges every corner and points between were examined; the rest is not proved")
     if not all(case.margins.certified for case in study.cases if case.limit.stable):
-        said.append("a margin is not known as far as others are looked for, or its eigenvalues could not be counted on both sides")
+        said.append("a margin is not known as far as others are searched, or its eigenvalues could not be counted on both sides")
     return (*said, *system.warnings, *(text for text in unusual_values(system) if text not in system.warnings))
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..errors import at_frequency
+from ..errors import at_frequency, listed
 from ..studies.analysis import Analysis
 from ..studies.state import USUAL_RATE
 from ..system.requirements import REQUIREMENTS, Requirements
@@ -25,6 +25,8 @@ if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
     from ..studies.robot import RobotStudy
 
 STATE = "posture/contact"
+HALF = 0.5
+"""Part of a joint's gain: uncertainty that costs no less is told."""
 MOST_WARNINGS = 3
 """That a terminal shows without being asked for all."""
 
@@ -133,7 +135,7 @@ def _over_ranges(found: "Recommendation") -> list[str]:
     if found.proved:
         return [f"Proved everywhere within the ranges,{spare}, without which the proof did not finish."] if spare else []
     why = "the proof for those in between did not finish" if spare else "of those in between there is no proof for such requirements"
-    return [f"Not proved: the requirements are met{spare} in all cases within the ranges that were looked at; {why}."]
+    return [f"Not proved: the requirements are met{spare} in all cases within the ranges that were checked; {why}."]
 
 
 def _at_half_rate(usual: "JointStudy", asked: Requirements) -> str:
@@ -171,6 +173,7 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
             "These gains assume that the controller compensates the robot's weight. Without that no gains were found that meet the "
             f"requirements{topples}."
         )
+    remarks += _cost_of_ranges(study)
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
     if study.raised:
@@ -178,6 +181,18 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
             f"Some are more than {digits(study.tightest.limit.gain, '×', 3)} the present ones: that limit is of one factor on all gains."
         )
     return ToUse(_heading(study, f"{_place(call, place)}{now}"), lines, remarks, margins=study.margins_to_use)
+
+
+def _cost_of_ranges(study: "RobotStudy") -> list[str]:
+    """What the uncertainty takes from the joint that loses most, where that is half of its gain or more."""
+    costs = study.uncertainty_cost
+    if costs is None or study.exact is None or not np.nanmax(costs) >= HALF:
+        return []
+    k, names = int(np.nanargmax(costs)), [name.replace("_", " ") for name in study.system.uncertainty.names]
+    lost = f"{study.exact.names[k]} {100 * costs[k]:.0f} % of its gain"
+    if len(names) == 1:
+        return [f"The range of {names[0]} costs {lost}; a measurement that narrows it gives some back."]
+    return [f"The ranges of {listed(names)} cost {lost}; measurements that narrow them give some back."]
 
 
 def _now(study: "RobotStudy", recommended: Any) -> str:

@@ -19,7 +19,7 @@ from ..system.system import StateCase
 ANYWHERE = np.array([0.7, 1.3, 2.1])
 """Frequencies [rad/s] at one of which a loop that acts on any motion is not 0."""
 LATE = 1.5
-"""Times what is required: a delay margin below that is certified where others are looked at."""
+"""Times what is required: a delay margin below that is certified."""
 
 
 def moves(loop: Loop) -> bool:

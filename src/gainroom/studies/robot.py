@@ -16,8 +16,10 @@ from ..design.side_by_side import Job, at_once, side_by_side
 from ..design.starting_gains import JointsAlone
 from ..errors import computable
 from ..system.controller import Controller
+from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
+from ..system.uncertainty import Uncertainty
 from .analysis import Analysis, analyze
 from .deciding_joints import most_sensitive
 from .progress import Progress, after, quiet
@@ -52,9 +54,11 @@ class RobotStudy(Analysis):
     """What `gainroom robot` reports.
 
     recommended   by space
+    exact   those of the file's own space for every state, if nothing were uncertain; None where nothing is, or none are looked for
     """
 
     recommended: tuple[RobotGains, ...] = ()
+    exact: RobotGains | None = None
 
     @cached_property
     def to_use(self) -> tuple[RobotGains, GainSet] | None:
@@ -73,6 +77,15 @@ class RobotStudy(Analysis):
         if self.system.uncertainty.names and not math.isnan(found.margins.delay_margin):  # required, and so looked at in between, too
             return found.margins
         return replace(found.margins, delay_margin=delay_margin_in_all(self.system, found, gains.space))
+
+    @property
+    def uncertainty_cost(self) -> Floats | None:
+        """(n,) the part of each joint's or direction's kp that the uncertainty takes; NaN where nothing moves it. None: not known."""
+        exact = None if self.exact is None else self.exact.everywhere
+        if self.to_use is None or exact is None:
+            return None
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.maximum(1 - self.to_use[1].kp / exact.kp, 0.0)
 
     @property
     def raised(self) -> bool:
@@ -149,6 +162,12 @@ class RobotStudy(Analysis):
         return tuple(itertools.compress((state.title for state in weighed), lost))
 
     @property
+    def softest(self) -> State | None:
+        """The state in which gravity, which topples the robot at these and all lower gains, takes the highest; None where none hold it."""
+        toppled = [state for state in self.states if (state.toppled_below or 0) > 1]
+        return max(toppled, key=lambda state: state.lower_gain, default=None) if (self.tightest.toppled_below or 0) > 1 else None
+
+    @property
     def unstable_tasks(self) -> list[State]:
         """The states in which the tasks' own gains, which the file does not close, are unstable."""
         return [state for state in self._open_tasks if state.task_limit is not None and not state.task_limit.stable]
@@ -178,24 +197,26 @@ def study_robot(system: System, progress: Progress = quiet, recommend: bool = Tr
 
     every: list[Job[Any]] = [analysis, *jobs]
     found, *recommended = side_by_side(every, lambda: None)
-    return RobotStudy(system, found.every, tuple(recommended))
+    exact = recommended.pop() if jobs and system.uncertainty.names else None
+    return RobotStudy(system, found.every, tuple(recommended), exact)
 
 
 def _recommended(system: System, progress: Progress) -> list[Job[RobotGains]]:
-    """Recommended gains in joint space and, where there are tasks, in task space."""
+    """Recommended gains in joint space and, where there are tasks, in task space; where something is uncertain, then RobotStudy.exact."""
     spaces = ("joint", "task") if system.source.stack else ("joint",)
     expected = EXPECTED_LOOKS * len(system.source.states) * 2 ** len(system.uncertainty.names) * len(spaces)
     looked, alone = itertools.count(), JointsAlone()
 
-    def of(space: str) -> Job[RobotGains]:
+    def of(space: str, system: System = system, by_contact: bool = True) -> Job[RobotGains]:
         def job(checkpoint: Callable[[], None]) -> RobotGains:
             def count() -> None:
                 checkpoint()
                 progress(min(next(looked), expected), expected, "gains")
 
             with computable(f"{system.source.name}: recommended gains, {space} space"):
-                return recommend_robot(system, space, count, alone=alone)
+                return recommend_robot(system, space, count, alone=alone, by_contact=by_contact)
 
         return job
 
-    return [of(space) for space in spaces]
+    exact = [of(system.control.space, replace(system, uncertainty=Uncertainty()), False)] if system.uncertainty.names else []
+    return [*(of(space) for space in spaces), *exact]

@@ -32,6 +32,8 @@ STRONG = 0.5
 """A joint takes part in a vibration where it moves by at least this part of the joint that moves most."""
 USUAL_RATE = 2000.0
 """[Hz] of the loops of robots with EtherCAT drives: what gains for continuous time keep there is told where no rate is given."""
+RAISED = 2.0 ** np.arange(1, 11)
+"""Factors on gains that gravity topples the robot on, at which higher ones are looked for that hold it."""
 HELD = "no joint that has gains can move"
 IDLE = "the tasks act on no motion"
 
@@ -171,6 +173,22 @@ class State:
     def limit(self) -> GainLimit:
         """Of the common factor on all gains; its numbers are NaN where only the verdict is known."""
         return self.margins.limit
+
+    @cached_property
+    def toppled_below(self) -> float | None:
+        """The factor above 1 on all gains below which gravity topples the robot; NaN where no factor in RAISED makes it stable.
+
+        None where it is stable, or some lower gains are, or it is not gravity that makes it unstable.
+        """
+        if self.limit.gain != 0 or not self.loop.unstable_poles or self.model.gravity_stiffness is None:
+            return None
+        higher = ((factor, limit_of(self.loop.scaled(factor))) for factor in RAISED.tolist())
+        return next((factor * limit.lower_gain for factor, limit in higher if limit.stable), math.nan)
+
+    @property
+    def lower_gain(self) -> float:
+        """The factor on all gains below which the robot does not settle; 0: none; above 1 where these are too low, see toppled_below."""
+        return self.limit.lower_gain if self.toppled_below is None else self.toppled_below
 
     @property
     def limiting_joints(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import GainroomError
-from .controller import Controller
+from .controller import PD, Controller
 from .drive import Drive
 from .gain_path import GainPath
 from .linear.arrays import Floats
@@ -18,6 +18,7 @@ from .linear.transfer_function import Factored, ratio
 from .plant import Plant
 
 Feedback = Literal["motor", "link"]
+SYMMETRIC = 1e-12  # of the largest gain of a matrix: what round-off leaves between its halves
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,18 @@ class Parts:
     def delays(self) -> Floats:
         """(n,) of the drives [s]."""
         return np.array([drive.delay for drive in self.drives])
+
+    @property
+    def topples(self) -> bool:
+        """Whether PD gains are too soft for the weight, which nothing else holds up: known from stiffness alone. False is no verdict."""
+        plant, size = self.plant, self.plant.size
+        if plant.gravity_stiffness is None or self.kd_path is not None or type(self.controller) is not PD or self.feedback != "motor":
+            return False
+        gains = self.controller.matrices(size)
+        if any(np.abs(gain - gain.T).max() > SYMMETRIC * np.abs(gain).max() for gain in gains.values()):
+            return False
+        count = plant.toppled(gains.get((0, 0), np.zeros((size, size)))) or 0
+        return count > 0 if self.sample_time is None else count % 2 == 1  # an odd number cannot leave the real axis in pairs
 
 
 def actuated_state(plant: Plant, drives: tuple[Drive, ...]) -> StateSpace:

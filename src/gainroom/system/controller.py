@@ -127,9 +127,8 @@ class Controller:
 
     def _known(self, terms: Terms) -> Terms:
         """The same terms. Raises GainroomError where one has a power of V or I that is neither 0 nor 1."""
-        for powers in terms:
-            if not set(powers) <= {0, 1}:
-                raise GainroomError(f"{type(self).__name__}: a term with powers {powers} of V and I must have powers of 0 or 1")
+        if other := [powers for powers in terms if not set(powers) <= {0, 1}]:
+            raise GainroomError(f"{type(self).__name__}: a term with powers {other[0]} of V and I must have powers of 0 or 1")
         return terms
 
     @cached_property
@@ -392,11 +391,9 @@ def _ratio(owner: str, name: str, above: Any, below: Any) -> float:
 
 def _product(left: Any, right: Any) -> Any:
     """Matrix product of two gains, each a number, a diagonal (n,) or (n, n)."""
-    if np.ndim(left) == 2 and np.ndim(right) == 2:
-        return left @ right
-    if np.ndim(left) == 1 and np.ndim(right) == 2:
-        return np.reshape(left, (-1, 1)) * right
-    return left * right
+    if np.ndim(right) < 2:
+        return left * right
+    return left @ right if np.ndim(left) == 2 else np.reshape(left, (-1, 1)) * right
 
 
 def _nonzero(terms: dict[tuple[int, int], Any]) -> Terms:

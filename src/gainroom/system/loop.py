@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, one_line, require_count, require_finite, require_positive
 from ..native import _core
 from .assembly import Feedback, Parts, controller_state
-from .controller import PD, Compensator, Controller, gain_matrix
+from .controller import Compensator, Controller
 from .drive import Drive
 from .elastic_joint import ElasticJoint
 from .gain_path import GainPath, samples_in_common
@@ -30,7 +30,6 @@ from .plant import Plant
 EXACT_MODES = 1e-12  # relative: a sum over modes that is off by no more has all digits that polishing and counting need
 ABOUT_AXIS = 1e-7  # |Re s| of Im s up to which sums over modes serve
 NO_GAIN = 1e-11  # of the largest gain of matrices: less is what round-off leaves of none, and spoils eigenvectors
-SYMMETRIC = 1e-12  # of the largest gain of a matrix: what round-off leaves between its halves
 
 
 @dataclass(frozen=True)
@@ -100,10 +99,10 @@ class Loop:
         if self.parts is None:
             assert self.given is not None
             poles = np.linalg.eigvals(self.given.a)
-            if self.sample_time is not None:
-                z = 1 + self.sample_time * poles
-                poles = np.log(z[np.abs(z) > 1e-6]) / self.sample_time
-            return poles
+            if self.sample_time is None:
+                return poles
+            z = 1 + self.sample_time * poles
+            return np.log(z[np.abs(z) > 1e-6]) / self.sample_time
         shaping = self.parts.controller.shaping(None)
         currents = [-drive.bandwidth + 0j for drive in self.parts.drives if not drive.is_ideal]
         return np.concatenate([self.parts.plant.resonances(), currents, shaping.poles, shaping.zeros])
@@ -135,9 +134,7 @@ class Loop:
     @cached_property
     def _controlled(self) -> tuple[Floats, Floats] | None:
         """U (n, r), V (n, r), orthonormal, with every gain matrix = U M Vᵀ and 1 <= r < n; None where the gains reach all n motions."""
-        if self.parts is None or self.size == 1:
-            return None
-        gains = [gain_matrix("gain", gain, self.size) for gain in self.parts.controller.terms().values()]
+        gains = [] if self.parts is None or self.size == 1 else list(self.parts.controller.matrices(self.size).values())
         if not gains:
             return None
         if all(np.count_nonzero(gain) == np.count_nonzero(np.diagonal(gain)) for gain in gains):  # of joints in whatever units
@@ -231,17 +228,8 @@ class Loop:
 
     @cached_property
     def topples(self) -> bool:
-        """Whether PD gains are too soft for the weight, which nothing else holds up: known from stiffness alone. False is no verdict."""
-        parts = self.parts
-        if parts is None or parts.plant.gravity_stiffness is None or parts.kd_path is not None:
-            return False
-        if type(parts.controller) is not PD or parts.feedback != "motor":
-            return False
-        gains = parts.controller.matrices(self.size)
-        if any(np.abs(gain - gain.T).max() > SYMMETRIC * np.abs(gain).max() for gain in gains.values()):
-            return False
-        count = parts.plant.toppled(gains.get((0, 0), np.zeros((self.size, self.size)))) or 0
-        return count > 0 if self.sample_time is None else count % 2 == 1  # an odd number cannot leave the real axis in pairs
+        """Whether its gains are known to be too soft for the weight (Parts.topples)."""
+        return self.parts is not None and self.parts.topples
 
     def response(self, omega: ArrayLike) -> Complexes:
         """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""
