@@ -187,7 +187,7 @@ def test_filter_just_below_nyquist():
 
 @dataclass(frozen=True)
 class Jerky(Controller):
-    """A type that the package does not know: g (1 + V²/100)."""
+    """A type that the package does not know: g (1 + V I/100)."""
 
     gain: Any
     kind = "jerky"
@@ -197,7 +197,7 @@ class Jerky(Controller):
         return ("gain",)
 
     def terms(self) -> Terms:
-        return {(0, 0): np.asarray(self.gain), (2, 0): np.asarray(self.gain) / 100}
+        return {(0, 0): np.asarray(self.gain), (1, 1): np.asarray(self.gain) / 100}
 
 
 GAIN = np.array([[3.0, 0.4], [-0.7, 2.0]])

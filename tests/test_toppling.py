@@ -58,6 +58,16 @@ def test_what_topples_is_counted_by_stiffness_alone(number):
         assert several > 0  # these draws do topple
 
 
+@pytest.mark.parametrize("number", range(8))
+def test_a_factor_on_all_gains_counts(number):
+    """A loop whose gains are scaled is the loop with those gains, up and down."""
+    pair = swinging(number, 0.1)
+    for factor in (0.01, 0.1, 1.0, 3.0, 10.0, 100.0):
+        gains = [factor * np.diagonal(pair.machine.gains[powers]) for powers in ((0, 0), (1, 0))]
+        assert pair.loop.scaled(factor).topples == pair.loop.regained(gr.PD(*gains)).topples
+        assert pair.loop.scaled(factor).scaled(1 / factor).topples == pair.loop.topples
+
+
 def test_a_pendulum_topples_below_its_own_stiffness():
     """m g l above the joint: kp must exceed it by what the gearbox in series takes, 1/kp + 1/K < 1/(m g l)."""
     weight, gearbox = 20.0, 100.0

@@ -37,16 +37,15 @@ class Parts:
         """(n,) of the drives [s]."""
         return np.array([drive.delay for drive in self.drives])
 
-    @property
-    def topples(self) -> bool:
-        """Whether PD gains are too soft for the weight, which nothing else holds up: known from stiffness alone. False is no verdict."""
+    def topples(self, factor: float) -> bool:
+        """Whether PD gains times `factor` are too soft for the weight, which they hold up alone: stiffness tells. False is no verdict."""
         plant, size = self.plant, self.plant.size
         if plant.gravity_stiffness is None or self.kd_path is not None or type(self.controller) is not PD or self.feedback != "motor":
             return False
         gains = self.controller.matrices(size)
         if any(np.abs(gain - gain.T).max() > SYMMETRIC * np.abs(gain).max() for gain in gains.values()):
             return False
-        count = plant.toppled(gains.get((0, 0), np.zeros((size, size)))) or 0
+        count = plant.toppled(factor * gains.get((0, 0), np.zeros((size, size)))) or 0
         return count > 0 if self.sample_time is None else count % 2 == 1  # an odd number cannot leave the real axis in pairs
 
 

@@ -229,7 +229,7 @@ class Loop:
     @cached_property
     def topples(self) -> bool:
         """Whether its gains are known to be too soft for the weight (Parts.topples)."""
-        return self.parts is not None and self.parts.topples
+        return self.parts is not None and self.parts.topples(self.gain)
 
     def response(self, omega: ArrayLike) -> Complexes:
         """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""
