@@ -119,7 +119,8 @@ def _verdict(study: "RobotStudy") -> str:
         least = digits(rounded_up(study.softest.lower_gain), "×", 3)
         return f"{start}: too soft to hold the robot against gravity, which in {study.softest.title} takes more than {least} these gains."
     if worst.loop.topples:
-        return f"{start}: too soft to hold the robot against gravity {where}, and so are higher gains in the same ratio."
+        higher = "" if worst.toppled_below is None else "; no higher gains in the same ratio were found that hold it and do not vibrate"
+        return f"{start}: too soft to hold the robot against gravity {where}{higher}."
     if math.isnan(limit.gain):
         return f"{start}: the robot vibrates {where}."
     if limit.gain > 0 and math.isfinite(limit.gain):

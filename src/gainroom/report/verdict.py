@@ -186,7 +186,7 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
 def _cost_of_ranges(study: "RobotStudy") -> list[str]:
     """What the uncertainty takes from the joint that loses most, where that is half of its gain or more."""
     costs = study.uncertainty_cost
-    if costs is None or study.exact is None or not np.nanmax(costs) >= HALF:
+    if costs is None or study.exact is None or not np.any(costs >= HALF):
         return []
     k, names = int(np.nanargmax(costs)), [name.replace("_", " ") for name in study.system.uncertainty.names]
     lost = f"{study.exact.names[k]} {100 * costs[k]:.0f} % of its gain"

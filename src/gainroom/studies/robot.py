@@ -163,9 +163,13 @@ class RobotStudy(Analysis):
 
     @property
     def softest(self) -> State | None:
-        """The state in which gravity, which topples the robot at these and all lower gains, takes the highest; None where none hold it."""
-        toppled = [state for state in self.states if (state.toppled_below or 0) > 1]
-        return max(toppled, key=lambda state: state.lower_gain, default=None) if (self.tightest.toppled_below or 0) > 1 else None
+        """The state in which gravity, which topples the robot at these and all lower gains, takes the highest.
+
+        None where the tightest state is not such a one, or some such state has no higher ones that are known to hold it.
+        """
+        toppled = [state for state in self.states if state.toppled_below is not None]
+        known = not any(math.isnan(state.lower_gain) for state in toppled)
+        return max(toppled, key=lambda state: state.lower_gain) if known and self.tightest in toppled else None
 
     @property
     def unstable_tasks(self) -> list[State]:

@@ -61,7 +61,8 @@ class Controller:
                 raise GainroomError(f"{owner}: {name} {one_line(repr(strange or None), 80)} must be a {kind.__name__}")
         object.__setattr__(self, "notches", notches)
         for name in self.gain_names():
-            object.__setattr__(self, name, _gain(type(self).__name__, name, getattr(self, name)))
+            array = require_finite(owner, name, getattr(self, name))
+            object.__setattr__(self, name, array if array.ndim else float(array))
 
     @classmethod
     def gain_names(cls) -> tuple[str, ...]:
@@ -374,11 +375,6 @@ def own_gain(gain: ArrayLike, k: int, size: int) -> float:
     """What a gain does on joint `k` of `size` alone; 0 where matrices of tasks have round-off, on joints that no task moves."""
     own = float(gain_matrix("gain", gain, size)[k, k])
     return own if np.ndim(gain) < 2 or abs(own) > ROUND_OFF * np.abs(gain).max() else 0.0
-
-
-def _gain(owner: str, name: str, value: object) -> Floats | float:
-    array = require_finite(owner, name, value)
-    return float(array) if array.ndim == 0 else array
 
 
 def _ratio(owner: str, name: str, above: Any, below: Any) -> float:

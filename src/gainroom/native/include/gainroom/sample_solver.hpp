@@ -1,7 +1,6 @@
 // One frequency of a coupled loop: its loci, S_ii, (I + L)⁻¹ and ln det(I + L), each by the quickest way that is exact there.
 #pragma once
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <memory>

@@ -55,17 +55,11 @@ public:
                 known = !others || !there[at].empty();
                 if (known) height[j] = std::abs(others ? slope * there[at][i] + offset : own(at, i));
             }
-            if (known && height[1] > until) {  // a peak is no lower than that
-                MovingMargin peak;
-                peak.omega = place[1];
-                peak.margin = height[1];
-                peak.found = true;
-                return {peak};
-            }
             at_.begin(false, i);
-            if (!known || (others && !about_peak(gains, slope, offset, place, height))) continue;
+            // A peak is no lower than any of its samples.
+            if (!known || (others && !(height[1] > until) && !about_peak(gains, slope, offset, place, height))) continue;
             Complex value;
-            for (int round = 0; round < kParabolas; round++) {
+            for (int round = 0; round < kParabolas && !(height[1] > until); round++) {
                 const double top = top_of_parabola(place, height);
                 if (!at_.evaluate(top, gains, 0.0, value)) break;
                 const double higher = std::abs(slope * at_.sensitivity() + offset);
@@ -80,7 +74,7 @@ public:
                     place[to] = top;
                     height[to] = higher;
                 }
-                if (level || height[1] > until) break;
+                if (level) break;
             }
             MovingMargin peak;
             peak.omega = place[1];
