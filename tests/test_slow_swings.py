@@ -81,3 +81,21 @@ def test_sharp_resonances_are_exact(number):
     found = plant.resonances()
     for pole in exact[(exact.imag > 1.0) & (-exact.real < 0.01 * exact.imag)]:
         assert np.abs(found - pole).min() < 0.5 * -pole.real  # a sample there is within the resonance
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_what_drifts_and_topples_is_among_the_corners(number):
+    """Joints with friction to ground, apart from each other: every pole is one of the four of a joint."""
+    rng = np.random.default_rng([number, 13])
+    size = 3
+    motor, link = between(rng, 0.05, 2.0, size), between(rng, 0.1, 20.0, size)
+    stiffness, gravity = between(rng, 1e3, 1e5, size), between(rng, 1e-3, 50.0, size) * np.array([-1.0, 1.0, 0.0])
+    friction = between(rng, 1e-2, 30.0, size)
+    free = gr.Plant(np.diag(1 / link), motor, stiffness, 0.0, link_viscous=friction, gravity_stiffness=np.diag(gravity))
+    found = free.drifts()
+    for joint in range(size):
+        m, j, k, g, c = motor[joint], link[joint], stiffness[joint], gravity[joint], friction[joint]
+        exact = np.roots(np.polyadd(np.polymul([m, 0, k], [j, c, k + g]), [-k * k]))
+        slow = exact[(np.abs(exact.imag) < 1e-9 * np.abs(exact)) & (np.abs(exact) > 1e-9) & (np.abs(exact) < 1e-2 * np.sqrt(k / m))]
+        for pole in slow.real:  # which the spring does not see
+            assert np.abs(found - pole).min() < 0.05 * abs(pole)

@@ -95,7 +95,7 @@ class Loop:
 
     @cached_property
     def corner_frequencies(self) -> Complexes:
-        """Rough corner frequencies of the response, in s: resonances (Im > 0), current loops, filters; for placing samples."""
+        """Rough corner frequencies, in s: resonances (Im > 0), what topples or drifts, current loops, filters; for placing samples."""
         if self.parts is None:
             assert self.given is not None
             poles = np.linalg.eigvals(self.given.a)
@@ -105,7 +105,7 @@ class Loop:
             return np.log(z[np.abs(z) > 1e-6]) / self.sample_time
         shaping = self.parts.controller.shaping(None)
         currents = [-drive.bandwidth + 0j for drive in self.parts.drives if not drive.is_ideal]
-        return np.concatenate([self.parts.plant.resonances(), currents, shaping.poles, shaping.zeros])
+        return np.concatenate([self.parts.plant.resonances(), self.parts.plant.drifts(), currents, shaping.poles, shaping.zeros])
 
     def at(self, s: ArrayLike) -> Complexes:
         """L at complex s [1/s] (k,); in sampled time at z = e^{s T_s}. Shape (k,) for n = 1, else (k, n, n)."""

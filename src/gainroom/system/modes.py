@@ -172,6 +172,19 @@ def oscillations(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
     return np.concatenate([exact, found[~sharp]])
 
 
+def drifts(mass: Floats, damping: Floats, stiffness: Floats) -> Floats:
+    """The real poles of each mode that does not oscillate: what gravity topples, and what dampers bring to rest. Those at 0 left out."""
+    squares, shapes = undamped(mass, stiffness)
+    rate = np.diagonal(shapes.T @ damping @ shapes) / 2
+    rate = np.where(rate > ALONE * rate.max(initial=0.0), rate, 0.0)
+    squares = np.where(np.abs(squares) > AT_REST * np.abs(squares).max(initial=0.0), squares, 0.0)
+    real = squares <= rate**2
+    further = -rate[real] - np.sqrt(rate[real] ** 2 - squares[real])  # the other one is their product over this one, to all digits
+    nearer = np.divide(squares[real], further, out=np.zeros(len(further)), where=further != 0)
+    found = np.concatenate([further, nearer])
+    return found[found != 0]
+
+
 def _quadratic(squares: Floats, damping: Floats) -> tuple[Complexes, Complexes]:
     """λ (2m,) and x (2m, m) with (s² + s D + Ω²)⁻¹ = Σ x xᵀ/(s − λ); vectors of poles that are as good as equal are made orthogonal.
 

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
 from .linear.apart import eigensystem
 from .linear.arrays import Booleans, Complexes, Floats, distinct
-from .modes import AT_REST, Modes, modes_of, oscillations, undamped
+from .modes import AT_REST, Modes, drifts, modes_of, oscillations, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
 NOT_HUNG = 1e-13  # of the largest: round-off of a motion that no spring takes up
@@ -283,12 +283,18 @@ class Plant:
 
         Undamped modes with their modal damping, where that is near enough: good for placing samples, not exact.
         """
+        return np.concatenate([oscillations(*motion) for motion in self._motions()])
+
+    def drifts(self) -> Floats:
+        """The real ones of these, on either side of 0: gravity's, and friction's."""
+        return np.concatenate([drifts(*motion) for motion in self._motions()])
+
+    def _motions(self) -> list[tuple[Floats, Floats, Floats]]:
+        """M, D and K with the motors free, and with them held, unless nothing moves then."""
         form = self.mechanism()
         held = np.flatnonzero(~np.any(form.force, axis=1))
         parts = [np.arange(len(form.mass)), *([held] if len(held) else [])]
-        return np.concatenate(
-            [oscillations(*(matrix[np.ix_(part, part)] for matrix in (form.mass, form.damping, form.stiffness))) for part in parts]
-        )
+        return [(form.mass[at], form.damping[at], form.stiffness[at]) for at in (np.ix_(part, part) for part in parts)]
 
 
 _JOINT_FIELDS = (
