@@ -6,7 +6,8 @@ import numpy as np
 
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 
-ROUNDS = 4  # of parabolas about a peak, of which each finds about half as many digits again
+ROUNDS = 30  # of parabolas about a peak, of which each finds about half as many digits again
+LEVEL = 1e-13  # of a height: a parabola that adds less has come to the peak
 
 Curves = Callable[[Floats], Complexes]
 """ω (k,) → (k, m): m scalar responses."""
@@ -86,18 +87,28 @@ def peaks(sizes: Floats, least: Floats) -> tuple[Integers, Integers]:
 def polished_peaks(
     omega: Floats, sizes: Floats, rows: Integers, columns: Integers, at: Callable[[Floats], Floats]
 ) -> tuple[Floats, Floats]:
-    """ω and height (k,) of peaks seen in samples: again and again where the parabola through three points about each has its top."""
+    """ω and height (k,) of peaks seen in samples: again and again where the parabola through three points about each has its top.
+
+    Where that leaves more than half of the span, as on a peak that is steep on one side, the wider half is halved in between.
+    """
     place, height = (np.array([part[rows + k] for k in (-1, 0, 1)]) for part in (omega, sizes))
     height = height[:, np.arange(len(rows)), columns]
+    wide = np.zeros(len(rows), dtype=bool)
     for _ in range(ROUNDS if len(rows) else 0):
-        top = _top_of_parabola(place, height)
+        (low, middle, high), width = place, place[2] - place[0]
+        halfway = 0.5 * (middle + np.where(high - middle > middle - low, high, low))
+        top = np.where(wide, halfway, _top_of_parabola(place, height))
         found = at(top)
+        level = ~wide & (np.abs(found - height[1]) <= LEVEL * height[1])
         higher, after = found >= height[1], top > place[1]
         for part, new in ((place, top), (height, found)):
             low, middle, high = part.copy()
             part[0] = np.where(higher, np.where(after, middle, low), np.where(after, low, new))
             part[1] = np.where(higher, new, middle)
             part[2] = np.where(higher, np.where(after, high, middle), np.where(after, new, high))
+        if level.all():
+            break
+        wide = ~wide & (place[2] - place[0] > 0.5 * width)
     return place[1], height[1]
 
 

@@ -59,11 +59,14 @@ public:
             // A peak is no lower than any of its samples.
             if (!known || (others && !(height[1] > until) && !about_peak(gains, slope, offset, place, height))) continue;
             Complex value;
+            bool wide = false;  // a parabola left more than half of the span, as on a peak that is steep on one side: the wider half is halved
             for (int round = 0; round < kParabolas && !(height[1] > until); round++) {
-                const double top = top_of_parabola(place, height);
+                const double width = place[2] - place[0];
+                const double halfway = 0.5 * (place[1] + (place[2] - place[1] > place[1] - place[0] ? place[2] : place[0]));
+                const double top = wide ? halfway : top_of_parabola(place, height);
                 if (!at_.evaluate(top, gains, 0.0, value)) break;
                 const double higher = std::abs(slope * at_.sensitivity() + offset);
-                const bool level = std::fabs(higher - height[1]) <= kLevel * higher;
+                const bool level = !wide && std::fabs(higher - height[1]) <= kLevel * higher;
                 const int to = higher >= height[1] ? (top > place[1] ? 0 : 2) : (top > place[1] ? 2 : 0);
                 if (higher >= height[1]) {
                     place[to] = place[1];
@@ -75,6 +78,7 @@ public:
                     height[to] = higher;
                 }
                 if (level) break;
+                wide = !wide && place[2] - place[0] > 0.5 * width;
             }
             MovingMargin peak;
             peak.omega = place[1];
@@ -114,7 +118,7 @@ private:
     static constexpr double kNever = std::numeric_limits<double>::infinity();
     static constexpr double kLevel = 1e-8;  // of a height: a parabola that adds less has come to the peak
     static constexpr double kClose = 0.05;  // peaks whose sampled heights are within it of the highest are polished
-    static constexpr int kParabolas = 4, kWalk = 6;
+    static constexpr int kParabolas = 30, kWalk = 6;
 
     static double top_of_parabola(const double* place, const double* height) {
         const double before = (height[1] - height[0]) / std::max(place[1] - place[0], 1e-300);

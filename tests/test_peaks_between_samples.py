@@ -1,0 +1,33 @@
+"""Peaks between samples are found to their top where they are steep on one side, where parabolas alone creep from the other."""
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.analysis.look import Reach, joint_loops, look
+from gainroom.analysis.sampled_curves import polished_peaks
+
+
+@pytest.mark.parametrize("steep", [10.0, 30.0, 300.0])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_peak_that_is_steep_on_one_side(steep, mirrored):
+    def height(omega):
+        beyond = (2.0 - omega if mirrored else omega) - 1.0
+        return np.exp(-0.05 * beyond) / (1 + np.exp(-steep * beyond))
+
+    highest = np.log(steep / 0.05 - 1) / steep  # where the slope is 0
+    omega = np.array([0.4, 1.6, 2.0])
+    omega = 2.0 - omega[::-1] if mirrored else omega
+    place, top = polished_peaks(omega, height(omega)[:, None], np.array([1]), np.array([0]), height)
+    truth = 1.0 - highest if mirrored else 1.0 + highest
+    assert top[0] == pytest.approx(height(truth), rel=1e-12)
+    assert place[0] == pytest.approx(truth, rel=1e-6)
+
+
+def test_looks_find_it_as_well():
+    """A stiff gearbox that is held back by friction on its link: sensitivity falls steeply below its peak, and hardly above."""
+    plant = gr.Plant(np.array([[1 / 1.32]]), 0.078, 3420.0, 7.3, link_viscous=0.79)
+    loop = gr.build_loop(plant, gr.Drive(789.0, 0.79, 7.4e-3), gr.PD(0.15, 1.05))
+    truth = gr.margins(loop)
+    peak, _ = look(joint_loops(loop), np.array([[0.15], [1.05], [0.0]]), Reach(2.0, 0.5)).peak(1.0, 0.0)
+    assert peak == pytest.approx(truth.peak_sensitivity, rel=1e-8)
