@@ -222,7 +222,7 @@ def test_margins_move_as_they_are_said_to(number):
         heights, moves = seen.peaks(gains, 1.05, 1.0, 0.0)
         return np.log(heights), moves
 
-    assert count + both(logarithms, 1e-5, 0.05, 1.5e-6) > 0  # four parabolas find a height to about a millionth
+    assert count + both(logarithms, 1e-5, 0.05, 1.5e-6) > 0  # heights are found to about a millionth
 
 
 @pytest.mark.parametrize("number", [0, 2, 7, 10, 13])

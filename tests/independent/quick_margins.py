@@ -17,7 +17,7 @@ from gainroom.analysis.sampled_curves import meets_axis, meets_circle
 from gainroom.system.loop import Loop
 
 Array = np.ndarray
-REAL, CLOSE, SLACK, BEFORE, HIGHEST = 0.01, 0.05, 0.01, 1e-3, 100.0
+REAL, CLOSE, SLACK, BEFORE, HIGHEST = 0.01, 0.05, 0.01, 1e-6, 100.0
 
 
 def quick_margins(loop: Loop) -> Margins:

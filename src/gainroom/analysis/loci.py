@@ -321,16 +321,18 @@ def first_grid(loop: Loop, last: float | None) -> Floats:
     """Every order of magnitude, every resonance on its own scale, and several samples per turn of the delay."""
     corners = loop.corner_frequencies
     longest = _longest_delay(loop)
-    sizes = np.append(np.abs(corners)[np.abs(corners) > 0], 1 / longest if longest else [])
+    sizes = np.abs(corners.every)
+    sizes = np.append(sizes[sizes > 0], 1 / longest if longest else [])
     low, high = (0.1 * sizes.min(), 3 * sizes.max()) if len(sizes) else (0.1, 10.0)
     high = high if last is None else last
     low = min(low, 1e-2 * high)
     grid = [np.geomspace(low, high, max(8, round(LOCI.per_decade * math.log10(high / low))))]
-    center = corners.imag[corners.imag > 0]
-    width = np.maximum(np.abs(corners.real[corners.imag > 0]), 1e-6 * center)
-    if last is not None:  # resonances above half the sample rate are aliased below it
-        center = np.abs((center + last) % (2 * last) - last)
-    grid.append((center[:, None] + width[:, None] * LOCI.around).ravel())
+    for roots, around in ((corners.poles, LOCI.around), (corners.zeros, np.zeros(1))):
+        center = roots.imag[roots.imag > 0]
+        width = np.maximum(np.abs(roots.real[roots.imag > 0]), 1e-6 * center)
+        if last is not None:  # resonances above half the sample rate are aliased below it
+            center = np.abs((center + last) % (2 * last) - last)
+        grid.append((center[:, None] + width[:, None] * around).ravel())
     omega = distinct(np.concatenate(grid))
     omega = omega[(omega >= low) & (omega <= high)]
     return omega[np.append(True, np.diff(omega) > 1e-7 * omega[1:])]

@@ -175,7 +175,7 @@ class PartPlane:
 def _grid(loop: Loop) -> Floats:
     """Frequencies from far below every corner to where gains of a picture do nothing; denser at resonances, and where the delay turns."""
     assert loop.parts is not None
-    corners = np.abs(loop.corner_frequencies)
+    corners = np.abs(loop.corner_frequencies.every)
     corners = corners[corners > 0]
     delay = max(drive.delay for drive in loop.parts.drives)
     slowest = min(float(corners.min(initial=math.inf)), 1 / delay if delay else math.inf, 1e3)
@@ -184,7 +184,7 @@ def _grid(loop: Loop) -> Floats:
     if loop.sample_time is not None:
         high = math.pi / loop.sample_time
     parts = [np.geomspace(low, high, round(PER_DECADE * math.log10(high / low)))]
-    for root in loop.corner_frequencies[loop.corner_frequencies.imag > 0]:
+    for root in loop.corner_frequencies.every[loop.corner_frequencies.every.imag > 0]:
         parts.append(root.imag + max(abs(root.real), 1e-4 * root.imag) * np.sinh(np.linspace(-5, 5, 15)))
     if delay:
         parts.append(np.arange(low, high, 0.3 / delay))

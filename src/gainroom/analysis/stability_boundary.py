@@ -34,8 +34,9 @@ class Resolution:
     # size of what integrators make of the lowest samples: no locus crosses the unit circle further down
     outside: float = 10.0
     beside: float = 1.02  # a step so short, from the lowest sample, that the nearest locus is the same, or falls alike
-    # half-widths of a resonance that are sampled
-    around: Floats = field(default_factory=lambda: np.array([-6.0, -1.5, 0.0, 1.5, 6.0]))
+    # half-widths of a resonance that are sampled: about its pole a locus is a circle, of which no step is more than a quarter then, and
+    # leaves its chord by 0.21 of that; near a zero it is all but straight, as long as no pole is near
+    around: Floats = field(default_factory=lambda: np.array([-1.0, 0.0, 1.0]))
     lowest: float = 1e-12  # of the highest frequency
     closest: float = 1e-10  # relative distance of samples at which refinement stops
     most: int = 12_000  # samples of large matrices; of small ones more, up to as many entries
@@ -53,7 +54,7 @@ class Boundary:
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
         # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
         # slower than LOCI.tilt is not counted.
-        corners = loop.corner_frequencies
+        corners = loop.corner_frequencies.every
         self.undamped = bool(np.any((corners.imag > 0) & (np.abs(corners.real) < LOCI.undamped * corners.imag)))
         self._ray = 1j + LOCI.tilt if self.undamped else 1j  # s = ω (j + LOCI.tilt)
 

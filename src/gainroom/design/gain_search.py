@@ -42,6 +42,7 @@ PULL = 0.02  # of every change of a gain: without it what nothing depends on wou
 STEPS = 150
 SLOW, LITTLE = 10, 2e-3  # so many steps that together made ln of what is made small no smaller than that end it, too
 NOTHING = 1e-4  # what a look sees missed by more than what was followed is something new
+FOLLOWED = 4  # steps in turn after which loops are looked at: what comes near unseen costs all that were taken since
 ANEW = 0.05  # of the radius, from where something new was seen
 COARSE = 3e-2  # the same, while there may be cases that count and are not known yet
 FEW = 3  # cases that are all taken at once, when one of them is met
@@ -183,15 +184,16 @@ class _Search:
     def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float, little: float) -> tuple[Gains, float]:
         """The same at one price of what is missed; ended where SLOW steps win less than `little`.
 
-        After short steps loops are not looked at, but what was seen of them is followed, until the search is far from there or seems to
-        end. Where a look then finds more missed than following did, and the cost above that of the look before, the search goes back there.
+        After short steps loops are not looked at, but what was seen of them is followed, a few times, until the search is far from there or
+        seems to end. Where a look then finds more missed than following did, and the cost above that of the look before, the search goes
+        back there.
         """
 
         def cost(gains: Gains, missed: float) -> float:
             return self._cost(gains, missed + reserve, price)
 
         slopes = self._tangents(gains, cases)
-        missed, radius, kept, way, seen, careful = _most(slopes), RADIUS, [], [], True, False
+        missed, radius, kept, way, seen, careful, followed = _most(slopes), RADIUS, [], [], True, False, 0
         last = gains, slopes, missed, 0  # where loops were looked at
         if slopes is not None:
             self._anchor(gains, cases)
@@ -205,7 +207,7 @@ class _Search:
             tried = moved(gains, step, self._cascade)
             slow = len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < little
             ending = slow or promised < LEAST_PROMISE or radius < LEAST_RADIUS or _hopeless(way, STEPS - taken)
-            close = not careful and all(case.follows(tried) for case in cases)
+            close = not careful and followed < FOLLOWED and all(case.follows(tried) for case in cases)
             if ending and seen:
                 break
             if not seen and (ending or not close):  # what was followed is compared with what is followed from the same place
@@ -222,8 +224,9 @@ class _Search:
                         radius, kept, way = max(radius, ANEW), [], []
                     last = gains, slopes, missed, len(kept)
                     self._anchor(gains, cases)
-                seen = True
+                seen, followed = True, 0
                 continue
+            followed = followed + 1 if close else 0
             there = self._tangents(tried, cases, close)
             after = _most(there)
             gained = cost(gains, missed) - cost(tried, after)

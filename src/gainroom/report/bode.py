@@ -81,7 +81,7 @@ def response(loop: Loop, low: float, high: float) -> tuple[Floats, Floats, Float
 def grid(loop: Loop, low: float, high: float) -> Floats:
     """Frequencies [rad/s] from `low` to `high`, dense around resonances."""
     parts = [np.geomspace(low, high, round(PER_DECADE * math.log10(high / low)))]
-    parts += [one.imag * (1 + 0.3 * np.linspace(-1, 1, 81) ** 3) for one in loop.corner_frequencies if one.imag > 0]
+    parts += [one.imag * (1 + 0.3 * np.linspace(-1, 1, 81) ** 3) for one in loop.corner_frequencies.every if one.imag > 0]
     omega = distinct(np.concatenate(parts))
     return omega[(omega >= low) & (omega <= high)]
 

@@ -25,6 +25,7 @@ from .linear.state_space import StateSpace, hold, realize, split_delay
 from .linear.transfer_function import Factored, ratio
 from .measured_response import measured_signals, measured_state, sampled_scalar, unsampled_scalar
 from .mode_functions import mode_functions
+from .modes import Corners
 from .plant import Plant
 
 EXACT_MODES = 1e-12  # relative: a sum over modes that is off by no more has all digits that polishing and counting need
@@ -94,18 +95,17 @@ class Loop:
         return controller_state(self.parts.controller, self.size, self.sample_time) @ measured_signals(self.parts)
 
     @cached_property
-    def corner_frequencies(self) -> Complexes:
-        """Rough corner frequencies, in s: resonances (Im > 0), what topples or drifts, current loops, filters; for placing samples."""
+    def corner_frequencies(self) -> Corners:
+        """Of the plant, current loops and filters; of a state space its poles."""
         if self.parts is None:
             assert self.given is not None
-            poles = np.linalg.eigvals(self.given.a)
-            if self.sample_time is None:
-                return poles
-            z = 1 + self.sample_time * poles
-            return np.log(z[np.abs(z) > 1e-6]) / self.sample_time
-        shaping = self.parts.controller.shaping(None)
+            poles = np.linalg.eigvals(self.given.a).astype(complex)
+            if (time := self.sample_time) is not None:
+                poles = np.log([z for z in 1 + time * poles if abs(z) > 1e-6]) / time
+            return Corners(poles, np.zeros(0, dtype=complex))
+        plant, shaping = self.parts.plant.corners(), self.parts.controller.shaping(None)
         currents = [-drive.bandwidth + 0j for drive in self.parts.drives if not drive.is_ideal]
-        return np.concatenate([self.parts.plant.resonances(), self.parts.plant.drifts(), currents, shaping.poles, shaping.zeros])
+        return Corners(np.concatenate([plant.poles, currents, shaping.poles]), np.concatenate([plant.zeros, shaping.zeros]))
 
     def at(self, s: ArrayLike) -> Complexes:
         """L at complex s [1/s] (k,); in sampled time at z = e^{s T_s}. Shape (k,) for n = 1, else (k, n, n)."""

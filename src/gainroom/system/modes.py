@@ -23,6 +23,17 @@ LIGHT = 0.1  # 2ζ: where damping is more, it does not count
 APART = 1e-3  # of a pole, likewise: distance of the two of a mode
 
 
+class Corners(NamedTuple):
+    """Rough corner frequencies of a response, in s: resonances by their upper one, and what is real: for placing samples, not exact."""
+
+    poles: Complexes
+    zeros: Complexes
+
+    @property
+    def every(self) -> Complexes:
+        return np.concatenate(self)
+
+
 @dataclass(frozen=True)
 class Modes:
     """M₀ (n, n), φ (m, n), λ (m,) and μ (m,), or none: then every pole stands alone, and φ is complex. `inexact`: relative."""

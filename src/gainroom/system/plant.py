@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
 from .linear.apart import eigensystem
-from .linear.arrays import Booleans, Complexes, Floats, distinct
-from .modes import AT_REST, Modes, drifts, modes_of, oscillations, undamped
+from .linear.arrays import Booleans, Complexes, Floats, Integers, distinct
+from .modes import AT_REST, Corners, Modes, drifts, modes_of, oscillations, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
 NOT_HUNG = 1e-13  # of the largest: round-off of a motion that no spring takes up
@@ -278,23 +278,17 @@ class Plant:
         squares = undamped(form.mass, form.stiffness + form.force @ held @ form.motor_position)[0]
         return int(np.count_nonzero(squares < -AT_REST * np.abs(squares).max(initial=0.0)))
 
-    def resonances(self) -> Complexes:
-        """Rough corner frequencies: poles with motors free, then with motors held (zeros of the motor's response), Im > 0.
-
-        Undamped modes with their modal damping, where that is near enough: good for placing samples, not exact.
-        """
-        return np.concatenate([oscillations(*motion) for motion in self._motions()])
-
-    def drifts(self) -> Floats:
-        """The real ones of these, on either side of 0: gravity's, and friction's."""
-        return np.concatenate([drifts(*motion) for motion in self._motions()])
-
-    def _motions(self) -> list[tuple[Floats, Floats, Floats]]:
-        """M, D and K with the motors free, and with them held, unless nothing moves then."""
+    def corners(self) -> Corners:
+        """Poles with the motors free, and with the motors held: the zeros of their response."""
         form = self.mechanism()
         held = np.flatnonzero(~np.any(form.force, axis=1))
-        parts = [np.arange(len(form.mass)), *([held] if len(held) else [])]
-        return [(form.mass[at], form.damping[at], form.stiffness[at]) for at in (np.ix_(part, part) for part in parts)]
+
+        def motions(part: Integers) -> Complexes:
+            at = np.ix_(part, part)
+            matrices = form.mass[at], form.damping[at], form.stiffness[at]
+            return np.concatenate([oscillations(*matrices), drifts(*matrices)])
+
+        return Corners(motions(np.arange(len(form.mass))), motions(held))
 
 
 _JOINT_FIELDS = (

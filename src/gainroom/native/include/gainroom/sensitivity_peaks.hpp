@@ -1,4 +1,4 @@
-// Where |a S_ii + b| of coupled loops is largest, and how its height moves with the gains: between samples, by parabolas.
+// Where |a S_ii + b| of coupled loops is largest, and how its height moves with the gains.
 #pragma once
 
 #include <algorithm>
@@ -46,51 +46,35 @@ public:
         const bool others = gains.kp != seen.kp || gains.kd != seen.kd || gains.ki != seen.ki;
         std::vector<std::vector<Complex>> there(others ? all.size() : 0);  // S_ii of these gains, of samples where they were asked for
         for (const auto& [k, i] : peaks) {
-            double height[3], place[3];
+            double place[3];
+            Complex value[3];  // slope S_ii + offset there
             bool known = true;
             for (std::size_t j = 0; known && j < 3; j++) {
                 const std::size_t at = k + j - 1;
                 place[j] = all[at]->omega();
                 if (others && there[at].empty()) there[at] = samples_.sensitivity(*all[at], gains);
                 known = !others || !there[at].empty();
-                if (known) height[j] = std::abs(others ? slope * there[at][i] + offset : own(at, i));
+                if (known) value[j] = others ? slope * there[at][i] + offset : own(at, i);
             }
-            at_.begin(false, i);
+            const auto evaluate = [&, joint = i](double omega, Complex& found) {
+                at_.begin(false, joint);
+                Complex ratio;
+                if (!at_.evaluate(omega, gains, 0.0, ratio)) return false;
+                found = slope * at_.sensitivity() + offset;
+                return true;
+            };
             // A peak is no lower than any of its samples.
-            if (!known || (others && !(height[1] > until) && !about_peak(gains, slope, offset, place, height))) continue;
-            Complex value;
-            bool wide = false;  // a parabola left more than half of the span, as on a peak that is steep on one side: the wider half is halved
-            for (int round = 0; round < kParabolas && !(height[1] > until); round++) {
-                const double width = place[2] - place[0];
-                const double halfway = 0.5 * (place[1] + (place[2] - place[1] > place[1] - place[0] ? place[2] : place[0]));
-                const double top = wide ? halfway : top_of_parabola(place, height);
-                if (!at_.evaluate(top, gains, 0.0, value)) break;
-                const double higher = std::abs(slope * at_.sensitivity() + offset);
-                const bool level = !wide && std::fabs(higher - height[1]) <= kLevel * higher;
-                const int to = higher >= height[1] ? (top > place[1] ? 0 : 2) : (top > place[1] ? 2 : 0);
-                if (higher >= height[1]) {
-                    place[to] = place[1];
-                    height[to] = height[1];
-                    place[1] = top;
-                    height[1] = higher;
-                } else {
-                    place[to] = top;
-                    height[to] = higher;
-                }
-                if (level) break;
-                wide = !wide && place[2] - place[0] > 0.5 * width;
-            }
+            if (!known || (others && !(std::abs(value[1]) > until) && !about_peak(evaluate, place, value))) continue;
+            const double last = climb(evaluate, place, value, until, moves ? kUseful : kLevel);
             MovingMargin peak;
             peak.omega = place[1];
-            peak.margin = height[1];
+            peak.margin = std::abs(value[1]);
             peak.found = true;
             if (moves) {
-                if (!at_.evaluate(place[1], gains, 0.0, value)) continue;
-                const Complex top = slope * at_.sensitivity() + offset;
-                peak.margin = std::abs(top);
+                if (last != place[1] && !evaluate(place[1], value[1])) continue;
                 at_.grow_sensitivity();
                 peak.moves.resize(2 * m_);
-                for (std::size_t q = 0; q < 2 * m_; q++) peak.moves[q] = (over(slope * at_.growth()[q], top)).real();
+                for (std::size_t q = 0; q < 2 * m_; q++) peak.moves[q] = (over(slope * at_.growth()[q], value[1])).real();
             }
             found.push_back(peak);
             if (peak.margin > until) return {peak};
@@ -116,32 +100,73 @@ public:
 
 private:
     static constexpr double kNever = std::numeric_limits<double>::infinity();
-    static constexpr double kLevel = 1e-8;  // of a height: a parabola that adds less has come to the peak
+    // Of a height: a step that adds less, or was foreseen as well, has come to the peak; to a search for gains sooner.
+    static constexpr double kLevel = 1e-8, kUseful = 1e-6;
     static constexpr double kClose = 0.05;  // peaks whose sampled heights are within it of the highest are polished
-    static constexpr int kParabolas = 30, kWalk = 6;
+    static constexpr int kSteps = 30, kWalk = 6;
 
-    static double top_of_parabola(const double* place, const double* height) {
-        const double before = (height[1] - height[0]) / std::max(place[1] - place[0], 1e-300);
-        const double after = (height[2] - height[1]) / std::max(place[2] - place[1], 1e-300), bend = before - after;
-        const double share = bend > 0 ? before / bend : 0.5;
-        return std::clamp(0.5 * (place[0] + place[1]) + 0.5 * (place[2] - place[0]) * share, place[0], place[2]);
+    // To the top of a peak between three places, the middle one highest. About a resonance S_ii is as good as a + b/(s − p): the one through all
+    // three has its top where the next place is. Where that leaves more than half of the span the wider half is halved. Returns the last place.
+    template <typename Evaluate>
+    static double climb(Evaluate evaluate, double* place, Complex* value, double until, double little) {
+        double top = 0.0;
+        bool wide = false;
+        for (int round = 0; round < kSteps && !(std::abs(value[1]) > until); round++) {
+            const double width = place[2] - place[0];
+            const double halfway = 0.5 * (place[1] + (place[2] - place[1] > place[1] - place[0] ? place[2] : place[0]));
+            double expected = 0.0;
+            top = wide ? halfway : top_between(place, value, expected);
+            Complex there;
+            if (top == place[1] || !evaluate(top, there)) break;
+            const double height = std::abs(there), before = std::abs(value[1]);
+            const bool level = !wide && std::min(std::fabs(height - before), std::fabs(height - expected)) <= little * height;
+            const bool higher = height >= before, after = top > place[1];
+            const int to = higher == after ? 0 : 2;
+            place[to] = higher ? place[1] : top;
+            value[to] = higher ? value[1] : there;
+            if (higher) {
+                place[1] = top;
+                value[1] = there;
+            }
+            if (level) break;
+            wide = !wide && place[2] - place[0] > 0.5 * width;
+        }
+        return top;
     }
 
-    // Moves three places, with their heights, until a peak lies between them; false where none is near.
-    bool about_peak(const DirectedGains& gains, double slope, double offset, double* place, double* height) {
+    // Where |(v + b t)/(1 + c t)|, t from the middle place, through three values is highest between the outer ones, and how high.
+    static double top_between(const double* place, const Complex* value, double& height) {
+        const double before = place[0] - place[1], after = place[2] - place[1];
+        const Complex v = value[1], first = (value[0] - v) / before, second = (value[2] - v) / after;
+        const Complex c = over(second - first, value[0] - value[2]), b = first + times(c, value[0]);
+        const double vv = std::norm(v), vb = (std::conj(v) * b).real(), bb = std::norm(b), cr = c.real(), cc = std::norm(c);
+        const double p = bb * cr - vb * cc, q = bb - vv * cc, r = vb - vv * cr;  // the slope of the square is 0 where p t² + q t + r is
+        const double root = std::sqrt(std::max(0.0, q * q - 4 * p * r)), half = -0.5 * (q + std::copysign(root, q));
+        double best = std::fabs(before) < after ? 0.5 * after : 0.5 * before;
+        height = 0.0;
+        for (const double t : {half != 0 ? r / half : 0.0, p != 0 ? half / p : 0.0}) {
+            const double own = std::abs(over(v + b * t, 1.0 + c * t));
+            if (!(t >= before && t <= after) || !(own > height)) continue;
+            best = t;
+            height = own;
+        }
+        return place[1] + best;
+    }
+
+    // Moves three places, with their values, until a peak lies between them; false where none is near.
+    template <typename Evaluate>
+    bool about_peak(Evaluate evaluate, double* place, Complex* value) {
         for (int round = 0; round < kWalk; round++) {
-            const int from = height[0] > height[1] ? 0 : height[2] > height[1] ? 2 : 1;
+            const int from = std::norm(value[0]) > std::norm(value[1]) ? 0 : std::norm(value[2]) > std::norm(value[1]) ? 2 : 1;
             if (from == 1) return true;
             const double next = place[from] + 1.5 * (place[from] - place[1]);
             if (!(next > 0 && next <= loop_.last)) return false;
             place[2 - from] = place[1];
-            height[2 - from] = height[1];
+            value[2 - from] = value[1];
             place[1] = place[from];
-            height[1] = height[from];
+            value[1] = value[from];
             place[from] = next;
-            Complex value;
-            if (!at_.evaluate(next, gains, 0.0, value)) return false;
-            height[from] = std::abs(slope * at_.sensitivity() + offset);
+            if (!evaluate(next, value[from])) return false;
         }
         return false;
     }
