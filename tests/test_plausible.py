@@ -143,7 +143,7 @@ def test_a_robot_names_its_joints():
 def test_what_makes_numbers_doubtful_stands_before_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """On the terminal before the verdict, on pages before the headline, in --json as the first warning; other warnings stay below."""
     joint, leg, page = tmp_path / "joint.yaml", str(Path(__file__).parents[1] / "examples" / "robot.xml"), tmp_path / "page.html"
-    joint.write_text(changed("drive", "delay_ms", 290.0), "utf-8")
+    joint.write_text(changed("drive", "bandwidth", 3.0), "utf-8")
     for call, verdict in (
         (["joint", str(joint)], "Not safe: unstable"),
         (["audit", leg, "--delay-ms", "2", "--rate-hz", "1000", "--stiffness", "3", "--damping", "0.1"], "Not safe: unstable"),
