@@ -172,6 +172,12 @@ def test_loci_of_nothing_but_round_off_are_not_told_apart():
     assert confirm(chain, 233) == ""
 
 
+@pytest.mark.parametrize(("draw", "number"), [(chain, 308), (limbs, 368)])
+def test_what_grows_alone_is_counted(draw, number):
+    """Two sharp resonances side by side, without a sample between them: det(I + L) turns by one locus at either end, not by all alike."""
+    assert confirm(draw, number) == ""
+
+
 @pytest.mark.population
 @pytest.mark.parametrize("batch", range(BATCHES))
 @pytest.mark.parametrize("draw", [limbs, chain])

@@ -304,12 +304,13 @@ private:
             const double move = std::norm(high.sensitivity[i] - low.sensitivity[i]);
             found = !(move > (most > peak_ * peak_ ? 0.04 * std::max(1.0, most) : kJump * kJump) && width > 1e-7 * high.omega());
         }
-        const double difference = (high.log_determinant - low.log_determinant).imag();
         if (!near(low, high)) {
-            const double ahead = expected(low, high), behind = -expected(high, low), mean = 0.5 * (ahead + behind);
-            const double off = wrapped(difference - mean);
-            low.turned = mean + off;
-            return found && std::fabs(ahead - behind) < 1.5 && std::fabs(off) < 1.0 && std::fabs(mean) < 0.8 * static_cast<double>(m_);
+            const Complex ahead = expected(low, high), behind = -expected(high, low), mean = 0.5 * (ahead + behind);
+            const Complex off = high.log_determinant - low.log_determinant - mean;
+            const double turned = wrapped(off.imag());
+            low.turned = mean.imag() + turned;
+            const bool alike = std::abs(ahead - behind) < 1.5 && std::abs(Complex(off.real(), turned)) < 1.0;
+            return found && alike && std::fabs(mean.imag()) < 0.8 * static_cast<double>(m_);
         }
         low.pairs = paired(low.loci, high.loci);
         low.turned = 0.0;
@@ -356,15 +357,16 @@ private:
         return false;
     }
 
-    // How far arg det(I + L) turns on the way from one sample to another, if all of I + L turned alike: m arg(tr(A⁻¹ B)/m).
-    double expected(const LoopSample& from, const LoopSample& to) const {
+    // How ln det(I + L) changes on the way from one sample to another, if all of I + L turned and grew alike: m ln(tr(A⁻¹ B)/m). Where 1 + ε_i are
+    // the eigenvalues of A⁻¹ B over their mean it is off by Σ ε_i²/2, and the way back by as much to the other side: both show if one grows alone.
+    Complex expected(const LoopSample& from, const LoopSample& to) const {
         Complex trace = 0.0;
         for (std::size_t i = 0; i < m_; i++)
             for (std::size_t j = 0; j < m_; j++) {
                 const Complex entry = times(to.point->seen[j * m_ + i], to.law[i]) + (i == j ? 1.0 : 0.0);
                 trace += times(from.inverse[i * m_ + j], entry);
             }
-        return static_cast<double>(m_) * std::atan2(trace.imag(), trace.real());
+        return static_cast<double>(m_) * std::log(trace / static_cast<double>(m_));
     }
 
     bool rough(const LoopSample& low, std::size_t i, const LoopSample& high, std::size_t j, double most) const {
