@@ -3,6 +3,7 @@
 A share runs every time, all of them with `pytest -m population -s`; other draws: GAINROOM_SEED=7.
 """
 
+import math
 import os
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 import gainroom as gr
 from gainroom.analysis.look import WHOLE, Reach, look
+from gainroom.analysis.stability import unstable_roots
 from independent.machine import Machine, roots
 from machines import Pair, harsh
 from test_look import directed, scaled
@@ -56,6 +58,21 @@ def wrong_of(pair: Pair, limits: bool) -> list[str]:
 @pytest.mark.parametrize("number", range(SHARE))
 def test_share(number):
     assert wrong_of(harsh(SEED, number), number % LIMITS == 0) == []
+
+
+def test_a_delay_that_turns_whole_between_samples():
+    """No drive slows these gains down: loci stay beyond −1 up to 8e5 rad/s, where a delay of 0.9 ms turns them by 6 rad a sample."""
+    assert wrong_of(harsh(SEED, 1666), False) == []
+
+
+@pytest.mark.parametrize("size", [2, 3])
+@pytest.mark.parametrize("kd", [2e2, 5e3, 2e5])
+def test_every_turn_of_a_delay_is_counted(size, kd):
+    """Joints that do not feel each other: as many roots as each alone has, by its certified scan."""
+    drive = gr.Drive(math.inf, 1.0, 0.02)
+    alone = gr.build_loop(gr.ElasticJoint(0.1, 0.9), drive, gr.PD(kd, kd))
+    several = gr.build_loop(gr.Plant(np.eye(size) / 0.9, 0.1, math.inf), drive, gr.PD(np.full(size, kd), np.full(size, kd)))
+    assert unstable_roots(several) == size * unstable_roots(alone) > 0
 
 
 @pytest.mark.population

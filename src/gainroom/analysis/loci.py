@@ -51,6 +51,7 @@ class Sweep:
         self.boundary = Boundary(loop)
         self.last, self.undamped = self.boundary.last, self.boundary.undamped
         grid = first_grid(loop, self.last)
+        self._longest = _longest_delay(loop)
         self.first = float(grid[0])  # lower than all corner frequencies of the loci
         self._passive = passive_intervals(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
         self.omega = distinct(np.append(_without_inside(grid, self._passive), LOCI.beside * grid[:1]))
@@ -161,8 +162,10 @@ class Sweep:
             before = steps.start * _factor(omega, gain, phase, delay)[:, None]
             after = steps.end * _factor(self.omega[rows + 1], gain, phase, delay)[:, None]
             # A delay turns a locus further between samples than its ends show, where it is large enough to reach −1.
-            winds = ((self.omega[rows + 1] - omega) * delay > 0.3)[:, None] & (np.maximum(np.abs(before), np.abs(after)) > 0.5)
-            return np.any(passes(before, after) | winds, axis=1)
+            width = self.omega[rows + 1] - omega
+            winds = (width * delay > 0.3) | (width * self._longest > LOCI.turn)
+            winds &= np.maximum(np.abs(before), np.abs(after)).max(axis=1) > 0.5
+            return winds | np.any(passes(before, after), axis=1)
 
         self._refine(doubtful)
         factor, steps = _factor(self.omega, gain, phase, delay), self.steps()

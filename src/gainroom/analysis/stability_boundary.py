@@ -14,6 +14,7 @@ from ..system.loop import Loop
 class Resolution:
     """How finely loci are sampled, and which numbers count as round-off."""
 
+    turn: float = 1.5  # [rad] of a delay between samples where loci reach −1: more may hide a whole turn
     highest: float = 1e3  # of the factors that are searched
     smooth: float = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
     detour: float = 0.5  # of its angle to that axis: a turn that stays smaller does not reach the axis in between

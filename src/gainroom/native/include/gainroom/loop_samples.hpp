@@ -30,6 +30,7 @@ public:
         wanted_ = 0.9 * std::min(0.5 * (factor + 1) / (factor - 1), phase < kPi ? 0.5 / std::tan(0.5 * phase) : 0.0);
         near_ = std::min(kNear * wanted_, std::max(kFar, 0.5 * kNear * wanted_));
         highest_ = std::max(3.0, factor);
+        for (const double delay : loop.actuated.delay) longest_ = std::max(longest_, delay);
         reach_factor_ = std::log(factor);
         reach_phase_ = phase;
         peak_ = std::min({kPeak, wanted_, peak});
@@ -160,6 +161,7 @@ private:
     static constexpr double kPeak = 0.8, kJump = 0.4;  // |S_ii − 1/2| from which on S_ii is followed closely; a move that is halved anyway
     // Of their moves, that tell two loci apart; of their size: nearer ones cross within that of where one would; of ω, that is not halved for it.
     static constexpr double kTold = 3.0, kEqual = 3e-4, kApart = 1e-6, kBeyond = 0.25;
+    static constexpr double kTurn = 1.5;  // rad, of a delay between two samples: more may hide a whole turn of loci that matter
     static constexpr std::size_t kMost = 12000;
 
     // Null where the loop has no finite value.
@@ -198,8 +200,7 @@ private:
         std::vector<double> found(m_, 0.0);
         const LoopSample &low = *samples_[0], &high = *samples_[1];
         const std::vector<std::size_t> pairs = paired(low.loci, high.loci);
-        double most = 0.0;
-        for (const Complex& value : low.loci.values) most = std::max(most, std::abs(value));
+        const double most = largest(low);
         for (std::size_t i = 0; i < m_; i++) {
             const double size = std::abs(low.loci.values[i]), after = std::abs(high.loci.values[pairs[i]]);
             if (size > std::max(1e-9, kNoise * most) && after > 0) found[i] = std::log(size / after) / std::log(high.omega() / low.omega());
@@ -259,9 +260,7 @@ private:
     // Up to where the loci have become small.
     void reach_up() {
         for (int round = 0; round < 60 && ok() && std::isinf(loop_.last); round++) {
-            double most = 0.0;
-            for (const Complex& value : samples_.back()->loci.values) most = std::max(most, std::abs(value));
-            if (most * highest_ <= 1 || samples_.back()->omega() > 1e12 * samples_.front()->omega()) return;
+            if (largest(*samples_.back()) * highest_ <= 1 || samples_.back()->omega() > 1e12 * samples_.front()->omega()) return;
             const double top = samples_.back()->omega();
             add(1.5 * top);
             add(2 * top);
@@ -304,6 +303,8 @@ private:
             const double move = std::norm(high.sensitivity[i] - low.sensitivity[i]);
             found = !(move > (most > peak_ * peak_ ? 0.04 * std::max(1.0, most) : kJump * kJump) && width > 1e-7 * high.omega());
         }
+        const double most = std::max(largest(low), largest(high));
+        found = found && !(width * longest_ > kTurn && 2 * highest_ * most > 1);
         if (!near(low, high)) {
             const Complex ahead = expected(low, high), behind = -expected(high, low), mean = 0.5 * (ahead + behind);
             const Complex off = high.log_determinant - low.log_determinant - mean;
@@ -314,9 +315,6 @@ private:
         }
         low.pairs = paired(low.loci, high.loci);
         low.turned = 0.0;
-        double most = 0.0;
-        for (std::size_t i = 0; i < m_; i++) most = std::max({most, std::norm(low.loci.values[i]), std::norm(high.loci.values[i])});
-        most = std::sqrt(most);
         for (std::size_t i = 0; i < m_; i++) {
             const std::size_t j = low.pairs[i];
             const Complex before = low.loci.values[i], after = high.loci.values[j];
@@ -327,6 +325,12 @@ private:
             found = !(close && rough(low, i, high, j, most)) && !passes(before, after);
         }
         return found;
+    }
+
+    double largest(const LoopSample& sample) const {
+        double found = 0.0;
+        for (const Complex& value : sample.loci.values) found = std::max(found, std::norm(value));
+        return std::sqrt(found);
     }
 
     // Whether two loci of equal limbs are nearer to each other's next places than is clear: each may take the other's way, and cross the unit circle
@@ -411,6 +415,7 @@ private:
     DirectedGains gains_;
     std::size_t m_;
     double wanted_, near_, highest_, peak_, reach_factor_, reach_phase_;
+    double longest_ = 0.0;  // of the delays [s]
     LookState state_;
     bool bottom_ = false, smooth_ = false;  // round-off hides what is further down; S_ii are followed
     int count_ = -1;
