@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <vector>
@@ -15,6 +16,12 @@ namespace gainroom {
 struct Loci {
     std::vector<Complex> values;
     std::vector<double> sizes, angles, returned;
+
+    double largest() const {
+        double found = 0.0;
+        for (const Complex& value : values) found = std::max(found, std::norm(value));
+        return std::sqrt(found);
+    }
 
     void describe() {
         for (auto* one : {&sizes, &angles, &returned}) one->reserve(values.size());
@@ -68,6 +75,35 @@ inline std::vector<std::size_t> paired(const Loci& low, const Loci& high) {
         clash |= taken[pairs[i]]++ > 0;
     }
     return clash ? assigned(distances.data(), m) : pairs;
+}
+
+// Whether two loci of equal limbs are nearer to each other's next places than is clear: each may take the other's way, and cross the unit circle
+// with a phase, or the negative real axis with a |ln g|, below these, more often than their ends show (first_crossing.py).
+inline bool may_exchange(const Loci& before, const Loci& after, const std::vector<std::size_t>& pairs, double factor, double phase) {
+    // Of their moves, that tell two loci apart; of their size: nearer ones cross within that of where one would.
+    constexpr double kTold = 3.0, kEqual = 3e-4, kBeyond = 0.25;
+    const auto left = [](double angle) { return angle > 0 ? kPi - angle : -kPi - angle; };  // from the negative real axis
+    // 0 lies between the four or near them, as they are apart; so does what they cross at with what is below `limit`.
+    const auto may_cross = [](const std::array<double, 4>& off, const std::array<double, 4>& at, double limit) {
+        const auto [least, most] = std::minmax_element(off.begin(), off.end());
+        const auto [first, last] = std::minmax_element(at.begin(), at.end());
+        return *least < kBeyond * (*most - *least) && -*most < kBeyond * (*most - *least) && *first - kBeyond * (*last - *first) < limit;
+    };
+    for (std::size_t i = 0; i < pairs.size(); i++)
+        for (std::size_t k = 0; k < i; k++) {
+            const std::size_t j = pairs[i], l = pairs[k];
+            const Complex from = before.values[i], to = after.values[j], other = before.values[k], next = after.values[l];
+            if (std::max(std::norm(from - other), std::norm(to - next)) < kEqual * kEqual * std::norm(from)) continue;
+            const std::array<double, 4> sizes = {before.sizes[i], after.sizes[j], before.sizes[k], after.sizes[l]};
+            const std::array<double, 4> angles = {left(before.angles[i]), left(after.angles[j]), left(before.angles[k]), left(after.angles[l])};
+            std::array<double, 4> size = sizes, angle = angles;
+            for (double& one : size) one = std::fabs(one);
+            for (double& one : angle) one = std::fabs(one);
+            if (!may_cross(sizes, angle, phase) && !may_cross(angles, size, factor)) continue;
+            const double straight = std::abs(to - from) + std::abs(next - other), swapped = std::abs(next - from) + std::abs(to - other);
+            if (swapped < kTold * straight) return true;
+        }
+    return false;
 }
 
 }  // namespace gainroom

@@ -18,7 +18,7 @@ struct LoopSample {
     Complex log_determinant;
     bool near = false;                 // some |μ| may be as large as is wanted
     const LoopSample* next = nullptr;  // with which this interval was found fine enough
-    std::vector<std::size_t> pairs;            // of the loci there with those of `next`
+    std::vector<std::size_t> pairs;    // of the loci there with those of `next`
     double turned = 0.0;               // by arg det(I + L) over it
 
     double omega() const { return point->omega; }

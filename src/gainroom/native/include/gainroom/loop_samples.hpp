@@ -6,7 +6,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <memory>
@@ -92,7 +91,7 @@ public:
         phase = std::min(phase, reach_phase_);
         if (ok() && count_ == 0)
             refine([&](const LoopSample& low, const LoopSample& high) {
-                return high.omega() - low.omega() > kApart * high.omega() && may_exchange(low, high, factor, phase);
+                return high.omega() - low.omega() > kApart * high.omega() && may_exchange(low.loci, high.loci, low.pairs, factor, phase);
             });
     }
 
@@ -159,8 +158,7 @@ private:
     // Of what is wanted: between two samples that are further from −1 by half no locus comes as near as that. Where L is small |μ| is 0.5.
     static constexpr double kNear = 0.9, kFar = 0.55;
     static constexpr double kPeak = 0.8, kJump = 0.4;  // |S_ii − 1/2| from which on S_ii is followed closely; a move that is halved anyway
-    // Of their moves, that tell two loci apart; of their size: nearer ones cross within that of where one would; of ω, that is not halved for it.
-    static constexpr double kTold = 3.0, kEqual = 3e-4, kApart = 1e-6, kBeyond = 0.25;
+    static constexpr double kApart = 1e-6;  // of ω: what is not halved to tell loci apart
     static constexpr double kTurn = 1.5;  // rad, of a delay between two samples: more may hide a whole turn of loci that matter
     static constexpr std::size_t kMost = 12000;
 
@@ -200,7 +198,7 @@ private:
         std::vector<double> found(m_, 0.0);
         const LoopSample &low = *samples_[0], &high = *samples_[1];
         const std::vector<std::size_t> pairs = paired(low.loci, high.loci);
-        const double most = largest(low);
+        const double most = low.loci.largest();
         for (std::size_t i = 0; i < m_; i++) {
             const double size = std::abs(low.loci.values[i]), after = std::abs(high.loci.values[pairs[i]]);
             if (size > std::max(1e-9, kNoise * most) && after > 0) found[i] = std::log(size / after) / std::log(high.omega() / low.omega());
@@ -260,7 +258,7 @@ private:
     // Up to where the loci have become small.
     void reach_up() {
         for (int round = 0; round < 60 && ok() && std::isinf(loop_.last); round++) {
-            if (largest(*samples_.back()) * highest_ <= 1 || samples_.back()->omega() > 1e12 * samples_.front()->omega()) return;
+            if (samples_.back()->loci.largest() * highest_ <= 1 || samples_.back()->omega() > 1e12 * samples_.front()->omega()) return;
             const double top = samples_.back()->omega();
             add(1.5 * top);
             add(2 * top);
@@ -303,7 +301,7 @@ private:
             const double move = std::norm(high.sensitivity[i] - low.sensitivity[i]);
             found = !(move > (most > peak_ * peak_ ? 0.04 * std::max(1.0, most) : kJump * kJump) && width > 1e-7 * high.omega());
         }
-        const double most = std::max(largest(low), largest(high));
+        const double most = std::max(low.loci.largest(), high.loci.largest());
         found = found && !(width * longest_ > kTurn && 2 * highest_ * most > 1);
         if (!near(low, high)) {
             const Complex ahead = expected(low, high), behind = -expected(high, low), mean = 0.5 * (ahead + behind);
@@ -325,40 +323,6 @@ private:
             found = !(close && rough(low, i, high, j, most)) && !passes(before, after);
         }
         return found;
-    }
-
-    double largest(const LoopSample& sample) const {
-        double found = 0.0;
-        for (const Complex& value : sample.loci.values) found = std::max(found, std::norm(value));
-        return std::sqrt(found);
-    }
-
-    // Whether two loci of equal limbs are nearer to each other's next places than is clear: each may take the other's way, and cross the unit circle
-    // with a phase, or the negative real axis with a |ln g|, below these, more often than their ends show (first_crossing.py).
-    bool may_exchange(const LoopSample& low, const LoopSample& high, double factor, double phase) const {
-        const Loci &before = low.loci, &after = high.loci;
-        const auto left = [](double angle) { return angle > 0 ? kPi - angle : -kPi - angle; };  // from the negative real axis
-        // 0 lies between the four or near them, as they are apart; so does what they cross at with what is below `limit`.
-        const auto may_cross = [](const std::array<double, 4>& off, const std::array<double, 4>& at, double limit) {
-            const auto [least, most] = std::minmax_element(off.begin(), off.end());
-            const auto [first, last] = std::minmax_element(at.begin(), at.end());
-            return *least < kBeyond * (*most - *least) && -*most < kBeyond * (*most - *least) && *first - kBeyond * (*last - *first) < limit;
-        };
-        for (std::size_t i = 0; i < m_; i++)
-            for (std::size_t k = 0; k < i; k++) {
-                const std::size_t j = low.pairs[i], l = low.pairs[k];
-                const Complex from = before.values[i], to = after.values[j], other = before.values[k], next = after.values[l];
-                if (std::max(std::norm(from - other), std::norm(to - next)) < kEqual * kEqual * std::norm(from)) continue;
-                const std::array<double, 4> sizes = {before.sizes[i], after.sizes[j], before.sizes[k], after.sizes[l]};
-                const std::array<double, 4> angles = {left(before.angles[i]), left(after.angles[j]), left(before.angles[k]), left(after.angles[l])};
-                std::array<double, 4> size = sizes, angle = angles;
-                for (double& one : size) one = std::fabs(one);
-                for (double& one : angle) one = std::fabs(one);
-                if (!may_cross(sizes, angle, phase) && !may_cross(angles, size, factor)) continue;
-                const double straight = std::abs(to - from) + std::abs(next - other), swapped = std::abs(next - from) + std::abs(to - other);
-                if (swapped < kTold * straight) return true;
-            }
-        return false;
     }
 
     // How ln det(I + L) changes on the way from one sample to another, if all of I + L turned and grew alike: m ln(tr(A⁻¹ B)/m). Where 1 + ε_i are
