@@ -123,6 +123,7 @@ def coupled_delay_margin(loop: Loop, factor: float = 1.0) -> float:
 
 
 def _common_delay(sweep: Sweep) -> End | None:
+    """The delay margin of all loops together, with its counts of roots; None where no delay makes them vibrate."""
     family = delays(sweep)
     longest = max((one.at for one in family.crossings()), default=None)
     return None if longest is None else family.end(0.0, min(1.1 * longest, CURVES.longest_delay))

@@ -204,7 +204,7 @@ def phases(sweep: Sweep, way: int) -> Family:
 
 
 def delays(sweep: Sweep) -> Family:
-    """An extra delay of t [s] in all loops; sampled ones are sampled anew, so that it is exact for any share of a tick."""
+    """The delay margin's: t [s] more in all loops; sampled ones are sampled anew, so that it is exact for any share of a tick."""
 
     def at(omega: Floats, value: Complexes) -> Floats:
         return _lag(value) / omega

@@ -64,7 +64,10 @@ Elsewhere = tuple[dict[str, Any], list[str]]
 
 
 def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tuple[RobotStudy, SweepSummary | None, Elsewhere]":
-    """The study, what recommended gains keep in a sweep's postures, and both in other words."""
+    """The study, what recommended gains keep in a sweep's postures, and what to say of postures that the file does not name.
+
+    Without a sweep a few hundred of these are looked at beside the study, in search of one that has a lower gain limit.
+    """
     from ..report.sweep_text import checked_sentence, posture_facts, worse_note
     from ..report.workspace import workspace_facts
 
@@ -99,7 +102,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
     from ..report.robot_text import notes, sentence, warnings
     from ..studies.state import USUAL_RATE
 
-    usual = study.at_usual_rate
+    usual = study.recommended_at_usual_rate
     met = usual is not None and study.system.requirements.met_by(usual)
     return {
         "robot": study.system.source.name,

@@ -1,1 +1,12 @@
-"""joint.yaml, robot.yaml, gain files and logs: schemas, bounded reading."""
+"""joint.yaml, robot.yaml, gain files and logs: schemas, bounded reading.
+
+One joint       joint_yaml (with its sections), joint_scenario (what is simulated); identified_joint writes one, identified_section is
+                its record
+A robot         robot_yaml reads, robot_sections has its keys, robot_scenario what is simulated; joint_references (joints in files of
+                their own)
+Both            system_sections: motor, drive, control (with the types of controllers), limits, ranges; absurd_values; file_types tells
+                one from the other; edited_text writes values into them
+Command lines   audit_options (a bare model), audited_robot (as a robot.yaml), simulator_options, sweep_options, typed_requirements
+Gains           gain_files reads and gain_export writes other people's forms, each in gain_formats; model_keyframes (postures of MJCF)
+Logs            logs, with a file per format
+"""

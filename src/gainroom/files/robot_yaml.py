@@ -56,7 +56,7 @@ def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool =
     with named(source):
         refuse_two_paths(file.control, two_paths)
         system = examined(robot_spec(file, source, _model_path(file.model, folder), folder))
-        if system.control.controller is not None and not np.any(system.control.controller.kp):
+        if system.control.controller is not None and not np.any(getattr(system.control.controller, "kp", 1.0)):
             raise GainroomError("control.kp: must be > 0 on some joint")
     return system if file.limits is not None else replace(system, assumptions=(*system.assumptions, USUAL))
 

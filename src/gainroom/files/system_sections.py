@@ -24,6 +24,7 @@ from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.uncertainty import Uncertainty
 
 CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
+ControllerType = Literal["pd", "pid", "ppi"]
 RATE_GAINS = {"kv": "kd", "kd": "kv"}
 """The gain on velocity, and what it is called in the other kind of control: kd in pd and pid, kv in ppi."""
 PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
@@ -195,7 +196,7 @@ class GainPathSection(Section):
 class ControlSection(Section):
     """The controller: its type, the side of its encoders, its filters; subclasses have the gains."""
 
-    type: Literal["pd", "pid", "ppi"] = Field(description="the kind of controller, pd, pid or ppi")
+    type: ControllerType = Field(description="the kind of controller, pd, pid or ppi")
     feedback: Literal["motor", "link"] = Field(description="the side of the gearbox that the encoder is on, motor or link")
     sample_rate_hz: SampleRate | None = None
     velocity_filter: LowPassSection | None = None

@@ -149,7 +149,7 @@ def warnings(study: "RobotStudy") -> tuple[str, ...]:
     found += _of_weights(study, own_space=True)
     found += [text for text in system.assumptions if text.startswith((NO_DATA, NO_STIFFNESS))]
     found += [*_not_found(study), *_undamped(study), *system.warnings]
-    found += [CONTINUOUS] if study.rate_is_missing and study.at_usual_rate is None else []
+    found += [CONTINUOUS] if study.rate_is_missing and study.recommended_at_usual_rate is None else []
     return tuple(doubts_first(list(dict.fromkeys(found))))
 
 
@@ -161,7 +161,7 @@ def notes(study: "RobotStudy") -> tuple[str, ...]:
     found += [] if in_tasks else _uncontrolled(study)
     found += _of_weights(study, own_space=False)
     found += _weightless(study)
-    found += [CONTINUOUS] if study.rate_is_missing and study.at_usual_rate is not None else []
+    found += [CONTINUOUS] if study.rate_is_missing and study.recommended_at_usual_rate is not None else []
     found += [] if system.uncertainty.names else [EXACT_ROBOT]
     return tuple(dict.fromkeys(found))
 

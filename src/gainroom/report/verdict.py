@@ -162,7 +162,7 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
     if study.to_use is None:
         return NOTHING
     gains, found = study.to_use
-    remarks, usual, asked = [], study.at_usual_rate, study.system.requirements
+    remarks, usual, asked = [], study.recommended_at_usual_rate, study.system.requirements
     own, joints = study.controllers_to_use, gains.space == "joint"
     lines, place, now = robot_gains(gains.names, own, gains.space), "control" if joints else "tasks", _now(study, own[0]) if joints else ""
     if usual is not None and not asked.met_by(usual):

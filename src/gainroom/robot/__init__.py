@@ -1,5 +1,12 @@
 """The whole robot: links from a file, actuators, contacts, and the linear model about a posture.
 
+Files          formats: URDF, MJCF (links, joints, inertias, the rotors' armature)
+Links          body (inertia, frames, gravity at a posture), assemble (from what a file describes to the body that is studied),
+               name_patterns, linkage and held_followers (closed loops, joints that follow), skeleton (drawings), rigid_tree (the core)
+Actuators      actuators, gearbox_types
+Ground         contact (what holds the robot), ground (slip and lift, for simulation)
+Linear model   robot (all of the above), linearize, model (about one posture in one contact state), tasks (operational space)
+
 Pinocchio and MuJoCo come with the extra `robot` and load when a model is first read.
 """
 

@@ -112,7 +112,7 @@ class RobotStudy(Analysis):
         return tuple(tasks.of_direction(k) for k in range(len(kp)))
 
     @cached_property
-    def at_usual_rate(self) -> Margins | None:
+    def recommended_at_usual_rate(self) -> Margins | None:
         """What those keep at USUAL_RATE; None where the file has a rate, or there are none."""
         if self.to_use is None or not self.rate_is_missing:
             return None

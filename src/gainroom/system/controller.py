@@ -11,6 +11,8 @@ mapped by Tustin's rule, exact at their own frequency.
     PD     Kp + Kd V
     PID    Kp + Kd V + Ki I
     P/PI   (Kv + Ki I)(Kp + V)                      Jung et al. 2017, Fig. 13
+
+Another one is a subclass; that files may have it, its line in CONTROLLERS and ControllerType (files/system_sections.py).
 """
 
 import math

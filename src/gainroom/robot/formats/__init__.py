@@ -1,1 +1,7 @@
-"""URDF and MJCF, read as hostile input."""
+"""URDF and MJCF, read as hostile input.
+
+Every format   model_files (FORMATS), model_format (what one does), model_names (where a model's file is), xml_text (bounds)
+URDF           urdf
+MJCF           mjcf_file compiles it, mjcf reads links, joints and armature from what is compiled, mjcf_constraints what holds them
+               together; mujoco_messages
+"""

@@ -1,4 +1,4 @@
-"""From MuJoCo's compiled model to Pinocchio's: the same bodies, joints and inertias, so the same mass matrix.
+"""From MuJoCo's compiled model to Pinocchio's: the same bodies, joints and inertias, so the same mass matrix; and armature and damping.
 
 (Pinocchio's own MJCF reader is silently wrong on some files: masses of default classes, settotalmass, all trees after the first.)
 
