@@ -104,8 +104,8 @@ def channel_units(setup: RobotSetup) -> tuple[Unit, ...]:
 
 def substeps_for(setup: RobotSetup) -> int:
     """Steps per tick that the fastest vibration of the linear model needs. Raises GainroomError where they are too many."""
-    plant = linearize(setup.body, setup.actuators, setup.q, setup.contacts)
-    fastest = np.abs(plant.corners().poles).max(initial=0.0)
+    poles = linearize(setup.body, setup.actuators, setup.q, setup.contacts).corners().poles
+    fastest = np.abs(poles[poles.imag > 0]).max(initial=0.0)
     needed = max(1, math.ceil(fastest * setup.sample_time / LARGEST_STEP_ANGLE))
     if needed > MOST_SUBSTEPS:
         raise GainroomError(
