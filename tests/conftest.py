@@ -72,7 +72,7 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-SHARES = 8
+SHARES = 12
 """Into as many the slow tests are divided."""
 
 
