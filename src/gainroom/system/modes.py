@@ -161,14 +161,17 @@ def undamped(mass: Floats, stiffness: Floats) -> tuple[Floats, Floats]:
     return squares, np.linalg.solve(root.T, vectors)
 
 
-def oscillations(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
-    """−δ + jω of each mode that oscillates: of the undamped one with its own damping, and exact where that may miss a sharp resonance.
+def rough_poles(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
+    """Of every mode, as the undamped one with its own damping: −δ + jω where it oscillates, then what is real; none at 0.
 
     Damping that couples two modes moves both, by about c²/(4 |ω − ω'|): between joints of which some hardly damp by more than the width.
+    There those that oscillate are exact, as a sharp resonance might be missed.
     """
     squares, shapes = undamped(mass, stiffness)
     coupling = shapes.T @ damping @ shapes
-    oscillates = squares > AT_REST * np.abs(squares).max(initial=0.0)
+    still = np.abs(squares) <= AT_REST * np.abs(squares).max(initial=0.0)
+    slow = _real_poles(np.where(still, 0.0, squares), np.diagonal(coupling) / 2)
+    oscillates = (squares > 0) & ~still
     omega, rate = np.sqrt(squares[oscillates]), np.diagonal(coupling)[oscillates] / 2
     found = -rate + 1j * omega
     apart = np.maximum(np.abs(found[:, None] - found), 1e-3 * rate)
@@ -176,19 +179,16 @@ def oscillations(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
     np.fill_diagonal(moved, 0.0)
     sharp = rate < SHARP * omega
     if not np.any(moved.sum(axis=1)[sharp] > 0.1 * rate[sharp]):
-        return found
+        return np.concatenate([found, slow])
     inverse, size = np.linalg.inv(mass), len(mass)
     exact = np.linalg.eigvals(np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ stiffness, -inverse @ damping]]))
     exact = exact[(exact.imag > 0) & (np.abs(exact) ** 2 > AT_REST * np.abs(squares).max())]
-    return np.concatenate([exact, found[~sharp]])
+    return np.concatenate([exact, found[~sharp], slow])
 
 
-def drifts(mass: Floats, damping: Floats, stiffness: Floats) -> Floats:
-    """The real poles of each mode that does not oscillate: what gravity topples, and what dampers bring to rest. Those at 0 left out."""
-    squares, shapes = undamped(mass, stiffness)
-    rate = np.diagonal(shapes.T @ damping @ shapes) / 2
+def _real_poles(squares: Floats, rate: Floats) -> Floats:
+    """Roots of s² + 2 rate s + squares that are real and not 0: what gravity topples, and what dampers bring to rest."""
     rate = np.where(rate > ALONE * rate.max(initial=0.0), rate, 0.0)
-    squares = np.where(np.abs(squares) > AT_REST * np.abs(squares).max(initial=0.0), squares, 0.0)
     real = squares <= rate**2
     further = -rate[real] - np.sqrt(rate[real] ** 2 - squares[real])  # the other one is their product over this one, to all digits
     nearer = np.divide(squares[real], further, out=np.zeros(len(further)), where=further != 0)

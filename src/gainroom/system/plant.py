@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
 from .linear.apart import eigensystem
 from .linear.arrays import Booleans, Complexes, Floats, Integers, distinct
-from .modes import AT_REST, Corners, Modes, drifts, modes_of, oscillations, undamped
+from .modes import AT_REST, Corners, Modes, modes_of, rough_poles, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
 NOT_HUNG = 1e-13  # of the largest: round-off of a motion that no spring takes up
@@ -285,8 +285,7 @@ class Plant:
 
         def motions(part: Integers) -> Complexes:
             at = np.ix_(part, part)
-            matrices = form.mass[at], form.damping[at], form.stiffness[at]
-            return np.concatenate([oscillations(*matrices), drifts(*matrices)])
+            return rough_poles(form.mass[at], form.damping[at], form.stiffness[at])
 
         return Corners(motions(np.arange(len(form.mass))), motions(held))
 
