@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 
 from gainroom.robot.body import Base, RigidBody
 from gainroom.robot.contact import Contact
-from gainroom.robot.rigid_tree import rigid_tree
+from gainroom.robot.rigid_tree import held_frames, rigid_tree, tree_tasks
 from gainroom.robot.tasks import Task
-from gainroom.simulation.whole_body import PostureEstimate, values_of
+from gainroom.simulation.whole_body import PostureEstimate, stance_of, values_of
 
 pin = pytest.importorskip("pinocchio")
 
@@ -38,7 +38,10 @@ def robot(base: Base, seed: int) -> tuple[RigidBody, np.ndarray]:
     for k in range(9):
         axis = draw.normal(size=3)
         joint = KINDS[k % len(KINDS)](axis / np.linalg.norm(axis))
-        parent = int(draw.integers(max(first - 1, 0), model.njoints))
+        chain = [model.njoints - 1]  # Pinocchio wants branches one after the other: on the last link or what carries it
+        while chain[-1] >= first:
+            chain.append(model.parents[chain[-1]])
+        parent = int(draw.choice(chain))
         model.addJoint(parent, joint, pin.SE3.Random(), f"j{k}")
         model.appendBodyToJoint(model.njoints - 1, pin.Inertia.Random(), pin.SE3.Random())
     for name, joint in (("tip", model.njoints - 1), ("foot", first)):
@@ -106,3 +109,15 @@ def test_a_newton_step_is_written_out(base, seed, kinds):
         q = pin.integrate(model, q, back @ np.concatenate(away))
         estimate._running.renew(back, counted)
         assert_allclose(estimate.update(joints), q, atol=1e-12 * np.abs(q).max())
+
+
+@pytest.mark.parametrize(("base", "seed"), CASES)
+def test_mass_matrix_and_jacobians_are_pinocchios(base, seed):
+    """From the base, wherever it is: those of a robot a kilometre away have all their digits."""
+    body, q = robot(base, seed)
+    contacts = Contact("foot"), Contact("tip", "line")
+    near = stance_of(body, q, np.ones(body.size), contacts)
+    expected = np.triu(near.inertia), near.contact_jacobian, np.vstack([task.jacobian(near) for task in STACK])
+    far = q + 1000.0 * (np.arange(len(q)) < (3 if base == "floating" else 0))
+    for found, known in zip(rigid_tree(body).dynamics(far, *held_frames(body, contacts), tree_tasks(body, STACK)), expected, strict=True):
+        assert_allclose(found, known, atol=1e-13 * np.abs(known).max())  # round-off of sums over ten links

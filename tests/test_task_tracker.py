@@ -5,11 +5,9 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-import pinocchio
 import pytest
 
 import gainroom as gr
-from gainroom.design.realtime.task_rows import TaskRows
 from gainroom.robot.contact import Contact
 from gainroom.robot.linearize import linearize
 from robot_walks import Walk
@@ -71,20 +69,6 @@ def truth(robot, q, contact: str):
 
 def standing(robot):
     return robot.body.configuration(dict(robot.postures["stand"].angles))
-
-
-def test_jacobians_of_tasks(robots):
-    """Those of Task.jacobian, which come from other calls of Pinocchio."""
-    robot = robots("rest")
-    feet, body = robots("feet"), robot.body
-    stack = (*robot.stack, *feet.stack[2:])
-    rows, data, rng = TaskRows(body, stack), body.model.createData(), np.random.default_rng(1)
-    for _ in range(10):
-        q = body.integrate(body.neutral(), rng.uniform(-1, 1, body.nv))
-        pinocchio.crba(body.model, data, q, pinocchio.Convention.WORLD)
-        model = linearize(body, robot.actuators, q, ())
-        for found, task in zip(rows(data, q), stack, strict=True):
-            assert found == pytest.approx(task.jacobian(model), abs=1e-12)  # of entries about 1 and less: round-off
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@
 
 #include "gainroom/posture_estimate.hpp"
 #include "gainroom/task_motion.hpp"
+#include "gainroom/tree_dynamics.hpp"
 
 using namespace gainroom;
 
@@ -38,7 +39,7 @@ static bool tree(bool hostile) {
     for (std::size_t k = 0; k < count; k++) {
         const std::size_t kind = generator() % 3;
         joints.push_back({generator() % (k + 1), pose(hostile), {0, 0, 1}, kind == 1, kind == 2});
-        masses.push_back({std::fabs(drawn(hostile)), triple(hostile)});
+        masses.push_back({std::fabs(drawn(hostile)), triple(hostile), {triple(hostile), triple(hostile), triple(hostile)}});
     }
     RigidTree body(generator() % 2 == 0, pose(hostile), joints, masses, {0, 0, -9.81});
     std::vector<double> q(body.positions()), angles(count), v(body.velocities()), back, counted(6 * count), g(body.velocities());
@@ -56,7 +57,13 @@ static bool tree(bool hostile) {
     values.read(estimate.posture().data(), found.data());
     body.place(q.data());
     body.weight(g.data());
-    double sum = 0.0;
+    TreeDynamics dynamics(body);
+    std::vector<double> mass(v.size() * v.size()), rows((6 + 3 + 3 + count) * v.size());
+    dynamics.place(q.data());
+    dynamics.mass_matrix(mass.data());
+    double* end = dynamics.write(HeldFrame{frame, all}, rows.data());
+    for (const Reading kind : {Reading::center, Reading::posture, Reading::orientation}) end = dynamics.write(TaskReading{kind, frame}, end);
+    double sum = end == rows.data() + rows.size() ? 0.0 : std::numeric_limits<double>::quiet_NaN();
     for (const double one : found) sum += one;
     return std::isfinite(sum);
 }

@@ -245,6 +245,12 @@ class GainTracker:
     ) -> tuple[float, float, bool, int, float, int]:
         """`tasks`: their Jacobians, m rows in all."""
 
+    def set_body(self, tree: RigidTree, contacts: list[tuple[Floats, Floats]], switches: list[int], tasks: Floats) -> None:
+        """For update_posture: frames (c, 13) and held (c, 6) of each contact state; those that are kept ready; tasks (k, 14)."""
+
+    def update_posture(self, q: Floats, contact: int) -> tuple[float, float, bool, int, float, int]:
+        """As update, of a posture (nq,), and prepares other contact states in turn."""
+
     def prepare(self, jacobians: list[Floats], contact: int) -> None:
         """After `update`: the same mass matrix, were the robot in another contact state."""
 
@@ -378,12 +384,15 @@ class RigidTree:
     """As in rigid_tree.hpp. A pose is a rotation's rows, then the origin (12,).
 
     joints   (n, 17): parent link, place (12) on it, axis (3), kind: 0 a hinge, 1 prismatic, 2 continuous
-    masses   (n + 1, 4): mass and centre of the base and of each joint's link
+    masses   (n + 1, 13): mass, centre and inertia about it (3, 3) of the base and of each joint's link
     """
 
     def __init__(self, floating: bool, root: Floats, joints: Floats, masses: Floats, gravity: Floats) -> None: ...
     def weight(self, q: Floats) -> Floats:
         """g (N,) at posture q (nq,)."""
+
+    def dynamics(self, q: Floats, frames: Floats, held: Floats, tasks: Floats) -> tuple[Floats, Floats, Floats]:
+        """Mass matrix (N, N), its upper triangle; the rows that frames (c, 13) hold, held (c, 6); those of tasks (k, 14), world axes."""
 
 class PostureEstimate:
     """As in posture_estimate.hpp: frames (c, 13) on a link, in a pose; held (c, 6) not 0 where a direction is held."""

@@ -1,15 +1,22 @@
-"""A body's tree for the native core, which places it at every tick of a controller, and its frames there."""
+"""A body's tree for the native core, which places it at every tick of a controller; its frames, contacts and tasks there."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..native._core import RigidTree
 from ..system.linear.arrays import Floats
 from .body import RigidBody, is_continuous
+from .contact import Contact
+from .tasks import Task, TaskKind
+
+READINGS: tuple[TaskKind, ...] = ("com", "posture", "position", "orientation")
+"""In the order of the core's numbers."""
 
 
-def rigid_tree(body: RigidBody) -> RigidTree:
-    """Of Pinocchio's model. Raises GainroomError for closed loops and passive joints."""
-    body.require_tree("simulation")
+def rigid_tree(body: RigidBody, owner: str = "simulation") -> RigidTree:
+    """Of Pinocchio's model. Raises GainroomError, which begins with `owner`, for closed loops and passive joints."""
+    body.require_tree(owner)
     model, first = body.model, body.model.njoints - body.size  # the world, then a floating base, then the joints
     rows = []
     for index, joint in enumerate(body.joints, start=first):
@@ -19,9 +26,9 @@ def rigid_tree(body: RigidBody) -> RigidTree:
         prismatic = bool(np.any(along))
         parent = max(0, model.parents[index] - first + 1)
         rows.append([parent, *pose(model.jointPlacements[index]), *(along if prismatic else about), prismatic + 2 * is_continuous(joint)])
-    masses = [[link.mass, *link.lever] for link in model.inertias.tolist()[1:]]
+    masses = [[link.mass, *link.lever, *link.inertia.ravel()] for link in model.inertias.tolist()[1:]]
     if body.base == "fixed":
-        masses.insert(0, [0.0] * 4)
+        masses.insert(0, [0.0] * 13)
     root = pose(model.jointPlacements[first - 1])
     return RigidTree(body.base == "floating", root, np.array(rows).reshape(-1, 17), np.array(masses), np.array(model.gravity.linear))
 
@@ -30,6 +37,18 @@ def tree_frame(body: RigidBody, frame: str) -> Floats:
     """(13,) the link that a frame is on, and its pose there. Raises GainroomError for an unknown frame."""
     found = body.model.frames[body.frame_index(frame)]
     return np.array([max(0, found.parentJoint - (body.model.njoints - body.size) + 1), *pose(found.placement)])
+
+
+def held_frames(body: RigidBody, contacts: Sequence[Contact]) -> tuple[Floats, Floats]:
+    """(c, 13) frames, (c, 6) which directions of their twists are held, not 0. Raises GainroomError for an unknown frame."""
+    frames = np.array([tree_frame(body, contact.frame) for contact in contacts]).reshape(-1, 13)
+    return frames, np.array([np.isin(np.arange(6), contact.rows) for contact in contacts], dtype=float).reshape(-1, 6)
+
+
+def tree_tasks(body: RigidBody, stack: Sequence[Task]) -> Floats:
+    """(k, 14) kind and frame of each task. Raises GainroomError for an unknown frame."""
+    frames = [np.zeros(13) if task.frame is None else tree_frame(body, task.frame) for task in stack]
+    return np.array([[READINGS.index(task.kind), *frame] for task, frame in zip(stack, frames, strict=True)]).reshape(-1, 14)
 
 
 def pose(placement: object) -> Floats:

@@ -25,8 +25,8 @@ from ..errors import GainroomError, require_count, require_finite
 from ..native import _core
 from ..robot.body import RigidBody
 from ..robot.contact import REDUNDANT, Contact, contact_jacobian
-from ..robot.rigid_tree import rigid_tree, tree_frame
-from ..robot.tasks import Task, TaskKind, TaskPPI, Tasks, following, task_motion, tasks_of
+from ..robot.rigid_tree import held_frames, rigid_tree, tree_tasks
+from ..robot.tasks import Task, TaskPPI, Tasks, following, task_motion, tasks_of
 from ..system.assembly import controller_state
 from ..system.controller import PD, PPI, Controller
 from ..system.linear.arrays import Floats
@@ -66,8 +66,6 @@ class SampledControl:
 
 FIRST_NEWTON_STEPS = 4
 """Newton steps at the first tick, when gearboxes that carry weight are already wound up."""
-READINGS: tuple[TaskKind, ...] = ("com", "posture", "position", "orientation")
-"""In the order of the core's numbers."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +102,7 @@ class PostureEstimate:
         self._base = body.nv - body.size
         base = contact_jacobian(body, self.q, contacts)[:, : self._base]
         self._held = self._base == 0 or (len(base) > 0 and np.linalg.matrix_rank(base, tol=1e-6) == self._base)
-        frames = np.array([tree_frame(body, contact.frame) for contact in contacts]).reshape(-1, 13)
-        rows = np.array([np.isin(np.arange(6), contact.rows) for contact in contacts], dtype=float).reshape(-1, 6)
-        self._running = _core.PostureEstimate(rigid_tree(body), frames, rows, self.q)
+        self._running = _core.PostureEstimate(rigid_tree(body), *held_frames(body, contacts), self.q)
 
     def renew(self, stance: BodyStance, follow: Floats) -> None:
         """Take Y = `follow` (N, n) and the contact Jacobian from now on."""
@@ -218,6 +214,4 @@ class WholeBodyControl:
 
 def values_of(body: RigidBody, stack: Sequence[Task], start: Floats) -> Callable[[Floats], Floats]:
     """From a posture (nq,) to the tasks' values (m,); orientations as rotation vectors from posture `start`, in world axes."""
-    frames = [np.zeros(13) if task.frame is None else tree_frame(body, task.frame) for task in stack]
-    tasks = np.array([[READINGS.index(task.kind), *frame] for task, frame in zip(stack, frames, strict=True)]).reshape(-1, 14)
-    return _core.TaskValues(rigid_tree(body), tasks, start).read
+    return _core.TaskValues(rigid_tree(body), tree_tasks(body, stack), start).read

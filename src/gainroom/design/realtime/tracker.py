@@ -1,7 +1,7 @@
 """The gain limit of a robot at every control tick, rigid-body terms included.
 
-The C++ core does the work (native/include/gainroom/tracker.hpp); here a robot, its control and limits become the core's numbers, and
-Pinocchio gives mass matrix and contact Jacobians.
+The C++ core does the work, rigid-body terms included (native/include/gainroom/posture_tracker.hpp); here a robot, its control and limits
+become the core's numbers.
 """
 
 import contextlib
@@ -15,14 +15,13 @@ from numpy.typing import ArrayLike
 from ...analysis.gain_limit import gain_limit
 from ...errors import GainroomError, first_of_many, nearest
 from ...native import _core
-from ...robot.body import library
+from ...robot.rigid_tree import held_frames, rigid_tree, tree_tasks
 from ...robot.tasks import MOVABLE
 from ...system.controller import PD, Controller
 from ...system.linear.arrays import Floats
 from ...system.requirements import Requirements
 from ...system.system import Control, System
 from .carried import joint_gains, joint_table, require_carried, require_leads
-from .task_rows import TaskRows
 
 if TYPE_CHECKING:
     from ...robot.robot import Robot
@@ -36,9 +35,6 @@ AGREED = 1e-6
 HOLDING = 6
 """Directions that have to be held for a floating base to stand."""
 FLAGS = ("", "posture", "contact", "too few constraints")
-PREPARED = 3
-"""Every so many ticks another contact state is made ready for a switch."""
-UNIT_QUATERNION = 1e-3
 WEAK = 0.05
 """Factors on the gains of tasks below which directions may act on each other so slowly that nobody minds."""
 DOUBLE = np.dtype(float)
@@ -102,34 +98,34 @@ class GainTracker:
     ):
         system = _system(robot, control)
         names = _contact_names(robot, contacts)
-        robot.body.require_tree("gain tracker")
-        require_carried(robot, system, names)
         body, rotors = robot.body, system.control.rotors
+        body.require_tree("gain tracker")
+        require_carried(robot, system, names)
         self.space = system.control.space
         """"joint" or "task"."""
         tasks = robot.tasks(robot.linearize(next(iter(robot.postures)), names[0]), rotors) if self.space == "task" else None
         require_leads(robot, system, tasks)
         self.gains = np.array(joint_gains(system) if tasks is None else (tasks.kp, tasks.kd))
         """(2, n) kp and kd that the limits are factors on; (2, m) K'p and K'v of the directions of tasks."""
-        self._pin, self._model, self._data = library("pinocchio", "Pinocchio"), body.model, body.model.createData()
-        self._shape, self._floating = (body.nq,), body.base == "floating"
-        self._world, self._local = self._pin.Convention.WORLD, self._pin.ReferenceFrame.LOCAL
+        self._shape, floating = (body.nq,), body.base == "floating"
         self._share = 1.0 / ((system.requirements if limits is None else limits).gain_margin or 1.0)
         held = [robot.contacts[name] for name in names]
         rows = [sum(len(contact.rows) for contact in state) for state in held]
         machine = joint_table(robot, system), system.control.sample_time or 0.0, body.nv, max(rows, default=0), len(names)
         if tasks is None:
-            self._tasks, self._core = None, _core.GainTracker(*machine, 0.0, 0.0)
+            self._core = _core.GainTracker(*machine, 0.0, 0.0)
         else:
             sizes = [len(task.directions(robot.joint_names)) for task in tasks.tasks]
-            self._tasks, self._core = TaskRows(body, tasks.tasks), _core.GainTracker(*machine, sizes, self.gains, rotors, MOVABLE)
-        self._states = {
-            name: _State(index, tuple((body.frame_index(one.frame), None if len(one.rows) == 6 else list(one.rows)) for one in state))
-            for index, (name, state) in enumerate(zip(names, held, strict=True))
-            if not (self._floating and 0 < rows[index] < HOLDING)
-        }
-        self._order, self._ticks, self._turn = tuple(self._states.values()), 0, 0
+            self._core = _core.GainTracker(*machine, sizes, self.gains, rotors, MOVABLE)
+        self._states = {name: index for index, name in enumerate(names) if not (floating and 0 < rows[index] < HOLDING)}
         self._loose = frozenset(names) - frozenset(self._states)
+        stack = () if tasks is None else tasks.tasks
+        self._core.set_body(
+            rigid_tree(body, "gain tracker"),
+            [held_frames(body, state) for state in held],
+            list(self._states.values()),
+            tree_tasks(body, stack),
+        )
         self._settle(robot, system)
 
     def update(self, q: ArrayLike, contact: str) -> TrackedLimit:
@@ -144,17 +140,7 @@ class GainTracker:
                 return self._flagged(1)
             if q.shape != self._shape:
                 return self._flagged(1)
-        if self._floating:
-            x, y, z, w = q[3:7].tolist()
-            if not abs(x * x + y * y + z * z + w * w - 1.0) < UNIT_QUATERNION:
-                return self._flagged(1)
-        self._pin.crba(self._model, self._data, q, self._world)
-        tasks = [] if self._tasks is None else self._tasks(self._data, q)
-        found = self._core.update(self._data.M, self._jacobians(state), state.number, tasks)
-        self._ticks += 1
-        if self._ticks % PREPARED == 0:
-            self._prepare_next(state)
-        return self._answer(found)
+        return self._answer(self._core.update_posture(q, state))
 
     def update_dynamics(self, mass: Floats, jacobians: Sequence[Floats], contact: str, tasks: Sequence[Floats] = ()) -> TrackedLimit:
         """As update, with mass matrix (N, N) and contact Jacobians, each (c, N), of another dynamics library: links alone, rotors apart.
@@ -166,7 +152,7 @@ class GainTracker:
         if state is None:
             return self._flagged(3 if contact in self._loose else 2)
         try:
-            return self._answer(self._core.update(mass, list(jacobians), state.number, list(tasks)))
+            return self._answer(self._core.update(mass, list(jacobians), state, list(tasks)))
         except (TypeError, ValueError):
             return self._flagged(1)
 
@@ -178,14 +164,14 @@ class GainTracker:
         state = self._states.get(contact)
         if state is not None:
             with contextlib.suppress(TypeError, ValueError):
-                self._core.prepare(list(jacobians), state.number)
+                self._core.prepare(list(jacobians), state)
 
     def crossings(self, contact: str) -> Floats:
         """(k, 4) the crossings that are followed in a contact state, by rising gain.
 
         Columns: gain; frequency [rad/s]; ±1 as roots become unstable or stable; how much ln gain moves with W, relative to W + 1/J.
         """
-        return self._core.crossings(self._states[contact].number)
+        return self._core.crossings(self._states[contact])
 
     @property
     def contacts(self) -> tuple[str, ...]:
@@ -195,32 +181,14 @@ class GainTracker:
     def warmup(self) -> None:
         """Nothing is left to do after construction."""
 
-    def _jacobians(self, state: "_State") -> list[Floats]:
-        """Of the contacts of a state, where crba was last."""
-        pin, model, data = self._pin, self._model, self._data
-        return [
-            pin.getFrameJacobian(model, data, frame, self._local)
-            if rows is None
-            else pin.getFrameJacobian(model, data, frame, self._local)[rows]
-            for frame, rows in state.frames
-        ]
-
-    def _prepare_next(self, now: "_State") -> None:
-        """One of the other contact states, in turn."""
-        others = [state for state in self._order if state is not now]
-        if others:
-            self._turn += 1
-            other = others[self._turn % len(others)]
-            self._core.prepare(self._jacobians(other), other.number)
-
     def _settle(self, robot: "Robot", system: System) -> None:
         """The first certificate of every contact state, in the first posture."""
         for name, state in self._states.items():
             model = robot.linearize(next(iter(robot.postures)), name)
-            if self._tasks is not None and not robot.tasks(model, system.control.rotors).movable.any():
+            if self.space == "task" and not robot.tasks(model, system.control.rotors).movable.any():
                 raise GainroomError(f"gain tracker: contact {name!r}: the joints can move no task; name contact states in which they can")
-            rows = [] if self._tasks is None else [task.jacobian(model) for task in robot.stack]
-            here = model.inertia, [model.contact_jacobian], state.number, rows
+            rows = [] if self.space == "joint" else [task.jacobian(model) for task in robot.stack]
+            here = model.inertia, [model.contact_jacobian], state, rows
             inverse = np.ascontiguousarray(model.link_inverse_inertia)
             left = self._core.alias_left(inverse, self._core.passive_frequency)
             if left > ALIASED:
@@ -229,12 +197,12 @@ class GainTracker:
                     "shorten the sample time"
                 )
             limit = gain_limit(system.loop(model))
-            if self._tasks is not None and limit.frequency <= self._core.passive_frequency:
+            if self.space == "task" and limit.frequency <= self._core.passive_frequency:
                 raise GainroomError(
                     f"gain tracker: contact {name!r}: the limit lies at {limit.frequency:.3g} rad/s, "
                     f"below {self._core.passive_frequency:.3g} rad/s, up to where tasks take energy out"
                 )
-            weakest = 0.0 if self._tasks is None else WEAK
+            weakest = 0.0 if self.space == "joint" else WEAK
             if not np.isfinite(limit.gain) or limit.gain == 0 or limit.lower_gain > weakest:
                 raise GainroomError(
                     f"gain tracker: contact {name!r}: the loop is stable from a gain factor of {limit.lower_gain:g} to {limit.gain:g}; "
@@ -256,13 +224,6 @@ class GainTracker:
 
     def _flagged(self, flag: int) -> TrackedLimit:
         return self._answer(self._core.flagged(flag))
-
-
-class _State(NamedTuple):
-    """A contact state: its number in the core, and frames with the rows of their Jacobians that are held, None: all."""
-
-    number: int
-    frames: "tuple[tuple[int, list[int] | None], ...]"
 
 
 def _system(robot: "Robot", control: Control | PD | None) -> System:

@@ -3,9 +3,9 @@
 
 #include <cmath>
 
-#include "arrays.hpp"
-#include "gainroom/posture_estimate.hpp"
 #include "gainroom/task_motion.hpp"
+#include "gainroom/tree_dynamics.hpp"
+#include "trees.hpp"
 
 using gainroom::Frame;
 using gainroom::Pose;
@@ -15,11 +15,6 @@ using gainroom::RigidTree;
 using gainroom::TaskValues;
 using gainroom::Triple;
 
-static constexpr std::size_t kPlace = 12;  // a rotation row by row, then the origin
-
-static Triple triple(const double* from) { return {from[0], from[1], from[2]}; }
-static Pose pose(const double* from) { return {{triple(from), triple(from + 3), triple(from + 6)}, triple(from + 9)}; }
-
 static nb::object vector(const std::vector<double>& values) {
     double* copy = new double[values.size() + 1];
     std::copy(values.begin(), values.end(), copy);
@@ -27,14 +22,9 @@ static nb::object vector(const std::vector<double>& values) {
     return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<1>>(copy, {values.size()}, owner));
 }
 
-static std::size_t index(double number, std::size_t below, const char* message) {
-    require(number >= 0 && number < double(below) && number == std::floor(number), message);
-    return std::size_t(number);
-}
-
 static RigidTree tree(bool floating, const Vector& root, const Matrix& joints, const Matrix& masses, const Vector& gravity) {
     const std::size_t count = joints.shape(0);
-    require(joints.shape(1) == kPlace + 5 && has_shape(masses, count + 1, 4), "joints and masses have the shapes (n, 17) and (n + 1, 4)");
+    require(joints.shape(1) == kPlace + 5 && has_shape(masses, count + 1, 13), "joints and masses have the shapes (n, 17) and (n + 1, 13)");
     require(root.shape(0) == kPlace && gravity.shape(0) == 3, "root and gravity have the shapes (12,) and (3,)");
     std::vector<gainroom::TreeJoint> tree_joints;
     std::vector<gainroom::Mass> links;
@@ -44,13 +34,11 @@ static RigidTree tree(bool floating, const Vector& root, const Matrix& joints, c
         const std::size_t parent = index(row[0], k + 1, "a joint's parent comes before it");
         tree_joints.push_back({parent, pose(row + 1), triple(row + kPlace + 1), kind == 1, kind == 2});
     }
-    for (std::size_t k = 0; k <= count; k++) links.push_back({masses(k, 0), triple(masses.data() + 4 * k + 1)});
+    for (std::size_t k = 0; k <= count; k++) {
+        const double* row = masses.data() + 13 * k;
+        links.push_back({row[0], triple(row + 1), {triple(row + 4), triple(row + 7), triple(row + 10)}});
+    }
     return {floating, pose(root.data()), std::move(tree_joints), std::move(links), triple(gravity.data())};
-}
-
-static const double* posture(const RigidTree& tree, const Vector& q) {
-    require(q.shape(0) == tree.positions(), "a posture has the shape (nq,)");
-    return q.data();
 }
 
 static std::vector<double> weight(RigidTree& tree, const Vector& q) {
@@ -60,19 +48,24 @@ static std::vector<double> weight(RigidTree& tree, const Vector& q) {
     return found;
 }
 
-static Frame frame(const RigidTree& tree, const double* row) {
-    return {index(row[0], tree.joints() + 1, "a frame's link is one of the tree"), pose(row + 1)};
+// Mass matrix, Jacobians of held frames and of tasks, one below the other.
+static nb::tuple dynamics(const RigidTree& tree, const Vector& q, const Matrix& frames, const Matrix& held, const Matrix& tasks) {
+    const std::size_t size = tree.velocities();
+    gainroom::TreeDynamics body(tree);
+    body.place(posture(tree, q));
+    const auto contacts = held_frames(tree, frames, held);
+    const auto readings = task_readings(tree, tasks);
+    std::vector<double> mass(size * size), rows(gainroom::kTwist * contacts.size() * size), more((tree.joints() + 3) * readings.size() * size);
+    body.mass_matrix(mass.data());
+    double *end = rows.data(), *last = more.data();
+    for (const auto& one : contacts) end = body.write(one, end);
+    for (const auto& one : readings) last = body.write(one, last);
+    const std::size_t held_rows = std::size_t(end - rows.data()) / size, task_rows = std::size_t(last - more.data()) / size;
+    return nb::make_tuple(owned(mass.data(), size, size), owned(rows.data(), held_rows, size), owned(more.data(), task_rows, size));
 }
 
 static PostureEstimate estimate(const RigidTree& tree, const Matrix& frames, const Matrix& held, const Vector& start) {
-    const std::size_t count = frames.shape(0);
-    require(frames.shape(1) == kPlace + 1 && has_shape(held, count, gainroom::kTwist), "frames and held have the shapes (c, 13), (c, 6)");
-    std::vector<gainroom::HeldFrame> contacts;
-    for (std::size_t k = 0; k < count; k++) {
-        contacts.push_back({frame(tree, frames.data() + k * (kPlace + 1)), {}});
-        for (std::size_t i = 0; i < gainroom::kTwist; i++) contacts.back().held[i] = held(k, i) != 0.0;
-    }
-    return {tree, std::move(contacts), posture(tree, start)};
+    return {tree, held_frames(tree, frames, held), posture(tree, start)};
 }
 
 static void renew(PostureEstimate& self, const Matrix& back, const std::optional<Matrix>& counted) {
@@ -89,13 +82,7 @@ static nb::object update(PostureEstimate& self, const Vector& joints) {
 }
 
 static TaskValues values(const RigidTree& tree, const Matrix& tasks, const Vector& start) {
-    require(tasks.shape(1) == kPlace + 2, "tasks have the shape (k, 14)");
-    std::vector<gainroom::TaskReading> readings;
-    for (std::size_t k = 0; k < tasks.shape(0); k++) {
-        const double* row = tasks.data() + k * (kPlace + 2);
-        readings.push_back({gainroom::Reading(index(row[0], 4, "a task's kind is 0 to 3")), frame(tree, row + 1)});
-    }
-    return {tree, std::move(readings), posture(tree, start)};
+    return {tree, task_readings(tree, tasks), posture(tree, start)};
 }
 
 static nb::object task_values(TaskValues& self, const Vector& q) {
@@ -136,7 +123,8 @@ static nb::tuple task_motion(const Matrix& inertia, const Matrix& held, const Ma
 void bind_robot(nb::module_& m) {
     nb::class_<RigidTree>(m, "RigidTree")
         .def(nb::new_(&tree), nb::arg("floating"), nb::arg("root"), nb::arg("joints"), nb::arg("masses"), nb::arg("gravity"))
-        .def("weight", [](RigidTree& self, const Vector& q) { return vector(weight(self, q)); }, nb::arg("q"));
+        .def("weight", [](RigidTree& self, const Vector& q) { return vector(weight(self, q)); }, nb::arg("q"))
+        .def("dynamics", &dynamics, nb::arg("q"), nb::arg("frames"), nb::arg("held"), nb::arg("tasks"));
     nb::class_<PostureEstimate>(m, "PostureEstimate")
         .def(nb::new_(&estimate), nb::arg("tree"), nb::arg("frames"), nb::arg("held"), nb::arg("start"))
         .def("renew", &renew, nb::arg("back"), nb::arg("counted").none())

@@ -1,8 +1,11 @@
-#include "gainroom/robot_tracker.hpp"
+#include "gainroom/posture_tracker.hpp"
 
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
 
-#include "arrays.hpp"
+#include <optional>
+
+#include "trees.hpp"
 
 using gainroom::JointData;
 using Strided = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;
@@ -35,6 +38,36 @@ public:
         {
             nb::gil_scoped_release release;
             limit = robot_.update(mass_.data(), rows_.data(), count, std::size_t(contact), tasks_.data());
+        }
+        return answer(limit);
+    }
+
+    // From now on update_posture: `contacts` with frames (c, 13) and held (c, 6) each; `switches`: those that are kept ready; tasks (k, 14).
+    void set_body(const gainroom::RigidTree& tree, const std::vector<std::pair<Matrix, Matrix>>& contacts,
+                  const std::vector<std::size_t>& switches, const Matrix& tasks) {
+        require(tree.velocities() == robot_.links().velocities() && tree.joints() == joints_.size(), "the tree has N velocities, n joints");
+        require(contacts.size() == tracker().contacts(), "there are as many contacts as before");
+        std::vector<std::vector<gainroom::HeldFrame>> states;
+        for (const auto& [frames, held] : contacts) {
+            states.push_back(held_frames(tree, frames, held));
+            std::ptrdiff_t rows = 0;
+            for (const auto& one : states.back()) rows += std::count(one.held.begin(), one.held.end(), true);
+            require(std::size_t(rows) <= robot_.links().most_rows(), "no contact holds more than `rows` directions");
+        }
+        for (const std::size_t one : switches) require(one < contacts.size(), "switches are contacts");
+        std::vector<gainroom::TaskReading> readings = task_readings(tree, tasks);
+        std::size_t directions = 0;
+        for (const auto& one : readings) directions += one.kind == gainroom::Reading::posture ? tree.joints() : 3;
+        require(directions == robot_.directions(), "tasks have m directions");
+        posture_.emplace(robot_, tree, std::move(states), switches, std::move(readings));
+    }
+
+    nb::tuple update_posture(const Vector& q, std::int64_t contact) {
+        require(posture_ && q.shape(0) == posture_->tree().positions(), "there is a body, and q has the shape (nq,)");
+        gainroom::Limit limit;
+        {
+            nb::gil_scoped_release release;
+            limit = posture_->update(q.data(), std::size_t(contact));
         }
         return answer(limit);
     }
@@ -116,6 +149,7 @@ private:
     std::vector<JointData> joints_;
     gainroom::RobotTracker robot_;
     std::vector<double> mass_, rows_, tasks_;
+    std::optional<gainroom::PostureTracker> posture_;
 };
 
 static nb::object link_inverse_inertia(const Strided& mass, const Matrix& rows, std::size_t joints) {
@@ -138,6 +172,8 @@ void bind_tracker(nb::module_& m) {
              nb::arg("joints"), nb::arg("sample_time"), nb::arg("velocities"), nb::arg("rows"), nb::arg("contacts"), nb::arg("sizes"),
              nb::arg("gains"), nb::arg("rotors"), nb::arg("movable"))
         .def("update", &GainTracker::update, nb::arg("mass"), nb::arg("jacobians"), nb::arg("contact"), nb::arg("tasks") = std::vector<Strided>())
+        .def("set_body", &GainTracker::set_body, nb::arg("tree"), nb::arg("contacts"), nb::arg("switches"), nb::arg("tasks"))
+        .def("update_posture", &GainTracker::update_posture, nb::arg("q"), nb::arg("contact"))
         .def("prepare", &GainTracker::prepare, nb::arg("jacobians"), nb::arg("contact"))
         .def("update_inverse", &GainTracker::update_inverse, nb::arg("w"), nb::arg("contact"))
         .def("flagged", &GainTracker::flagged, nb::arg("flag"))

@@ -19,8 +19,9 @@ struct TreeJoint {
 };
 
 struct Mass {
-    double mass;    // [kg]
-    Triple center;  // in the link's own axes [m]
+    double mass;         // [kg]
+    Triple center;       // in the link's own axes [m]
+    Rotation inertia{};  // about the centre, in the same axes [kg m²]
 };
 
 // A frame on a link.
@@ -47,9 +48,21 @@ public:
     std::size_t base_velocities() const { return floating_ ? 6 : 0; }
     std::size_t velocities() const { return base_velocities() + joints_.size(); }  // N
 
+    const TreeJoint& joint(std::size_t k) const { return joints_[k]; }
+    const Mass& mass(std::size_t link) const { return masses_[link]; }
+    // Where a link was placed last.
+    const Pose& link(std::size_t k) const { return links_[k]; }
+    // The base of posture q (nq).
+    Pose base(const double* q) const {
+        return floating_ ? moved(root_, Pose{rotation({q[3], q[4], q[5], q[6]}), {q[0], q[1], q[2]}}) : root_;
+    }
+
     // Places the links of posture q (nq); what follows is about it.
-    void place(const double* q) {
-        links_[0] = floating_ ? moved(root_, Pose{rotation({q[3], q[4], q[5], q[6]}), {q[0], q[1], q[2]}}) : root_;
+    void place(const double* q) { place(q, base(q)); }
+
+    // The same with the base elsewhere.
+    void place(const double* q, const Pose& base) {
+        links_[0] = base;
         q += base_positions();
         for (std::size_t k = 0; k < joints_.size(); k++) {
             const TreeJoint& joint = joints_[k];

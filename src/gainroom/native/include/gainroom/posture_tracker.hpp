@@ -1,0 +1,79 @@
+// The gain limit at every tick from a posture alone: mass matrix, contact Jacobians and those of tasks are the tree's own.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <utility>
+#include <vector>
+
+#include "robot_tracker.hpp"
+#include "tree_dynamics.hpp"
+
+namespace gainroom {
+
+// For one thread at a time. All space is taken here.
+class PostureTracker {
+public:
+    // contacts   the frames that each contact state of `robot` holds
+    // switches   contact states that are kept ready for a switch
+    // tasks      in the order of the robot's task gains; none in joint space
+    PostureTracker(RobotTracker& robot, const RigidTree& tree, std::vector<std::vector<HeldFrame>> contacts, std::vector<std::size_t> switches,
+                   std::vector<TaskReading> tasks)
+        : robot_(robot), dynamics_(tree), contacts_(std::move(contacts)), switches_(std::move(switches)), tasks_(std::move(tasks)),
+          mass_(tree.velocities() * tree.velocities()), rows_(robot.links().most_rows() * tree.velocities()),
+          task_rows_(robot.directions() * tree.velocities()) {}
+
+    const RigidTree& tree() const { return dynamics_.tree(); }
+
+    // One tick at posture q (nq) in contact state `contact`. No exceptions, no allocation.
+    Limit update(const double* q, std::size_t contact) {
+        if (contact >= contacts_.size()) return robot_.tracker().without_evidence(Flag::bad_contact);
+        if (!is_posture(q)) return robot_.tracker().without_evidence(Flag::bad_posture);
+        dynamics_.place(q);
+        dynamics_.mass_matrix(mass_.data());
+        double* end = task_rows_.data();
+        for (const TaskReading& task : tasks_) end = dynamics_.write(task, end);
+        const std::size_t count = hold(contact);
+        const Limit found = robot_.update(mass_.data(), rows_.data(), count, contact, tasks_.empty() ? nullptr : task_rows_.data());
+        if (++ticks_ % kPrepared == 0) prepare_next(contact);
+        return found;
+    }
+
+private:
+    static constexpr std::size_t kPrepared = 3;  // every so many ticks another contact state is made ready
+    static constexpr double kUnit = 1e-3;        // so far a quaternion's square may be from 1
+
+    bool is_posture(const double* q) const {
+        if (!tree().base_velocities()) return true;
+        double square = 0.0;
+        for (std::size_t k = 3; k < 7; k++) square += q[k] * q[k];
+        return std::fabs(square - 1.0) < kUnit;
+    }
+
+    // The rows that a contact state holds, into rows_; how many.
+    std::size_t hold(std::size_t contact) {
+        double* end = rows_.data();
+        for (const HeldFrame& one : contacts_[contact]) end = dynamics_.write(one, end);
+        return std::size_t(end - rows_.data()) / tree().velocities();
+    }
+
+    // Another one each time.
+    void prepare_next(std::size_t now) {
+        for (std::size_t k = 0; k < switches_.size(); k++) {
+            turn_ = (turn_ + 1) % switches_.size();
+            if (switches_[turn_] == now) continue;
+            const std::size_t count = hold(switches_[turn_]);
+            return robot_.prepare(rows_.data(), count, switches_[turn_]);
+        }
+    }
+
+    RobotTracker& robot_;
+    TreeDynamics dynamics_;
+    std::vector<std::vector<HeldFrame>> contacts_;
+    std::vector<std::size_t> switches_;
+    std::vector<TaskReading> tasks_;
+    std::vector<double> mass_, rows_, task_rows_;
+    std::size_t ticks_ = 0, turn_ = 0;
+};
+
+}  // namespace gainroom
