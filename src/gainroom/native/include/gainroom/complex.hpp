@@ -31,6 +31,14 @@ inline Complex over(Complex a, Complex b) {
     return {(a.real() * ratio + a.imag()) / size, (a.imag() * ratio - a.real()) / size};
 }
 
+// 1/a with one division where |a|² is far from the ends of the range.
+inline Complex inverse_of(Complex a) {
+    const double size = std::norm(a);
+    if (!(size > 1e-280 && size < 1e280)) return over(1.0, a);
+    const double scale = 1 / size;
+    return {a.real() * scale, -a.imag() * scale};
+}
+
 // `angle` in (−π, π].
 inline double wrapped(double angle) { return angle - 2 * kPi * std::ceil((angle - kPi) / (2 * kPi)); }
 

@@ -78,10 +78,10 @@ public:
     // Whether two crossings have become one; where they look alike, both are followed to the end.
     bool doubles(ContactState& state, TrackedCrossing& old, TrackedCrossing& now, double& work) {
         if (std::fabs(old.gain - now.gain) > 0.02 * now.gain || std::fabs(old.omega - now.omega) > 0.02 * now.omega) return false;
+        if (here(state, old) && here(state, now) && !same_place(old, now)) return false;
         if (std::norm(product(old.mode, now.mode)) < 0.5) return false;
         if (!settled(state, old, work) || !settled(state, now, work)) return true;
-        return std::fabs(old.gain - now.gain) < kDouble * old.gain && std::fabs(old.omega - now.omega) < kDouble * old.omega &&
-               std::norm(product(old.mode, now.mode)) > 0.99;
+        return same_place(old, now) && std::norm(product(old.mode, now.mode)) > 0.99;
     }
 
     static Complex product(const std::vector<Complex>& a, const std::vector<Complex>& b) {
@@ -191,6 +191,12 @@ private:
             one.speed = std::max(std::fabs(std::log(one.gain / before)) / ahead, kForgets * one.speed);
         one.seen_at = state.path;
         return found && one.gain > 0.0 && one.omega > loop_.lowest() && one.omega < highest_omega();
+    }
+
+    static bool here(const ContactState& state, const TrackedCrossing& one) { return one.seen_at == state.path && one.converged; }
+
+    static bool same_place(const TrackedCrossing& a, const TrackedCrossing& b) {
+        return std::fabs(a.gain - b.gain) < kDouble * a.gain && std::fabs(a.omega - b.omega) < kDouble * a.omega;
     }
 
     // Followed here, and to the end.

@@ -20,14 +20,6 @@ inline Complex variable(Complex s, double sample_time) {
     return Complex(std::expm1(x) * std::cos(y) - 2 * half * half, std::exp(x) * std::sin(y)) / sample_time;
 }
 
-// 1/a with one division where |a|² is far from the ends of the range.
-inline Complex inverse_of(Complex a) {
-    const double size = std::norm(a);
-    if (!(size > 1e-280 && size < 1e280)) return over(1.0, a);
-    const double scale = 1 / size;
-    return {a.real() * scale, -a.imag() * scale};
-}
-
 // The value at s, infinite or NaN on a pole; `slope` receives the derivative by s of its logarithm where it is given.
 inline Complex value_at(const Factors& system, double delay, double sample_time, Complex s, Complex* slope = nullptr) {
     const Complex v = variable(s, sample_time);

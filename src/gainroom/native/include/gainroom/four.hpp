@@ -1,6 +1,7 @@
 // Four numbers, added and multiplied at once. Short loops over sums that should stay in registers compilers turn inside out.
 #pragma once
 
+#include <cstddef>
 #include <cstring>
 
 namespace gainroom {
@@ -32,5 +33,8 @@ inline Four four(const double* from) {
 }
 
 inline void put(double* to, const Four& from) { std::memcpy(to, &from, sizeof from); }
+
+// So many numbers are `count`, and those beside them up to whole fours.
+constexpr std::size_t fours(std::size_t count) { return (count + 3) / 4 * 4; }
 
 }  // namespace gainroom

@@ -34,12 +34,18 @@ inline void subtract(double* from, double factor, const double* what, std::size_
     for (; k < count; k++) from[k] -= factor * what[k];
 }
 
+// The same with what stands beside them, up to whole fours.
+inline void subtract_fours(double* from, double factor, const double* what, std::size_t count) {
+    for (std::size_t k = 0; k < count; k += 4) put(from + k, four(from + k) - factor * four(what + k));
+}
+
 // Space for machines of up to `velocities` N, of which `joints` n, and `rows` c held directions. For one thread at a time.
 class LinkInertia {
 public:
     LinkInertia(std::size_t velocities, std::size_t joints, std::size_t rows)
-        : velocities_(velocities), joints_(joints), most_(rows), root_(velocities * velocities), pivots_(velocities),
-          reach_(velocities * joints), held_(rows * velocities), shares_(rows), taken_(rows * joints), free_(joints * joints) {}
+        : velocities_(velocities), joints_(joints), most_(rows), stride_(fours(velocities)), across_(fours(joints)),
+          root_(velocities * stride_), pivots_(velocities), reach_(velocities * across_), held_(rows * stride_), shares_(rows),
+          taken_(rows * across_), free_(joints * joints) {}
 
     std::size_t velocities() const { return velocities_; }
     std::size_t joints() const { return joints_; }
@@ -51,15 +57,15 @@ public:
         const std::size_t size = velocities_, base = size - joints_;
         known_ = count <= most_ && factor(mass);
         if (!known_) return false;
-        for (std::size_t k = 0; k < size * joints_; k++) reach_[k] = 0.0;
-        for (std::size_t k = base; k < size; k++) reach_[k * joints_ + k - base] = 1.0;
-        for (std::size_t k = size; k-- > 0;) {  // row k of Y: joints from `first` on
-            const std::size_t first = k > base ? k - base : 0;
-            double* row = &reach_[k * joints_];
+        for (double& entry : reach_) entry = 0.0;
+        for (std::size_t k = base; k < size; k++) reach_[k * across_ + k - base] = 1.0;
+        for (std::size_t k = size; k-- > 0;) {  // row k of Y: joints from k on, 0 before them
+            const std::size_t first = k > base ? (k - base) / 4 * 4 : 0;
+            double* row = &reach_[k * across_];
             for (std::size_t j = first; j < joints_; j++) row[j] *= pivots_[k];
             for (std::size_t i = 0; i < k; i++)
-                if (const double factor = root_[k * size + i]; factor != 0.0)
-                    subtract(&reach_[i * joints_ + first], factor, row + first, joints_ - first);
+                if (const double factor = root_[k * stride_ + i]; factor != 0.0)
+                    subtract_fours(&reach_[i * across_ + first], factor, row + first, joints_ - first);
         }
         for (double& entry : free_) entry = 0.0;
         add_squares(free_.data(), reach_.data(), size, 1.0);
@@ -71,8 +77,8 @@ public:
         if (!known_ || count > most_) return false;
         const std::size_t size = velocities_;
         rank_ = orthonormal(rows, count);
-        for (std::size_t k = 0; k < rank_ * joints_; k++) taken_[k] = 0.0;
-        for (std::size_t r = 0; r < rank_; r++) add_product(&taken_[r * joints_], joints_, &held_[r * size], 1, reach_.data(), size, 1.0);
+        for (std::size_t k = 0; k < rank_ * across_; k++) taken_[k] = 0.0;
+        for (std::size_t r = 0; r < rank_; r++) add_product(&taken_[r * across_], joints_, &held_[r * stride_], 1, reach_.data(), size, 1.0);
         for (std::size_t k = 0; k < joints_ * joints_; k++) inverse[k] = free_[k];
         add_squares(inverse, taken_.data(), rank_, -1.0);
         double sum = 0.0;
@@ -90,60 +96,62 @@ public:
     // Ŷᵀ (n, N), Ŷ = R⁻ᵀSᵀ without the held directions: W = ŶᵀŶ.
     void reach(double* rows) const {
         for (std::size_t j = 0; j < joints_; j++)
-            for (std::size_t k = 0; k < velocities_; k++) rows[j * velocities_ + k] = reach_[k * joints_ + j];
+            for (std::size_t k = 0; k < velocities_; k++) rows[j * velocities_ + k] = reach_[k * across_ + j];
         for (std::size_t r = 0; r < rank_; r++)
-            for (std::size_t j = 0; j < joints_; j++) subtract(rows + j * velocities_, taken_[r * joints_ + j], &held_[r * velocities_], velocities_);
+            for (std::size_t j = 0; j < joints_; j++) subtract(rows + j * velocities_, taken_[r * across_ + j], &held_[r * stride_], velocities_);
     }
 
     // R⁻ᵀJᵀ of one row J (N) without the held directions; its size with them.
     double carry(const double* row, double* image) const {
         const std::size_t size = velocities_;
         for (std::size_t k = 0; k < size; k++) image[k] = row[k];
-        back_substitute(image, 1);
+        back_substitute<subtract>(image, 1);
         const double whole = std::sqrt(scalar_product(image, image, size));
-        for (std::size_t r = 0; r < rank_; r++) subtract(image, scalar_product(image, &held_[r * size], size), &held_[r * size], size);
+        for (std::size_t r = 0; r < rank_; r++) subtract(image, scalar_product(image, &held_[r * stride_], size), &held_[r * stride_], size);
         return whole;
     }
 
     // R⁻¹ of `image` (N), in place.
     void release(double* image) const {
         for (std::size_t k = 0; k < velocities_; k++)
-            image[k] = (image[k] - scalar_product(&root_[k * velocities_], image, k)) * pivots_[k];
+            image[k] = (image[k] - scalar_product(&root_[k * stride_], image, k)) * pivots_[k];
     }
 
 private:
     // R⁻ᵀ of `count` rows, in place: one after the other each would wait for itself.
+    template <void (*take)(double*, double, const double*, std::size_t)>
     void back_substitute(double* rows, std::size_t count) const {
         for (std::size_t k = velocities_; k-- > 0;)
             for (std::size_t r = 0; r < count; r++) {
-                double* row = rows + r * velocities_;
+                double* row = rows + r * stride_;
                 row[k] *= pivots_[k];
-                if (row[k] != 0.0) subtract(row, row[k], &root_[k * velocities_], k);
+                if (row[k] != 0.0) take(row, row[k], &root_[k * stride_], k);
             }
     }
 
-    // R row by row, from the upper triangle.
+    // R row by row, from the upper triangle; in each row 0 from its diagonal on.
     GAINROOM_WIDE bool factor(const double* mass) {
         const std::size_t size = velocities_;
         for (std::size_t i = 0; i < size; i++)
-            for (std::size_t j = i; j < size; j++) root_[j * size + i] = mass[i * size + j];
+            for (std::size_t j = i; j < size; j++) root_[j * stride_ + i] = mass[i * size + j];
         for (std::size_t k = size; k-- > 0;) {
-            double* row = &root_[k * size];
+            double* row = &root_[k * stride_];
             if (!(row[k] > 1e-15 * mass[k * size + k])) return false;
-            row[k] = std::sqrt(row[k]);
-            const double pivot = pivots_[k] = 1.0 / row[k];
+            const double pivot = pivots_[k] = 1.0 / std::sqrt(row[k]);
             for (std::size_t j = 0; j < k; j++) row[j] *= pivot;
+            for (std::size_t j = k; j < stride_; j++) row[j] = 0.0;
             for (std::size_t i = 0; i < k; i++)
-                if (row[i] != 0.0) subtract(&root_[i * size], row[i], row, i + 1);
+                if (row[i] != 0.0) subtract_fours(&root_[i * stride_], row[i], row, i + 1);
         }
         return true;
     }
 
     // Columns of R⁻ᵀJᵀ as rows of held_, orthonormal (Gram and Schmidt, twice); how many are left.
     GAINROOM_WIDE std::size_t orthonormal(const double* rows, std::size_t count) {
-        const std::size_t size = velocities_;
-        for (std::size_t k = 0; k < count * size; k++) held_[k] = rows[k];
-        back_substitute(held_.data(), count);
+        const std::size_t size = stride_;
+        for (std::size_t r = 0; r < count; r++)
+            for (std::size_t k = 0; k < size; k++) held_[r * size + k] = k < velocities_ ? rows[r * velocities_ + k] : 0.0;
+        back_substitute<subtract_fours>(held_.data(), count);
         double largest = 0.0;
         for (std::size_t r = 0; r < count; r++) largest = std::fmax(largest, std::sqrt(scalar_product(&held_[r * size], &held_[r * size], size)));
         std::size_t rank = 0;
@@ -165,7 +173,7 @@ private:
 
     // Takes the first `rank` rows of held_ out of `row`; its size then.
     GAINROOM_WIDE double project(double* row, std::size_t rank) {
-        const std::size_t size = velocities_;
+        const std::size_t size = stride_;
         for (std::size_t m = 0; m < rank; m++) shares_[m] = scalar_product(row, &held_[m * size], size);  // none waits for another
         std::size_t m = 0;
         for (; m + 2 <= rank; m += 2) {
@@ -178,7 +186,7 @@ private:
 
     // The lower triangle of `inverse` gets sign · Σ rowᵀ row over `count` rows of joints.
     void add_squares(double* inverse, const double* rows, std::size_t count, double sign) const {
-        for (std::size_t i = 0; i < joints_; i++) add_product(inverse + i * joints_, i + 1, rows + i, joints_, rows, count, sign);
+        for (std::size_t i = 0; i < joints_; i++) add_product(inverse + i * joints_, i + 1, rows + i, across_, rows, count, sign);
     }
 
     // `sums`, with those beside them up to whole fours, get sign · Σ_k factor_k row_k over `count` rows of joints; factors lie `apart`.
@@ -187,14 +195,14 @@ private:
         std::size_t j = 0;
         for (; j < end && j + 4 <= joints_; j += 4) {
             Four sum = four(sums + j);
-            for (std::size_t k = 0; k < count; k++) sum += (sign * factors[k * apart]) * four(rows + k * joints_ + j);
+            for (std::size_t k = 0; k < count; k++) sum += (sign * factors[k * apart]) * four(rows + k * across_ + j);
             put(sums + j, sum);
         }
         for (; j < end; j++)
-            for (std::size_t k = 0; k < count; k++) sums[j] += sign * factors[k * apart] * rows[k * joints_ + j];
+            for (std::size_t k = 0; k < count; k++) sums[j] += sign * factors[k * apart] * rows[k * across_ + j];
     }
 
-    std::size_t velocities_, joints_, most_;
+    std::size_t velocities_, joints_, most_, stride_, across_;  // of rows of velocities and of joints: whole fours
     std::vector<double> root_, pivots_, reach_, held_, shares_, taken_, free_;  // free_: W without contacts, its lower triangle
     std::size_t rank_ = 0;
     bool known_ = false;

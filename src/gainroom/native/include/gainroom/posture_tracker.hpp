@@ -35,12 +35,13 @@ public:
         for (const TaskReading& task : tasks_) end = dynamics_.write(task, end);
         const std::size_t count = hold(contact);
         const Limit found = robot_.update(mass_.data(), rows_.data(), count, contact, tasks_.empty() ? nullptr : task_rows_.data());
-        if (++ticks_ % kPrepared == 0) prepare_next(contact);
+        if (++waited_ >= kPrepared && (robot_.tracker().load() < kQuiet || waited_ >= kLatest)) prepare_next(contact);
         return found;
     }
 
 private:
-    static constexpr std::size_t kPrepared = 3;  // every so many ticks another contact state is made ready
+    static constexpr std::size_t kPrepared = 3, kLatest = 9;  // ticks after which another contact state is made ready: in a quiet one, in any
+    static constexpr double kQuiet = 0.4;
     static constexpr double kUnit = 1e-3;        // so far a quaternion's square may be from 1
 
     bool is_posture(const double* q) const {
@@ -59,6 +60,7 @@ private:
 
     // Another one each time.
     void prepare_next(std::size_t now) {
+        waited_ = 0;
         for (std::size_t k = 0; k < switches_.size(); k++) {
             turn_ = (turn_ + 1) % switches_.size();
             if (switches_[turn_] == now) continue;
@@ -73,7 +75,7 @@ private:
     std::vector<std::size_t> switches_;
     std::vector<TaskReading> tasks_;
     std::vector<double> mass_, rows_, task_rows_;
-    std::size_t ticks_ = 0, turn_ = 0;
+    std::size_t waited_ = 0, turn_ = 0;  // ticks since the last one was made ready; its place in switches_
 };
 
 }  // namespace gainroom

@@ -52,7 +52,7 @@ public:
     // After `update`, where there is time: what another contact state would be now, so that a switch to it finds its limit certified, or nearly.
     // Each of them every tenth tick is enough. Nothing is done after a tick that has taken long already.
     void prepare(const double* rows, std::size_t count, std::size_t contact) {
-        if (!tracker_->has_time() || !links_.hold(rows, count, other_.data())) return;
+        if (tracker_->load() > Tracker::kBusy || !links_.hold(rows, count, other_.data())) return;
         if (gains_ && !gains_->hold(links_, rows, count, other_.data() + square())) return;
         tracker_->prepare(other_.data(), contact);
     }

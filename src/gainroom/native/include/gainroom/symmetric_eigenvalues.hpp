@@ -261,11 +261,6 @@ private:
         return true;
     }
 
-    static Complex inverse_of(Complex a) {
-        const double factor = 1 / std::norm(a);
-        return {a.real() * factor, -a.imag() * factor};
-    }
-
     std::size_t n_ = 0, stride_ = 0;
     std::vector<double> re_, im_, u_re_, u_im_, p_re_, p_im_, ties_, share_;
     std::vector<Complex> units_, inverse_units_, diagonal_, beside_;

@@ -39,10 +39,10 @@ GAINROOM_WIDE inline void product(const double* w, const Complex* x, std::size_t
 class SymmetricFactor {
 public:
     explicit SymmetricFactor(std::size_t size)
-        : size_(size), stride_(stride_of(size)), re_(size * stride_), im_(size * stride_), pivots_(size), inverse_(size) {}
+        : size_(size), stride_(fours(size)), re_(size * stride_), im_(size * stride_), pivots_(size), inverse_(size) {}
 
     // Numbers that `trace` needs room for.
-    static std::size_t room(std::size_t size) { return 2 * size * stride_of(size); }
+    static std::size_t room(std::size_t size) { return 2 * (size + 1) * fours(size); }
 
     std::size_t size() const { return size_; }
     Complex pivot(std::size_t k) const { return pivots_[k]; }
@@ -108,11 +108,15 @@ public:
 
     // tr((W + diag β)⁻¹ diag(β_ω)); `work`, with `room`.
     Complex trace(const JointValue* values, double* work) const {
+        double *slope_re = work + 2 * size_ * stride_, *slope_im = slope_re + stride_;
+        for (std::size_t j = 0; j < stride_; j++) {
+            const Complex slope = j < size_ ? values[j].beta_omega : Complex(0.0);
+            slope_re[j] = slope.real();
+            slope_im[j] = slope.imag();
+        }
         Complex sum = 0.0;
         inverted(work, [&](std::size_t k, const double* re, const double* im) {
-            Complex own = 0.0;
-            for (std::size_t j = 0; j <= k; j++) own += times(square(re[j], im[j]), values[j].beta_omega);
-            sum += times(own, inverse_[k]);
+            sum += times(sum_of_squares(re, im, slope_re, slope_im, k + 1), inverse_[k]);
         });
         return sum;
     }
@@ -126,12 +130,26 @@ public:
     }
 
 private:
-    static std::size_t stride_of(std::size_t size) { return (size + 3) / 4 * 4; }
-
     // Entry (j, k) of L, j > k.
     Complex lower(std::size_t k, std::size_t j) const { return {re_[k * stride_ + j], im_[k * stride_ + j]}; }
 
     static Complex square(double re, double im) { return {re * re - im * im, 2 * re * im}; }
+
+    // Σ (re + j im)² times what they count, up to whole fours.
+    GAINROOM_WIDE static Complex sum_of_squares(const double* re, const double* im, const double* count_re, const double* count_im, std::size_t end) {
+        const double nothing[4] = {};
+        Four whole_re = four(nothing), whole_im = whole_re;
+        for (std::size_t j = 0; j < end; j += 4) {
+            const Four a = four(re + j), b = four(im + j), u = four(count_re + j), v = four(count_im + j);
+            const Four real = a * a - b * b, half = a * b, imaginary = half + half;
+            whole_re += real * u - imaginary * v;
+            whole_im += real * v + imaginary * u;
+        }
+        double sums[8];
+        put(sums, whole_re);
+        put(sums + 4, whole_im);
+        return {(sums[0] + sums[1]) + (sums[2] + sums[3]), (sums[4] + sums[5]) + (sums[6] + sums[7])};
+    }
 
     // L⁻¹ row by row, into `work` and to `use(k, re, im)`: of row k the first k + 1.
     template <class Use>
@@ -157,7 +175,7 @@ private:
             Complex pivot(re[k], im[k]);
             if (std::fabs(pivot.real()) + std::fabs(pivot.imag()) < 1e-290) pivot = 1e-290;
             pivots_[k] = pivot;
-            const Complex inverse = over(1.0, pivot);
+            const Complex inverse = inverse_of(pivot);
             inverse_[k] = inverse;
             for (std::size_t i = k + 1; i < size_; i++)
                 subtract(&re_[i * stride_], &im_[i * stride_], re, im, times(Complex(re[i], im[i]), inverse), i, stride_);

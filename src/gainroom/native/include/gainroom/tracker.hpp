@@ -82,8 +82,9 @@ public:
         return answer(state, arrived, arrived ? 0.0 : known_.distance(state, posture));
     }
 
-    // Whether the last tick has left time for `prepare`.
-    bool has_time() const { return work_ < 0.75 * settings_.urgent; }
+    // How much of the work that a tick may have the last one had: above kBusy there is no time for `prepare`.
+    double load() const { return work_ / settings_.urgent; }
+    static constexpr double kBusy = 0.75;
 
     // Brings what is known of another contact state near to where it will be needed: this tick's posture, were the robot in `contact`.
     void prepare(const double* posture, std::size_t contact) {
