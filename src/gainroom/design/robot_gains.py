@@ -46,15 +46,21 @@ EVERYWHERE = ""
 
 @dataclass(frozen=True)
 class _Failed:
-    """Cases, with the weight or without, for which no beginning led to gains that meet the requirements; and what each reached.
+    """A search, with the weight or without, that came to no gains that meet the requirements; and what it reached.
 
-    safe   the set that was among the beginnings, or None
+    safe    the set that was among the beginnings, or None
+    cases   for which alone none were found
     """
 
     weighed: bool
     safe: GainSet | None
+    start: Gains
     cases: frozenset[Case]
-    reached: tuple[Gains, ...]
+    reached: Gains
+
+    def over(self, cases: Sequence[Case]) -> Raised:
+        """What was reached, as a search over these cases would end, too."""
+        return Raised(self.reached, tuple(case.all_margins(self.reached) for case in cases), False)
 
 
 def recommend_robot(
@@ -219,7 +225,7 @@ def _set(
     """Gains that none can be raised of in these states; None, and a word in `nearest`, where no beginning leads to some that meet them.
 
     safe     a set that holds in these and other states: none softer is returned
-    failed   cases for which none were found, which is not tried again; added to
+    failed   searches that came to none, which are not tried again; added to
     """
     given = np.any(beginning.gains != 0, axis=0)
     acting = [state for state in states if np.any(state.moves & given)]
@@ -297,7 +303,8 @@ def _from_beginnings(
     """The gains that are reached from the first beginning from which any are that meet the requirements; else those that came nearest.
 
     Where they are softer than `safe`, which has to suit more states, the next beginning is tried, too: the search is a local one.
-    Where all beginnings failed for some of these cases alone, they would do so again: what was reached then is what came nearest.
+    A beginning that failed for some of these cases alone would do so again: what was reached then is what came nearest. Where as many as
+    are tried did, none is looked for.
     """
     groups, best, reached = _groups(states, beginning, free), None, []
     safe = None if safe is not None and safe.without_weight and weighed else safe
@@ -309,23 +316,23 @@ def _from_beginnings(
         unit = beginning.unit[free][both]
         return float((unit / stiff[both]).sum()) > float((unit / beside[both]).sum())
 
-    for one in failed:
-        if one.weighed == weighed and one.safe is safe and one.cases <= set(cases):
-            found = [Raised(gains, tuple(case.all_margins(gains) for case in cases), False) for gains in one.reached]
-            return min(found, key=lambda each: _most_missed(cases, each))
+    before = [one for one in failed if one.weighed == weighed and one.cases <= set(cases)]
+    if len(same := [one for one in before if one.safe is safe]) >= TRIED:
+        return min((one.over(cases) for one in same), key=lambda each: _most_missed(cases, each))
     known = None if safe is None else _gains_of(safe, math.nan)
     for start in itertools.islice(stable_starts(cases, beginning, weighed, progress, known), TRIED):
-        found = raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
+        again = next((one for one in before if np.array_equal(one.start, start)), None)
+        found = again.over(cases) if again else raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
         if best is None or _better(cases, found, best, softer):
             best = found
         if found.holds and (safe is None or not softer(found.gains, _gains_of(safe))):
             break
-        reached.append(found)
+        if not found.holds:
+            missed = again.cases if again else frozenset(cases[k] for k in found.failed)
+            reached.append(_Failed(weighed, safe, start, missed, found.gains))
     if best is not None and best.holds:
         return best
-    if len(reached) == TRIED:
-        missed = frozenset(cases[k] for one in reached for k in one.failed)
-        failed.append(_Failed(weighed, safe, missed, tuple(one.gains for one in reached)))
+    failed += reached
     first = beginning.first(weighed)
     return best or Raised(first, tuple(case.all_margins(first) for case in cases), False)
 
