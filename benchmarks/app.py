@@ -12,6 +12,7 @@ from gainroom.cli.example import example_texts
 
 from .served import ANSWERED, browser_path, serving
 from .table import Table
+from .talos import talos
 
 MOVES = 120
 PACE = 1 / 30  # [s] between moves of the pointer
@@ -20,15 +21,6 @@ QUIET = 10.0  # [s] over which processor time at rest is taken
 READY = f"{ANSWERED} && document.querySelector('[data-area=stable]')"
 DONE = "() => gainroom.certified && !gainroom.busy"
 LATENCY = "() => gainroom.latency"
-TALOS = """
-model: {package: example-robot-data, file: talos_reduced.urdf, base: floating}
-joints: {default: {motor_inertia: 0.1, stiffness: 10000.0, damping: 1.0}}
-drive: {bandwidth: 4000.0, delay_ms: 2.0}
-postures: {half_sitting: {"leg_.*_3_joint": -0.4, "leg_.*_4_joint": 0.8, "leg_.*_5_joint": -0.4}}
-contacts: {both: [left_sole_link, right_sole_link]}
-control: {type: pd, space: joint, feedback: motor, kp: 400.0, kd: 20.0}
-limits: {gain_margin_db: 6.0}
-"""
 
 
 def run(seed: int) -> Table:
@@ -45,7 +37,7 @@ def run(seed: int) -> Table:
         cases = [
             ("Fig. 9's joint", texts["fig9"], 50.0, 120.0),
             ("one joint of the 12-joint biped, all others closed", texts["biped"], 50.0, 120.0),
-            ("one joint of the 32-joint TALOS, all others closed", TALOS, 150.0, None),
+            ("one joint of the 32-joint TALOS, all others closed", talos("{both: [left_sole_link, right_sole_link]}"), 150.0, None),
         ]
         for title, text, median, tail in cases:
             file = folder / f"case{len(table.rows)}.yaml"

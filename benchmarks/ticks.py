@@ -1,9 +1,11 @@
 """The tracked limit at every control tick, rigid-body terms included, and what of it can be trusted."""
 
+import tempfile
 import time
 from dataclasses import replace
 from importlib.resources import files
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,26 +15,28 @@ import gainroom as gr
 from gainroom.robot.linearize import linearize
 
 from .table import Table
+from .talos import talos
 
 TICKS, STANCE, CHECKS = 20_000, 800, 200
 LEFT, ABOVE = 1.0, 1e-6  # [%], relative
-LONGEST = {"joint": (15.0, 50.0), "task": (40.0, 150.0)}  # median and p99.9 [µs]
+LONGEST = {"joint": (15.0, 50.0), "task": (40.0, 150.0), "TALOS": (60.0, 150.0)}  # median and p99.9 [µs]
 SAMPLE_TIME = 5e-4
 COM_GAINS = {"kp": 100.0, "kd": 20.0}
+STATES = "{double: [left_sole_link, right_sole_link], left: [left_sole_link], right: [right_sole_link], flight: []}"
 
 
 def run(seed: int) -> Table:
-    """The biped in random smooth motion, contacts changing every 800 ticks of 1 ms; `seed` draws the motion."""
-    table = Table("GainTracker: one tick, from posture to limit (12 joints)")
-    for space, sample_time in product(("joint", "task"), (None, SAMPLE_TIME)):
-        robot, control = _biped(space, sample_time)
+    """Robots in random smooth motion, contacts changing every 800 ticks of 1 ms; `seed` draws the motion."""
+    table = Table("GainTracker: one tick, from posture to limit")
+    for case, sample_time in product(LONGEST, (None, SAMPLE_TIME)):
+        robot, control = _talos(sample_time) if case == "TALOS" else _biped(case, sample_time)
         system = replace(robot.system, source=robot, control=control)
         tracker, body = gr.GainTracker(robot, system.control), robot.body
-        postures, names = _motion(robot, seed), [tracker.contacts[k // STANCE % len(tracker.contacts)] for k in range(TICKS)]
+        postures, contacts = _motion(robot, seed), [tracker.contacts[k // STANCE % len(tracker.contacts)] for k in range(TICKS)]
         taken, answers, rigid = np.empty(TICKS), [], np.empty(TICKS)
-        for k, (q, name) in enumerate(zip(postures, names, strict=True)):
+        for k, (q, contact) in enumerate(zip(postures, contacts, strict=True)):
             begun = time.perf_counter()
-            answers.append(tracker.update(q, name))
+            answers.append(tracker.update(q, contact))
             taken[k] = time.perf_counter() - begun
         data = body.model.createData()
         for k, q in enumerate(postures):
@@ -42,11 +46,13 @@ def run(seed: int) -> Table:
         certified = [k for k, answer in enumerate(answers) if answer.certified]
         looked = certified[:: max(1, len(certified) // CHECKS)]
         above = max(
-            answers[k].gain / gr.gain_limit(system.loop(linearize(body, robot.actuators, postures[k], robot.contacts[names[k]]))).gain - 1
+            answers[k].gain / gr.gain_limit(system.loop(linearize(body, robot.actuators, postures[k], robot.contacts[contacts[k]]))).gain
+            - 1
             for k in looked
         )
-        time_model = ("tasks, " if space == "task" else "") + ("continuous" if sample_time is None else f"{1 / sample_time:g} Hz")
-        median, tail = LONGEST[space]
+        name = {"joint": "12 joints", "task": "12 joints, tasks", "TALOS": "32 joints"}[case]
+        time_model = f"{name}, {'continuous' if sample_time is None else f'{1 / sample_time:g} Hz'}"
+        median, tail = LONGEST[case]
         table.rows += [
             {"figure": f"{time_model}: median [µs]", "value": 1e6 * float(np.median(taken)), "at most": median},
             {"figure": f"{time_model}: p99.9 [µs]", "value": 1e6 * float(np.quantile(taken, 0.999)), "at most": tail},
@@ -60,7 +66,7 @@ def run(seed: int) -> Table:
         ]
     table.notes = [
         f"{TICKS:,} ticks; {CHECKS} certified ones are computed cold by gain_limit afterwards. "
-        "Tasks: centre of mass and pelvis, 6 directions, K'p 100 1/s² and K'v 20 1/s."
+        "Tasks: centre of mass and pelvis, 6 directions, K'p 100 1/s² and K'v 20 1/s. 12 joints: the biped, 32: TALOS."
     ]
     return table
 
@@ -73,6 +79,14 @@ def _biped(space: str, sample_time: float | None) -> tuple[Any, Any]:
         return robot, control
     robot = replace(robot, stack=(replace(robot.stack[0], **COM_GAINS), *robot.stack[1:]))
     return robot, replace(control, space=space, controller=None)
+
+
+def _talos(sample_time: float | None) -> tuple[Any, Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "talos.yaml"
+        file.write_text(talos(STATES), "utf-8")
+        robot = gr.load_robot(str(file))
+    return robot, replace(robot.system.control, sample_time=sample_time)
 
 
 def _motion(robot: Any, seed: int) -> list[np.ndarray]:

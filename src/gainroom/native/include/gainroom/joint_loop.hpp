@@ -35,7 +35,7 @@ public:
     double sample_time() const override { return laws_.sample_time(); }
     double lowest() const override { return lowest_; }
     double usual_slices() const override { return std::max(kSlices / double(posture_size()), 1.5); }
-    double urgent_slices() const override { return std::max(5.0 * kSlices / double(posture_size()), 9.0); }
+    double urgent_slices() const override { return std::max(5.0 * kSlices / double(posture_size()), std::min(kEach * double(mode_size()), kUrgent)); }
 
     double distance(const double* before, const double* now) override { return change_(laws_, before, now); }
 
@@ -93,6 +93,7 @@ public:
 private:
     static constexpr double kBeside = 0.5;    // work of clear_below
     static constexpr double kSlices = 600.0;  // over n²: with 12 joints 4 slices, which is 5 µs
+    static constexpr double kEach = 0.6, kUrgent = 20.0;  // of a joint where there is no certificate: a count takes about two; at most
 
     // arg in [0, π] of what is in the upper half plane but for round-off; elsewhere arg in (−π, 0).
     static double upper(Complex z) {
