@@ -244,7 +244,10 @@ class Curve:
         share = (values[index] - along[interval]) / (along[interval + 1] - along[interval])
         omega_found = omega[interval] + share * (omega[interval + 1] - omega[interval])
         if polish:
-            omega_found = self._polish(axis, values[index], omega[interval], omega[interval + 1], omega_found, along[interval])
+            ends = omega[interval], omega[interval + 1]
+            bent = _bent(share, *ends, along[interval + 1] - along[interval], slope[interval], slope[interval + 1])
+            omega_found = np.where((bent > ends[0]) & (bent < ends[1]), bent, omega_found)
+            omega_found = self._polish(axis, values[index], *ends, omega_found, along[interval])
         other = self._other(axis, values[index], omega_found)
         parts = (index, omega_found, other), self._straight(axis, values), self._beside_zeros(axis, values)
         return _together(parts)
@@ -357,6 +360,14 @@ class Curve:
             if not len(active):
                 break
         return omega
+
+
+def _bent(share: Floats, low: Floats, high: Floats, rise: Floats, slope_low: Floats, slope_high: Floats) -> Floats:
+    """ω at a `share` of the rise from `low` to `high`, by the cubic with a curve's slopes at both; NaN or infinite where one is 0."""
+    left = 1 - share
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        turned = left * (rise / slope_low) - share * (rise / slope_high)
+        return low + (high - low) * share**2 * (1 + 2 * left) + share * left * turned
 
 
 def _runs_through_infinity(along: Floats, slope: Floats) -> Booleans:
