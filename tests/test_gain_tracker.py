@@ -73,6 +73,10 @@ def test_link_inertia_refuses_what_is_no_mass_matrix():
     for mass in (np.zeros((3, 3)), np.diag([1.0, -1.0, 1.0]), np.diag([1.0, np.nan, 1.0]), np.diag([1.0, np.inf, 1.0])):
         with pytest.raises(ValueError, match="positive definite"):
             _core.link_inverse_inertia(mass, np.ones((1, 3)), 2)
+    for entry in (np.nan, np.inf, 1e200, 1e-200):  # or of held directions, whose squares have to be numbers
+        for rows in (np.full((1, 3), entry), np.array([[1.0, 0.0, 0.0], [0.0, entry, 0.0]])):
+            with pytest.raises(ValueError, match="positive definite"):
+                _core.link_inverse_inertia(np.eye(3), rows, 2)
 
 
 def friction(loop: gr.Loop, rng: np.random.Generator) -> gr.Loop:
@@ -175,11 +179,20 @@ def test_a_jump_of_posture_is_certified_again_in_bounded_time(biped):
         assert all(one.safe_gain <= limit.gain or not one.certified for one in answers)
 
 
+class Hostile:
+    """What a program may hand over in place of an array."""
+
+    def __array__(self, *_, **__):
+        raise RuntimeError("no array")
+
+
 def assert_wrong_ticks_are_flagged(tracker: gr.GainTracker, q: np.ndarray, good: gr.TrackedLimit):
     """Of a tracker in "left", where `good` is right, that knows "toe", on which nothing can stand."""
     wrong = [(q[:-1], "left", "posture"), (q * np.nan, "left", "posture"), ("?", "left", "posture"), (2 * q, "left", "posture")]
     wrong += [(np.where(np.arange(len(q)) == 9, bad, q), "left", "posture") for bad in (np.nan, np.inf)]
-    wrong += [(q, "up", "contact"), (q, None, "contact"), (q, "toe", "too few constraints")]
+    wrong += [(np.where(np.arange(len(q)) == k, bad, q), "left", "posture") for k in (0, 4) for bad in (np.nan, np.inf)]
+    wrong += [(q * (1 + 0j), "left", "posture"), ([10**400] * len(q), "left", "posture"), (Hostile(), "left", "posture")]
+    wrong += [(q, "up", "contact"), (q, None, "contact"), (q, ["left"], "contact"), (q, "toe", "too few constraints")]
     for posture, contact, flag in wrong:
         answer = tracker.update(posture, contact)
         assert (answer.flag, answer.certified) == (flag, False)
@@ -204,6 +217,51 @@ def test_misuse_in_the_loop_is_flagged(biped):
     assert all(not one.certified or one.gain == pytest.approx(good.gain, rel=1e-9) for one in answers)
     for mass in (np.zeros((18, 18)), np.full((18, 18), np.nan), np.eye(3), None):
         assert tracker.update_dynamics(mass, [], "left").flag == "posture"
+    mass, rows = biped.body.mass_matrix(q), biped.body.frame_jacobian(q, "left_sole")
+    for bad in (np.nan, np.inf, 1e200):  # one entry that is no number, or has no square
+        held = rows.copy()
+        held[2, 9] = bad
+        assert tracker.update_dynamics(mass, [held], "left").flag == "posture"
+
+
+LINK = """<inertial><origin xyz="0.3 0 0"/><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
+WHEELS = f"""<robot name="wheels"><link name="base"/><link name="a">{LINK}</link><link name="b">{LINK}</link>
+<joint name="p" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/></joint>
+<joint name="q" type="continuous"><parent link="a"/><child link="b"/><origin xyz="0.5 0 0"/><axis xyz="0 0 1"/></joint></robot>"""
+WHEELS_YAML = """
+model: {file: wheels.urdf, base: fixed}
+joints: {default: {motor_inertia: 0.1, stiffness: 5000.0, damping: 1.0}}
+drive: {bandwidth: 4000.0, delay_ms: 2.0}
+postures: {home: {q: 0.5}}
+contacts: {free: []}
+control: {type: pd, space: joint, feedback: motor, kp: 100.0, kd: 10.0}
+"""
+
+
+def test_angles_of_wheels_are_on_the_circle(tmp_path):
+    """Cosines and sines that nearly are are taken for those next to them; what is none is flagged, on a fixed base as well."""
+    (tmp_path / "wheels.urdf").write_text(WHEELS, "utf-8")
+    (tmp_path / "robot.yaml").write_text(WHEELS_YAML, "utf-8")
+    robot = gr.load_robot(str(tmp_path / "robot.yaml"))
+    tracker = gr.GainTracker(robot)
+    q = robot.body.configuration({"p": 1.0, "q": 0.5})
+    there = tracker.update(q, "free")
+    assert there.certified
+    assert tracker.update(q * (1 + 1e-4), "free").gain == pytest.approx(there.gain, rel=1e-12)
+    for wrong in (2 * q, 0 * q, np.array([0.5, 0.1, 0.2, 0.3])):
+        assert tracker.update(wrong, "free").flag == "posture"
+
+
+@pytest.mark.parametrize("sample_time", [None, TICK])
+@pytest.mark.parametrize("w", [0.0, 0.3, 3.33, 10.0])
+def test_one_joint_that_crosses_where_a_count_begins(sample_time, w: float):
+    """Its limit lies within the first step of a count, next to the frequencies at which its controller takes energy out."""
+    drive, pd = gr.Drive(4000.0, 0.9, 1.2e-3 if sample_time is None else 1.5e-3), gr.PD(2000.0, 100.0)
+    plant = gr.Plant(np.array([[w]]), np.array([1.0]), np.array([1e4]), np.array([10.0]))
+    loop = gr.build_loop(plant, drive, pd, "motor", sample_time)
+    found, _ = settled(loop, ticks=60)
+    assert found[2]
+    assert found[0] == pytest.approx(gr.gain_limit(loop).gain, rel=1e-7)
 
 
 def test_dynamics_of_another_library_give_the_same(biped):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from gainroom.errors import GainroomError
 from gainroom.robot.body import Base, RigidBody
 from gainroom.robot.contact import Contact
-from gainroom.robot.rigid_tree import held_frames, rigid_tree, tree_tasks
+from gainroom.robot.rigid_tree import held_frames, rigid_tree, tree_frame, tree_tasks
 from gainroom.robot.tasks import Task
 from gainroom.simulation.whole_body import PostureEstimate, stance_of, values_of
 
@@ -113,11 +114,27 @@ def test_a_newton_step_is_written_out(base, seed, kinds):
 
 @pytest.mark.parametrize(("base", "seed"), CASES)
 def test_mass_matrix_and_jacobians_are_pinocchios(base, seed):
-    """From the base, wherever it is: those of a robot a kilometre away have all their digits."""
+    """Wherever the base is, those of a robot a kilometre away have all their digits."""
     body, q = robot(base, seed)
     contacts = Contact("foot"), Contact("tip", "line")
     near = stance_of(body, q, np.ones(body.size), contacts)
     expected = np.triu(near.inertia), near.contact_jacobian, np.vstack([task.jacobian(near) for task in STACK])
-    far = q + 1000.0 * (np.arange(len(q)) < (3 if base == "floating" else 0))
-    for found, known in zip(rigid_tree(body).dynamics(far, *held_frames(body, contacts), tree_tasks(body, STACK)), expected, strict=True):
+    first = body.model.njoints - body.size
+    for placement, parent in zip(body.model.jointPlacements, body.model.parents.tolist(), strict=True):
+        if parent < first - 1 or (base == "fixed" and parent == 0):
+            placement.translation += 1000.0
+    for found, known in zip(rigid_tree(body).dynamics(q, *held_frames(body, contacts), tree_tasks(body, STACK)), expected, strict=True):
         assert_allclose(found, known, atol=1e-13 * np.abs(known).max())  # round-off of sums over ten links
+
+
+def test_a_frame_of_the_world_is_none_of_a_floating_robot():
+    for base in ("floating", "fixed"):
+        body, _ = robot(base, 0)
+        model = body.model.copy()
+        model.addFrame(pin.Frame("ground", 0, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        grounded = RigidBody("random", model, body.joint_names, base, np.zeros(body.size))
+        if base == "fixed":
+            assert tree_frame(grounded, "ground")[0] == 0
+            continue
+        with pytest.raises(GainroomError, match="'ground' is fixed to the world"):
+            tree_frame(grounded, "ground")

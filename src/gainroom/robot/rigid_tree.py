@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..errors import GainroomError
 from ..native._core import RigidTree
 from ..system.linear.arrays import Floats
 from .body import RigidBody, is_continuous
@@ -34,9 +35,12 @@ def rigid_tree(body: RigidBody, owner: str = "simulation") -> RigidTree:
 
 
 def tree_frame(body: RigidBody, frame: str) -> Floats:
-    """(13,) the link that a frame is on, and its pose there. Raises GainroomError for an unknown frame."""
+    """(13,) the link that a frame is on, and its pose there. Raises GainroomError for an unknown one, and one of the world."""
     found = body.model.frames[body.frame_index(frame)]
-    return np.array([max(0, found.parentJoint - (body.model.njoints - body.size) + 1), *pose(found.placement)])
+    link = found.parentJoint - (body.model.njoints - body.size) + 1
+    if link < 0:
+        raise GainroomError(f"{body.source}: frame {frame!r} is fixed to the world; it must be on the robot")
+    return np.array([link, *pose(found.placement)])
 
 
 def held_frames(body: RigidBody, contacts: Sequence[Contact]) -> tuple[Floats, Floats]:

@@ -54,7 +54,7 @@ def require_carried(robot: "Robot", system: System, contacts: Sequence[str]) -> 
         "a path of its own for kd": control.kd_path is not None,
         "encoders on the link's side": control.feedback != "motor",
         "gravity stiffness": bool(robot.gravity),
-        "springs of the joints' own": bool(robot.body.springs),
+        "springs of the joints' own": any(robot.body.springs.values()),
         f"springs under contact {', '.join(map(repr, soft))}": bool(soft),
         "elastic joints without damping": bool(np.any(elastic & (actuators.damping == 0))),
         "joints without motor inertia": bool(np.any(actuators.motor_inertia == 0)),

@@ -130,27 +130,29 @@ class GainTracker:
 
     def update(self, q: ArrayLike, contact: str) -> TrackedLimit:
         """One tick at posture `q` (nq,), as body.configuration gives it, in contact state `contact`. Raises nothing: see `flag`."""
-        state = self._states.get(contact)
+        state = self._state(contact)
         if state is None:
-            return self._flagged(3 if contact in self._loose else 2)
+            return self._without(contact)
         if not (type(q) is np.ndarray and q.dtype is DOUBLE and q.shape == self._shape):
             try:
+                if np.iscomplexobj(q):
+                    return self._flagged(1)
                 q = np.array(q, dtype=float)
-            except (TypeError, ValueError):
+            except Exception:  # noqa: BLE001 - whatever objects of others do, a control loop goes on
                 return self._flagged(1)
             if q.shape != self._shape:
                 return self._flagged(1)
         return self._answer(self._core.update_posture(q, state))
 
     def update_dynamics(self, mass: Floats, jacobians: Sequence[Floats], contact: str, tasks: Sequence[Floats] = ()) -> TrackedLimit:
-        """As update, with mass matrix (N, N) and contact Jacobians, each (c, N), of another dynamics library: links alone, rotors apart.
+        """As update, with mass matrix (N, N) and contact Jacobians, each (c, N), of another dynamics library.
 
-        Velocities are in the order of the robot's body: base, then joints. `tasks`: the Jacobians (m_i, N) of tasks, along the world's
-        axes, the first one first; none in joint space. Raises nothing: see `flag`.
+        They are float arrays, of the links without rotors. Velocities are in the order of the robot's body: base, then joints. `tasks`:
+        the Jacobians (m_i, N) of tasks, along the world's axes, the first one first; none in joint space. Raises nothing: see `flag`.
         """
-        state = self._states.get(contact)
+        state = self._state(contact)
         if state is None:
-            return self._flagged(3 if contact in self._loose else 2)
+            return self._without(contact)
         try:
             return self._answer(self._core.update(mass, list(jacobians), state, list(tasks)))
         except (TypeError, ValueError):
@@ -161,7 +163,7 @@ class GainTracker:
 
         A switch to it then finds its limit certified, or nearly. Each state every tenth tick is enough. `update` does it by itself.
         """
-        state = self._states.get(contact)
+        state = self._state(contact)
         if state is not None:
             with contextlib.suppress(TypeError, ValueError):
                 self._core.prepare(list(jacobians), state)
@@ -221,6 +223,14 @@ class GainTracker:
     def _answer(self, found: "tuple[float, float, bool, int, float, int]") -> TrackedLimit:
         gain, frequency, certified, age, safe, flag = found
         return TrackedLimit(gain, frequency, certified, age, safe, safe * self._share, FLAGS[flag])
+
+    def _state(self, contact: str) -> int | None:
+        """Its number in the core; None for one that is not tracked."""
+        return self._states.get(contact) if isinstance(contact, str) else None
+
+    def _without(self, contact: str) -> TrackedLimit:
+        """The answer for a contact state that is not tracked."""
+        return self._flagged(3 if isinstance(contact, str) and contact in self._loose else 2)
 
     def _flagged(self, flag: int) -> TrackedLimit:
         return self._answer(self._core.flagged(flag))

@@ -34,11 +34,9 @@ public:
             own.looked_at = 0.0;
             return work;
         }
-        const double from = own.looked_at, omega = state.sweep.omega();
-        if (!(omega > from)) {  // a new count; or a step that was shortened
-            if (omega < from) own.looked_at = 0.0;
-            return work;
-        }
+        const double omega = state.sweep.omega();
+        if (omega == own.looked_at) return work;  // a step that was shortened
+        const double from = omega > own.looked_at ? own.looked_at : 0.0;  // 0: a new count
         own.looked_at = omega;
         own.before.swap(own.now);
         own.basis.at(loop_.values(), state.sweep.gain());

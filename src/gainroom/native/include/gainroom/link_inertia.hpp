@@ -76,7 +76,7 @@ public:
     GAINROOM_WIDE bool hold(const double* rows, std::size_t count, double* inverse) {
         if (!known_ || count > most_) return false;
         const std::size_t size = velocities_;
-        rank_ = orthonormal(rows, count);
+        if (!orthonormal(rows, count)) return false;
         for (std::size_t k = 0; k < rank_ * across_; k++) taken_[k] = 0.0;
         for (std::size_t r = 0; r < rank_; r++) add_product(&taken_[r * across_], joints_, &held_[r * stride_], 1, reach_.data(), size, 1.0);
         for (std::size_t k = 0; k < joints_ * joints_; k++) inverse[k] = free_[k];
@@ -146,14 +146,21 @@ private:
         return true;
     }
 
-    // Columns of R⁻ᵀJᵀ as rows of held_, orthonormal (Gram and Schmidt, twice); how many are left.
-    GAINROOM_WIDE std::size_t orthonormal(const double* rows, std::size_t count) {
+    // Columns of R⁻ᵀJᵀ as rank_ rows of held_, orthonormal (Gram and Schmidt, twice); false where one has no size that is a number.
+    GAINROOM_WIDE bool orthonormal(const double* rows, std::size_t count) {
         const std::size_t size = stride_;
         for (std::size_t r = 0; r < count; r++)
             for (std::size_t k = 0; k < size; k++) held_[r * size + k] = k < velocities_ ? rows[r * velocities_ + k] : 0.0;
         back_substitute<subtract_fours>(held_.data(), count);
         double largest = 0.0;
-        for (std::size_t r = 0; r < count; r++) largest = std::fmax(largest, std::sqrt(scalar_product(&held_[r * size], &held_[r * size], size)));
+        for (std::size_t r = 0; r < count; r++) {
+            const double* row = &held_[r * size];
+            const double square = scalar_product(row, row, size);
+            if (!std::isfinite(square)) return false;
+            for (std::size_t k = 0; square == 0.0 && k < size; k++)
+                if (row[k] != 0.0) return false;  // its square is none
+            largest = std::fmax(largest, std::sqrt(square));
+        }
         std::size_t rank = 0;
         for (std::size_t r = 0; r < count; r++) {
             double* row = &held_[rank * size];
@@ -168,7 +175,8 @@ private:
             for (std::size_t k = 0; k < size; k++) row[k] /= left;
             rank++;
         }
-        return rank;
+        rank_ = rank;
+        return true;
     }
 
     // Takes the first `rank` rows of held_ out of `row`; its size then.

@@ -21,34 +21,55 @@ public:
                    std::vector<TaskReading> tasks)
         : robot_(robot), dynamics_(tree), contacts_(std::move(contacts)), switches_(std::move(switches)), tasks_(std::move(tasks)),
           mass_(tree.velocities() * tree.velocities()), rows_(robot.links().most_rows() * tree.velocities()),
-          task_rows_(robot.directions() * tree.velocities()) {}
+          task_rows_(robot.directions() * tree.velocities()), q_(tree.positions()) {}
 
     const RigidTree& tree() const { return dynamics_.tree(); }
 
     // One tick at posture q (nq) in contact state `contact`. No exceptions, no allocation.
     Limit update(const double* q, std::size_t contact) {
         if (contact >= contacts_.size()) return robot_.tracker().without_evidence(Flag::bad_contact);
-        if (!is_posture(q)) return robot_.tracker().without_evidence(Flag::bad_posture);
-        dynamics_.place(q);
+        if (!take(q)) return robot_.tracker().without_evidence(Flag::bad_posture);
+        dynamics_.place(q_.data());
         dynamics_.mass_matrix(mass_.data());
         double* end = task_rows_.data();
         for (const TaskReading& task : tasks_) end = dynamics_.write(task, end);
         const std::size_t count = hold(contact);
         const Limit found = robot_.update(mass_.data(), rows_.data(), count, contact, tasks_.empty() ? nullptr : task_rows_.data());
-        if (++waited_ >= kPrepared && (robot_.tracker().load() < kQuiet || waited_ >= kLatest)) prepare_next(contact);
+        if (++waited_ >= kPrepared && robot_.tracker().load() < (waited_ < kLatest ? kQuiet : Tracker::kBusy)) prepare_next(contact);
         return found;
     }
 
 private:
     static constexpr std::size_t kPrepared = 3, kLatest = 9;  // ticks after which another contact state is made ready: in a quiet one, in any
     static constexpr double kQuiet = 0.4;
-    static constexpr double kUnit = 1e-3;        // so far a quaternion's square may be from 1
+    static constexpr double kUnit = 1e-3;  // so far squares of quaternions, cosines and sines may be from 1
 
-    bool is_posture(const double* q) const {
-        if (!tree().base_velocities()) return true;
+    // Into q_, with quaternions, cosines and sines brought to unit size; false where they are not nearly so, or one is no number.
+    bool take(const double* q) {
+        for (std::size_t k = 0; k < q_.size(); k++) {
+            if (!std::isfinite(q[k])) return false;
+            q_[k] = q[k];
+        }
+        double* next = q_.data();
+        if (tree().base_velocities()) {
+            if (!normalize(next + 3, 4)) return false;
+            next += 7;
+        }
+        for (std::size_t k = 0; k < tree().joints(); k++) {
+            const bool continuous = tree().joint(k).continuous;
+            if (continuous && !normalize(next, 2)) return false;
+            next += continuous ? 2 : 1;
+        }
+        return true;
+    }
+
+    static bool normalize(double* values, std::size_t count) {
         double square = 0.0;
-        for (std::size_t k = 3; k < 7; k++) square += q[k] * q[k];
-        return std::fabs(square - 1.0) < kUnit;
+        for (std::size_t k = 0; k < count; k++) square += values[k] * values[k];
+        if (!(std::fabs(square - 1.0) < kUnit)) return false;
+        const double size = std::sqrt(square);
+        for (std::size_t k = 0; k < count; k++) values[k] /= size;
+        return true;
     }
 
     // The rows that a contact state holds, into rows_; how many.
@@ -74,7 +95,7 @@ private:
     std::vector<std::vector<HeldFrame>> contacts_;
     std::vector<std::size_t> switches_;
     std::vector<TaskReading> tasks_;
-    std::vector<double> mass_, rows_, task_rows_;
+    std::vector<double> mass_, rows_, task_rows_, q_;
     std::size_t waited_ = 0, turn_ = 0;  // ticks since the last one was made ready; its place in switches_
 };
 

@@ -148,6 +148,7 @@ private:
                 state.sweep_from = state.path;
                 state.sweep_after_slow = state.slow_needed && state.count > 0 && state.slow_tells();
                 state.sweeping = state.sweep.begin(loop_, state.posture.data(), state.next_factor()) == PhaseSweep::State::running;
+                if (state.sweeping && state.looking) spent += search_.look(state);  // what crosses before the second slice is between two as well
                 continue;
             }
             const PhaseSweep::State now = state.sweep.advance(loop_, state.posture.data());

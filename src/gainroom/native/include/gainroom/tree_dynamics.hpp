@@ -1,7 +1,7 @@
 // Mass matrix and Jacobians of a tree of rigid links at a posture, by composite rigid bodies (Featherstone 2008, chapter 6).
 //
-// All is seen from the base, wherever that is: neither the mass matrix nor what contacts hold depends on it. Velocities are the twist of a
-// floating base in its own axes, linear before angular, then those of the joints.
+// All is seen from a floating base, or from the first joint on a fixed one, wherever that is: neither the mass matrix nor what contacts hold
+// depends on it. Velocities are the twist of a floating base in its own axes, linear before angular, then those of the joints.
 #pragma once
 
 #include <algorithm>
@@ -24,7 +24,8 @@ public:
     // Places the links of posture q (nq); what follows is about it.
     void place(const double* q) {
         base_axes_ = tree_.base(q).axes;
-        tree_.place(q, {{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}, {0, 0, 0}});
+        const bool moves = tree_.base_velocities() || !tree_.joints();
+        tree_.place(q, {{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}, moves ? Triple{} : -1.0 * tree_.joint(0).place.origin});
         for (std::size_t k = 0; k < carried_.size(); k++) carried_[k] = body(k);
         for (std::size_t k = tree_.joints(); k-- > 0;) carried_[tree_.joint(k).parent].add(carried_[k + 1]);
         for (std::size_t k = 0; k < tree_.joints(); k++) {
