@@ -17,12 +17,15 @@ public:
     JointSearch(JointLoop& loop, CrossingSet& known, std::size_t contacts)
         : CrossingSearch(known), loop_(loop), values_(loop.channels()), weight_(loop.channels()), loci_(contacts, Loci(loop.laws())) {}
 
-    // Before a count that is searched along: modes at this W, unless they are of one nearby.
+    // At the first slice of a count that is searched along: modes at this W, unless they are of one nearby, and where their loci are.
     void begin(ContactState& state) override {
         Loci& own = loci_[state.number];
-        if (own.based_at > state.path - 0.5 * known_.stride()) return;
-        own.basis.begin(state.posture.data());
-        own.based_at = state.path;
+        own.looked_at = 0.0;
+        if (!(own.based_at > state.path - 0.5 * known_.stride())) {
+            own.basis.begin(state.posture.data());
+            own.based_at = state.path;
+        }
+        if (own.basis.ready()) find_loci(own, state);
     }
 
     // At one slice of the count; what it cost.
@@ -34,13 +37,10 @@ public:
             own.looked_at = 0.0;
             return work;
         }
-        const double omega = state.sweep.omega();
-        if (omega == own.looked_at) return work;  // a step that was shortened
-        const double from = omega > own.looked_at ? own.looked_at : 0.0;  // 0: a new count
-        own.looked_at = omega;
+        const double from = own.looked_at, omega = state.sweep.omega();
+        if (!(omega > from)) return work;  // a step that was shortened
         own.before.swap(own.now);
-        own.basis.at(loop_.values(), state.sweep.gain());
-        for (std::size_t k = 0; k < own.now.size(); k++) own.now[k] = own.basis.locus(k);
+        find_loci(own, state);
         const std::size_t size = own.now.size();
         for (std::size_t m = 0; from > 0.0 && m < size && work < kEnough; m++) {
             const std::size_t k = (m + own.tries) % size;
@@ -86,6 +86,13 @@ private:
         double looked_at = 0.0, based_at = -1e300;  // the frequency of `now`; the path at which the modes were begun
         std::size_t tries = 0;
     };
+
+    // At the slice of the count.
+    void find_loci(Loci& own, const ContactState& state) {
+        own.looked_at = state.sweep.omega();
+        own.basis.at(loop_.values(), state.sweep.gain());
+        for (std::size_t k = 0; k < own.now.size(); k++) own.now[k] = own.basis.locus(k);
+    }
 
     struct Place {
         double omega;

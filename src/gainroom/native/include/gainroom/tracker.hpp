@@ -144,11 +144,10 @@ private:
                 state.slowest_speed = (one_sided > kOneSided ? State::kFaster : 1.0) * loop_.slowest_speed();
                 state.looking = state.searching || one_sided > kOneSided;
                 state.resting = !(one_sided > kUneven);
-                if (state.looking) search_.begin(state);
                 state.sweep_from = state.path;
                 state.sweep_after_slow = state.slow_needed && state.count > 0 && state.slow_tells();
                 state.sweeping = state.sweep.begin(loop_, state.posture.data(), state.next_factor()) == PhaseSweep::State::running;
-                if (state.sweeping && state.looking) spent += search_.look(state);  // what crosses before the second slice is between two as well
+                if (state.sweeping && state.looking) search_.begin(state);
                 continue;
             }
             const PhaseSweep::State now = state.sweep.advance(loop_, state.posture.data());
