@@ -168,6 +168,6 @@ def test_hostile_loops_end(program: Path):
 
 @pytest.mark.slow
 def test_trees_and_matrices_of_any_rank_end():
-    """Joints of every kind, quaternions of any size, masses of 0; pseudo-inverses of any rank solve A A⁺ A = A."""
+    """Joints of every kind, quaternions of any size, masses of 0; pseudo-inverses of any rank solve A A⁺ A = A; trackers of any posture."""
     ordinary, wrong = output(compiled("trees")).split()
     assert (int(ordinary) > 1000, int(wrong)) == (True, 0)

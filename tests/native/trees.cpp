@@ -3,9 +3,8 @@
 #include <limits>
 #include <random>
 
-#include "gainroom/posture_estimate.hpp"
+#include "gainroom/posture_tracker.hpp"
 #include "gainroom/task_motion.hpp"
-#include "gainroom/tree_dynamics.hpp"
 
 using namespace gainroom;
 
@@ -92,8 +91,38 @@ static void tasks(bool hostile) {
     motion.compute(links, matrix(first + 3, size, hostile).entries.data());
 }
 
+// Ticks of a tracker at postures of which some are none: what is certified is a number, and unknown contacts are flagged.
+static bool ticks(bool hostile) {
+    const std::size_t count = 1 + generator() % 6;
+    std::vector<TreeJoint> joints;
+    std::vector<Mass> masses{{1.0, triple(false), {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}}};
+    for (std::size_t k = 0; k < count; k++) {
+        joints.push_back({generator() % (k + 1), pose(false), {0, 0, 1}, k % 3 == 1, k % 3 == 2});
+        masses.push_back({1.0, triple(false), {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}});
+    }
+    const RigidTree body(generator() % 2 == 0, pose(false), joints, masses, {0, 0, -9.81});
+    const std::vector<JointData> data(count, {0.3, 0.1, 0.0, 8e3, 2.0, 4000.0, 0.9, 2e-3, 600.0, 30.0});
+    const HeldFrame foot{{count, pose(false)}, {true, true, true, true, true, true}};
+    RobotTracker robot(data.data(), count, generator() % 2 ? 5e-4 : 0.0, body.velocities(), 6, 2);
+    PostureTracker tracker(robot, body, {{}, {foot}}, {0, 1}, {});
+    std::vector<double> q(body.positions()), angles(count);
+    bool right = true;
+    for (int tick = 0; tick < 30; tick++) {
+        for (double& one : angles) one += 0.01 * drawn(false);
+        if (body.base_velocities()) q[6] = 1.0;
+        body.put(angles.data(), q.data());
+        std::vector<double> given = q;
+        if (hostile) given[generator() % given.size()] = drawn(true);
+        const std::size_t contact = tick % 10 == 9 ? 2 : std::size_t(tick / 15);
+        const Limit found = tracker.update(given.data(), contact);
+        right = right && (contact < 2 || found.flag == Flag::bad_contact) && !(found.certified && !(found.gain > 0.0));
+    }
+    return right;
+}
+
 int main() {
     int ordinary = 0, wrong = 0;
+    for (int k = 0; k < 60; k++) wrong += !ticks(k % 2 == 0);
     for (int k = 0; k < 2000; k++) {
         ordinary += tree(k % 2 == 0);
         wrong += !inverse(k % 2 == 0);
