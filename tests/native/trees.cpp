@@ -3,6 +3,7 @@
 #include <limits>
 #include <random>
 
+#include "gainroom/posture_estimate.hpp"
 #include "gainroom/posture_tracker.hpp"
 #include "gainroom/task_motion.hpp"
 

@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "gainroom/posture_estimate.hpp"
 #include "gainroom/task_motion.hpp"
 #include "gainroom/tree_dynamics.hpp"
 #include "trees.hpp"

@@ -50,14 +50,14 @@ public:
         std::vector<std::vector<gainroom::HeldFrame>> states;
         for (const auto& [frames, held] : contacts) {
             states.push_back(held_frames(tree, frames, held));
-            std::ptrdiff_t rows = 0;
-            for (const auto& one : states.back()) rows += std::count(one.held.begin(), one.held.end(), true);
-            require(std::size_t(rows) <= robot_.links().most_rows(), "no contact holds more than `rows` directions");
+            std::size_t rows = 0;
+            for (const auto& one : states.back()) rows += one.rows();
+            require(rows <= robot_.links().most_rows(), "no contact holds more than `rows` directions");
         }
         for (const std::size_t one : switches) require(one < contacts.size(), "switches are contacts");
         std::vector<gainroom::TaskReading> readings = task_readings(tree, tasks);
         std::size_t directions = 0;
-        for (const auto& one : readings) directions += one.kind == gainroom::Reading::posture ? tree.joints() : 3;
+        for (const auto& one : readings) directions += one.directions(tree);
         require(directions == robot_.directions(), "tasks have m directions");
         posture_.emplace(robot_, tree, std::move(states), switches, std::move(readings));
     }

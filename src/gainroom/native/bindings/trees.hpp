@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "arrays.hpp"
-#include "gainroom/posture_estimate.hpp"
+#include "gainroom/rigid_tree.hpp"
 
 constexpr std::size_t kPlace = 12;  // a rotation row by row, then the origin
 
@@ -44,7 +44,7 @@ inline std::vector<gainroom::TaskReading> task_readings(const gainroom::RigidTre
     std::vector<gainroom::TaskReading> found;
     for (std::size_t k = 0; k < tasks.shape(0); k++) {
         const double* row = tasks.data() + k * (kPlace + 2);
-        found.push_back({gainroom::Reading(index(row[0], 4, "a task's kind is 0 to 3")), frame(tree, row + 1)});
+        found.push_back({gainroom::Reading(index(row[0], gainroom::kReadings, "a task's kind is 0 to 3")), frame(tree, row + 1)});
     }
     return found;
 }

@@ -93,7 +93,7 @@ public:
 private:
     static constexpr double kBeside = 0.5;    // work of clear_below
     static constexpr double kSlices = 600.0;  // over n²: with 12 joints 4 slices, which is 5 µs
-    static constexpr double kEach = 0.6, kUrgent = 20.0;  // of a joint where there is no certificate: a count takes about two; at most
+    static constexpr double kEach = 0.6, kUrgent = 20.0;  // slices per joint, of about two that a count takes, without a certificate; at most
 
     // arg in [0, π] of what is in the upper half plane but for round-off; elsewhere arg in (−π, 0).
     static double upper(Complex z) {

@@ -11,14 +11,6 @@
 
 namespace gainroom {
 
-constexpr std::size_t kTwist = 6;  // linear x y z, angular x y z
-
-// A frame on the ground, and which directions of its twist are held.
-struct HeldFrame {
-    Frame frame;
-    std::array<bool, kTwist> held;
-};
-
 // For one thread at a time.
 class PostureEstimate {
 public:
@@ -30,7 +22,7 @@ public:
         tree_.place(start);
         for (const HeldFrame& contact : contacts_) {
             goals_.push_back(tree_.at(contact.frame));
-            rows_ += std::size_t(std::count(contact.held.begin(), contact.held.end(), true));
+            rows_ += contact.rows();
         }
         away_.resize(rows_);
         back_.resize(tree.velocities() * rows_);
@@ -97,13 +89,6 @@ private:
     bool counts_ = false;
 };
 
-enum class Reading { center, posture, position, orientation };
-
-struct TaskReading {
-    Reading kind;
-    Frame frame;  // of position and orientation
-};
-
 // Values of tasks at a posture, world axes; orientations as rotation vectors from the posture `start`. For one thread at a time.
 class TaskValues {
 public:
@@ -111,7 +96,7 @@ public:
         tree_.place(start);
         for (const TaskReading& task : tasks_) {
             first_.push_back(transposed(tree_.at(task.frame).axes));
-            size_ += task.kind == Reading::posture ? tree_.joints() : 3;
+            size_ += task.directions(tree_);
         }
     }
 

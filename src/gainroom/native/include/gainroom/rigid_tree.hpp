@@ -3,6 +3,8 @@
 // A posture q holds the position and quaternion (x, y, z, w) of a floating base, then of each joint its position, or cosine and sine.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <vector>
 
@@ -176,6 +178,27 @@ private:
     std::size_t positions_;
     std::vector<Pose> links_;
     std::vector<Mass> sums_;
+};
+
+constexpr std::size_t kTwist = 6;  // linear x y z, angular x y z
+
+// A frame on the ground, and which directions of its twist are held.
+struct HeldFrame {
+    Frame frame;
+    std::array<bool, kTwist> held;
+
+    std::size_t rows() const { return std::size_t(std::count(held.begin(), held.end(), true)); }
+};
+
+enum class Reading { center, posture, position, orientation };
+constexpr std::size_t kReadings = 4;
+
+// What a task is of.
+struct TaskReading {
+    Reading kind;
+    Frame frame;  // of position and orientation
+
+    std::size_t directions(const RigidTree& tree) const { return kind == Reading::posture ? tree.joints() : 3; }
 };
 
 }  // namespace gainroom

@@ -5,10 +5,10 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <vector>
 
-#include "posture_estimate.hpp"
 #include "rigid_tree.hpp"
 
 namespace gainroom {
@@ -52,17 +52,14 @@ public:
     }
 
     // Writes the held rows of a frame's Jacobian (6, N), in the frame's own axes; where the next ones go.
-    double* write(const HeldFrame& held, double* rows) const {
-        const Pose at = tree_.at(held.frame);
-        return write(held.frame.link, at.origin, transposed(at.axes), held.held, rows);
-    }
+    double* write(const HeldFrame& held, double* rows) const { return write(held, transposed(tree_.at(held.frame).axes), rows); }
 
     // The same of a task's, in the world's axes.
     double* write(const TaskReading& task, double* rows) const {
         if (task.kind == Reading::posture) return write_joints(rows);
         if (task.kind == Reading::center) return write_center(rows);
         const bool linear = task.kind == Reading::position;
-        return write(task.frame.link, tree_.at(task.frame).origin, base_axes_, {linear, linear, linear, !linear, !linear, !linear}, rows);
+        return write({task.frame, {linear, linear, linear, !linear, !linear, !linear}}, base_axes_, rows);
     }
 
 private:
@@ -108,19 +105,20 @@ private:
     static double part(const Twist& twist, std::size_t k) { return k < 3 ? twist.linear[k] : twist.angular[k - 3]; }
     static double product(const Twist& a, const Twist& b) { return dot(a.linear, b.linear) + dot(a.angular, b.angular); }
 
-    // Of a point on a link, along `axes`.
-    double* write(std::size_t link, const Triple& point, const Rotation& axes, const std::array<bool, kTwist>& held, double* rows) const {
+    // The same along `axes`.
+    double* write(const HeldFrame& held, const Rotation& axes, double* rows) const {
         const std::size_t size = tree_.velocities(), base = tree_.base_velocities();
-        double* end = rows + size * std::size_t(std::count(held.begin(), held.end(), true));
+        const Triple point = tree_.at(held.frame).origin;
+        double* end = rows + size * held.rows();
         std::fill(rows, end, 0.0);
         const auto column = [&](std::size_t number, const Twist& motion) {
             const Twist seen{turned(axes, motion.linear + cross(motion.angular, point)), turned(axes, motion.angular)};
             double* entry = rows + number;
             for (std::size_t k = 0; k < kTwist; k++)
-                if (held[k]) *entry = part(seen, k), entry += size;
+                if (held.held[k]) *entry = part(seen, k), entry += size;
         };
         for (std::size_t i = 0; i < base; i++) column(i, unit(i));
-        for (; link > 0; link = tree_.joint(link - 1).parent) column(base + link - 1, motions_[link - 1]);
+        for (std::size_t link = held.frame.link; link > 0; link = tree_.joint(link - 1).parent) column(base + link - 1, motions_[link - 1]);
         return end;
     }
 
