@@ -86,7 +86,7 @@ def test_a_joint_is_judged_with_the_other_loops_closed(capsys: pytest.CaptureFix
 @pytest.mark.slow
 def test_both_miss_the_same(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """Random gains and gearboxes: the same requirements, with the same values, are missed or met."""
-    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # gains to use take longest
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda system: [])  # gains to use take longest
     monkeypatch.setattr("gainroom.studies.audit.gains_to_use", lambda result: None)
     seen = set()
     for seed in range(24):

@@ -52,7 +52,7 @@ def test_contacts_have_types_and_joints_their_own_gearbox(tmp_path: Path, capsys
 @pytest.mark.slow
 def test_the_written_robot_is_the_audited_one(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """Its limits, with and without contact, its rate and its joints; the model is named from where the file is."""
-    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # which take longest
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda system: [])  # which take longest
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
     gains = write(tmp_path, GAINS, "gains.yaml")

@@ -31,7 +31,7 @@ from robot_files import ROBOT, write_arm
 def test_a_column_is_one_entry(tmp_path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """It stands in the terminal's table with its definition, in JSON, and on the page."""
     path = write_arm(tmp_path)
-    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # which takes longest, and has other columns
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda system: [])  # which takes longest, and has other columns
     rate = Column("kd/kp", "rate_s", lambda row: row.kd / row.kp, "s", "the time constant of the joint's zero")
     JOINT.append(rate)
     try:

@@ -212,7 +212,7 @@ def test_gearboxes_that_are_assumed_rigid_are_told_before_the_verdict(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     """Of robot, as audit does: "Safe" rests on them. Nothing of those that the file calls rigid."""
-    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # which take longest
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda system: [])  # which take longest
     text = ROBOT.replace(", stiffness: 8000.0, damping: 4.0", "")
     assert text != ROBOT
     for joints, words in (

@@ -213,7 +213,7 @@ def test_a_direction_without_gains_has_no_limit(folder: Path):
 def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """A delay that may be a thousandth longer than the delay margin allows is one too many; a thousandth less is none."""
     text = LEG.replace(LEG.splitlines()[5], JOINTS)
-    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # gains to use are of no concern
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda system: [])  # gains to use are of no concern
     room = min(1e3 * state.margins.delay_margin for state in studied(folder, text).states)
     path = folder / "uncertain.yaml"
     for share, stable in ((0.999, True), (1.001, False)):

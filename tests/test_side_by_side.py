@@ -1,13 +1,47 @@
-"""Searches side by side: what they give, what they raise, and threads as they were before."""
+"""Searches side by side, in threads and in processes: what they give, what they raise, and all as it was before."""
 
+import os
+import signal
+import subprocess
 import sys
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from pathlib import Path
 
 import pytest
 
-from gainroom.design.side_by_side import HANDOVER, Job, side_by_side
+import faults
+from gainroom.design.forked import own_process
+from gainroom.design.side_by_side import HANDOVER, Job, at_once, each, side_by_side
 
 Checkpoint = Callable[[], None]
+
+
+@pytest.fixture(autouse=True)
+def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1}, raising=False)
+
+
+@pytest.fixture(params=["threads", "processes"])
+def where(request: pytest.FixtureRequest) -> Iterator[str]:
+    if request.param == "processes" and sys.platform != "linux":
+        pytest.skip("copies processes on Linux alone")
+    with own_process() if request.param == "processes" else nullcontext():
+        yield request.param
+
+
+@pytest.fixture
+def in_processes() -> Iterator[None]:
+    if sys.platform != "linux":
+        pytest.skip("copies processes on Linux alone")
+    with own_process():
+        yield
+
+
+def children() -> list[int]:
+    return [int(number) for number in Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split()]
 
 
 def intervals(checkpoint: Checkpoint) -> list[float]:
@@ -15,25 +49,155 @@ def intervals(checkpoint: Checkpoint) -> list[float]:
     return [sys.getswitchinterval(), *side_by_side([lambda checkpoint: sys.getswitchinterval()] * 2, checkpoint), sys.getswitchinterval()]
 
 
-def test_threads_take_turns_quickly_only_meanwhile(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1}, raising=False)
+@pytest.mark.usefixtures("where")
+def test_threads_take_turns_quickly_only_meanwhile():
     before = sys.getswitchinterval()
     for found in side_by_side([intervals, intervals], lambda: None):
         assert found == pytest.approx([HANDOVER] * 4)
     assert sys.getswitchinterval() == before
 
 
-def test_what_the_first_that_fails_raises_ends_the_others():
+@pytest.mark.parametrize("place", [0, 1])
+def test_one_that_fails_ends_the_others(place: int, where: str):
     def endless(checkpoint: Checkpoint) -> None:
-        while True:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
             checkpoint()
+            time.sleep(1e-4)
+        raise AssertionError("nobody stopped it")
 
     def fails(checkpoint: Checkpoint) -> None:
-        raise ZeroDivisionError
+        checkpoint()
+        raise ZeroDivisionError("here")
 
+    jobs: list[Job[None]] = [endless, endless]
+    jobs[place] = fails
     before = sys.getswitchinterval()
-    jobs: list[Job[None]] = [fails, endless]
-    with pytest.raises(ZeroDivisionError):
+    if place == 1 and where == "threads":
+        jobs[0] = lambda checkpoint: time.sleep(0.1)  # results are asked for in their order
+    with pytest.raises(ZeroDivisionError, match="here"):
         side_by_side(jobs, lambda: None)
     assert sys.getswitchinterval() == before
+
+
+@pytest.mark.usefixtures("where")
+def test_results_come_in_the_order_of_the_jobs():
     assert side_by_side([lambda checkpoint, k=k: k for k in range(5)], lambda: None) == list(range(5))
+    assert each(lambda k: k * k, range(7)) == [k * k for k in range(7)]
+    assert each(str, []) == []
+
+
+def test_checkpoints_of_all_jobs_are_counted(where: str):
+    def job(checkpoint: Checkpoint) -> int:
+        for _ in range(20):
+            checkpoint()
+        return os.getpid()
+
+    told: list[int] = []
+    pids = side_by_side([job] * 6, lambda: told.append(os.getpid()))
+    assert told == [os.getpid()] * 120
+    assert pids[0] == os.getpid()
+    assert len(set(pids)) <= (1 if where == "threads" else 2)
+
+
+@pytest.mark.usefixtures("in_processes")
+def test_jobs_have_processes_of_their_own_and_leave_none():
+    """The second begins while the first waits for it, so that it cannot be in the same process."""
+    out, into = os.pipe()
+
+    def first(checkpoint: Checkpoint) -> int:
+        assert os.read(out, 1) == b"x"
+        return os.getpid()
+
+    def second(checkpoint: Checkpoint) -> int:
+        os.write(into, b"x")
+        inner = side_by_side([lambda checkpoint: os.getpid()] * 2, checkpoint)
+        assert inner[0] == os.getpid()
+        return os.getpid()
+
+    one, other = side_by_side([first, second], lambda: None)
+    assert one == os.getpid() != other
+    assert children() == []
+    os.close(out)
+    os.close(into)
+
+
+@pytest.mark.usefixtures("in_processes")
+def test_parts_of_a_job_have_threads_in_a_copy_of_a_process_that_had_some():
+    assert at_once(abs, [-1, 2]) == [1, 2]
+    assert side_by_side([lambda checkpoint: at_once(abs, [-1, 2])] * 4, lambda: None) == [[1, 2]] * 4
+
+
+@pytest.mark.usefixtures("in_processes")
+def test_what_a_killed_process_leaves_is_done_here():
+    own = os.getpid()
+
+    def killed(checkpoint: Checkpoint) -> int:
+        if os.getpid() != own:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return os.getpid()
+
+    def waits(checkpoint: Checkpoint) -> int:
+        time.sleep(0.3)
+        return os.getpid()
+
+    assert side_by_side([waits, killed, killed], lambda: None) == [own] * 3
+
+
+@pytest.mark.usefixtures("in_processes")
+def test_results_that_pickle_does_not_take_are_made_here():
+    found = side_by_side([lambda checkpoint: time.sleep(0.1), lambda checkpoint: lambda: 7], lambda: None)[1]
+    assert found is not None
+    assert found() == 7
+
+
+@pytest.mark.usefixtures("in_processes")
+def test_an_interrupt_ends_all_processes():
+    def endless(checkpoint: Checkpoint) -> None:
+        while True:
+            time.sleep(1e-3)
+
+    def interrupted(checkpoint: Checkpoint) -> None:
+        time.sleep(0.1)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side([interrupted, endless], lambda: None)
+    assert children() == []
+
+
+ENDLESS = """
+import os, time
+from gainroom.design.forked import own_process
+from gainroom.design.side_by_side import side_by_side
+os.sched_getaffinity = lambda process: {0, 1}
+def job(checkpoint):
+    os.write(1, f"{os.getpid()}\\n".encode())
+    time.sleep(60)
+with own_process():
+    side_by_side([job, job], lambda: None)
+"""
+
+
+@pytest.mark.usefixtures("in_processes")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_processes_end_with_the_one_that_they_are_copies_of(number: signal.Signals):
+    program = subprocess.Popen(
+        [sys.executable, "-c", ENDLESS], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, preexec_fn=faults.heard
+    )
+    assert program.stdout is not None
+    both = {int(program.stdout.readline()), int(program.stdout.readline())}
+    assert program.pid in both
+    assert len(both) == 2
+    program.send_signal(number)
+    assert program.stdout.read() == ""  # once nobody holds its other end
+    assert program.wait() != 0
+
+
+@pytest.mark.usefixtures("in_processes")
+def test_other_threads_make_no_processes():
+    found: list[list[int]] = []
+    thread = threading.Thread(target=lambda: found.append(side_by_side([lambda checkpoint: os.getpid()] * 4, lambda: None)))
+    thread.start()
+    thread.join()
+    assert found == [[os.getpid()] * 4]

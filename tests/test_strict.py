@@ -95,7 +95,7 @@ def pasted(out: str) -> list[dict]:
 
 @pytest.mark.parametrize(("limit", "status"), [("peak_sensitivity: 1.1", 1), ("peak_sensitivity: 5", 0)])
 def test_robots_too(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, limit: str, status: int):
-    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # which take longest
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda system: [])  # which take longest
     text = ROBOT.replace("kp: 400.0, kd: 30.0", "kp: 400.0, kd: 60.0") + f"limits: {{{limit}}}\n"
     path = write_arm(tmp_path, text)
     plain, out = answer(capsys, "robot", str(path))

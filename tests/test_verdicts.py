@@ -89,7 +89,7 @@ def test_the_present_gains_at_the_usual_rate_are_those_of_the_file_with_that_rat
 def test_a_robots_verdict_has_one_word_and_one_colour(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rate: str, limits: str, verdict: str
 ):
-    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # which take longest
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda system: [])  # which take longest
     text = WITHOUT_RATE.replace("control: {", f"control: {{{rate}").replace("kp: 400.0, kd: 30.0", "kp: 400.0, kd: 60.0") + limits
     terminal, headline, _, own = said(capsys, tmp_path, "robot", str(write_arm(tmp_path, text)))
     assert_one_verdict(terminal, headline, own)

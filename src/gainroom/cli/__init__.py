@@ -40,8 +40,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # the memory of a humanoid's study. Only glibc knows this setting.
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
+    from ..design.forked import own_process
+
     try:
-        return _run(None)
+        with own_process():
+            return _run(None)
     except Exception as error:  # noqa: BLE001 - a fault of the program, reported in full
         sys.excepthook(type(error), error, error.__traceback__)
         return 2

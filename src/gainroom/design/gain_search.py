@@ -22,6 +22,7 @@ import numpy as np
 
 from ..analysis.margin_record import Margins
 from ..errors import GainroomError
+from ..native import _core
 from ..system.linear.arrays import Booleans, Floats
 from .margin_slopes import NEAR, Case, Gains, Slopes, moved
 from .side_by_side import at_once
@@ -281,7 +282,7 @@ class _Search:
         pull = -np.concatenate([weight, np.zeros(size)])
         low, high = np.full(2 * size, -radius), np.full(2 * size, radius)
         high[:size] = np.clip(room, -radius, radius)
-        step, over = _quadratic_programme(bend, pull, slope, slopes.missed + reserve, price, low, high)
+        (step,), over = _core.quadratic_programme(bend, pull, slope, slopes.missed + reserve, price, low, high)
         lower = float(pull @ step + 0.5 * (bend - PULL) @ step**2)
         return step.reshape(2, size) @ self._member, price * (max(missed, 0.0) - over) - lower
 
@@ -371,27 +372,3 @@ def _most(slopes: Slopes | None) -> float:
 def _hopeless(way: Sequence[float], left: int) -> bool:
     """Whether the least that was missed, by every step up to now, does not come to 0 in the steps left at the pace of the last ones."""
     return len(way) > 2 * SLOW and way[-1] > HOPELESS and way[-1] * SLOW > (way[-1 - SLOW] - way[-1]) * left
-
-
-def _quadratic_programme(
-    bend: Floats, pull: Floats, slope: Floats, value: Floats, penalty: float, low: Floats, high: Floats
-) -> tuple[Floats, float]:
-    """The x (n,) with low ≤ x ≤ high, and t ≥ 0, that make ½ Σ bend x² + pull·x + penalty t + ½ t² smallest with value + slope x ≤ t.
-
-    Brought to a least distance, which non-negative least squares finds (Lawson and Hanson 1974, chapter 23): min |y| with G y ≥ h.
-    """
-    from scipy.optimize import nnls  # `gainroom joint` comes by here and does not need it
-
-    size = len(bend)
-    root = np.sqrt(np.append(bend, 1.0))
-    centre = -np.append(pull, penalty) / root**2  # without limits
-    eye = np.eye(size + 1)
-    rows = np.vstack([np.column_stack([slope, -np.ones(len(value))]), -eye[-1:], eye[:-1], -eye[:-1]])
-    limit = np.concatenate([-value, [0.0], high, -low])
-    matrix, least = -rows / root, rows @ centre - limit
-    system = np.vstack([matrix.T, least])
-    scale = np.maximum(np.abs(system).max(axis=0), 1e-300)
-    wanted = np.append(np.zeros(size + 1), 1.0)
-    residual = system / scale @ nnls(system / scale, wanted, maxiter=100 * len(wanted))[0] - wanted
-    found = centre - residual[:-1] / residual[-1] / root
-    return np.clip(found[:-1], low, high), max(float(found[-1]), 0.0)

@@ -27,7 +27,7 @@ from .gain_search import Raised, raised_gains, stiffness
 from .gain_sets import GainSet, RobotGains
 from .margin_slopes import Case, Gains
 from .mirrored_sets import mirror_image, mirrored
-from .side_by_side import Job, at_once, side_by_side
+from .side_by_side import Job, each, side_by_side
 from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, stable_starts, tasks_alike
 
 SEARCHES = 3
@@ -102,28 +102,34 @@ def recommend_robot(
     failed: list[_Failed] = []
 
     def gain_set(
-        contact: str, states: Sequence[SearchedState], checkpoint: Callable[[], None], safe: GainSet | None, failed: list[_Failed]
+        contact: str,
+        states: Sequence[SearchedState],
+        checkpoint: Callable[[], None],
+        safe: GainSet | None,
+        failed: list[_Failed],
+        nearest: dict[str, str],
     ) -> GainSet | None:
         def search(some: Sequence[SearchedState]) -> GainSet | None:
             return _set(contact, some, required, beginning, checkpoint, nearest, safe, failed)
 
         return _over_uncertainty(contact, states, required, nearest, search)
 
-    safe = gain_set(EVERYWHERE, found, progress, known.get(EVERYWHERE), failed)
+    safe = gain_set(EVERYWHERE, found, progress, known.get(EVERYWHERE), failed, nearest)
     if not by_contact:
         return RobotGains(space, tuple(names), {}, safe, inertia, nearest, _unweighed(system, space, states))
     whole: dict[str, GainSet | None] = {}
     own = {contact: [state for state in found if state.contact == contact] for contact in system.source.contacts}
 
-    def alike(contacts: Sequence[str]) -> Job[list[GainSet | None]]:
-        """The first is searched for; what mirrors it has the same gains in another order."""
+    def alike(contacts: Sequence[str]) -> Job[tuple[list[GainSet | None], dict[str, str]]]:
+        """Sets, and of those not found what came nearest. The first is searched for; what mirrors it has its gains in another order."""
 
-        def job(checkpoint: Callable[[], None]) -> list[GainSet | None]:
+        def job(checkpoint: Callable[[], None]) -> tuple[list[GainSet | None], dict[str, str]]:
             sets: list[GainSet | None] = []
+            missed: dict[str, str] = {}
             for contact in contacts:
                 found = mirror_image(sets[0], own[contacts[0]], own[contact], required) if sets else None
-                sets.append(found or gain_set(contact, own[contact], checkpoint, known.get(contact) or safe, list(failed)))
-            return sets
+                sets.append(found or gain_set(contact, own[contact], checkpoint, known.get(contact) or safe, list(failed), missed))
+            return sets, missed
 
         return job
 
@@ -133,8 +139,9 @@ def recommend_robot(
             nearest[contact] = nearest[EVERYWHERE]
     some = [contact for contact in own if contact not in whole]
     groups = mirrored(some, own, beginning)
-    for contacts, sets in zip(groups, side_by_side([alike(contacts) for contacts in groups], progress), strict=True):
+    for contacts, (sets, missed) in zip(groups, side_by_side([alike(contacts) for contacts in groups], progress), strict=True):
         whole.update(zip(contacts, sets, strict=True))
+        nearest |= missed
     per_contact = {contact: whole[contact] for contact in own}
     return RobotGains(space, tuple(names), per_contact, safe, inertia, nearest, _unweighed(system, space, states))
 
@@ -143,7 +150,7 @@ def margins_at_rate(system: System, found: GainSet, space: str, rate: float) -> 
     """What gains for every state keep where the loop runs at `rate` [Hz], the rest as it is: the worst of all states and corners."""
     sampled = replace(system, control=replace(system.control, sample_time=1 / rate))
     weight = space == "joint" and not found.without_weight
-    return worst_of(at_once(lambda acting: acting[0].all_margins(acting[1]), list(_acting(sampled, found, space, weight))))
+    return worst_of(each(lambda acting: acting[0].all_margins(acting[1]), list(_acting(sampled, found, space, weight))))
 
 
 def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:
@@ -158,8 +165,8 @@ def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:
         low, high = ends
         system, later = replace(system.with_values(delay=low), uncertainty=system.uncertainty.without("delay")), high - low
     try:
-        cases = (case for weight in weights for case in _acting(system, found, space, weight))
-        return min(coupled_delay_margin(case.loop(gains)) for case, gains in cases) - later
+        cases = [case for weight in weights for case in _acting(system, found, space, weight)]
+        return min(each(lambda acting: coupled_delay_margin(acting[0].loop(acting[1])), cases)) - later
     except GainroomError:
         return math.nan
 

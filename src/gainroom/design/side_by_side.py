@@ -1,4 +1,7 @@
-"""Searches side by side, in threads: most of their time goes to the core, which works without the interpreter's lock."""
+"""Searches side by side: in processes where they are a command's, else in threads.
+
+Most of their time goes to the core, which works without the interpreter's lock; for the rest of it threads wait for each other.
+"""
 
 import os
 import sys
@@ -8,6 +11,8 @@ from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, TypeVar
 
+from .forked import Outcomes, StoppedError, in_processes, may_fork
+
 if TYPE_CHECKING:
     from concurrent.futures import ThreadPoolExecutor
 
@@ -15,8 +20,6 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 Job = Callable[[Callable[[], None]], Result]
 """Is given what to call now and then: there it ends where another one has failed, or was interrupted."""
-
-
 HANDOVER = 1e-4
 """[s] after which a thread that computes in Python lets one go on that comes back from the core: those stay there for a millisecond."""
 
@@ -46,37 +49,50 @@ class _Handover:
 _handover = _Handover()
 
 
-class _StoppedError(Exception):
-    """Another job has failed."""
-
-
 def cores() -> int:
     """That this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def side_by_side(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> list[Result]:
-    """What the jobs give, in their order, whatever their number of threads. Raises what the first of them that fails raises."""
-    threads = min(cores(), len(jobs))
-    if threads < 2:
+    """What the jobs give, in their order, however many of them are done at a time. Raises what the first of them that fails raises.
+
+    In processes (forked.py) nothing that a job changes is seen by others, but for the first one's.
+    """
+    count = min(cores(), len(jobs))
+    if count < 2:
         return [job(progress) for job in jobs]
+    with _handover.quick():
+        found = in_processes(jobs, progress, count) if may_fork() else _in_threads(jobs, progress, count)
+    for done, error in (found[number] for number in sorted(found)):
+        if not done:
+            raise error
+    return [found[number][1] for number in range(len(jobs))]
+
+
+def _in_threads(jobs: Sequence[Job[Result]], progress: Callable[[], None], count: int) -> Outcomes:
     from concurrent.futures import ThreadPoolExecutor  # loads logging
 
     stopped = threading.Event()
 
     def checkpoint() -> None:
         if stopped.is_set():
-            raise _StoppedError
+            raise StoppedError
         progress()
 
-    with _handover.quick(), ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(count) as pool:
         futures = [pool.submit(job, checkpoint) for job in jobs]
         try:
-            return [future.result() for future in futures]
+            return {number: (True, future.result()) for number, future in enumerate(futures)}
         except BaseException:
             stopped.set()
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """What `function` gives of each item, side by side: it must change nothing that is needed later."""
+    return side_by_side([lambda checkpoint, item=item: function(item) for item in items], lambda: None)
 
 
 def at_once(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
@@ -92,3 +108,7 @@ def _helpers() -> "ThreadPoolExecutor":
     from concurrent.futures import ThreadPoolExecutor
 
     return ThreadPoolExecutor(cores())
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_helpers.cache_clear)  # a copy of this process has no such threads

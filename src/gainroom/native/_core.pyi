@@ -16,6 +16,14 @@ DISK_TOLERANCE: float
 def scan(
     zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, with_peaks: bool
 ) -> tuple[Floats, Floats, Floats, float, bool]: ...
+def quadratic_programme(
+    bend: Floats, pull: Floats, slope: Floats, value: Floats, penalty: float, low: Floats, high: Floats
+) -> tuple[Floats, float]:
+    """The x (1, n) with low ≤ x ≤ high, and t ≥ 0, that make ½ Σ bend x² + pull·x + penalty t + ½ t² smallest with value + slope x ≤ t.
+
+    slope (m, n); value (m,); the others (n,), bend > 0.
+    """
+
 def response(zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, points: Complexes) -> Complexes:
     """The value at s = points (k,), as factors.hpp; sample_time 0: continuous."""
 

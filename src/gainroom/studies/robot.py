@@ -12,7 +12,7 @@ import numpy as np
 from ..analysis.margin_record import GainLimit, Margins
 from ..design.gain_sets import GainSet, RobotGains
 from ..design.robot_gains import delay_margin_in_all, margins_at_rate, recommend_robot
-from ..design.side_by_side import Job, at_once, side_by_side
+from ..design.side_by_side import Job, each, side_by_side
 from ..design.starting_gains import JointsAlone
 from ..errors import computable
 from ..system.controller import Controller
@@ -158,7 +158,7 @@ class RobotStudy(Analysis):
         stable = [state for state in self.states if state.limit.stable]
         models = [source.linearize(state.model.posture, state.model.contact, weight=True) for state in stable]
         weighed = [replace(state, model=model) for state, model in zip(stable, models, strict=True) if model.gravity_stiffness is not None]
-        lost = at_once(lambda state: state.moves and not state.stable, weighed)
+        lost = each(lambda state: state.moves and not state.stable, weighed)
         return tuple(itertools.compress((state.title for state in weighed), lost))
 
     @property
@@ -192,33 +192,31 @@ class RobotStudy(Analysis):
 
 def study_robot(system: System, progress: Progress = quiet, recommend: bool = True) -> RobotStudy:
     """Everything about one robot; `recommend`: with recommended gains, which takes longest. Raises as analyze does."""
-    jobs = _recommended(system, progress) if recommend and system.requirements.asked else []
+    jobs = _recommended(system) if recommend and system.requirements.asked else []
+    expected, looked = EXPECTED_LOOKS * len(system.source.states) * 2 ** len(system.uncertainty.names) * len(jobs), itertools.count()
 
     def analysis(checkpoint: Callable[[], None]) -> Analysis:
         found = analyze(system, after(checkpoint, progress), NUMBERS)
         found.missed_at_usual_rate  # noqa: B018 - beside the search for gains; its states remember
         return found
 
+    def count() -> None:
+        progress(min(next(looked), expected), expected, "gains")
+
     every: list[Job[Any]] = [analysis, *jobs]
-    found, *recommended = side_by_side(every, lambda: None)
+    found, *recommended = side_by_side(every, count if jobs else lambda: None)
     exact = recommended.pop() if jobs and system.uncertainty.names else None
     return RobotStudy(system, found.every, tuple(recommended), exact)
 
 
-def _recommended(system: System, progress: Progress) -> list[Job[RobotGains]]:
+def _recommended(system: System) -> list[Job[RobotGains]]:
     """Recommended gains in joint space and, where there are tasks, in task space; where something is uncertain, then RobotStudy.exact."""
-    spaces = ("joint", "task") if system.source.stack else ("joint",)
-    expected = EXPECTED_LOOKS * len(system.source.states) * 2 ** len(system.uncertainty.names) * len(spaces)
-    looked, alone = itertools.count(), JointsAlone()
+    spaces, alone = ("joint", "task") if system.source.stack else ("joint",), JointsAlone()
 
     def of(space: str, system: System = system, by_contact: bool = True) -> Job[RobotGains]:
         def job(checkpoint: Callable[[], None]) -> RobotGains:
-            def count() -> None:
-                checkpoint()
-                progress(min(next(looked), expected), expected, "gains")
-
             with computable(f"{system.source.name}: recommended gains, {space} space"):
-                return recommend_robot(system, space, count, alone=alone, by_contact=by_contact)
+                return recommend_robot(system, space, checkpoint, alone=alone, by_contact=by_contact)
 
         return job
 

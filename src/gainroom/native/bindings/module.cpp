@@ -12,6 +12,7 @@ void bind_look(nb::module_& m);
 void bind_disk(nb::module_& m);
 void bind_robot(nb::module_& m);
 void bind_boxes(nb::module_& m);
+void bind_programme(nb::module_& m);
 
 NB_MODULE(_core, m) {
     m.doc() = "gainroom's C++ core; see src/gainroom/native/include/gainroom.";
@@ -24,4 +25,5 @@ NB_MODULE(_core, m) {
     bind_disk(m);
     bind_robot(m);
     bind_boxes(m);
+    bind_programme(m);
 }

@@ -1,0 +1,187 @@
+"""Jobs in copies of this process (fork): they know all that it has computed, and each has an interpreter's lock of its own.
+
+For commands on Linux. A copy has none of the other threads, and a lock that one of these holds stays held there: a job must use nothing
+that other threads of its process do. The numbers of the jobs stand in a pipe, of which every process takes the next one.
+"""
+
+import ctypes
+import itertools
+import os
+import signal
+import struct
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+Job = Callable[[Callable[[], None]], Any]
+"""Is given what to call now and then: there it ends where another one has failed, or was interrupted."""
+Outcomes = dict[int, tuple[bool, Any]]
+"""By the number of the job: whether it has a result; that, or what it raised."""
+NUMBER = struct.Struct("H")
+TICK, FAILED = b".", b"!"
+MOST_READ = 1 << 16
+ASKED = (signal.SIGINT, signal.SIGTERM)
+PR_SET_PDEATHSIG = 1
+"""linux/prctl.h."""
+_own = False
+
+
+class StoppedError(Exception):
+    """Another job has failed."""
+
+
+@contextmanager
+def own_process() -> Iterator[None]:
+    """Meanwhile this process is a command's own, and nothing else in it minds copies of it."""
+    global _own
+    before, _own = _own, sys.platform == "linux"
+    try:
+        yield
+    finally:
+        _own = before
+
+
+def may_fork() -> bool:
+    """Whether jobs may be done in copies of this process."""
+    return _own and threading.current_thread() is threading.main_thread()
+
+
+def in_processes(jobs: Sequence[Job], progress: Callable[[], None], count: int) -> Outcomes:
+    """What becomes of the jobs in `count` processes: the first one here, so that what it computes stays known.
+
+    A checkpoint, of whichever process, calls `progress` here. Pickle must take the results of all but the first. Once a job has failed the
+    others are stopped, and have no outcome. What a process leaves that was killed from outside is done here.
+    """
+    from multiprocessing.connection import wait
+
+    numbers, (ticks, tick) = _queue(range(1, len(jobs))), os.pipe()
+    for end in (ticks, tick):
+        os.set_blocking(end, False)
+
+    def heard() -> None:
+        """What other processes have told."""
+        told = b""
+        with suppress(BlockingIOError):
+            told = os.read(ticks, MOST_READ)
+        for _ in range(told.count(TICK)):
+            progress()
+        if FAILED in told:
+            raise StoppedError
+
+    def checkpoint() -> None:
+        heard()
+        progress()
+
+    found: Outcomes = {}
+    children: list[_Child] = []
+    try:
+        for _ in range(count - 1):
+            children.append(_forked(jobs, numbers, tick))
+        found |= _done(jobs, itertools.chain([0], _taken(numbers)), checkpoint)
+        while (left := [child for child in children if child.working]) and not _failed(found):
+            ready = wait([ticks, *(child.answer for child in left)])
+            with suppress(StoppedError):  # what failed comes as an answer
+                heard()
+            for child in left:
+                if child.answer in ready:
+                    found |= child.outcomes()
+        if not _failed(found):
+            found |= _done(jobs, [number for number in range(len(jobs)) if number not in found], checkpoint)
+    finally:
+        for child in children:
+            child.end()
+        for end in (numbers, ticks, tick):
+            os.close(end)
+    return found
+
+
+def _failed(found: Outcomes) -> bool:
+    return not all(done for done, _ in found.values())
+
+
+def _queue(numbers: Sequence[int]) -> int:
+    """A pipe from which they are read one by one, and then nothing more."""
+    out, into = os.pipe()
+    os.write(into, b"".join(map(NUMBER.pack, numbers)))
+    os.close(into)
+    return out
+
+
+def _taken(numbers: int) -> Iterator[int]:
+    while read := os.read(numbers, NUMBER.size):
+        yield NUMBER.unpack(read)[0]
+
+
+def _done(jobs: Sequence[Job], numbers: Iterable[int], checkpoint: Callable[[], None]) -> Outcomes:
+    """Of jobs of these numbers, until one fails; one that is stopped has no outcome."""
+    found: Outcomes = {}
+    for number in numbers:
+        try:
+            found[number] = True, jobs[number](checkpoint)
+        except StoppedError:
+            break
+        except Exception as error:  # noqa: BLE001 - raised again where all jobs are known
+            found[number] = False, error
+            break
+    return found
+
+
+@dataclass
+class _Child:
+    """A process that works, and our end of the pipe through which its outcomes come."""
+
+    number: int
+    answer: "Connection[Any, Any]"
+    working: bool = True
+
+    def outcomes(self) -> Outcomes:
+        """All of them, at its end; none of one that was killed."""
+        self.working = False
+        try:
+            return self.answer.recv()
+        except (EOFError, OSError):
+            return {}
+
+    def end(self) -> None:
+        """It has ended, or its work is not wanted any more."""
+        self.answer.close()
+        os.kill(self.number, signal.SIGKILL)
+        os.waitpid(self.number, 0)
+
+
+def _forked(jobs: Sequence[Job], numbers: int, tick: int) -> _Child:
+    from multiprocessing.connection import Pipe
+
+    here, there = Pipe(duplex=False)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ASKED)  # the copy would take them as this process does
+    number = os.fork()
+    if number:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        there.close()
+        return _Child(number, here)
+    try:
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # it ends with the process that it is a copy of
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # which a terminal sends to both
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+        def checkpoint() -> None:
+            with suppress(BlockingIOError):
+                os.write(tick, TICK)
+
+        found = _done(jobs, _taken(numbers), checkpoint)
+        if _failed(found):
+            with suppress(BlockingIOError):
+                os.write(tick, FAILED)
+        for error in (error for done, error in found.values() if not done):
+            error.add_note("".join(traceback.format_exception(error)))  # pickle leaves it out
+        there.send(found)
+    finally:
+        os._exit(0)  # nothing else of this process is the copy's to end
