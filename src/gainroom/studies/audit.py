@@ -5,7 +5,7 @@ the other loops closed. A joint is safe where its own are enough and it takes no
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 from ..analysis.stability import is_stable
 from ..design.gain_cases import case_margins, own_case
 from ..design.margin_slopes import Case, Gains
+from ..design.side_by_side import Job, side_by_side
 from ..robot.gearbox_types import GearboxRange
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
@@ -24,12 +25,13 @@ from ..system.system import System
 from .analysis import Analysis, analyze
 from .deciding_joints import joints_that_miss
 from .factors import largest_factor
+from .gearbox_looks import Looks
 from .gearbox_range import RangeOfGearboxes, look_over
 from .loop_numbers import extra_delay, margins_of
 from .lowered_gains import GainsToUse, gains_to_use
 from .needed_stiffness import NeededStiffness, needed_stiffness
 from .over_uncertainty import unknown_first
-from .progress import Progress, quiet
+from .progress import Progress, after, quiet
 from .state import State, path_headroom, state_of
 
 EXTRA_DELAY = 0.5
@@ -355,10 +357,29 @@ def audit(
     """
     system, over = replace(system, requirements=required_of(system) if required is None else required), None
     if gearboxes is not None:
-        states = [state for names in system.source.states if (state := state_of(system, *names)).moves]
+        states = _moving(system)
         over = look_over(system, states, gearboxes, progress) if states else None
         system = system if over is None else system.with_values(stiffness=over.worst_look.stiffness, damping=over.worst_look.damping)
-    found = Audit(system, analyze(system, progress, NUMBERS).every, over=over)
-    if damping_ratio is None or not found.safe:
-        return found
-    return replace(found, needed=needed_stiffness(system, found.states, damping_ratio, progress))
+
+    def audited(checkpoint: Callable[[], None]) -> Audit:
+        return Audit(system, analyze(system, after(checkpoint, progress), NUMBERS).every, over=over)
+
+    if damping_ratio is None:
+        return audited(lambda: None)
+    states = _moving(system)
+
+    def stiffness(checkpoint: Callable[[], None]) -> NeededStiffness | None:
+        return needed_stiffness(system, states, damping_ratio, after(checkpoint, quiet))
+
+    if Looks(system, states, np.zeros(len(system.source.joint_names), dtype=bool)).kept:  # then it will be asked for
+        jobs: list[Job[Any]] = [audited, stiffness]
+        found, needed = side_by_side(jobs, lambda: None)
+    else:
+        found = audited(lambda: None)
+        needed = stiffness(lambda: None) if found.safe else None
+    return replace(found, needed=needed) if found.safe else found
+
+
+def _moving(system: System) -> list[State]:
+    """The states in which a joint moves."""
+    return [state for names in system.source.states if (state := state_of(system, *names)).moves]

@@ -84,6 +84,11 @@ class Looks:
         loads = [np.diagonal(state.model.link_inverse_inertia) for state in self.states]
         return 1 + self.inertia * np.array([np.min(loads, axis=0), np.max(loads, axis=0)])
 
+    @property
+    def kept(self) -> bool:
+        """Whether it is proved, without samples, that the states have what is required with the gearboxes that they have."""
+        return all(_Limb(limb).keeps(self.required) for own in self.parts for _, limb in own)
+
     def step(self, omega: float, near: float) -> float:
         """From `omega` to the next softer look: at resonances of joints `near` times theirs; inf where no delay turns their phase."""
         lag = max(drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in self.system.drives)
