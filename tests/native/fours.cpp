@@ -9,6 +9,7 @@ int main() {
     const gainroom::Four a = gainroom::four(values), b = gainroom::four(values + 3);
     gainroom::Four sum = a * b - 0.3 * a;
     sum += b + a;
+    sum = 1.0 / (sum + 7.0);
     gainroom::put(out, sum);
     for (double one : out) std::printf("%a ", one);
 }

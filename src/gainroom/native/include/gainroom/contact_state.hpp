@@ -121,7 +121,7 @@ struct ContactState {
     // Where something crosses above the lowest crossing only, the next one is below that.
     void conclude_slow(bool done, bool crossed) {
         slowing = false;
-        if (done) slow_length = double(slow.slices());
+        if (done) slow_length = slow.spent();
         if (done && slow.pairs() == 0) {
             loose = false;
             slow_counted = slow.gain();

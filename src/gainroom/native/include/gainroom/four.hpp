@@ -1,4 +1,4 @@
-// Four numbers, added and multiplied at once. Short loops over sums that should stay in registers compilers turn inside out.
+// Four numbers, added, multiplied and divided at once. Short loops over sums that should stay in registers compilers turn inside out.
 #pragma once
 
 #include <cstddef>
@@ -23,6 +23,8 @@ inline Four operator+(const Four& a, const Four& b) {
 inline Four operator-(const Four& a, const Four& b) {
     return {{a.of[0] - b.of[0], a.of[1] - b.of[1], a.of[2] - b.of[2], a.of[3] - b.of[3]}};
 }
+inline Four operator+(const Four& a, double b) { return {{a.of[0] + b, a.of[1] + b, a.of[2] + b, a.of[3] + b}}; }
+inline Four operator/(double a, const Four& b) { return {{a / b.of[0], a / b.of[1], a / b.of[2], a / b.of[3]}}; }
 inline Four& operator+=(Four& a, const Four& b) { return a = a + b; }
 #endif
 

@@ -60,7 +60,7 @@ public:
         while (below < state.count && state.order[below]->gain < 1.02 * state.sweep.gain()) below++;
         const TrackedCrossing* near = own.tries % 2 == 0 && below > 0 ? state.order[own.tries / 2 % below] : nullptr;
         start(near ? near->omega : omega, near ? 1.001 * near->gain : state.sweep.gain());
-        const SymmetricFactor& factor = near ? loop_.follower().at(state.posture.data(), trial_.omega, trial_.gain) : loop_.factor();
+        const SymmetricFactor& factor = loop_.follower().at(state.posture.data(), trial_.omega, trial_.gain);
         weigh();
         for (int pass = 0; pass < 3; pass++) {
             work += 0.5;
@@ -90,7 +90,8 @@ private:
     // At the slice of the count.
     void find_loci(Loci& own, const ContactState& state) {
         own.looked_at = state.sweep.omega();
-        own.basis.at(loop_.values(), state.sweep.gain());
+        loop_.laws().at(state.sweep.omega(), state.sweep.gain(), values_.data());
+        own.basis.at(values_.data(), state.sweep.gain());
         for (std::size_t k = 0; k < own.now.size(); k++) own.now[k] = own.basis.locus(k);
     }
 

@@ -29,8 +29,9 @@ public:
     std::size_t slices() const { return slices_; }
     // Right after `crossed`: up to which factor nothing does there.
     double clear_gain() const { return clear_; }
-    // What the last slice cost, in slices.
+    // What the last slice cost, in slices, and all of them.
     double cost() const { return cost_; }
+    double spent() const { return spent_; }
     // Pairs of unstable roots; right after `done`.
     long pairs() const { return pairs_; }
     // The same at lower factors, others at the next count; kUnclear: not known. Three at every count where they cost little, else one at every third.
@@ -43,6 +44,7 @@ public:
     State begin(TrackedLoop& loop, const double* posture, double gain, bool slow = false) {
         gain_ = gain;
         slices_ = 0;
+        spent_ = 1.0;
         part_ = 0;
         slow_ = slow;
         omega_ = slow ? loop.slowest() : loop.lowest();
@@ -59,37 +61,45 @@ public:
             below_[k].pairs = kUnclear;
         }
         step_ = 0.25 * longest(loop, omega_);
+        next_ = ahead_ = 0;
         if (slow && !is_clear(loop)) return State::crossed;
-        return std::isfinite(total_ + slope_) && top_ > omega_ ? State::running : State::failed;
+        return std::isfinite(total_ + slope_.imag()) && top_ > omega_ ? State::running : State::failed;
     }
 
     // One more slice.
     State advance(TrackedLoop& loop, const double* posture) {
+        const State now = step(loop, posture);
+        spent_ += cost_;
+        return now;
+    }
+
+private:
+    State step(TrackedLoop& loop, const double* posture) {
         if (++slices_ > kMostSlices) return State::failed;
         cost_ = 1.0;
         if (slow_ && leap(loop, posture)) return State::running;
         if (omega_ >= top_) return finish(loop, posture);
-        const double before = phase_, slope = slope_, growth = growth_, from = omega_, to = std::min(from + step_, top_);
-        evaluate(loop, posture, to);
-        const double predicted = 0.5 * (slope + slope_) * (to - from);
-        const double off = wrapped(phase_ - before - predicted);
-        if (!(std::fabs(off) < kAgreed) || !((growth_ - growth) * (to - from) < kClose) ||
-            (loop.has_poles() && !((growth - growth_) * (to - from) < kClose))) {
-            phase_ = before;
-            slope_ = slope;
-            growth_ = growth;
+        cost_ = next_ < ahead_ ? kSeen : look_ahead(loop, posture);
+        const Slice& now = slices_ahead_[next_++];
+        const double from = omega_, to = now.omega, growth = now.slope.real();  // d ln|F|/dω
+        const double predicted = 0.5 * (slope_.imag() + now.slope.imag()) * (to - from);
+        const double off = wrapped(now.phase - phase_ - predicted), grown = (growth - slope_.real()) * (to - from);
+        if (!(std::fabs(off) < kAgreed) || !(grown < kClose) || (loop.has_poles() && !(-grown < kClose))) {
+            next_ = ahead_;
             step_ = 0.4 * (to - from);
             return step_ > kShortest * from ? State::running : State::failed;
         }
+        phase_ = now.phase;
+        slope_ = now.slope;
         if (slow_) {
             cost_ = 2.0;
             if (!is_clear(loop)) return State::crossed;
         }
         cost_ += double(lower_) * loop.lower_cost();
         for (std::size_t k = 0; k < lower_; k++) {
-            const double now = loop.phase_at(lower_gain(k));
-            below_[k].total += wrapped(now - below_[k].phase);
-            below_[k].phase = now;
+            const double phase = loop.phase_at(lower_gain(k));
+            below_[k].total += wrapped(phase - below_[k].phase);
+            below_[k].phase = phase;
         }
         total_ += predicted + off;
         omega_ = to;
@@ -98,9 +108,9 @@ public:
         return State::running;
     }
 
-private:
     static constexpr std::size_t kMostSlices = 2000;
     static constexpr double kAgreed = 0.9, kClose = 2.0, kShortest = 1e-5, kLeap = 1.2, kCheap = 0.15;
+    static constexpr double kGrows = 1.2, kSeen = 0.05;  // steps of slices seen at once; what one costs that was seen before
 
     // Which lower factors this count looks at, of which one costs so many slices.
     void choose_lower(double cost) {
@@ -135,11 +145,18 @@ private:
     }
 
     // The phase, and where it leads.
-    void evaluate(TrackedLoop& loop, const double* posture, double omega) {
-        Complex slope;
-        phase_ = loop.phase(posture, omega, gain_, &slope);
-        slope_ = slope.imag();
-        growth_ = slope.real();
+    void evaluate(TrackedLoop& loop, const double* posture, double omega) { phase_ = loop.phase(posture, omega, gain_, &slope_); }
+
+    // The next slices, as many as the loop gives at once, at steps that grow as they do where nothing is in the way; what they cost.
+    double look_ahead(TrackedLoop& loop, const double* posture) {
+        next_ = ahead_ = 0;
+        double omega = omega_, step = step_;
+        while (ahead_ < loop.at_once() && omega < top_) {
+            omega = std::min(omega + step, top_);
+            slices_ahead_[ahead_++].omega = omega;
+            step = std::min(kGrows * step, longest(loop, omega));
+        }
+        return loop.phases(posture, gain_, slices_ahead_.data(), ahead_);
     }
 
     // Where control is so weak that nothing turns any more: the phase there, from that without control, in parts.
@@ -183,8 +200,11 @@ private:
     static constexpr int kLowest = 4, kLower = 6;  // of these parts those of lower factors: the first, and how many
     std::array<Below, 3> below_;
     std::size_t lower_ = 0, turn_ = 0;
-    double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, resonance_ = 0.0, step_ = 0.0, cost_ = 1.0, clear_ = 0.0;
-    double phase_ = 0.0, slope_ = 0.0, growth_ = 0.0, total_ = 0.0, known_ = 0.0;  // growth: d ln|F|/dω
+    double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, resonance_ = 0.0, step_ = 0.0, cost_ = 1.0, spent_ = 0.0, clear_ = 0.0;
+    double phase_ = 0.0, total_ = 0.0, known_ = 0.0;
+    Complex slope_;
+    std::array<Slice, TrackedLoop::kMostAtOnce> slices_ahead_;
+    std::size_t next_ = 0, ahead_ = 0;  // of those: the next one, and how many there are
     std::size_t slices_ = 0;
     int part_ = 0, parts_ = kParts;
     bool slow_ = false;

@@ -66,8 +66,15 @@ struct TrackedCrossing {
     }
 };
 
+// One frequency of a count: the phase there, and the slope of the function's logarithm along ω; see TrackedLoop.
+struct Slice {
+    double omega = 0.0, phase = 0.0;
+    Complex slope;
+};
+
 class TrackedLoop {
 public:
+    static constexpr std::size_t kMostAtOnce = 4;
     static constexpr double kWidest = 0.15;  // of ω, a step of a count
 
     virtual ~TrackedLoop() = default;
@@ -105,6 +112,12 @@ public:
     // At jω and a factor: the phase up to turns of a function of the closed loop that has its unstable roots and no others, and, where
     // asked for, the slope of its logarithm along ω.
     virtual double phase(const double* posture, double omega, double gain, Complex* slope) = 0;
+    // The same at several frequencies, up to `at_once`, and what that costs, in slices. `phase` was at none of them then.
+    virtual double phases(const double* posture, double gain, Slice* slices, std::size_t count) {
+        for (std::size_t k = 0; k < count; k++) slices[k].phase = phase(posture, slices[k].omega, gain, &slices[k].slope);
+        return double(count);
+    }
+    virtual std::size_t at_once() const { return 1; }  // at most kMostAtOnce
     // That phase where `phase` was last, not only up to turns: at `lowest` and `slowest`, anywhere at the factor 0, and where nothing crosses.
     // NaN where it is not known.
     virtual double whole_phase() = 0;

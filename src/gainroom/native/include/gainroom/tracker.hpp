@@ -155,7 +155,7 @@ private:
             if (state.looking) spent += search_.look(state);
             if (now == PhaseSweep::State::running) continue;
             state.sweeping = false;
-            state.length = double(state.sweep.slices());
+            state.length = state.sweep.spent();
             conclude(state, now == PhaseSweep::State::done, state.sweep.gain(), state.sweep.pairs());
         }
         state.owed -= spent;
