@@ -21,7 +21,7 @@ public:
                    std::vector<TaskReading> tasks)
         : robot_(robot), dynamics_(tree), contacts_(std::move(contacts)), switches_(std::move(switches)), tasks_(std::move(tasks)),
           mass_(tree.velocities() * tree.velocities()), rows_(robot.links().most_rows() * tree.velocities()),
-          task_rows_(robot.directions() * tree.velocities()), q_(tree.positions()) {}
+          task_rows_(robot.directions() * tree.velocities()), q_(tree.positions()), every_(tasks_.empty() ? kPrepared : kPreparedTasks) {}
 
     const RigidTree& tree() const { return dynamics_.tree(); }
 
@@ -35,12 +35,14 @@ public:
         for (const TaskReading& task : tasks_) end = dynamics_.write(task, end);
         const std::size_t count = hold(contact);
         const Limit found = robot_.update(mass_.data(), rows_.data(), count, contact, tasks_.empty() ? nullptr : task_rows_.data());
-        if (++waited_ >= kPrepared && robot_.tracker().load() < (waited_ < kLatest ? kQuiet : Tracker::kBusy)) prepare_next(contact);
+        if (++waited_ >= every_ && robot_.tracker().load() < (waited_ < kLate * every_ ? kQuiet : Tracker::kBusy)) prepare_next(contact);
         return found;
     }
 
 private:
-    static constexpr std::size_t kPrepared = 3, kLatest = 9;  // ticks after which another contact state is made ready: in a quiet one, in any
+    // Ticks after which another contact state is made ready, in a quiet one; kLate times as many, in any. From farther away crossings of tasks take
+    // longer to follow than a tick has.
+    static constexpr std::size_t kPrepared = 5, kPreparedTasks = 3, kLate = 3;
     static constexpr double kQuiet = 0.4;
     static constexpr double kUnit = 1e-3;  // so far squares of quaternions, cosines and sines may be from 1
 
@@ -96,7 +98,7 @@ private:
     std::vector<std::size_t> switches_;
     std::vector<TaskReading> tasks_;
     std::vector<double> mass_, rows_, task_rows_, q_;
-    std::size_t waited_ = 0, turn_ = 0;  // ticks since the last one was made ready; its place in switches_
+    std::size_t every_, waited_ = 0, turn_ = 0;  // see kPrepared; ticks since the last one was made ready; its place in switches_
 };
 
 }  // namespace gainroom
