@@ -56,11 +56,16 @@ def test_boxes_of_random_and_hostile_joints_end():
 
 @pytest.mark.slow
 def test_four_frequencies_of_a_count_at_once_are_four_frequencies():
-    """Rigid and elastic joints, sampled or not, equal ones, up to 40; hostile numbers end. Pivots lose what digits they lose either way."""
-    compared, phase, slope = output(compiled("sweeps")).split()
+    """Rigid and elastic joints, sampled or not, equal ones, up to 40; hostile numbers end. Pivots lose what digits they lose either way.
+
+    A root that is passed much more closely than steps are long is seen, or the count does not come to an end.
+    """
+    compared, phase, slope, ended, wrong = output(compiled("sweeps")).split()
     assert int(compared) > 2000
     assert float.fromhex(phase) < 1e-9
     assert float.fromhex(slope) < 1e-9
+    assert int(ended) > 15000
+    assert int(wrong) == 0
 
 
 def test_four_numbers_at_once_are_four_numbers():

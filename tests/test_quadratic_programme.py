@@ -89,6 +89,25 @@ def test_shapes_that_do_not_fit():
             _core.quadratic_programme(*bad)
 
 
+def test_what_is_not_finite_is_refused():
+    for k in range(7):
+        for odd in (np.nan, np.inf):
+            bad = [np.array(part, dtype=float) for part in drawn(7)]
+            bad[k].flat[-1] = odd
+            with pytest.raises(ValueError, match="finite"):
+                _core.quadratic_programme(*bad[:4], float(bad[4]), *bad[5:])
+
+
+def test_large_slopes_of_a_single_gain():
+    """Nothing but a bound in the way: x = −pull/bend or there."""
+    for bend in (1.0, 1e-2, 1e-4):
+        (x,), t = _core.quadratic_programme(
+            np.array([bend]), -np.ones(1), np.zeros((0, 1)), np.zeros(0), 10.0, -np.ones(1), np.array([0.7])
+        )
+        assert x[0] == pytest.approx(min(1 / bend, 0.7), rel=1e-6)
+        assert t == pytest.approx(0.0, abs=1e-6)
+
+
 @pytest.mark.slow
 def test_hostile_numbers_end():
     """NaN, infinite, zero, huge and tiny ones in every place, under the sanitizers."""

@@ -166,6 +166,71 @@ def test_an_interrupt_ends_all_processes():
     assert children() == []
 
 
+@pytest.mark.usefixtures("in_processes")
+def test_where_no_more_processes_may_be_begun_all_is_done_here(monkeypatch: pytest.MonkeyPatch):
+    def refused() -> int:
+        raise BlockingIOError("no more processes")
+
+    monkeypatch.setattr(os, "fork", refused)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    assert side_by_side([lambda checkpoint: os.getpid()] * 3, lambda: None) == [os.getpid()] * 3
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
+
+
+@pytest.mark.usefixtures("in_processes")
+def test_processes_are_waited_for_where_their_end_is_ignored():
+    before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    try:
+        assert side_by_side([lambda checkpoint, k=k: k for k in range(4)], lambda: None) == [0, 1, 2, 3]
+        assert signal.getsignal(signal.SIGCHLD) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGCHLD, before)
+
+
+@pytest.mark.usefixtures("in_processes")
+def test_a_job_that_fails_stops_jobs_within_another():
+    def within(checkpoint: Checkpoint) -> list[None]:
+        def long(checkpoint: Checkpoint) -> None:
+            deadline = time.monotonic() + 60
+            while time.monotonic() < deadline:
+                checkpoint()
+                time.sleep(1e-3)
+            raise AssertionError("nobody stopped it")
+
+        return side_by_side([long, lambda checkpoint: None], checkpoint)
+
+    def fails(checkpoint: Checkpoint) -> list[None]:
+        time.sleep(0.2)
+        raise ZeroDivisionError("outside")
+
+    jobs: list[Job[list[None]]] = [within, fails]
+    with pytest.raises(ZeroDivisionError, match="outside"):
+        side_by_side(jobs, lambda: None)
+    assert children() == []
+
+
+class UnreadableError(Exception):
+    """Pickle takes it, and cannot make it again."""
+
+    def __init__(self, one: int, two: int) -> None:
+        super().__init__(one + two)
+
+
+@pytest.mark.usefixtures("in_processes")
+def test_an_error_that_pickle_cannot_make_again_is_raised_here():
+    def fails(checkpoint: Checkpoint) -> None:
+        raise UnreadableError(1, 2)
+
+    jobs: list[Job[None]] = [lambda checkpoint: time.sleep(0.1), fails]
+    with pytest.raises(UnreadableError, match="3"):
+        side_by_side(jobs, lambda: None)
+
+
+@pytest.mark.usefixtures("in_processes")
+def test_thousands_of_jobs_have_threads():
+    assert each(abs, range(-5000, 0)) == list(range(5000, 0, -1))
+
+
 ENDLESS = """
 import os, time
 from gainroom.design.forked import own_process

@@ -1,10 +1,12 @@
 // Four frequencies of a count at once beside one at a time: random joints and W, rigid or elastic, sampled or not; among them NaN, infinite,
-// zero and huge numbers. Prints how many were compared, the largest difference of phases and, relative, of slopes.
+// zero and huge numbers. Prints how many were compared, the largest difference of phases and, relative, of slopes. Then counts of single roots much
+// nearer to the axis than steps are long: how many come to an end, and how many of these are wrong.
 #include <cstdio>
 #include <limits>
 #include <random>
 
 #include "gainroom/joint_loop.hpp"
+#include "gainroom/phase_sweep.hpp"
 
 using namespace gainroom;
 
@@ -19,6 +21,46 @@ static std::vector<double> symmetric(std::size_t n) {
         for (std::size_t j = 0; j < n; j++)
             for (std::size_t k = 0; k < n; k++) found[i * n + j] += root[i * n + k] * root[j * n + k] / double(n);
     return found;
+}
+
+// F(jω) = jω − p: a root of damping σ at ω₀ that the factor takes past the axis, at 1.
+struct OneRoot final : TrackedLoop {
+    double damping = 0.0, place = 0.0, last_omega = 0.0, last_gain = 0.0;
+
+    std::size_t posture_size() const override { return 0; }
+    std::size_t mode_size() const override { return 1; }
+    std::size_t channels() const override { return 1; }
+    double sample_time() const override { return 0.0; }
+    double lowest() const override { return 1.0; }
+    double usual_slices() const override { return 1.0; }
+    double urgent_slices() const override { return 1.0; }
+    double distance(const double*, const double*) override { return 0.0; }
+    bool follow(const double*, TrackedCrossing&, int, double&, bool) override { return false; }
+    double phase(const double*, double omega, double gain, Complex* slope) override {
+        last_omega = omega;
+        last_gain = gain;
+        if (slope) *slope = Complex(0.0, 1.0) / Complex(damping * (1.0 - gain), omega - place);
+        return whole_phase();
+    }
+    double whole_phase() override { return std::atan2(last_omega - place, damping * (1.0 - last_gain)); }
+    double resonance(const double*) const override { return 1.0; }
+    double top(const double*, double, double) override { return 1000.0; }
+    double resolution(double) const override { return kWidest; }
+};
+
+static void count_roots(int draws, int& ended, int& wrong) {
+    OneRoot loop;
+    PhaseSweep sweep;
+    for (int number = 0; number < draws; number++) {
+        loop.place = drawn(10.0, 100.0);
+        loop.damping = loop.place * drawn(1e-5, 1e-1);
+        const double gain = number % 2 ? 0.5 : 1.5;
+        PhaseSweep::State state = sweep.begin(loop, nullptr, gain);
+        while (state == PhaseSweep::State::running) state = sweep.advance(loop, nullptr);
+        if (state != PhaseSweep::State::done) continue;
+        ended++;
+        wrong += sweep.pairs() != (gain > 1.0);
+    }
 }
 
 int main() {
@@ -59,5 +101,7 @@ int main() {
             }
         }
     }
-    std::printf("%ld %a %a\n", compared, phases, slopes);
+    int ended = 0, wrong = 0;
+    count_roots(20000, ended, wrong);
+    std::printf("%ld %a %a %d %d\n", compared, phases, slopes, ended, wrong);
 }

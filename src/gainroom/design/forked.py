@@ -25,6 +25,8 @@ Job = Callable[[Callable[[], None]], Any]
 Outcomes = dict[int, tuple[bool, Any]]
 """By the number of the job: whether it has a result; that, or what it raised."""
 NUMBER = struct.Struct("H")
+MOST_JOBS = 2048
+"""That the smallest pipe has room for."""
 TICK, FAILED = b".", b"!"
 MOST_READ = 1 << 16
 ASKED = (signal.SIGINT, signal.SIGTERM)
@@ -34,7 +36,11 @@ _own = False
 
 
 class StoppedError(Exception):
-    """Another job has failed."""
+    """Another job of `those` has failed; jobs within jobs may be stopped by either."""
+
+    def __init__(self, those: object) -> None:
+        super().__init__()
+        self.those = those
 
 
 @contextmanager
@@ -48,22 +54,24 @@ def own_process() -> Iterator[None]:
         _own = before
 
 
-def may_fork() -> bool:
-    """Whether jobs may be done in copies of this process."""
-    return _own and threading.current_thread() is threading.main_thread()
+def may_fork(jobs: int) -> bool:
+    """Whether so many jobs may be done in copies of this process."""
+    return _own and jobs <= MOST_JOBS and threading.current_thread() is threading.main_thread()
 
 
 def in_processes(jobs: Sequence[Job], progress: Callable[[], None], count: int) -> Outcomes:
     """What becomes of the jobs in `count` processes: the first one here, so that what it computes stays known.
 
-    A checkpoint, of whichever process, calls `progress` here. Pickle must take the results of all but the first. Once a job has failed the
-    others are stopped, and have no outcome. What a process leaves that was killed from outside is done here.
+    A checkpoint, of whichever process, calls `progress` here, but for what a pipe has no room for. Once a job has failed the others are
+    stopped, and have no outcome. What a process leaves that was killed from outside, or cannot be begun, or has a result that pickle does
+    not take, is done here.
     """
     from multiprocessing.connection import wait
 
     numbers, (ticks, tick) = _queue(range(1, len(jobs))), os.pipe()
     for end in (ticks, tick):
         os.set_blocking(end, False)
+    found: Outcomes = {}
 
     def heard() -> None:
         """What other processes have told."""
@@ -73,30 +81,36 @@ def in_processes(jobs: Sequence[Job], progress: Callable[[], None], count: int) 
         for _ in range(told.count(TICK)):
             progress()
         if FAILED in told:
-            raise StoppedError
+            raise StoppedError(found)
 
     def checkpoint() -> None:
         heard()
         progress()
 
-    found: Outcomes = {}
     children: list[_Child] = []
+    ended = signal.getsignal(signal.SIGCHLD)
     try:
-        for _ in range(count - 1):
-            children.append(_forked(jobs, numbers, tick))
-        found |= _done(jobs, itertools.chain([0], _taken(numbers)), checkpoint)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # where it is ignored nobody can wait for a process
+        with suppress(OSError):  # no more processes: with those that there are
+            for _ in range(count - 1):
+                children.append(_forked(jobs, numbers, tick))
+        _do(jobs, itertools.chain([0], _taken(numbers)), checkpoint, found)
         while (left := [child for child in children if child.working]) and not _failed(found):
             ready = wait([ticks, *(child.answer for child in left)])
-            with suppress(StoppedError):  # what failed comes as an answer
+            try:
                 heard()
+            except StoppedError as stop:  # what failed comes as an answer
+                if stop.those is not found:
+                    raise
             for child in left:
                 if child.answer in ready:
-                    found |= child.outcomes()
+                    found.update(child.outcomes())
         if not _failed(found):
-            found |= _done(jobs, [number for number in range(len(jobs)) if number not in found], checkpoint)
+            _do(jobs, [number for number in range(len(jobs)) if number not in found], checkpoint, found)
     finally:
         for child in children:
             child.end()
+        signal.signal(signal.SIGCHLD, ended)
         for end in (numbers, ticks, tick):
             os.close(end)
     return found
@@ -119,18 +133,18 @@ def _taken(numbers: int) -> Iterator[int]:
         yield NUMBER.unpack(read)[0]
 
 
-def _done(jobs: Sequence[Job], numbers: Iterable[int], checkpoint: Callable[[], None]) -> Outcomes:
-    """Of jobs of these numbers, until one fails; one that is stopped has no outcome."""
-    found: Outcomes = {}
+def _do(jobs: Sequence[Job], numbers: Iterable[int], checkpoint: Callable[[], None], found: Outcomes) -> None:
+    """Jobs of these numbers into `found`, until one fails; one that is stopped has no outcome."""
     for number in numbers:
         try:
             found[number] = True, jobs[number](checkpoint)
-        except StoppedError:
-            break
+        except StoppedError as stop:
+            if stop.those is not found:
+                raise
+            return
         except Exception as error:  # noqa: BLE001 - raised again where all jobs are known
             found[number] = False, error
-            break
-    return found
+            return
 
 
 @dataclass
@@ -142,41 +156,53 @@ class _Child:
     working: bool = True
 
     def outcomes(self) -> Outcomes:
-        """All of them, at its end; none of one that was killed."""
+        """All of them, at its end; none of one that was killed, or whose answer cannot be read."""
         self.working = False
         try:
             return self.answer.recv()
-        except (EOFError, OSError):
+        except Exception:  # noqa: BLE001 - whatever a result or an error does as it is unpacked
             return {}
 
     def end(self) -> None:
         """It has ended, or its work is not wanted any more."""
         self.answer.close()
-        os.kill(self.number, signal.SIGKILL)
-        os.waitpid(self.number, 0)
+        with suppress(ProcessLookupError, ChildProcessError):
+            os.kill(self.number, signal.SIGKILL)
+            os.waitpid(self.number, 0)
 
 
 def _forked(jobs: Sequence[Job], numbers: int, tick: int) -> _Child:
     from multiprocessing.connection import Pipe
 
     here, there = Pipe(duplex=False)
+    own = os.getpid()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ASKED)  # the copy would take them as this process does
-    number = os.fork()
+    try:
+        number = os.fork()
+    except OSError:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        here.close()
+        there.close()
+        raise
     if number:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         there.close()
         return _Child(number, here)
     try:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # it ends with the process that it is a copy of
+        if os.getppid() != own:
+            os._exit(0)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # which a terminal sends to both
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        if signal.getsignal(signal.SIGTERM) is not signal.SIG_IGN:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
         def checkpoint() -> None:
             with suppress(BlockingIOError):
                 os.write(tick, TICK)
 
-        found = _done(jobs, _taken(numbers), checkpoint)
+        found: Outcomes = {}
+        _do(jobs, _taken(numbers), checkpoint, found)
         if _failed(found):
             with suppress(BlockingIOError):
                 os.write(tick, FAILED)

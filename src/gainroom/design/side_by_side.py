@@ -63,7 +63,7 @@ def side_by_side(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> l
     if count < 2:
         return [job(progress) for job in jobs]
     with _handover.quick():
-        found = in_processes(jobs, progress, count) if may_fork() else _in_threads(jobs, progress, count)
+        found = in_processes(jobs, progress, count) if may_fork(len(jobs)) else _in_threads(jobs, progress, count)
     for done, error in (found[number] for number in sorted(found)):
         if not done:
             raise error
@@ -77,7 +77,7 @@ def _in_threads(jobs: Sequence[Job[Result]], progress: Callable[[], None], count
 
     def checkpoint() -> None:
         if stopped.is_set():
-            raise StoppedError
+            raise StoppedError(stopped)
         progress()
 
     with ThreadPoolExecutor(count) as pool:

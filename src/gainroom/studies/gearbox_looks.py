@@ -87,7 +87,7 @@ class Looks:
     @property
     def kept(self) -> bool:
         """Whether it is proved, without samples, that the states have what is required with the gearboxes that they have."""
-        return all(_Limb(limb).keeps(self.required) for own in self.parts for _, limb in own)
+        return bool(self.parts) and all(_Limb(limb).keeps(self.required) for own in self.parts for _, limb in own)
 
     def step(self, omega: float, near: float) -> float:
         """From `omega` to the next softer look: at resonances of joints `near` times theirs; inf where no delay turns their phase."""

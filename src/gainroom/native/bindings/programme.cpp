@@ -2,6 +2,10 @@
 
 #include "arrays.hpp"
 
+static void require_finite(const double* values, std::size_t count) {
+    for (std::size_t k = 0; k < count; k++) require(std::isfinite(values[k]), "all numbers must be finite");
+}
+
 static std::vector<double> numbers(const Vector& from) { return {from.data(), from.data() + from.size()}; }
 
 void bind_programme(nb::module_& m) {
@@ -11,6 +15,9 @@ void bind_programme(nb::module_& m) {
             const std::size_t n = bend.size();
             require(pull.size() == n && low.size() == n && high.size() == n, "bend, pull, low and high must have one shape (n,)");
             require(has_shape(slope, value.size(), n), "slope must have the shape (m, n), and value (m,)");
+            for (const Vector* each : {&bend, &pull, &value, &low, &high}) require_finite(each->data(), each->size());
+            require_finite(slope.data(), slope.size());
+            require_finite(&penalty, 1);
             std::vector<double> found;
             {
                 nb::gil_scoped_release release;

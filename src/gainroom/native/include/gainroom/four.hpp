@@ -4,6 +4,13 @@
 #include <cstddef>
 #include <cstring>
 
+// Always inline: a call would not know which registers the caller's processor returns four numbers in.
+#if defined(__GNUC__)
+#define GAINROOM_INLINE inline __attribute__((always_inline))
+#else
+#define GAINROOM_INLINE inline
+#endif
+
 namespace gainroom {
 
 #if defined(__GNUC__) && !defined(GAINROOM_PLAIN)
@@ -28,13 +35,13 @@ inline Four operator/(double a, const Four& b) { return {{a / b.of[0], a / b.of[
 inline Four& operator+=(Four& a, const Four& b) { return a = a + b; }
 #endif
 
-inline Four four(const double* from) {
+GAINROOM_INLINE Four four(const double* from) {
     Four found;
     std::memcpy(&found, from, sizeof found);
     return found;
 }
 
-inline void put(double* to, const Four& from) { std::memcpy(to, &from, sizeof from); }
+GAINROOM_INLINE void put(double* to, const Four& from) { std::memcpy(to, &from, sizeof from); }
 
 // So many numbers are `count`, and those beside them up to whole fours.
 constexpr std::size_t fours(std::size_t count) { return (count + 3) / 4 * 4; }

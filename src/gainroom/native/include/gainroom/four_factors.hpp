@@ -15,25 +15,25 @@ struct FourComplex {
     Four re, im;
 };
 
-inline FourComplex operator+(const FourComplex& a, const FourComplex& b) { return {a.re + b.re, a.im + b.im}; }
-inline FourComplex operator-(const FourComplex& a, const FourComplex& b) { return {a.re - b.re, a.im - b.im}; }
-inline FourComplex operator*(const FourComplex& a, const FourComplex& b) {
+GAINROOM_INLINE FourComplex operator+(const FourComplex& a, const FourComplex& b) { return {a.re + b.re, a.im + b.im}; }
+GAINROOM_INLINE FourComplex operator-(const FourComplex& a, const FourComplex& b) { return {a.re - b.re, a.im - b.im}; }
+GAINROOM_INLINE FourComplex operator*(const FourComplex& a, const FourComplex& b) {
     return {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
 }
-inline FourComplex square(const FourComplex& a) {
+GAINROOM_INLINE FourComplex square(const FourComplex& a) {
     const Four both = a.re * a.im;
     return {a.re * a.re - a.im * a.im, both + both};
 }
 // Not a number where the square of a size is none.
-inline FourComplex inverse_of(const FourComplex& a) {
+GAINROOM_INLINE FourComplex inverse_of(const FourComplex& a) {
     const Four scale = 1.0 / (a.re * a.re + a.im * a.im);
     return {a.re * scale, -1.0 * (a.im * scale)};
 }
 
 // Rows of FourComplex in a vector of numbers.
 constexpr std::size_t kLanes = 4, kEntry = 2 * kLanes;
-inline FourComplex entry(const double* from) { return {four(from), four(from + kLanes)}; }
-inline void put(double* to, const FourComplex& from) {
+GAINROOM_INLINE FourComplex entry(const double* from) { return {four(from), four(from + kLanes)}; }
+GAINROOM_INLINE void put(double* to, const FourComplex& from) {
     put(to, from.re);
     put(to + kLanes, from.im);
 }
@@ -47,7 +47,7 @@ public:
     explicit FourFactors(std::size_t size)
         : size_(size), upper_(kEntry * (size * (size + 1) / 2)), pivots_(kEntry * size), inverse_(kEntry * size), column_(kEntry * size) {}
 
-    FourComplex pivot(std::size_t k) const { return entry(&pivots_[kEntry * k]); }
+    GAINROOM_INLINE FourComplex pivot(std::size_t k) const { return entry(&pivots_[kEntry * k]); }
 
     // W (n, n); β (n) four times each.
     GAINROOM_WIDE void factor(const double* w, const double* beta) {

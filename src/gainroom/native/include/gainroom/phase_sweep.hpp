@@ -3,7 +3,8 @@
 // The phase of a function of the closed loop rises by π past every stable root of the upper half plane and falls by π past every unstable
 // one, so its way from a frequency below which nothing crosses, to one above which control does next to nothing, counts the unstable ones.
 // At both ends the phase is known as such, not only up to turns (tracked_loop.hpp). Between them one slice adds the increment over one step,
-// which its ends' slopes predict: a step is taken only where prediction and phase agree, else it is shortened. Two roots of equal limbs that
+// which its ends' slopes predict: a step is taken only where prediction and phase agree, else it is shortened. So it is where the slopes differ
+// so much that what they predict may be a turn off: a phase whose slope lies between them is within half their difference over the step. Two roots of equal limbs that
 // are passed closely in one step turn the phase by 2π, which cannot be told from none: but the slope of its logarithm's real part then rises
 // from steep to steep, by at least 4 over the step per root, so that a step is shortened for that too; as it is for poles of the plant, where the function has them.
 #pragma once
@@ -84,7 +85,8 @@ private:
         const double from = omega_, to = now.omega, growth = now.slope.real();  // d ln|F|/dω
         const double predicted = 0.5 * (slope_.imag() + now.slope.imag()) * (to - from);
         const double off = wrapped(now.phase - phase_ - predicted), grown = (growth - slope_.real()) * (to - from);
-        if (!(std::fabs(off) < kAgreed) || !(grown < kClose) || (loop.has_poles() && !(-grown < kClose))) {
+        const double bent = (now.slope.imag() - slope_.imag()) * (to - from);
+        if (!(std::fabs(off) < kAgreed) || !(std::fabs(bent) < kBent) || !(grown < kClose) || (loop.has_poles() && !(-grown < kClose))) {
             next_ = ahead_;
             step_ = 0.4 * (to - from);
             return step_ > kShortest * from ? State::running : State::failed;
@@ -109,7 +111,7 @@ private:
     }
 
     static constexpr std::size_t kMostSlices = 2000;
-    static constexpr double kAgreed = 0.9, kClose = 2.0, kShortest = 1e-5, kLeap = 1.2, kCheap = 0.15;
+    static constexpr double kAgreed = 0.9, kBent = 4.0, kClose = 2.0, kShortest = 1e-5, kLeap = 1.2, kCheap = 0.15;
     static constexpr double kGrows = 1.2, kSeen = 0.05;  // steps of slices seen at once; what one costs that was seen before
 
     // Which lower factors this count looks at, of which one costs so many slices.
@@ -184,7 +186,7 @@ private:
 
     static bool count_pairs(double phase, long& pairs) {
         const double turns = phase / (2 * kPi);
-        const bool clear = std::fabs(turns - std::round(turns)) < 0.1;
+        const bool clear = std::fabs(turns - std::round(turns)) < 0.1 && turns > -0.5;
         pairs = clear ? std::lround(turns) : kUnclear;
         return clear;
     }

@@ -35,7 +35,7 @@ public:
 private:
     static constexpr std::size_t kTurns = 3;
     static constexpr double kDependent = 1e-13;  // of a column: what is left of one that others make up
-    static constexpr double kNone = 1e-15;       // of a slope, of columns and `wanted` of about 1: round-off
+    static constexpr double kNone = 1e-15;       // of a slope: round-off of columns of about 1, and of the residual
 
     const double* column(std::size_t k) const { return &columns_[k * rows_]; }
 
@@ -44,7 +44,7 @@ private:
         std::vector<bool> refused(used_);
         while (true) {
             std::size_t best = count_;
-            double steepest = kNone;
+            double steepest = kNone * std::sqrt(scalar_product(left_.data(), left_.data(), rows_));
             for (std::size_t k = 0; k < count_; k++) {
                 if (refused[k]) continue;
                 const double slope = scalar_product(column(k), left_.data(), rows_);
@@ -172,7 +172,7 @@ private:
 };
 
 // The x (n) with low ≤ x ≤ high, and the t ≥ 0 behind it, that make ½ Σ bend x² + pull·x + penalty t + ½ t² smallest with value + slope x ≤ t;
-// slope (m, n) by rows, bend > 0.
+// slope (m, n) by rows, bend > 0. Digits are lost where pull/√bend or the penalty are large: about 16 less twice those of their size are left.
 inline std::vector<double> quadratic_programme(const std::vector<double>& bend, const std::vector<double>& pull, const double* slope,
                                                const std::vector<double>& value, double penalty, const std::vector<double>& low,
                                                const std::vector<double>& high) {
