@@ -15,12 +15,13 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-Job = Callable[[Callable[[], None]], Any]
+Result = TypeVar("Result")
+Job = Callable[[Callable[[], None]], Result]
 """Is given what to call now and then: there it ends where another one has failed, or was interrupted."""
 Outcomes = dict[int, tuple[bool, Any]]
 """By the number of the job: whether it has a result; that, or what it raised."""
@@ -59,7 +60,7 @@ def may_fork(jobs: int) -> bool:
     return _own and jobs <= MOST_JOBS and threading.current_thread() is threading.main_thread()
 
 
-def in_processes(jobs: Sequence[Job], progress: Callable[[], None], count: int) -> Outcomes:
+def in_processes(jobs: Sequence[Job[Any]], progress: Callable[[], None], count: int) -> Outcomes:
     """What becomes of the jobs in `count` processes: the first one here, so that what it computes stays known.
 
     A checkpoint, of whichever process, calls `progress` here, but for what a pipe has no room for. Once a job has failed the others are
@@ -88,9 +89,10 @@ def in_processes(jobs: Sequence[Job], progress: Callable[[], None], count: int) 
         progress()
 
     children: list[_Child] = []
-    ended = signal.getsignal(signal.SIGCHLD)
+    ignored = signal.getsignal(signal.SIGCHLD) is signal.SIG_IGN
     try:
-        signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # where it is ignored nobody can wait for a process
+        if ignored:  # then nobody can wait for a process
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         with suppress(OSError):  # no more processes: with those that there are
             for _ in range(count - 1):
                 children.append(_forked(jobs, numbers, tick))
@@ -110,7 +112,8 @@ def in_processes(jobs: Sequence[Job], progress: Callable[[], None], count: int) 
     finally:
         for child in children:
             child.end()
-        signal.signal(signal.SIGCHLD, ended)
+        if ignored:
+            signal.signal(signal.SIGCHLD, signal.SIG_IGN)
         for end in (numbers, ticks, tick):
             os.close(end)
     return found
@@ -133,7 +136,7 @@ def _taken(numbers: int) -> Iterator[int]:
         yield NUMBER.unpack(read)[0]
 
 
-def _do(jobs: Sequence[Job], numbers: Iterable[int], checkpoint: Callable[[], None], found: Outcomes) -> None:
+def _do(jobs: Sequence[Job[Any]], numbers: Iterable[int], checkpoint: Callable[[], None], found: Outcomes) -> None:
     """Jobs of these numbers into `found`, until one fails; one that is stopped has no outcome."""
     for number in numbers:
         try:
@@ -171,7 +174,7 @@ class _Child:
             os.waitpid(self.number, 0)
 
 
-def _forked(jobs: Sequence[Job], numbers: int, tick: int) -> _Child:
+def _forked(jobs: Sequence[Job[Any]], numbers: int, tick: int) -> _Child:
     from multiprocessing.connection import Pipe
 
     here, there = Pipe(duplex=False)

@@ -11,15 +11,12 @@ from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, TypeVar
 
-from .forked import Outcomes, StoppedError, in_processes, may_fork
+from .forked import Job, Outcomes, Result, StoppedError, in_processes, may_fork
 
 if TYPE_CHECKING:
     from concurrent.futures import ThreadPoolExecutor
 
 Item = TypeVar("Item")
-Result = TypeVar("Result")
-Job = Callable[[Callable[[], None]], Result]
-"""Is given what to call now and then: there it ends where another one has failed, or was interrupted."""
 HANDOVER = 1e-4
 """[s] after which a thread that computes in Python lets one go on that comes back from the core: those stay there for a millisecond."""
 

@@ -82,7 +82,10 @@ public:
         }
         return kFour;
     }
-    std::size_t at_once() const override { return kLanes; }
+    std::size_t at_once() const override {
+        static_assert(kLanes <= kMostAtOnce);
+        return kLanes;
+    }
 
     // α = a (1/a + e)/β, each factor in a half plane that is known.
     double whole_phase() override {
@@ -113,7 +116,7 @@ public:
 private:
     static constexpr double kBeside = 0.5;    // work of clear_below
     static constexpr double kSlices = 432.0;  // over n²: with 12 joints 3 slices, which is 4 µs
-    static constexpr double kFour = 2.1;  // slices that four at once cost
+    static constexpr double kFour = 2.1;      // slices that four at once cost
     static constexpr double kEach = 0.6, kUrgent = 20.0;  // slices per joint, of about two that a count takes, without a certificate; at most
 
     // Of the four: F, but for its size, and the slope of its logarithm.

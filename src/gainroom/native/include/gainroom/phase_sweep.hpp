@@ -4,9 +4,10 @@
 // one, so its way from a frequency below which nothing crosses, to one above which control does next to nothing, counts the unstable ones.
 // At both ends the phase is known as such, not only up to turns (tracked_loop.hpp). Between them one slice adds the increment over one step,
 // which its ends' slopes predict: a step is taken only where prediction and phase agree, else it is shortened. So it is where the slopes differ
-// so much that what they predict may be a turn off: a phase whose slope lies between them is within half their difference over the step. Two roots of equal limbs that
-// are passed closely in one step turn the phase by 2π, which cannot be told from none: but the slope of its logarithm's real part then rises
-// from steep to steep, by at least 4 over the step per root, so that a step is shortened for that too; as it is for poles of the plant, where the function has them.
+// so much that what they predict may be a turn off: a phase whose slope lies between them is within half their difference over the step.
+// Two roots of equal limbs that are passed closely in one step turn the phase by 2π, which cannot be told from none: but the slope of its
+// logarithm's real part then rises from steep to steep, by at least 4 over the step per root, so that a step is shortened for that too; as it is
+// for poles of the plant, where the function has them.
 #pragma once
 
 #include <algorithm>
