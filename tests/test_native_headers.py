@@ -55,12 +55,14 @@ def test_boxes_of_random_and_hostile_joints_end():
 
 
 @pytest.mark.slow
-def test_four_frequencies_of_a_count_at_once_are_four_frequencies():
+@pytest.mark.parametrize("options", [SANITIZED, ["-O0"]], ids=["sanitized", "plain"])
+def test_four_frequencies_of_a_count_at_once_are_four_frequencies(options: list[str]):
     """Rigid and elastic joints, sampled or not, equal ones, up to 40; hostile numbers end. Pivots lose what digits they lose either way.
 
-    A root that is passed much more closely than steps are long is seen, or the count does not come to an end.
+    A root that is passed much more closely than steps are long is seen, or the count does not come to an end. Without optimisation calls
+    stay calls, so that caller and callee have to agree on where four numbers are.
     """
-    compared, phase, slope, ended, wrong = output(compiled("sweeps")).split()
+    compared, phase, slope, ended, wrong = output(native_programs.compiled(SOURCES / "sweeps.cpp", *options)).split()
     assert int(compared) > 2000
     assert float.fromhex(phase) < 1e-9
     assert float.fromhex(slope) < 1e-9

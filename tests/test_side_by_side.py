@@ -40,6 +40,15 @@ def in_processes() -> Iterator[None]:
         yield
 
 
+def endless(checkpoint: Checkpoint) -> None:
+    """Until it is stopped."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        checkpoint()
+        time.sleep(1e-3)
+    raise AssertionError("nobody stopped it")
+
+
 def children() -> list[int]:
     return [int(number) for number in Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split()]
 
@@ -59,13 +68,6 @@ def test_threads_take_turns_quickly_only_meanwhile():
 
 @pytest.mark.parametrize("place", [0, 1])
 def test_one_that_fails_ends_the_others(place: int, where: str):
-    def endless(checkpoint: Checkpoint) -> None:
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline:
-            checkpoint()
-            time.sleep(1e-4)
-        raise AssertionError("nobody stopped it")
-
     def fails(checkpoint: Checkpoint) -> None:
         checkpoint()
         raise ZeroDivisionError("here")
@@ -153,10 +155,6 @@ def test_results_that_pickle_does_not_take_are_made_here():
 
 @pytest.mark.usefixtures("in_processes")
 def test_an_interrupt_ends_all_processes():
-    def endless(checkpoint: Checkpoint) -> None:
-        while True:
-            time.sleep(1e-3)
-
     def interrupted(checkpoint: Checkpoint) -> None:
         time.sleep(0.1)
         raise KeyboardInterrupt
@@ -190,14 +188,7 @@ def test_processes_are_waited_for_where_their_end_is_ignored():
 @pytest.mark.usefixtures("in_processes")
 def test_a_job_that_fails_stops_jobs_within_another():
     def within(checkpoint: Checkpoint) -> list[None]:
-        def long(checkpoint: Checkpoint) -> None:
-            deadline = time.monotonic() + 60
-            while time.monotonic() < deadline:
-                checkpoint()
-                time.sleep(1e-3)
-            raise AssertionError("nobody stopped it")
-
-        return side_by_side([long, lambda checkpoint: None], checkpoint)
+        return side_by_side([endless, lambda checkpoint: None], checkpoint)
 
     def fails(checkpoint: Checkpoint) -> list[None]:
         time.sleep(0.2)
