@@ -61,8 +61,8 @@ def run(seed: int) -> Table:
     notes = [
         f"Whole processes, {ROUNDS} each, after one that fills the cache of bytecode; robots once, for {PATIENCE:g} s at most (inf: not",
         "done then). pip writes bytecode as it installs, so that the very first run is like any other; only a checkout's has none.",
-        "The processor's time, user and system, wanders less than the clock's on a shared machine. Memory: peak, where it is more than the",
-        "benchmark's own, which a process inherits.",
+        "The processor's time, user and system, wanders less than the clock's on a shared machine. Memory: peak of the largest process,",
+        "where it is more than the benchmark's own, which a process inherits; robots have one process per core.",
     ]
     return Table("Command line", rows, notes)
 
