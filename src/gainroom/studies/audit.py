@@ -29,7 +29,7 @@ from .gearbox_looks import Looks
 from .gearbox_range import RangeOfGearboxes, look_over
 from .loop_numbers import extra_delay, margins_of
 from .lowered_gains import GainsToUse, gains_to_use
-from .needed_stiffness import NeededStiffness, needed_stiffness
+from .needed_stiffness import NeededStiffness, needed_stiffness, unknown_gearboxes
 from .over_uncertainty import unknown_first
 from .progress import Progress, after, quiet
 from .state import State, path_headroom, state_of
@@ -364,19 +364,20 @@ def audit(
     def audited(checkpoint: Callable[[], None]) -> Audit:
         return Audit(system, analyze(system, after(checkpoint, progress), NUMBERS).every, over=over)
 
-    if damping_ratio is None:
+    unknown = unknown_gearboxes(system)
+    if damping_ratio is None or not unknown.any():
         return audited(lambda: None)
     states = _moving(system)
 
     def stiffness(checkpoint: Callable[[], None]) -> NeededStiffness | None:
         return needed_stiffness(system, states, damping_ratio, after(checkpoint, quiet))
 
-    if Looks(system, states, np.zeros(len(system.source.joint_names), dtype=bool)).kept:  # then it will be asked for
+    if Looks(system, states, unknown).kept:  # then it will be asked for
         jobs: list[Job[Any]] = [audited, stiffness]
         found, needed = side_by_side(jobs, lambda: None)
     else:
         found = audited(lambda: None)
-        needed = stiffness(lambda: None) if found.safe else None
+        needed = needed_stiffness(system, found.states, damping_ratio, progress) if found.safe else None
     return replace(found, needed=needed) if found.safe else found
 
 

@@ -58,6 +58,12 @@ class NeededStiffness:
         return next((look for look in self.looks if not look.safe), None)
 
 
+def unknown_gearboxes(system: System) -> Booleans:
+    """(n,) True for those whose stiffness is looked for: of rigid joints with a motor inertia; none where kd runs apart."""
+    joints = system.source.quantities
+    return np.isinf(joints["stiffness"]) & (joints["motor_inertia"] > 0) & (system.control.kd_path is None)
+
+
 def needed_stiffness(
     system: System,
     states: Sequence[State],
@@ -65,9 +71,8 @@ def needed_stiffness(
     progress: Progress = quiet,
 ) -> NeededStiffness | None:
     """Of a system that is safe with rigid gearboxes; None where no rigid joint has a motor inertia, or kd runs apart."""
-    joints = system.source.quantities
-    unknown = np.isinf(joints["stiffness"]) & (joints["motor_inertia"] > 0)
-    if not unknown.any() or system.control.kd_path is not None:
+    unknown = unknown_gearboxes(system)
+    if not unknown.any():
         return None
     search = _Search(system, states, damping_ratio, unknown, progress)
     return search.run()

@@ -28,7 +28,6 @@ public:
     double gain() const { return gain_; }
     double omega() const { return omega_; }
     double top() const { return top_; }
-    std::size_t slices() const { return slices_; }
     // Right after `crossed`: up to which factor nothing does there.
     double clear_gain() const { return clear_; }
     // What the last slice cost, in slices, and all of them.
