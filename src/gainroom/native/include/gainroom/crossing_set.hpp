@@ -34,10 +34,11 @@ public:
             if (!there) state.sweeping = state.slowing = false;
             follow_lowest(state, work);
             if (there && k == 0) {
+                const double least = state.least_speed();
                 for (std::size_t m = 1; m < state.count; m++) {
                     TrackedCrossing& one = *state.order[m];
                     const double left = state.path - one.seen_at;
-                    const double off = std::max(state.speed(one) * left, one.converged ? 0.0 : kRough);
+                    const double off = std::max(state.speed(one, least) * left, one.converged ? 0.0 : kRough);
                     const bool may_be_lowest = one.gain * (1.0 - off) < state.order[0]->gain;
                     if ((left > 2.0 * kLate || may_be_lowest) && !follow(state, m, false, work)) m--;  // another one is in its place
                 }
