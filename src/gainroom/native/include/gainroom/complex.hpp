@@ -4,25 +4,20 @@
 #include <cmath>
 #include <complex>
 
+#include "processor.hpp"
+
 namespace gainroom {
 
 using Complex = std::complex<double>;
 
-// Loops over entries, as many at a time as the processor has room for. Products and sums stay apart: all processors have the same digits.
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__)
-#define GAINROOM_WIDE __attribute__((target_clones("avx2", "default")))
-#else
-#define GAINROOM_WIDE
-#endif
-
 constexpr double kPi = 3.14159265358979323846;
 
-inline Complex times(Complex a, Complex b) {
+GAINROOM_INLINE Complex times(Complex a, Complex b) {
     return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
 }
 
 // a/b by Smith's method, which does not overflow where the quotient does not.
-inline Complex over(Complex a, Complex b) {
+inline Complex over_any(Complex a, Complex b) {
     if (std::fabs(b.real()) >= std::fabs(b.imag())) {
         const double ratio = b.imag() / b.real(), size = b.real() + b.imag() * ratio;
         return {(a.real() + a.imag() * ratio) / size, (a.imag() - a.real() * ratio) / size};
@@ -31,12 +26,18 @@ inline Complex over(Complex a, Complex b) {
     return {(a.real() * ratio + a.imag()) / size, (a.imag() * ratio - a.real()) / size};
 }
 
-// 1/a with one division where |a|² is far from the ends of the range.
-inline Complex inverse_of(Complex a) {
+// 1/a, and a/b: one division, and nothing that branches, where |a|², |b|² are far from the ends of the range.
+GAINROOM_INLINE Complex inverse_of(Complex a) {
     const double size = std::norm(a);
-    if (!(size > 1e-280 && size < 1e280)) return over(1.0, a);
+    if (!(size > 1e-280 && size < 1e280)) return over_any(1.0, a);
     const double scale = 1 / size;
     return {a.real() * scale, -a.imag() * scale};
+}
+GAINROOM_INLINE Complex over(Complex a, Complex b) {
+    const double size = std::norm(b);
+    if (!(size > 1e-280 && size < 1e280)) return over_any(a, b);
+    const double scale = 1 / size;
+    return times(a, {b.real() * scale, -b.imag() * scale});
 }
 
 // `angle` in (−π, π].

@@ -36,13 +36,13 @@ struct Dense {
             im[k] = from[k].imag();
         }
     }
-    Complex at(std::size_t r, std::size_t c) const { return {re[r * columns + c], im[r * columns + c]}; }
-    void set(std::size_t r, std::size_t c, Complex value) {
+    GAINROOM_INLINE Complex at(std::size_t r, std::size_t c) const { return {re[r * columns + c], im[r * columns + c]}; }
+    GAINROOM_INLINE void set(std::size_t r, std::size_t c, Complex value) {
         re[r * columns + c] = value.real();
         im[r * columns + c] = value.imag();
     }
     // Row `to` −= factor × row `from`, from column `first` on.
-    void subtract(std::size_t to, std::size_t from, Complex factor, std::size_t first) {
+    GAINROOM_INLINE void subtract(std::size_t to, std::size_t from, Complex factor, std::size_t first) {
         double *tr = &re[to * columns], *ti = &im[to * columns];
         const double *fr = &re[from * columns], *fi = &im[from * columns], a = factor.real(), b = factor.imag();
         for (std::size_t c = first; c < columns; c++) {
@@ -50,7 +50,7 @@ struct Dense {
             ti[c] -= a * fi[c] + b * fr[c];
         }
     }
-    void scale(std::size_t row, Complex factor, std::size_t first) {
+    GAINROOM_INLINE void scale(std::size_t row, Complex factor, std::size_t first) {
         double *r = &re[row * columns], *i = &im[row * columns];
         for (std::size_t c = first; c < columns; c++) {
             const double value = r[c];
@@ -59,7 +59,7 @@ struct Dense {
         }
     }
     // The row, from `k` on, whose entry in column k is largest; false where all are 0 or one is not finite.
-    bool pivot(std::size_t k, std::size_t& found) const {
+    GAINROOM_INLINE bool pivot(std::size_t k, std::size_t& found) const {
         double most = 0.0;
         for (std::size_t r = k; r < rows; r++) {
             const double size = std::fabs(re[r * columns + k]) + std::fabs(im[r * columns + k]);
@@ -71,7 +71,7 @@ struct Dense {
         }
         return most > 0;
     }
-    void exchange(std::size_t a, std::size_t b) {
+    GAINROOM_INLINE void exchange(std::size_t a, std::size_t b) {
         for (std::size_t c = 0; a != b && c < columns; c++) {
             std::swap(re[a * columns + c], re[b * columns + c]);
             std::swap(im[a * columns + c], im[b * columns + c]);
@@ -82,7 +82,7 @@ struct Dense {
 // ln det of a matrix, its imaginary part in (−π, π]: pivots are multiplied, so that few logarithms are taken.
 class LogDeterminant {
 public:
-    void multiply(Complex pivot) {
+    GAINROOM_INLINE void multiply(Complex pivot) {
         product_ = times(product_, pivot);
         const double size = std::norm(product_);
         if (!(size > 1e-100 && size < 1e100)) {

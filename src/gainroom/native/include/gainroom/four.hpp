@@ -4,12 +4,7 @@
 #include <cstddef>
 #include <cstring>
 
-// Always inline: a call would not know which registers the caller's processor returns four numbers in.
-#if defined(__GNUC__)
-#define GAINROOM_INLINE inline __attribute__((always_inline))
-#else
-#define GAINROOM_INLINE inline
-#endif
+#include "processor.hpp"
 
 namespace gainroom {
 
@@ -43,7 +38,34 @@ GAINROOM_INLINE Four four(const double* from) {
 
 GAINROOM_INLINE void put(double* to, const Four& from) { std::memcpy(to, &from, sizeof from); }
 
+GAINROOM_INLINE double sum_of(const Four& a) {
+    double parts[4];
+    put(parts, a);
+    return (parts[0] + parts[1]) + (parts[2] + parts[3]);
+}
+
 // So many numbers are `count`, and those beside them up to whole fours.
 constexpr std::size_t fours(std::size_t count) { return (count + 3) / 4 * 4; }
+
+GAINROOM_INLINE double scalar_product(const double* a, const double* b, std::size_t count) {
+    const double nothing[4] = {};
+    Four chains = four(nothing);  // one alone would wait for its own result
+    std::size_t k = 0;
+    for (; k + 4 <= count; k += 4) chains += four(a + k) * four(b + k);
+    double rest = 0.0;
+    for (; k < count; k++) rest += a[k] * b[k];
+    return sum_of(chains) + rest;
+}
+
+GAINROOM_INLINE void subtract(double* from, double factor, const double* what, std::size_t count) {
+    std::size_t k = 0;
+    for (; k + 4 <= count; k += 4) put(from + k, four(from + k) - factor * four(what + k));
+    for (; k < count; k++) from[k] -= factor * what[k];
+}
+
+// The same with what stands beside them, up to whole fours.
+GAINROOM_INLINE void subtract_fours(double* from, double factor, const double* what, std::size_t count) {
+    for (std::size_t k = 0; k < count; k += 4) put(from + k, four(from + k) - factor * four(what + k));
+}
 
 }  // namespace gainroom

@@ -142,6 +142,20 @@ public:
         return highest;
     }
 
+    // Of the factor g, the strongest control relative to the motor's inertia.
+    double strongest(double omega, double gain) const {
+        Actuation last{};
+        std::size_t before = 0;  // as in `at`
+        double most = 0.0;
+        for (std::size_t i = 0; i < joints_.size(); i++) {
+            if (first_[i] < i) continue;
+            if (i == 0 || !same_drive(joints_[i], joints_[before])) last = actuation(joints_[i], omega);
+            before = i;
+            most = std::max(most, std::abs(applied(i, omega, gain, last).value) / (joints_[i].motor_inertia * omega * omega));
+        }
+        return most;
+    }
+
     // The strongest joint's acceleration per unit of command, far above its resonance.
     double strongest(double omega) const {
         double most = 0.0;

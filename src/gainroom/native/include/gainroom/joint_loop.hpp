@@ -43,7 +43,7 @@ public:
 
     bool clear_below(const double* w, TrackedCrossing& crossing, double& work) override {
         work += kBeside;
-        return neighbours_.clear(w, crossing, follower_.beside(w, crossing, work));
+        return neighbours_.clear(w, crossing, follower_.beside(w, crossing, work), work);
     }
     bool start_below(int which, TrackedCrossing& trial) override { return neighbours_.start(which, trial); }
 
@@ -102,12 +102,7 @@ public:
 
     double top(const double*, double gain, double from) override {
         double omega = from;
-        for (int k = 0; k < 100; k++, omega *= 1.3) {
-            double strongest = 0.0;
-            for (std::size_t i = 0; i < laws_.size(); i++)
-                strongest = std::max(strongest, std::abs(laws_.control(i, omega, gain)) / (laws_.joint(i).motor_inertia * omega * omega));
-            if (strongest < 0.1) break;
-        }
+        for (int k = 0; k < 100 && !(laws_.strongest(omega, gain) < 0.1); k++) omega *= 1.3;
         return omega;
     }
 

@@ -18,27 +18,6 @@ namespace gainroom {
 // A held direction that is not another's combination moves the links by more than this, relative to the one that moves them most.
 constexpr double kRedundant = 1e-9;
 
-inline double scalar_product(const double* a, const double* b, std::size_t count) {
-    double sums[4] = {};
-    Four chains = four(sums);  // one alone would wait for its own result
-    std::size_t k = 0;
-    for (; k + 4 <= count; k += 4) chains += four(a + k) * four(b + k);
-    put(sums, chains);
-    for (; k < count; k++) sums[0] += a[k] * b[k];
-    return (sums[0] + sums[1]) + (sums[2] + sums[3]);
-}
-
-inline void subtract(double* from, double factor, const double* what, std::size_t count) {
-    std::size_t k = 0;
-    for (; k + 4 <= count; k += 4) put(from + k, four(from + k) - factor * four(what + k));
-    for (; k < count; k++) from[k] -= factor * what[k];
-}
-
-// The same with what stands beside them, up to whole fours.
-inline void subtract_fours(double* from, double factor, const double* what, std::size_t count) {
-    for (std::size_t k = 0; k < count; k += 4) put(from + k, four(from + k) - factor * four(what + k));
-}
-
 // Space for machines of up to `velocities` N, of which `joints` n, and `rows` c held directions. For one thread at a time.
 class LinkInertia {
 public:
@@ -94,7 +73,7 @@ public:
     std::size_t held() const { return rank_; }
 
     // Ŷᵀ (n, N), Ŷ = R⁻ᵀSᵀ without the held directions: W = ŶᵀŶ.
-    void reach(double* rows) const {
+    GAINROOM_INLINE void reach(double* rows) const {
         for (std::size_t j = 0; j < joints_; j++)
             for (std::size_t k = 0; k < velocities_; k++) rows[j * velocities_ + k] = reach_[k * across_ + j];
         for (std::size_t r = 0; r < rank_; r++)
@@ -102,10 +81,10 @@ public:
     }
 
     // R⁻ᵀJᵀ of one row J (N) without the held directions; its size with them.
-    double carry(const double* row, double* image) const {
+    GAINROOM_INLINE double carry(const double* row, double* image) const {
         const std::size_t size = velocities_;
         for (std::size_t k = 0; k < size; k++) image[k] = row[k];
-        back_substitute<subtract>(image, 1);
+        back_substitute<false>(image, 1);
         const double whole = std::sqrt(scalar_product(image, image, size));
         for (std::size_t r = 0; r < rank_; r++) subtract(image, scalar_product(image, &held_[r * stride_], size), &held_[r * stride_], size);
         return whole;
@@ -119,13 +98,15 @@ public:
 
 private:
     // R⁻ᵀ of `count` rows, in place: one after the other each would wait for itself.
-    template <void (*take)(double*, double, const double*, std::size_t)>
-    void back_substitute(double* rows, std::size_t count) const {
+    template <bool padded>
+    GAINROOM_INLINE void back_substitute(double* rows, std::size_t count) const {
         for (std::size_t k = velocities_; k-- > 0;)
             for (std::size_t r = 0; r < count; r++) {
                 double* row = rows + r * stride_;
                 row[k] *= pivots_[k];
-                if (row[k] != 0.0) take(row, row[k], &root_[k * stride_], k);
+                if (row[k] == 0.0) continue;
+                if (padded) subtract_fours(row, row[k], &root_[k * stride_], k);
+                else subtract(row, row[k], &root_[k * stride_], k);
             }
     }
 
@@ -151,7 +132,7 @@ private:
         const std::size_t size = stride_;
         for (std::size_t r = 0; r < count; r++)
             for (std::size_t k = 0; k < size; k++) held_[r * size + k] = k < velocities_ ? rows[r * velocities_ + k] : 0.0;
-        back_substitute<subtract_fours>(held_.data(), count);
+        back_substitute<true>(held_.data(), count);
         double largest = 0.0;
         for (std::size_t r = 0; r < count; r++) {
             const double* row = &held_[r * size];
@@ -193,12 +174,12 @@ private:
     }
 
     // The lower triangle of `inverse` gets sign · Σ rowᵀ row over `count` rows of joints.
-    void add_squares(double* inverse, const double* rows, std::size_t count, double sign) const {
+    GAINROOM_INLINE void add_squares(double* inverse, const double* rows, std::size_t count, double sign) const {
         for (std::size_t i = 0; i < joints_; i++) add_product(inverse + i * joints_, i + 1, rows + i, across_, rows, count, sign);
     }
 
     // `sums`, with those beside them up to whole fours, get sign · Σ_k factor_k row_k over `count` rows of joints; factors lie `apart`.
-    void add_product(double* sums, std::size_t end, const double* factors, std::size_t apart, const double* rows, std::size_t count,
+    GAINROOM_INLINE void add_product(double* sums, std::size_t end, const double* factors, std::size_t apart, const double* rows, std::size_t count,
                      double sign) const {
         std::size_t j = 0;
         for (; j < end && j + 4 <= joints_; j += 4) {

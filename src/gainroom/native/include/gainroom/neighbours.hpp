@@ -25,23 +25,13 @@ public:
         : laws_(laws), size_(laws.size()), used_(std::min(NearPencil::kMost, size_)), values_(size_), modes_(used_ * size_), kept_(modes_),
           moved_(size_), trial_(size_), factor_(size_) {}
 
-    // Whether nothing beside `crossing`, which has been followed to W, is unstable at factors a little below it. `factor`: of its matrix, nearly.
-    bool clear(const double* w, TrackedCrossing& crossing, const SymmetricFactor& factor) {
-        if (used_ < 2) return true;
-        laws_.at(crossing.omega, crossing.gain, values_.data());
-        at_ = &crossing;
-        if (!find_modes(crossing, factor) || !project(w, true)) return false;
-        if (!is_clear_here(w, crossing)) return false;
-        const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
-        if (next > kApart * far) return clear_for(crossing, next - kApart * far);
-        const double least = std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain;
-        for (int look = 0; look < kLooks; look++) {
-            if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_))
-                return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin());
-            if (!is_stable(w)) return false;
-            pencil_.narrow(kCloser * std::abs(peak_.root));  // it may have hidden one that is nearer
-        }
-        return false;
+    // Whether nothing beside `crossing`, which has been followed to W, is unstable at factors a little below it. `factor`: of its matrix, nearly;
+    // `work` grows where looks are needed, in slices of a PhaseSweep.
+    bool clear(const double* w, TrackedCrossing& crossing, const SymmetricFactor& factor, double& work) {
+        looked_ = 0;
+        const bool found = clear(w, crossing, factor);
+        work += kLook * looked_;
+        return found;
     }
 
     // Where the loop loses stability below the crossing (0) and where it has it back (1), after `clear` has said no: a start.
@@ -69,7 +59,27 @@ private:
     static constexpr double kCloser = 0.8;
     static constexpr int kSettling = 8;                  // steps to a root, each of which squares its error
     static constexpr double kSettled = 0.01;             // of its distance to the boundary
+    static constexpr double kLook = 1.0;                 // work of each
     static constexpr double kNear = 0.05;                // of ω: roots farther away are none that the span tells of
+
+    bool clear(const double* w, TrackedCrossing& crossing, const SymmetricFactor& factor) {
+        if (used_ < 2) return true;
+        laws_.at(crossing.omega, crossing.gain, values_.data());
+        at_ = &crossing;
+        if (!find_modes(crossing, factor) || !project(w, true)) return false;
+        if (!is_clear_here(w, crossing)) return false;
+        const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
+        if (next > kApart * far) return clear_for(crossing, next - kApart * far);
+        const double least = std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain;
+        for (int look = 0; look < kLooks; look++) {
+            looked_++;
+            if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_))
+                return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin());
+            if (!is_stable(w)) return false;
+            pencil_.narrow(kCloser * std::abs(peak_.root));  // it may have hidden one that is nearer
+        }
+        return false;
+    }
 
     Complex* mode(std::size_t k) { return &modes_[k * size_]; }
 
@@ -172,6 +182,7 @@ private:
     // Whether roots at the peak are stable after all: the laws and the modes are those there, not a straight line from the crossing.
     bool is_stable(const double* w) {
         kept_ = modes_;
+        looked_++;
         laws_.at(at_->omega + peak_.root.real(), at_->gain + peak_.by, values_.data());
         factor_.factor(w, values_.data());
         bool known = true;
@@ -201,6 +212,7 @@ private:
             omega += off.real();
             if (!(std::fabs(omega - at_->omega) < kNear * at_->omega)) return std::isfinite(omega);
             off = Complex(0.0, off.imag());
+            looked_++;
             laws_.at(omega, at_->gain + peak_.by, values_.data());
             for (std::size_t i = 0; i < size_; i++) values_[i].beta += times(off, values_[i].beta_omega);
             factor_.factor(w, values_.data());
@@ -235,6 +247,7 @@ private:
     SymmetricFactor factor_;
     NearPencil pencil_, span_;  // at the crossing, and at the peak
     NearPencil::Peak peak_;
+    int looked_ = 0;  // for peaks and at single roots
     const TrackedCrossing* at_ = nullptr;
 };
 

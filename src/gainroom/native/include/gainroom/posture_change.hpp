@@ -30,9 +30,7 @@ public:
                 for (std::size_t k = 0; k < n; k++) square += change_[i * stride_ + k] * four(&change_[k * stride_ + j]);
                 sums += square * square;
             }
-        double found[4];
-        put(found, sums);
-        return std::sqrt(std::sqrt((found[0] + found[1]) + (found[2] + found[3])));
+        return std::sqrt(std::sqrt(sum_of(sums)));
     }
 
 private:

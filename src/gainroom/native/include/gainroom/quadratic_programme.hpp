@@ -8,7 +8,7 @@
 #include <limits>
 #include <vector>
 
-#include "link_inertia.hpp"
+#include "four.hpp"
 
 namespace gainroom {
 

@@ -9,6 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "four.hpp"
+
 namespace gainroom {
 
 // By rows.
@@ -65,7 +67,7 @@ public:
 
     // Rows count as independent while what they add to those before, the largest first, is above `least` and above `share` of the largest.
     // Takes no memory where a matrix as large has been there before.
-    void find(const Real& a, double share, double least = 0.0) {
+    GAINROOM_WIDE void find(const Real& a, double share, double least = 0.0) {
         l_ = a;
         mirrors_.clear(std::min(a.rows, a.columns), a.columns);
         order_.resize(a.rows);
@@ -83,17 +85,17 @@ public:
     double largest() const { return largest_; }  // row's size
 
     // Column k of Q (n): up to the rank they span the rows of A, from there on what is at right angles to them.
-    void direction(std::size_t k, double* axis) const {
+    GAINROOM_INLINE void direction(std::size_t k, double* axis) const {
         std::fill(axis, axis + l_.columns, 0.0);
         axis[k] = 1.0;
         reflect_back(axis);
     }
 
     // `row` (n) in the columns of Q.
-    void turn(double* row) const {
+    GAINROOM_INLINE void turn(double* row) const {
         for (std::size_t k = 0; k < rank_; k++) reflect(row, k);
     }
-    void turn_back(double* row) const { reflect_back(row); }
+    GAINROOM_INLINE void turn_back(double* row) const { reflect_back(row); }
 
     // A⁺ transposed, (m, n).
     Real inverse_turned() {
@@ -114,12 +116,11 @@ public:
 
 private:
     // Brings the row with the most left from column k on to place k; how much that is.
-    double bring_largest(std::size_t k) {
+    GAINROOM_INLINE double bring_largest(std::size_t k) {
         std::size_t found = k;
         double most = -1.0;
         for (std::size_t i = k; i < l_.rows; i++) {
-            double square = 0.0;
-            for (std::size_t j = k; j < l_.columns; j++) square += l_.row(i)[j] * l_.row(i)[j];
+            const double square = scalar_product(l_.row(i) + k, l_.row(i) + k, l_.columns - k);
             if (square > most) most = square, found = i;
         }
         if (found != k) {
@@ -130,7 +131,7 @@ private:
     }
 
     // Turns row k, of `size` from column k on, into the k-th axis, and the rows after it alike.
-    void mirror(std::size_t k, double size) {
+    GAINROOM_INLINE void mirror(std::size_t k, double size) {
         const std::size_t n = l_.columns;
         double* row = l_.row(k);
         const double head = row[k] > 0 ? -size : size, scale = 1 / std::sqrt(size * (size + std::fabs(row[k])));
@@ -142,14 +143,12 @@ private:
         for (std::size_t i = k + 1; i < l_.rows; i++) reflect(l_.row(i), k);
     }
 
-    void reflect(double* row, std::size_t k) const {
+    GAINROOM_INLINE void reflect(double* row, std::size_t k) const {
         const double* axis = mirrors_.row(k);
-        double sum = 0.0;
-        for (std::size_t j = k; j < l_.columns; j++) sum += axis[j] * row[j];
-        for (std::size_t j = k; j < l_.columns; j++) row[j] -= sum * axis[j];
+        subtract(row + k, scalar_product(axis + k, row + k, l_.columns - k), axis + k, l_.columns - k);
     }
 
-    void reflect_back(double* row) const {
+    GAINROOM_INLINE void reflect_back(double* row) const {
         for (std::size_t k = rank_; k-- > 0;) reflect(row, k);
     }
 
@@ -181,7 +180,7 @@ struct RowSpace::Tall {
     std::vector<double> row;
 };
 
-inline void RowSpace::inverse_within(Real& inner) {
+GAINROOM_WIDE inline void RowSpace::inverse_within(Real& inner) {
     inner.clear(l_.rows, rank_);
     if (l_.rows == rank_) {
         triangle(inner);

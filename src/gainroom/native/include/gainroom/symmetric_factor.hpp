@@ -131,7 +131,7 @@ public:
 
 private:
     // Entry (j, k) of L, j > k.
-    Complex lower(std::size_t k, std::size_t j) const { return {re_[k * stride_ + j], im_[k * stride_ + j]}; }
+    GAINROOM_INLINE Complex lower(std::size_t k, std::size_t j) const { return {re_[k * stride_ + j], im_[k * stride_ + j]}; }
 
     static Complex square(double re, double im) { return {re * re - im * im, 2 * re * im}; }
 
@@ -145,10 +145,7 @@ private:
             whole_re += real * u - imaginary * v;
             whole_im += real * v + imaginary * u;
         }
-        double sums[8];
-        put(sums, whole_re);
-        put(sums + 4, whole_im);
-        return {(sums[0] + sums[1]) + (sums[2] + sums[3]), (sums[4] + sums[5]) + (sums[6] + sums[7])};
+        return {sum_of(whole_re), sum_of(whole_im)};
     }
 
     // L⁻¹ row by row, into `work` and to `use(k, re, im)`: of row k the first k + 1.
@@ -184,7 +181,7 @@ private:
     }
 
     // Entries from `first` to before `end` of a row, and others with them up to whole fours: take `factor` times another row.
-    static inline void subtract(double* to_re, double* to_im, const double* re, const double* im, Complex factor, std::size_t first,
+    GAINROOM_INLINE static void subtract(double* to_re, double* to_im, const double* re, const double* im, Complex factor, std::size_t first,
                                 std::size_t end) {
         const double a = factor.real(), b = factor.imag();
         for (std::size_t j = first / 4 * 4; j < end; j += 4) {
@@ -194,7 +191,7 @@ private:
         }
     }
 
-    static inline void scale(double* re, double* im, Complex factor, std::size_t first, std::size_t end) {
+    GAINROOM_INLINE static void scale(double* re, double* im, Complex factor, std::size_t first, std::size_t end) {
         const double a = factor.real(), b = factor.imag();
         for (std::size_t j = first / 4 * 4; j < end; j += 4) {
             const Four x = four(re + j), y = four(im + j);

@@ -75,7 +75,7 @@ private:
     static constexpr double kAdds = 1e-8;  // of a direction's size, what it has to add to those before it
 
     // J^(−½) Q R_v Qᵀ J^(−½).
-    void spread_damping(const double* q, const double* damped, double* found) {
+    GAINROOM_INLINE void spread_damping(const double* q, const double* damped, double* found) {
         const std::size_t n = laws_.size(), r = rank_;
         double* row = shares_.data();
         for (std::size_t i = 0; i < n; i++) {
@@ -85,7 +85,7 @@ private:
         }
     }
 
-    bool fill(const LinkInertia& links, double* gains) {
+    GAINROOM_WIDE bool fill(const LinkInertia& links, double* gains) {
         if (!motion_.compute(links, jacobians_.data())) return false;
         const std::size_t n = laws_.size(), r = rank_, m = motion_.directions();
         const Real &e = motion_.jacobian(), &x = motion_.torque();
@@ -115,7 +115,7 @@ private:
     }
 
     // The columns of E (n, m), one after the other, without those before. Where there are more than joints, those that add something.
-    void orthonormal(const Real& e, double* q) {
+    GAINROOM_INLINE void orthonormal(const Real& e, double* q) {
         const std::size_t n = e.rows, m = e.columns, r = rank_;
         std::fill(q, q + n * r, 0.0);
         double largest = 0.0;
@@ -137,7 +137,7 @@ private:
     }
 
     // Of n entries, `stride` apart.
-    double size(const double* values, std::size_t stride) const {
+    GAINROOM_INLINE double size(const double* values, std::size_t stride) const {
         double sum = 0.0;
         for (std::size_t i = 0; i < laws_.size(); i++) sum += values[i * stride] * values[i * stride];
         return std::sqrt(sum);

@@ -64,13 +64,13 @@ public:
 
 private:
     // Rows of `rank` numbers as rows of whole fours.
-    void in_fours(const double* rows, std::size_t count, double* to) const {
+    GAINROOM_INLINE void in_fours(const double* rows, std::size_t count, double* to) const {
         for (std::size_t i = 0; i < count; i++)
             for (std::size_t k = 0; k < rank_; k++) to[i * stride_ + k] = rows[i * rank_ + k];
     }
 
     // Solutions of (W + diag β) V = diag(1/outer) Q, or with diag(h) Q in place of Q.
-    void spread(Dense& found, bool driven) const {
+    GAINROOM_INLINE void spread(Dense& found, bool driven) const {
         for (std::size_t i = 0; i < size_; i++) {
             Complex scale = over(1.0, values_[i].outer);
             if (driven) scale = times(scale, values_[i].drive);
@@ -83,7 +83,7 @@ private:
     }
 
     // Row i of `to` becomes, or grows by, that of Q times a and that of V times b.
-    void combine(std::size_t i, Complex a, Complex b, Dense& to, bool more = false) const {
+    GAINROOM_INLINE void combine(std::size_t i, Complex a, Complex b, Dense& to, bool more = false) const {
         for (std::size_t k = i * stride_; k < (i + 1) * stride_; k += 4) {
             const Four q = four(&q_[k]), x = four(&left_.re[k]), y = four(&left_.im[k]);
             Four re = a.real() * q + (b.real() * x - b.imag() * y), im = a.imag() * q + (b.real() * y + b.imag() * x);
@@ -97,7 +97,7 @@ private:
     }
 
     // Row i of `to` times `factor`, and Q's times `alias`.
-    void drive(std::size_t i, Complex factor, Complex alias, Dense& to) const {
+    GAINROOM_INLINE void drive(std::size_t i, Complex factor, Complex alias, Dense& to) const {
         to.scale(i, factor, 0);
         for (std::size_t k = i * stride_; k < (i + 1) * stride_; k++) {
             to.re[k] += alias.real() * q_[k];
@@ -106,7 +106,7 @@ private:
     }
 
     // S = Qᵀ diag … Q from its parts, joint by joint; and its slope.
-    void see(bool slopes) {
+    GAINROOM_INLINE void see(bool slopes) {
         const Dense& right = alike_ ? left_ : right_;
         for (std::size_t k = 0; k < rank_; k++)
             for (std::size_t l = 0; l < stride_; l += 4) {
@@ -130,7 +130,7 @@ private:
     }
 
     // Drives that are alike scale the mobility of the whole, to which aliases add.
-    void drive_all(bool slopes) {
+    GAINROOM_INLINE void drive_all(bool slopes) {
         const OpenValue& drive = values_[0];
         for (std::size_t k = 0; k < rank_ * stride_; k++) {
             const Complex seen(seen_.re[k], seen_.im[k]), driven = times(seen, drive.drive);
@@ -150,7 +150,7 @@ private:
     }
 
     // Row k of `to` grows by `factor` times a real row.
-    void add(Dense& to, std::size_t k, Complex factor, const double* row) const {
+    GAINROOM_INLINE void add(Dense& to, std::size_t k, Complex factor, const double* row) const {
         double *re = &to.re[k * stride_], *im = &to.im[k * stride_];
         for (std::size_t l = 0; l < stride_; l += 4) {
             put(re + l, four(re + l) + factor.real() * four(row + l));
@@ -159,7 +159,7 @@ private:
     }
 
     // M = S (R_p + δ R_v) and its slope, from S.
-    void close(double omega, bool slopes) {
+    GAINROOM_INLINE void close(double omega, bool slopes) {
         const double step = laws_.sample_time();
         const Complex rate = delta(omega), rate_omega = times(Complex(0.0, 1.0), 1.0 - step * rate);
         for (std::size_t k = 0; k < rank_; k++)
@@ -185,7 +185,7 @@ private:
             }
     }
 
-    void keep(std::size_t k, std::size_t l, const Four& re, const Four& im, Dense& to) const {
+    GAINROOM_INLINE void keep(std::size_t k, std::size_t l, const Four& re, const Four& im, Dense& to) const {
         double x[4], y[4];
         put(x, re);
         put(y, im);

@@ -42,7 +42,7 @@ public:
     const std::vector<std::size_t>& ranks() const { return ranks_; }
 
     // With `links` at a mass matrix and held directions, `tasks` their Jacobians (m, N), one below the other. False where a result is not finite.
-    bool compute(const LinkInertia& links, const double* tasks) {
+    GAINROOM_WIDE bool compute(const LinkInertia& links, const double* tasks) {
         reached_.clear(joints_, velocities_);
         links.reach(reached_.entries.data());
         space_.find(reached_, movable_);
@@ -80,7 +80,7 @@ public:
 
 private:
     // The next task, of `count` rows of felt_ from `start` on: force_ grows by what it asks for beside those before it.
-    void add(std::size_t start, std::size_t count, double least, std::size_t& rank) {
+    GAINROOM_INLINE void add(std::size_t start, std::size_t count, double least, std::size_t& rank) {
         const std::size_t r = force_.rows, m = directions_;
         left_.clear(count, r);
         for (std::size_t i = 0; i < count; i++) {
@@ -109,7 +109,7 @@ private:
     }
 
     // inner_ times `what`, (r, m) or `turned` (m, r); whether it is finite.
-    bool spread(const Real& what, bool turned, Real& found) const {
+    GAINROOM_INLINE bool spread(const Real& what, bool turned, Real& found) const {
         const std::size_t r = inner_.columns, m = directions_;
         found.clear(joints_, m);
         double sum = 0.0;

@@ -1,0 +1,18 @@
+// What compilers are told of processors.
+#pragma once
+
+// Loops over entries, as many at a time as the processor has room for. Products and sums stay apart: all processors have the same digits.
+// What such a loop calls has to be inlined: a call would leave these wide registers for every number.
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__)
+#define GAINROOM_WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define GAINROOM_WIDE
+#endif
+
+// Always inline, which compilers leave undone where a file is long; and a call would not know which registers the caller's processor returns
+// four numbers in.
+#if defined(__GNUC__)
+#define GAINROOM_INLINE inline __attribute__((always_inline))
+#else
+#define GAINROOM_INLINE inline
+#endif
