@@ -151,15 +151,15 @@ class PDRegion:
         given, kd = require_finite("region", "kp", kp), require_finite("region", "kd", kd)
         values, line = np.unique(given, return_inverse=True)
         line, kd = np.broadcast_arrays(line.reshape(np.shape(given)), kd)
-        inverse, kd_flat = line.ravel(), kd.ravel()
-        inside = np.zeros(len(kd_flat), dtype=bool)
-        order = np.argsort(inverse, kind="stable")
-        bounds = np.searchsorted(inverse[order], np.arange(len(values) + 1))
+        lines = line.ravel()
+        order = slice(None) if np.all(lines[1:] >= lines[:-1]) else np.argsort(lines, kind="stable")  # line by line
+        ranked, bounds = kd.ravel()[order], np.searchsorted(lines[order], np.arange(len(values) + 1))
+        found, inside = np.zeros(len(ranked), dtype=bool), np.zeros(len(ranked), dtype=bool)
         for m, intervals in enumerate(self.columns(values)):
-            mine = order[bounds[m] : bounds[m + 1]]
-            ends = intervals.ravel()
-            place = np.searchsorted(ends, kd_flat[mine])
-            inside[mine] = (place % 2 == 1) & (kd_flat[mine] != ends[np.minimum(place, len(ends) - 1)] if len(ends) else False)
+            mine, ends = slice(bounds[m], bounds[m + 1]), intervals.ravel()
+            place = np.searchsorted(ends, ranked[mine])
+            found[mine] = (place % 2 == 1) & (ranked[mine] != ends[np.minimum(place, len(ends) - 1)] if len(ends) else False)
+        inside[order] = found
         return inside.reshape(kd.shape)
 
     def max_kd(self, kp: ArrayLike) -> Any:

@@ -400,7 +400,7 @@ class RigidTree:
         """g (N,) at posture q (nq,)."""
 
     def dynamics(self, q: Floats, frames: Floats, held: Floats, tasks: Floats) -> tuple[Floats, Floats, Floats]:
-        """Mass matrix (N, N), its upper triangle; the rows that frames (c, 13) hold, held (c, 6); those of tasks (k, 14), world axes."""
+        """Mass matrix (N, N); the rows that frames (c, 13) hold, held (c, 6); those of tasks (k, 14), world axes."""
 
 class PostureEstimate:
     """As in posture_estimate.hpp: frames (c, 13) on a link, in a pose; held (c, 6) not 0 where a direction is held."""

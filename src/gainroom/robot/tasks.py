@@ -279,13 +279,13 @@ def task_motion(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> T
     return TaskMotion([jacobian @ follow for jacobian in jacobians], torque, follow, _immovable(tasks, sizes, ranks, motions))
 
 
-def following(model: Stance) -> Floats:
-    """(N, n) P' Sᵀ W'⁺: how everything moves with the joints on the contacts, without the rotors.
+def following(inertia: Floats, held: Floats, joints: int) -> Floats:
+    """(N, n) P' Sᵀ W'⁺: how everything moves with the joints, the last n, on contacts `held` (c, N), without the rotors.
 
     Its transpose takes forces on everything to the smallest joint torques that do the same.
     """
-    motion = free_motion(model.inertia, model.contact_jacobian)
-    return motion @ _core.pseudo_inverse(model.selection @ motion, MOVABLE)
+    motion = free_motion(inertia, held)
+    return motion @ _core.pseudo_inverse(motion[len(inertia) - joints :], MOVABLE)
 
 
 def _immovable(tasks: Sequence[Task], sizes: Sequence[int], ranks: Sequence[int], motions: int) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from ..native import _core
 from ..robot.body import RigidBody
 from ..robot.contact import REDUNDANT, Contact, contact_jacobian
 from ..robot.rigid_tree import held_frames, rigid_tree, tree_tasks
-from ..robot.tasks import Task, TaskPPI, Tasks, following, task_motion, tasks_of
+from ..robot.tasks import MOVABLE, Task, TaskPPI, Tasks, following, tasks_of
 from ..system.assembly import controller_state
 from ..system.controller import PD, PPI, Controller
 from ..system.linear.arrays import Floats
@@ -104,9 +104,9 @@ class PostureEstimate:
         self._held = self._base == 0 or (len(base) > 0 and np.linalg.matrix_rank(base, tol=1e-6) == self._base)
         self._running = _core.PostureEstimate(rigid_tree(body), *held_frames(body, contacts), self.q)
 
-    def renew(self, stance: BodyStance, follow: Floats) -> None:
-        """Take Y = `follow` (N, n) and the contact Jacobian from now on."""
-        back = _core.pseudo_inverse(stance.contact_jacobian, REDUNDANT)
+    def renew(self, held: Floats, follow: Floats) -> None:
+        """Take the contact Jacobian `held` (c, N) and Y = `follow` (N, n) from now on."""
+        back = _core.pseudo_inverse(held, REDUNDANT)
         self._running.renew(back - follow @ back[self._base :], None if self._held else follow[: self._base])
 
     def update(self, positions: Floats) -> Floats:
@@ -146,13 +146,13 @@ class WholeBodyControl:
     ):
         if control.sample_time is None:
             raise GainroomError("control: the simulation runs a sampled controller; give sample_rate_hz")
-        self._body, self._motor_inertia, self._contacts = body, motor_inertia, tuple(contacts)
-        self._control, self._stack = control, tuple(stack) if control.space == "task" else ()
+        self._body, self._control, self._stack = body, control, tuple(stack) if control.space == "task" else ()
         self._gravity, self._gain = gravity, gain
         self._refresh, self._age = require_count("simulation", "refresh", refresh, 1), 0
         self._estimate = PostureEstimate(body, contacts, start)
-        self._tree = rigid_tree(body)
-        stance = self._stance()
+        self._tree, self._frames, self._readings = rigid_tree(body), held_frames(body, contacts), tree_tasks(body, self._stack)
+        self._rotors = np.diag(np.concatenate([np.zeros(body.nv - body.size), motor_inertia if control.rotors else np.zeros(body.size)]))
+        stance = stance_of(body, self._estimate.q, motor_inertia, tuple(contacts))
         self._tasks: Tasks | None = tasks_of(stance, self._stack, control.rotors) if self._stack else None
         self._renew()
         self._values = values_of(body, self._stack, self._estimate.q)
@@ -190,15 +190,14 @@ class WholeBodyControl:
 
     def _renew(self) -> None:
         """Jacobians and inertia of the present posture."""
-        self._age, stance = 1, self._stance()
-        if self._stack:
-            _, self._torque, self._follow, _ = task_motion(stance, self._stack, self._control.rotors)
+        self._age, joints = 1, self._body.size
+        inertia, held, rows = self._tree.dynamics(self._estimate.q, *self._frames, self._readings)
+        if self._tasks:
+            sizes = np.bincount(self._tasks.owners).tolist()
+            self._follow, self._torque, _, _ = _core.task_motion(inertia + self._rotors, held, rows, sizes, joints, MOVABLE)
         else:
-            self._torque, self._follow = None, following(stance)
-        self._estimate.renew(stance, self._follow)
-
-    def _stance(self) -> BodyStance:
-        return stance_of(self._body, self._estimate.q, self._motor_inertia, self._contacts)
+            self._follow, self._torque = following(inertia, held, joints), None
+        self._estimate.renew(held, self._follow)
 
     def _law(self) -> Any:
         """D(z) of the channels."""

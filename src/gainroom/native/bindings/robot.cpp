@@ -58,6 +58,8 @@ static nb::tuple dynamics(const RigidTree& tree, const Vector& q, const Matrix& 
     const auto readings = task_readings(tree, tasks);
     std::vector<double> mass(size * size), rows(gainroom::kTwist * contacts.size() * size), more((tree.joints() + 3) * readings.size() * size);
     body.mass_matrix(mass.data());
+    for (std::size_t i = 0; i < size; i++)
+        for (std::size_t j = 0; j < i; j++) mass[i * size + j] = mass[j * size + i];
     double *end = rows.data(), *last = more.data();
     for (const auto& one : contacts) end = body.write(one, end);
     for (const auto& one : readings) last = body.write(one, last);

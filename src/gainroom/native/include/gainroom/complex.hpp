@@ -40,6 +40,13 @@ GAINROOM_INLINE Complex over(Complex a, Complex b) {
     return times(a, {b.real() * scale, -b.imag() * scale});
 }
 
+// |a|, of numbers whose squares are within range, and of any.
+GAINROOM_INLINE double size_of(Complex a) { return std::sqrt(std::norm(a)); }
+GAINROOM_INLINE double size_of_any(Complex a) {
+    const double square = std::norm(a);
+    return square > 1e-280 && square < 1e280 ? std::sqrt(square) : std::abs(a);
+}
+
 // `angle` in (−π, π].
 inline double wrapped(double angle) { return angle - 2 * kPi * std::ceil((angle - kPi) / (2 * kPi)); }
 

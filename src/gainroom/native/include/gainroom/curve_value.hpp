@@ -11,7 +11,7 @@
 
 namespace gainroom {
 
-inline double log_size(Complex value) { return std::log(std::max(std::abs(value), 1e-300)); }
+inline double log_size(Complex value) { return std::log(std::max(size_of_any(value), 1e-300)); }
 inline Complex log_of_minus(Complex value) { return {log_size(value), std::arg(-value)}; }
 inline Complex return_ratio(Complex sensitivity) { return over(1.0, sensitivity == 0.0 ? Complex(1e-300) : sensitivity) - 1.0; }
 
@@ -124,9 +124,9 @@ private:
             }
             const Complex found = quotient(x, y);
             if (!std::isfinite(found.real()) || !std::isfinite(found.imag())) return false;
-            const double moved = std::abs(found - value);
+            const double moved = size_of_any(found - value);
             value = found;
-            if (moved <= kCubed * std::abs(value)) break;
+            if (moved <= kCubed * size_of_any(value)) break;
         }
         return true;
     }
@@ -171,7 +171,7 @@ private:
 
     void normalise(Complex* vector) const {
         double size = 0.0;
-        for (std::size_t i = 0; i < m_; i++) size = std::max(size, std::abs(vector[i]));
+        for (std::size_t i = 0; i < m_; i++) size = std::max(size, size_of_any(vector[i]));
         for (std::size_t i = 0; i < m_ && size > 0; i++) vector[i] /= size;
     }
 

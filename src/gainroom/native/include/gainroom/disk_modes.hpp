@@ -41,7 +41,7 @@ struct DiskModes {
     }
     double fastest() const {
         double most = 0.0;
-        for (const Complex pole : poles) most = std::max(most, std::abs(pole));
+        for (const Complex pole : poles) most = std::max(most, size_of_any(pole));
         return most > 0 ? most : 1.0;
     }
     double last() const { return step == 0 ? std::numeric_limits<double>::infinity() : kPi / step; }
@@ -82,7 +82,7 @@ public:
         for (std::size_t k = 0; k < m_; k++) {
             const Complex pole = modes.poles[k], z = 1.0 + modes.step * pole;
             center_[k] = modes.step == 0 ? pole.imag() : std::arg(z) / modes.step;
-            across_[k] = modes.step == 0 ? std::fabs(pole.real()) : std::fabs(1 - std::abs(z)) / modes.step;
+            across_[k] = modes.step == 0 ? std::fabs(pole.real()) : std::fabs(1 - size_of_any(z)) / modes.step;
             for (std::size_t i = 0; i < n_; i++) out_[k * n_ + i] = std::norm(modes.out[k * n_ + i]);
             for (std::size_t i = 0; i < n_; i++) into_.push_back(modes.into[k * n_ + i].real());
             for (std::size_t i = 0; i < n_; i++) into_.push_back(modes.into[k * n_ + i].imag());

@@ -38,7 +38,9 @@ inline Complex value_at(const Factors& system, double delay, double sample_time,
         }
     }
     if (slope != nullptr) *slope = (sample_time > 0 ? times(terms, std::exp(s * sample_time)) : terms) - delay;
-    return delay > 0 ? times(value, std::exp(-s * delay)) : value;
+    if (!(delay > 0)) return value;
+    const double turned = s.imag() * delay;
+    return times(value, std::exp(-s.real() * delay) * Complex(std::cos(turned), -std::sin(turned)));
 }
 
 }  // namespace gainroom

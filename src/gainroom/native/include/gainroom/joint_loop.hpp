@@ -43,7 +43,7 @@ public:
 
     bool clear_below(const double* w, TrackedCrossing& crossing, double& work) override {
         work += kBeside;
-        return neighbours_.clear(w, crossing, follower_.beside(w, crossing, work), work);
+        return neighbours_.clear(w, crossing, follower_.beside(w, crossing, work));
     }
     bool start_below(int which, TrackedCrossing& trial) override { return neighbours_.start(which, trial); }
 

@@ -60,13 +60,9 @@ public:
         for (std::size_t r = 0; r < rank_; r++) add_product(&taken_[r * across_], joints_, &held_[r * stride_], 1, reach_.data(), size, 1.0);
         for (std::size_t k = 0; k < joints_ * joints_; k++) inverse[k] = free_[k];
         add_squares(inverse, taken_.data(), rank_, -1.0);
-        double sum = 0.0;
         for (std::size_t i = 0; i < joints_; i++)
-            for (std::size_t j = 0; j <= i; j++) {
-                inverse[j * joints_ + i] = inverse[i * joints_ + j];
-                sum += inverse[i * joints_ + j];
-            }
-        return std::isfinite(sum);
+            for (std::size_t j = 0; j < i; j++) inverse[j * joints_ + i] = inverse[i * joints_ + j];
+        return std::isfinite(scalar_product(inverse, inverse, joints_ * joints_));
     }
 
     // How many of the rows are held that are no combination of others.
@@ -182,13 +178,22 @@ private:
     GAINROOM_INLINE void add_product(double* sums, std::size_t end, const double* factors, std::size_t apart, const double* rows, std::size_t count,
                      double sign) const {
         std::size_t j = 0;
-        for (; j < end && j + 4 <= joints_; j += 4) {
-            Four sum = four(sums + j);
-            for (std::size_t k = 0; k < count; k++) sum += (sign * factors[k * apart]) * four(rows + k * across_ + j);
-            put(sums + j, sum);
-        }
+        for (; j < end && j + 12 <= joints_; j += 12) add_fours<3>(sums + j, factors, apart, rows + j, count, sign);
+        for (; j < end && j + 4 <= joints_; j += 4) add_fours<1>(sums + j, factors, apart, rows + j, count, sign);
         for (; j < end; j++)
             for (std::size_t k = 0; k < count; k++) sums[j] += sign * factors[k * apart] * rows[k * across_ + j];
+    }
+
+    // Several at once: one alone would wait for its own sum.
+    template <std::size_t many>
+    GAINROOM_INLINE void add_fours(double* sums, const double* factors, std::size_t apart, const double* rows, std::size_t count, double sign) const {
+        Four sum[many];
+        for (std::size_t m = 0; m < many; m++) sum[m] = four(sums + 4 * m);
+        for (std::size_t k = 0; k < count; k++) {
+            const double factor = sign * factors[k * apart];
+            for (std::size_t m = 0; m < many; m++) sum[m] += factor * four(rows + k * across_ + 4 * m);
+        }
+        for (std::size_t m = 0; m < many; m++) put(sums + 4 * m, sum[m]);
     }
 
     std::size_t velocities_, joints_, most_, stride_, across_;  // of rows of velocities and of joints: whole fours

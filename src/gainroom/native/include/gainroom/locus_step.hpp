@@ -26,7 +26,7 @@ struct Loci {
     void describe() {
         for (auto* one : {&sizes, &angles, &returned}) one->reserve(values.size());
         for (const Complex& value : values) {
-            sizes.push_back(std::log(std::max(std::abs(value), 1e-150)));
+            sizes.push_back(std::log(std::max(size_of_any(value), 1e-150)));
             angles.push_back(std::arg(value));
             returned.push_back(std::arg(1.0 + value));
         }
@@ -100,7 +100,7 @@ inline bool may_exchange(const Loci& before, const Loci& after, const std::vecto
             for (double& one : size) one = std::fabs(one);
             for (double& one : angle) one = std::fabs(one);
             if (!may_cross(sizes, angle, phase) && !may_cross(angles, size, factor)) continue;
-            const double straight = std::abs(to - from) + std::abs(next - other), swapped = std::abs(next - from) + std::abs(to - other);
+            const double straight = size_of_any(to - from) + size_of_any(next - other), swapped = size_of_any(next - from) + size_of_any(to - other);
             if (swapped < kTold * straight) return true;
         }
     return false;

@@ -252,7 +252,7 @@ private:
     // What crosses beside one that others were polished to before, and is not yet among those; not `found` where nothing is.
     MovingMargin other(const MovingMargin& twice, const std::vector<MovingMargin>& before, bool axis, const DirectedGains& gains) {
         for (const Complex& value : loci_beside(twice, gains, kApart)) {
-            if (std::abs(value - twice.value) <= kEqual * std::abs(value)) continue;
+            if (size_of_any(value - twice.value) <= kEqual * size_of_any(value)) continue;
             MovingMargin twin = polished(starting(twice, value), axis, gains, kUseful, kFew, true);
             if (twin.found && !among(before, twin)) return twin;
         }
@@ -261,7 +261,7 @@ private:
 
     static bool among(const std::vector<MovingMargin>& all, const MovingMargin& one) {
         return std::any_of(all.begin(), all.end(), [&](const MovingMargin& each) {
-            return std::fabs(each.omega - one.omega) <= kEqual * one.omega && std::abs(each.value - one.value) <= kEqual * std::abs(one.value);
+            return std::fabs(each.omega - one.omega) <= kEqual * one.omega && size_of_any(each.value - one.value) <= kEqual * size_of_any(one.value);
         });
     }
 
@@ -274,7 +274,7 @@ private:
         std::vector<Complex> law(m_), values(m_);
         loop_.law(point, gains, law.data());
         if (!samples_.solver().eigenvalues(point, law.data(), values.data())) return {};
-        const auto far = [&](Complex value) { return std::abs(value - one.value) > within * std::abs(one.value); };
+        const auto far = [&](Complex value) { return size_of_any(value - one.value) > within * size_of_any(one.value); };
         values.erase(std::remove_if(values.begin(), values.end(), far), values.end());
         const auto nearer = [&](Complex a, Complex b) { return std::norm(a - one.value) < std::norm(b - one.value); };
         std::sort(values.begin(), values.end(), nearer);
@@ -312,7 +312,7 @@ private:
             if (rest == nullptr || lower == nullptr || blurred(*lower) > kBlur) return;
             for (std::size_t i = 0; i < n_; i++) {
                 const Complex value = return_ratio(rest->sensitivity[i]), below = return_ratio(lower->sensitivity[i]);
-                const bool settled = !told[i] && std::abs(below - value) < kSettled * std::abs(value);
+                const bool settled = !told[i] && size_of_any(below - value) < kSettled * size_of_any(value);
                 rest->sensitivity[i] = settled ? over(1.0, 1.0 + (4.0 * below - value) / 3.0) : 1.0;  // what is left goes with ω²
                 told[i] |= settled;
             }
@@ -324,7 +324,7 @@ private:
                  std::vector<MovingMargin>& found) {
         for (std::size_t i = 0; i < (locus ? loci.size() : n_); i++) {
             const Complex value = locus ? loci[i] : return_ratio(sample.sensitivity[i]);
-            if (!(value.real() < 0 && std::fabs(value.imag()) < kReal * std::abs(value)) || !(std::fabs(log_size(value)) < reach)) continue;
+            if (!(value.real() < 0 && std::fabs(value.imag()) < kReal * size_of_any(value)) || !(std::fabs(log_size(value)) < reach)) continue;
             MovingMargin one;
             one.omega = sample.omega();
             one.margin = std::log(-value.real());

@@ -142,8 +142,8 @@ public:
         const std::vector<double> falling = falls();
         for (const Complex& value : rest->loci.values)
             for (std::size_t i = 0; i < m_; i++) {
-                const double settled = std::abs(samples_.front()->loci.values[i]);
-                if (std::fabs(falling[i]) < 0.5 && std::fabs(std::abs(value) - settled) < 0.1 * settled) {
+                const double settled = size_of_any(samples_.front()->loci.values[i]);
+                if (std::fabs(falling[i]) < 0.5 && std::fabs(size_of_any(value) - settled) < 0.1 * settled) {
                     found.push_back(value);
                     break;
                 }
@@ -200,7 +200,7 @@ private:
         const std::vector<std::size_t> pairs = paired(low.loci, high.loci);
         const double most = low.loci.largest();
         for (std::size_t i = 0; i < m_; i++) {
-            const double size = std::abs(low.loci.values[i]), after = std::abs(high.loci.values[pairs[i]]);
+            const double size = size_of_any(low.loci.values[i]), after = size_of_any(high.loci.values[pairs[i]]);
             if (size > std::max(1e-9, kNoise * most) && after > 0) found[i] = std::log(size / after) / std::log(high.omega() / low.omega());
         }
         return found;
@@ -232,7 +232,7 @@ private:
             bool settled = samples_[0]->omega() < slowest;
             double most = 0.0;
             for (std::size_t i = 0; i < m_; i++) {
-                const double size = std::abs(samples_[0]->loci.values[i]);
+                const double size = size_of_any(samples_[0]->loci.values[i]);
                 most = std::max(most, size);
                 settled &= std::fabs(falling[i] - std::round(falling[i])) < 0.05 && !(falling[i] > 0.5 && size < kOutside);
             }
@@ -247,7 +247,7 @@ private:
             for (std::size_t i = 0; i < m_; i++) {
                 const Complex one = 1.0 + samples_[0]->loci.values[i];
                 const double order = std::round(falling[i]);
-                unsettled |= order > 1 && std::abs(samples_[0]->loci.values[i]) < 100;
+                unsettled |= order > 1 && size_of_any(samples_[0]->loci.values[i]) < 100;
                 unsettled |= falling[i] != 0 && order == 0 && std::fabs(one.imag()) > 0.1 * std::fabs(one.real());
             }
             if (!unsettled || samples_[0]->omega() < kLowest * samples_.back()->omega()) break;
@@ -308,7 +308,7 @@ private:
             const Complex off = high.log_determinant - low.log_determinant - mean;
             const double turned = wrapped(off.imag());
             low.turned = mean.imag() + turned;
-            const bool alike = std::abs(ahead - behind) < 1.5 && std::abs(Complex(off.real(), turned)) < 1.0;
+            const bool alike = size_of_any(ahead - behind) < 1.5 && size_of_any(Complex(off.real(), turned)) < 1.0;
             return found && alike && std::fabs(mean.imag()) < 0.8 * static_cast<double>(m_);
         }
         low.pairs = paired(low.loci, high.loci);
@@ -367,7 +367,7 @@ private:
             const double order = std::max(std::round(falling[i]), 0.0);
             const Complex power = std::polar(1.0, 0.5 * kPi * order), one = 1.0 + first.loci.values[i];
             Complex own = times(first.loci.values[i], power);
-            if (std::fabs(own.imag()) < kReal * std::abs(own)) own = own.real() < 0 ? -1.0 : 1.0;
+            if (std::fabs(own.imag()) < kReal * size_of_any(own)) own = own.real() < 0 ? -1.0 : 1.0;
             turned += std::arg(times(one, order > 0 ? times(std::conj(own), power) : Complex(one.real() < 0 ? -1.0 : 1.0)));
             orders += order;
             if (std::isinf(loop_.last)) turned -= std::arg(1.0 + top.loci.values[i]);  // to infinity, where L is 0

@@ -65,9 +65,6 @@ struct Cell {
     double largest_, value_, first_, second_, plain_first_, plain_second_;
 };
 
-// |a|, of numbers whose squares are within range.
-inline double size_of(Complex a) { return std::sqrt(std::norm(a)); }
-
 // Least distance of z on the boundary between the ends of a cell from `z`, at `angle`.
 inline double distance(const Cell& cell, Complex z, double angle) {
     const double least = std::min(size_of(z - cell.start), size_of(z - cell.end));

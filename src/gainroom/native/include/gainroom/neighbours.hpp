@@ -25,13 +25,24 @@ public:
         : laws_(laws), size_(laws.size()), used_(std::min(NearPencil::kMost, size_)), values_(size_), modes_(used_ * size_), kept_(modes_),
           moved_(size_), trial_(size_), factor_(size_) {}
 
-    // Whether nothing beside `crossing`, which has been followed to W, is unstable at factors a little below it. `factor`: of its matrix, nearly;
-    // `work` grows where looks are needed, in slices of a PhaseSweep.
-    bool clear(const double* w, TrackedCrossing& crossing, const SymmetricFactor& factor, double& work) {
-        looked_ = 0;
-        const bool found = clear(w, crossing, factor);
-        work += kLook * looked_;
-        return found;
+    // Whether nothing beside `crossing`, which has been followed to W, is unstable at factors a little below it. `factor`: of its matrix, nearly.
+    bool clear(const double* w, TrackedCrossing& crossing, const SymmetricFactor& factor) {
+        if (used_ < 2) return true;
+        laws_.at(crossing.omega, crossing.gain, values_.data());
+        at_ = &crossing;
+        if (!find_modes(crossing, factor) || !project(w, true)) return false;
+        if (!is_clear_here(w, crossing)) return false;
+        const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
+        const double moves = motion(w);
+        if (next > kApart * far) return clear_for(crossing, next - kApart * far, moves);
+        const double least = std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain;
+        for (int look = 0; look < kLooks; look++) {
+            if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_))
+                return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin(), moves);
+            if (!is_stable(w)) return false;
+            pencil_.narrow(kCloser * std::abs(peak_.root));  // it may have hidden one that is nearer
+        }
+        return false;
     }
 
     // Where the loop loses stability below the crossing (0) and where it has it back (1), after `clear` has said no: a start.
@@ -54,32 +65,12 @@ private:
     static constexpr double kBend = 1.0;                // of δω²/ω: its error at δω, as laws bend over about ω
     static constexpr double kRough = 0.02;               // of δω: what modes that have been sharpened once leave
     static constexpr int kPasses = 4, kThere = 3;        // of the iteration where no modes are known, and at a peak
-    static constexpr double kMoves = 3.0, kLongest = 0.02;  // what roots move at most, in ω along the path; of the path
+    static constexpr double kMoves = 3.0, kLongest = 0.02;  // what roots are taken to move, of what they do at most; of the path
     static constexpr int kLooks = 12;                    // for peaks, each nearer to the crossing's frequency than the one before by
-    static constexpr double kCloser = 0.8;
+    static constexpr double kCloser = 0.8, kInside = 0.5;  // kInside: of these the span at the crossing tells better
     static constexpr int kSettling = 8;                  // steps to a root, each of which squares its error
     static constexpr double kSettled = 0.01;             // of its distance to the boundary
-    static constexpr double kLook = 1.0;                 // work of each
     static constexpr double kNear = 0.05;                // of ω: roots farther away are none that the span tells of
-
-    bool clear(const double* w, TrackedCrossing& crossing, const SymmetricFactor& factor) {
-        if (used_ < 2) return true;
-        laws_.at(crossing.omega, crossing.gain, values_.data());
-        at_ = &crossing;
-        if (!find_modes(crossing, factor) || !project(w, true)) return false;
-        if (!is_clear_here(w, crossing)) return false;
-        const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
-        if (next > kApart * far) return clear_for(crossing, next - kApart * far);
-        const double least = std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain;
-        for (int look = 0; look < kLooks; look++) {
-            looked_++;
-            if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_))
-                return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin());
-            if (!is_stable(w)) return false;
-            pencil_.narrow(kCloser * std::abs(peak_.root));  // it may have hidden one that is nearer
-        }
-        return false;
-    }
 
     Complex* mode(std::size_t k) { return &modes_[k * size_]; }
 
@@ -99,9 +90,19 @@ private:
         return true;
     }
 
+    // How far roots move at most along the path, as far as the span tells: a change of W by δ(W + 1/J), of any shape.
+    double motion(const double* w) const {
+        double size = 0.0;
+        for (std::size_t k = 0; k < modes_.size(); k++) {
+            const std::size_t i = k % size_;
+            size += std::norm(modes_[k]) * (w[i * size_ + i] + 1.0 / laws_.joint(i).motor_inertia);
+        }
+        return pencil_.give() * size;
+    }
+
     // How long it holds that a root beside it is stable by `margin`: while what posture does to roots is much less.
-    static bool clear_for(TrackedCrossing& crossing, double margin) {
-        crossing.clear_for = std::min(margin / (kMoves * crossing.omega), kLongest);
+    static bool clear_for(TrackedCrossing& crossing, double margin, double moves) {
+        crossing.clear_for = std::min(margin / (kMoves * std::min(moves, crossing.omega)), kLongest);
         return true;
     }
 
@@ -182,7 +183,6 @@ private:
     // Whether roots at the peak are stable after all: the laws and the modes are those there, not a straight line from the crossing.
     bool is_stable(const double* w) {
         kept_ = modes_;
-        looked_++;
         laws_.at(at_->omega + peak_.root.real(), at_->gain + peak_.by, values_.data());
         factor_.factor(w, values_.data());
         bool known = true;
@@ -195,7 +195,8 @@ private:
         Complex roots[NearPencil::kMost];
         span_.roots_at(0.0, roots);
         for (std::size_t k = 0; k < used_ && known; k++) {
-            if (roots[k].imag() > kCertain * at_->omega) continue;
+            const bool is_nearer = std::abs(roots[k] + peak_.root.real()) < kInside * std::abs(peak_.root);  // to the crossing: for the next look
+            if (roots[k].imag() > kCertain * at_->omega || is_nearer) continue;
             combine(span_, 0.0, roots[k]);
             known = is_stable(w, omega, roots[k]);
         }
@@ -212,7 +213,6 @@ private:
             omega += off.real();
             if (!(std::fabs(omega - at_->omega) < kNear * at_->omega)) return std::isfinite(omega);
             off = Complex(0.0, off.imag());
-            looked_++;
             laws_.at(omega, at_->gain + peak_.by, values_.data());
             for (std::size_t i = 0; i < size_; i++) values_[i].beta += times(off, values_[i].beta_omega);
             factor_.factor(w, values_.data());
@@ -247,7 +247,6 @@ private:
     SymmetricFactor factor_;
     NearPencil pencil_, span_;  // at the crossing, and at the peak
     NearPencil::Peak peak_;
-    int looked_ = 0;  // for peaks and at single roots
     const TrackedCrossing* at_ = nullptr;
 };
 

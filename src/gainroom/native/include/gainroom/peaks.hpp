@@ -8,8 +8,8 @@ namespace gainroom {
 enum Kind { kSensitivity, kComplementary, kDisk, kKinds };
 
 inline double objective(int kind, Complex value) {
-    const double below = kind == kSensitivity ? 1.0 : kind == kComplementary ? std::abs(value) : std::abs(1.0 - value) / 2;
-    return below > 0 ? std::abs(1.0 + value) / below : kInfinite;
+    const double below = kind == kSensitivity ? 1.0 : kind == kComplementary ? size_of_any(value) : size_of_any(1.0 - value) / 2;
+    return below > 0 ? size_of_any(1.0 + value) / below : kInfinite;
 }
 
 // Lower bound of `objective` for log|L| and arg L within these ranges.

@@ -46,7 +46,7 @@ class Response {
              double sample_time)
         : gain(gain), delay(delay), sample_time(sample_time), zeros(static_cast<int>(zero_count)), poles(static_cast<int>(pole_count)) {
         std::vector<Complex> sorted(pole, pole + pole_count);
-        std::stable_sort(sorted.begin(), sorted.end(), [](Complex a, Complex b) { return std::abs(a) < std::abs(b); });
+        std::stable_sort(sorted.begin(), sorted.end(), [](Complex a, Complex b) { return size_of_any(a) < size_of_any(b); });
         roots.reserve(zero_count + pole_count);
         for (std::size_t k = 0; k < std::max(zero_count, pole_count); k++) {
             if (k < zero_count) roots.push_back(root(zero[k], 1));
@@ -135,7 +135,7 @@ class Response {
         const double rate = place.real() + std::norm(place) * sample_time / 2;
         const double angle =
             sample_time > 0 ? std::atan2(sample_time * place.imag(), 1 + sample_time * place.real()) / sample_time : place.imag();
-        return {place, sign, std::fabs(rate) <= 1e-13 * std::abs(place), place.imag() == 0 ? std::fabs(angle) : angle};
+        return {place, sign, std::fabs(rate) <= 1e-13 * size_of_any(place), place.imag() == 0 ? std::fabs(angle) : angle};
     }
 
     static void merge(std::vector<Gap>& gaps) {
@@ -158,7 +158,7 @@ class Response {
 
 // log|value|, finite.
 inline double log_size(Complex value) {
-    const double size = std::abs(value);
+    const double size = size_of_any(value);
     return size > 0 ? std::log(size) : kLogZero;
 }
 

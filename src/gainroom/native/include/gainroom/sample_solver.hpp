@@ -105,7 +105,7 @@ private:
             product.multiply(found[k]);
             found[k] = over(1.0, found[k]) - 1.0;
         }
-        return std::abs(std::exp(product.value() + sample.log_determinant) - 1.0) < kTogether;
+        return size_of_any(std::exp(product.value() + sample.log_determinant) - 1.0) < kTogether;
     }
 
     Complex own_sensitivity(const LoopSample& sample, std::size_t i) const {  // S_ii = 1 − (P X Δ (I + E P X Δ)⁻¹ E)_ii

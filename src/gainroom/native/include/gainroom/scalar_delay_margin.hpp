@@ -54,7 +54,7 @@ class DelayedLoop {
         const bool finite = std::isfinite(extra);
         if (finite && confirmed(extra, kDelayNudge * extra + kLeastAngle / omega)) return {Found::confirmed, extra, omega};
         const Response now = response(0.0);
-        const bool latest = std::abs(now.at(kPi / step_)) > 1;  // within a tick L(−1) then comes to −1 from 1 or more
+        const bool latest = size_of_any(now.at(kPi / step_)) > 1;  // within a tick L(−1) then comes to −1 from 1 or more
         if (failed_) return {Found::failed, extra, omega};
         if (!finite && crossings.empty() && !latest) return {Found::nothing, extra, omega};
         return halved(crossings.empty() ? step_ : std::min(crossings[0][0], step_));
@@ -136,7 +136,7 @@ class DelayedLoop {
         if (failed_) return false;
         const Scan scan = gainroom::scan(later, false);
         failed_ = std::isnan(scan.half_turns);
-        bool outside = std::abs(later.at(kPi / step_)) > 1;
+        bool outside = size_of_any(later.at(kPi / step_)) > 1;
         double unstable = unstable_roots(scan, unstable_poles_) + (outside ? ticks : 0.0);
         for (std::size_t k = scan.gains.size(); k-- > 0;) {
             const double phase = scan.gains[k].phase, later_phase = phase - scan.gains[k].omega * ticks * step_;

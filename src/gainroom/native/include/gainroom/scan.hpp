@@ -47,16 +47,16 @@ class Scanner {
         at_first_ = loop_.at(first_);
         const Complex at_last = loop_.at(last_);
         const double last_phase = walk(false);
-        bool outside = integrators_ > 0 || (integrators_ == 0 && std::abs(at_first_) > 1);
-        if (end_jump != 0 && (std::abs(at_last) > 1) != (end_jump < 0)) scan_.gains.push_back({last_, last_phase});
+        bool outside = integrators_ > 0 || (integrators_ == 0 && size_of_any(at_first_) > 1);
+        if (end_jump != 0 && (size_of_any(at_last) > 1) != (end_jump < 0)) scan_.gains.push_back({last_, last_phase});
         const bool ends_on_boundary = loop_.sample_time > 0 || loop_.zeros == loop_.poles;
         scan_.half_turns = half_encirclements(start_phase_, outside, ends_on_boundary, last_phase + end_jump, scan_.gains);
         if (beyond_range_) {
             scan_.half_turns = std::numeric_limits<double>::quiet_NaN();
             scan_.certified = false;
         }
-        if (integrators_ == 0 && at_first_.real() < 0) scan_.phases.insert(scan_.phases.begin(), {0.0, std::abs(at_first_), 0.0});
-        if (loop_.sample_time > 0 && end_jump == 0 && at_last.real() < 0) scan_.phases.push_back({last_, std::abs(at_last), 0.0});
+        if (integrators_ == 0 && at_first_.real() < 0) scan_.phases.insert(scan_.phases.begin(), {0.0, size_of_any(at_first_), 0.0});
+        if (loop_.sample_time > 0 && end_jump == 0 && at_last.real() < 0) scan_.phases.push_back({last_, size_of_any(at_last), 0.0});
         if (with_peaks && !beyond_range_) find_peaks();
         return std::move(scan_);
     }
@@ -99,7 +99,7 @@ class Scanner {
                 integrators_ -= root.sign;
                 continue;
             }
-            scale_ = std::min(scale_, std::abs(root.place));
+            scale_ = std::min(scale_, size_of_any(root.place));
             if (root.place.imag() == 0 && root.place.real() > 0) start_phase_ = kPi - start_phase_;
         }
         if (loop_.delay > 0) scale_ = std::min(scale_, 1 / loop_.delay);
@@ -110,7 +110,7 @@ class Scanner {
         Complex value;
         for (int round = 0; round < 300; round++) {
             value = loop_.at(first_);
-            const double size = std::abs(value);
+            const double size = size_of_any(value);
             if ((integrators_ > 0 ? size > 10 : size < 0.1) || size == 0) break;
             first_ /= 4;
         }
@@ -129,7 +129,7 @@ class Scanner {
         last_ = scale_;
         for (int doubling = 0; doubling < 120; doubling++) {
             last_ *= 2;
-            if (loop_.tail_bound(last_, std::abs(loop_.at(last_))) < floor) return;
+            if (loop_.tail_bound(last_, size_of_any(loop_.at(last_))) < floor) return;
         }
         scan_.certified = loop_.zeros == loop_.poles && loop_.delay == 0;
     }
@@ -154,7 +154,7 @@ class Scanner {
         Point here{ends[0], 0.0, std::vector<Slope>(size)};
         here.value = loop_.at(here.omega, here.slopes.data());
         double log_here = log_size(here.value), phase = phase_;
-        beyond_range_ = !std::isfinite(std::abs(here.value));
+        beyond_range_ = !std::isfinite(size_of_any(here.value));
         const std::size_t most = std::min(std::max(kMostTerms / (size + 1), kLeastNodes), kMostNodes);
         std::size_t spent = 0;
         if (!seek_peaks) nodes_.assign(1, here.omega);
@@ -166,7 +166,7 @@ class Scanner {
             while (top >= 0) {
                 Point& there = stack[top];
                 const double width = there.omega - here.omega, log_there = log_size(there.value);
-                if (!std::isfinite(std::abs(there.value))) {
+                if (!std::isfinite(size_of_any(there.value))) {
                     beyond_range_ = true;
                     return phase;
                 }
@@ -199,7 +199,7 @@ class Scanner {
                     const bool at_end = loop_.sample_time > 0 && there.omega == ends.back() && there.value.real() < 0;
                     if (half_turns_below(phase) != half_turns_below(phase_there) && !at_end && (here.omega > 0 || here.value.real() > 0)) {
                         const double omega = polished_crossing(true, here.omega, there.omega, phase_there > phase);
-                        scan_.phases.push_back({omega, std::abs(loop_.at(omega)), phase_there > phase ? 1.0 : -1.0});
+                        scan_.phases.push_back({omega, size_of_any(loop_.at(omega)), phase_there > phase ? 1.0 : -1.0});
                     }
                 }
                 std::swap(here, there);

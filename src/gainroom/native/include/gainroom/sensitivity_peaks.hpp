@@ -64,11 +64,11 @@ public:
                 return true;
             };
             // A peak is no lower than any of its samples.
-            if (!known || (others && !(std::abs(value[1]) > until) && !about_peak(evaluate, place, value))) continue;
+            if (!known || (others && !(size_of_any(value[1]) > until) && !about_peak(evaluate, place, value))) continue;
             const double last = climb(evaluate, place, value, until, moves ? kUseful : kLevel);
             MovingMargin peak;
             peak.omega = place[1];
-            peak.margin = std::abs(value[1]);
+            peak.margin = size_of_any(value[1]);
             peak.found = true;
             if (moves) {
                 if (last != place[1] && !evaluate(place[1], value[1])) continue;
@@ -111,14 +111,14 @@ private:
     static double climb(Evaluate evaluate, double* place, Complex* value, double until, double little) {
         double top = 0.0;
         bool wide = false;
-        for (int round = 0; round < kSteps && !(std::abs(value[1]) > until); round++) {
+        for (int round = 0; round < kSteps && !(size_of_any(value[1]) > until); round++) {
             const double width = place[2] - place[0];
             const double halfway = 0.5 * (place[1] + (place[2] - place[1] > place[1] - place[0] ? place[2] : place[0]));
             double expected = 0.0;
             top = wide ? halfway : top_between(place, value, expected);
             Complex there;
             if (top == place[1] || !evaluate(top, there)) break;
-            const double height = std::abs(there), before = std::abs(value[1]);
+            const double height = size_of_any(there), before = size_of_any(value[1]);
             const bool level = !wide && std::min(std::fabs(height - before), std::fabs(height - expected)) <= little * height;
             const bool higher = height >= before, after = top > place[1];
             const int to = higher == after ? 0 : 2;
@@ -145,7 +145,7 @@ private:
         double best = std::fabs(before) < after ? 0.5 * after : 0.5 * before;
         height = 0.0;
         for (const double t : {half != 0 ? r / half : 0.0, p != 0 ? half / p : 0.0}) {
-            const double own = std::abs(over(v + b * t, 1.0 + c * t));
+            const double own = size_of_any(over(v + b * t, 1.0 + c * t));
             if (!(t >= before && t <= after) || !(own > height)) continue;
             best = t;
             height = own;

@@ -56,7 +56,7 @@ public:
         if (!settled()) return false;
         Complex product = 1.0;  // small ones do not show in sums beside large ones
         for (const Complex& one : diagonal_) product = times(product, 1.0 + one);
-        if (!(std::abs(product - determinant) <= kSure * std::abs(determinant))) return false;
+        if (!(size_of_any(product - determinant) <= kSure * size_of_any(determinant))) return false;
         for (std::size_t k = 0; k < n; k++) {
             sum -= diagonal_[k];
             squares -= times(diagonal_[k], diagonal_[k]);

@@ -61,7 +61,7 @@ public:
     double slowest() const override { return slowest_; }
     double usual_slices() const override { return std::max(kSlices / cost(), 1.0); }
     double urgent_slices() const override { return std::max(8.0 * kSlices / cost(), 6.0); }
-    double prepared_slices() const override { return 0.7 * urgent_slices(); }
+    double prepared_slices() const override { return 0.3 * urgent_slices(); }
 
     double farthest() const override { return 0.6; }
     double followed() const override { return 2.0; }

@@ -18,6 +18,7 @@
 #include "contact_state.hpp"
 #include "crossing_search.hpp"
 #include "crossing_set.hpp"
+#include "four.hpp"
 
 namespace gainroom {
 
@@ -122,10 +123,8 @@ private:
     }
 
     // Numbers whose squares are numbers.
-    bool sound(const double* posture) const {
-        double sum = 0.0;
-        for (std::size_t k = 0; k < loop_.posture_size(); k++) sum += std::fabs(posture[k]);
-        return sum < 1e100;
+    GAINROOM_WIDE bool sound(const double* posture) const {
+        return scalar_product(posture, posture, loop_.posture_size()) < 1e200;
     }
 
     // Slices of the count, as many as there is room for.
