@@ -31,9 +31,9 @@ public:
         laws_.at(crossing.omega, crossing.gain, values_.data());
         at_ = &crossing;
         if (!find_modes(crossing, factor) || !project(w, true)) return false;
+        const double moves = motion(w);
         if (!is_clear_here(w, crossing)) return false;
         const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
-        const double moves = motion(w);
         if (next > kApart * far) return clear_for(crossing, next - kApart * far, moves);
         const double least = std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain;
         for (int look = 0; look < kLooks; look++) {
@@ -90,14 +90,16 @@ private:
         return true;
     }
 
-    // How far roots move at most along the path, as far as the span tells: a change of W by δ(W + 1/J), of any shape.
+    // How far roots move along the path, of a change of W by δ(W + 1/J), of any shape: those of the span at most, others at this frequency as
+    // far as their modes are real.
     double motion(const double* w) const {
-        double size = 0.0;
-        for (std::size_t k = 0; k < modes_.size(); k++) {
-            const std::size_t i = k % size_;
-            size += std::norm(modes_[k]) * (w[i * size_ + i] + 1.0 / laws_.joint(i).motor_inertia);
+        double size = 0.0, other = 0.0;
+        for (std::size_t i = 0; i < size_; i++) {
+            const double own = w[i * size_ + i] + 1.0 / laws_.joint(i).motor_inertia;
+            for (std::size_t k = 0; k < used_; k++) size += std::norm(modes_[k * size_ + i]) * own;
+            other = std::max(other, own / size_of(values_[i].beta_omega));
         }
-        return pencil_.give() * size;
+        return std::max(pencil_.give() * size, other);
     }
 
     // How long it holds that a root beside it is stable by `margin`: while what posture does to roots is much less.
