@@ -16,7 +16,7 @@ GAINROOM_INLINE Complex times(Complex a, Complex b) {
     return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
 }
 
-// a/b by Smith's method, which does not overflow where the quotient does not.
+// a/b of any numbers, by Smith's method, which does not overflow where the quotient does not.
 inline Complex over_any(Complex a, Complex b) {
     if (std::fabs(b.real()) >= std::fabs(b.imag())) {
         const double ratio = b.imag() / b.real(), size = b.real() + b.imag() * ratio;
@@ -26,7 +26,7 @@ inline Complex over_any(Complex a, Complex b) {
     return {(a.real() * ratio + a.imag()) / size, (a.imag() * ratio - a.real()) / size};
 }
 
-// 1/a, and a/b: one division, and nothing that branches, where |a|², |b|² are far from the ends of the range.
+// 1/a, and a/b: one division where |a|², |b|² are far from the ends of the range.
 GAINROOM_INLINE Complex inverse_of(Complex a) {
     const double size = std::norm(a);
     if (!(size > 1e-280 && size < 1e280)) return over_any(1.0, a);

@@ -44,6 +44,7 @@ struct ContactState {
     unsigned vain = 0;           // counts in all that told nothing: the next ones are elsewhere, also where nothing moves
     bool begun = false, searching = false;
     double path = 0.0;                         // how far the robot has moved in all
+    long ticks = 0;                            // in this contact state
     double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
     bool counted_after_slow = false;            // of that count, see `slow_holds`
     double unforeseen = 0.0, unforeseen_at = 0.0;  // how fast a crossing has come below the last count, the path at which it was found
@@ -57,17 +58,8 @@ struct ContactState {
     long certified_at = -1;
 
     // How fast a crossing is taken to move at most, in ln g along the path: three times as fast as it has moved lately, unless that is more
-    // than any motion can do to it; but no slower than `least`.
-    double speed(const TrackedCrossing& one, double least) const { return std::max(least, std::min(one.spread, kFaster * one.speed)); }
-
-    // What a known one is taken to do at least: three times what any motion did to the fastest, as two that come close exchange what they go on
-    // to do, and one about to merge moves by twice its speed times what is left of the path.
-    double least_speed() const {
-        double most = 0.0;
-        for (std::size_t k = 0; k < count; k++)
-            if (!(order[k]->spread <= most)) most = order[k]->spread;
-        return std::min(slowest_speed, kFaster * most);
-    }
+    // than any motion can do to it.
+    double speed(const TrackedCrossing& one) const { return std::max(slowest_speed, std::min(one.spread, kFaster * one.speed)); }
 
     // How fast unknown ones have come lately.
     double surprise() const { return unforeseen * std::exp(unforeseen_at - path); }
@@ -82,7 +74,7 @@ struct ContactState {
     // Of an unknown one: as the fastest known one up to the factor of the last count. Above it a pair about to merge moves without bound.
     double speed() const {
         double most = std::max(slowest_speed, kFaster * surprise());
-        for (std::size_t k = 0; k < count && (k == 0 || order[k]->gain < counted); k++) most = std::max(most, speed(*order[k], slowest_speed));
+        for (std::size_t k = 0; k < count && (k == 0 || order[k]->gain < counted); k++) most = std::max(most, speed(*order[k]));
         return most;
     }
 

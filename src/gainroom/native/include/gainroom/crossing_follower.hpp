@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "link_inertia.hpp"
@@ -20,7 +21,7 @@ class CrossingFollower {
 public:
     explicit CrossingFollower(const JointLaws& laws)
         : laws_(laws), values_(laws.size()),
-          moved_(laws.size()), extra_(laws.size()), factors_(kKept, {SymmetricFactor(laws.size())}) {}
+          moved_(laws.size()), extra_(laws.size()), trial_(laws.size()), factors_(kKept, {SymmetricFactor(laws.size())}) {}
 
     // Follows `crossing` to W; `work` is counted in slices of a PhaseSweep. True where it has converged: `converged` says so too. Where it need
     // only be `rough`, true as soon as its mode is within that, and gain and frequency within the square.
@@ -50,6 +51,22 @@ public:
         return false;
     }
 
+    // A gain that the crossing, followed `ahead` of the path before, is above at W, from its mode as it would go on. What that is off by leaves
+    // the gain wrong by its square, times how sharp the sharpest resonance beside it is: damped by 1e-5. NaN where it is off by much.
+    double least_gain(const double* w, const TrackedCrossing& crossing, double ahead, double& work) {
+        const double share = crossing.steps(ahead);
+        trial_.omega = crossing.omega + share * (crossing.omega - crossing.omega_before);
+        trial_.gain = crossing.gain + share * (crossing.gain - crossing.gain_before);
+        for (std::size_t i = 0; i < trial_.mode.size(); i++) trial_.mode[i] = crossing.mode[i] + share * (crossing.mode[i] - crossing.before[i]);
+        double step_size = 1.0;
+        current_ = false;
+        const double residual = balance(w, trial_, step_size);
+        near_ = current_ = false;
+        work += kBalance;
+        const double doubt = kDoubt * residual + kSharpest * residual * residual;
+        return residual < kRough && step_size < kRough ? (1.0 - doubt) * trial_.gain : std::numeric_limits<double>::quiet_NaN();
+    }
+
     // Towards the direction in which the matrix of `factor` is smallest.
     static bool sharpen(const SymmetricFactor& factor, TrackedCrossing& crossing) {
         factor.solve(crossing.mode.data());
@@ -69,7 +86,7 @@ public:
 private:
     static constexpr std::size_t kKept = 4;
     static constexpr double kBalance = 0.3, kFactor = 0.7;  // work
-    static constexpr double kResidual = 1e-7, kRough = 1e-3, kSmall = 1e-5, kOld = 1e-5;
+    static constexpr double kResidual = 1e-7, kRough = 1e-3, kSmall = 1e-5, kOld = 1e-5, kDoubt = 3.0, kSharpest = 1e5;
     static constexpr double kExact = 1e-6;   // of ω and g: a step so small changes β as its slope says; what is left is of its square
     static constexpr double kBeside = 1e-7;  // of g, beside the root, where nothing is singular
 
@@ -181,6 +198,7 @@ private:
     const JointLaws& laws_;
     std::vector<JointValue> values_;
     std::vector<Complex> moved_, extra_;
+    TrackedCrossing trial_;  // one that is looked at
     std::vector<Factors> factors_;  // of the few crossings that are followed often: all of them would not stay in the cache
     bool near_ = false, current_ = false;  // whether values_ are those of where the crossing is, nearly and within kExact
     std::uint64_t uses_ = 0;

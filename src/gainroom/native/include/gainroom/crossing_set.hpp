@@ -28,19 +28,24 @@ public:
     // Crossings from where they were to `posture`, in strides: one, and more while there is room for work. False where this takes further ticks.
     bool approach(const double* posture, ContactState& state, double far, double room, double& work) {
         if (begins(posture, state)) return true;
+        state.ticks++;
+        const bool jumped = far > kJump;
         for (int k = 0; k == 0 || 2.0 * work < room; k++) {
             if (k > 0) far = distance(state, posture), work += kStride;
             const bool there = stride(posture, state, far, stride_);
             if (!there) state.sweeping = state.slowing = false;
             follow_lowest(state, work);
             if (there && k == 0) {
-                const double least = state.least_speed();
                 for (std::size_t m = 1; m < state.count; m++) {
                     TrackedCrossing& one = *state.order[m];
                     const double left = state.path - one.seen_at;
-                    const double off = std::max(state.speed(one, least) * left, one.converged ? 0.0 : kRough);
+                    const double off = std::max(state.speed(one) * left, one.converged ? 0.0 : kRough);
                     const bool may_be_lowest = one.gain * (1.0 - off) < state.order[0]->gain;
-                    if ((left > 2.0 * kLate || may_be_lowest) && !follow(state, m, false, work)) m--;  // another one is in its place
+                    const bool stale = left > 0.0 && state.ticks - one.looked_at > kStale;
+                    const bool far_behind = left > 2.0 * kLate || jumped;
+                    if (far_behind || ((may_be_lowest || stale) && !is_above(state, one, left, work))) {
+                        if (!follow(state, m, false, work)) m--;  // another one is in its place
+                    }
                 }
                 follow_late(state, kFew, kLate, work);
             } else {
@@ -95,6 +100,8 @@ private:
     static constexpr double kForgets = 0.95, kDouble = 1e-5;  // see arrange, moved, doubles
     static constexpr double kPassed = 1.2;  // of `lowest`
     static constexpr double kLate = 0.06;    // a path along which a crossing is left; twice as long at most
+    static constexpr double kJump = 0.02;    // a path within a tick after which all are followed
+    static constexpr long kStale = 20;       // ticks after which one is looked at, however little the robot has moved
     static constexpr double kStride = 0.1;   // work of a further stride, also where no crossing is known
     static constexpr double kRough = 0.01;  // a gain that has been followed roughly is nearer than this
     static constexpr int kBelow = 3;        // looks below the lowest, which is another one then
@@ -104,6 +111,13 @@ private:
         if (state.begun) return false;
         std::copy_n(posture, state.posture.size(), state.posture.begin());
         return state.begun = true;
+    }
+
+    // Whether a crossing that has been `left` is above the lowest, seen without following it.
+    bool is_above(ContactState& state, TrackedCrossing& one, double left, double& work) {
+        if (!one.converged || !(loop_.least_gain(state.posture.data(), one, left, work) > state.order[0]->gain)) return false;
+        one.looked_at = state.ticks;
+        return true;
     }
 
     // Whether the loop is unstable below the lowest crossing, beside it; what crosses there is known from now on.
@@ -191,6 +205,7 @@ private:
         if (const double ahead = state.path - one.seen_at; ahead > 1e-9)
             one.speed = std::max(std::fabs(std::log(one.gain / before)) / ahead, kForgets * one.speed);
         one.seen_at = state.path;
+        one.looked_at = state.ticks;
         return found && one.gain > 0.0 && one.omega > loop_.lowest() && one.omega < highest_omega();
     }
 

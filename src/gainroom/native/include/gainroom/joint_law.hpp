@@ -143,7 +143,7 @@ public:
     }
 
     // Of the factor g, the strongest control relative to the motor's inertia.
-    double strongest(double omega, double gain) const {
+    double strongest_control(double omega, double gain) const {
         Actuation last{};
         std::size_t before = 0;  // as in `at`
         double most = 0.0;

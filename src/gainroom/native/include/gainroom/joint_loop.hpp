@@ -41,6 +41,10 @@ public:
         return follower_.follow(w, crossing, steps, work, rough);
     }
 
+    double least_gain(const double* w, const TrackedCrossing& crossing, double ahead, double& work) override {
+        return follower_.least_gain(w, crossing, ahead, work);
+    }
+
     bool clear_below(const double* w, TrackedCrossing& crossing, double& work) override {
         work += kBeside;
         return neighbours_.clear(w, crossing, follower_.beside(w, crossing, work));
@@ -102,7 +106,7 @@ public:
 
     double top(const double*, double gain, double from) override {
         double omega = from;
-        for (int k = 0; k < 100 && !(laws_.strongest(omega, gain) < 0.1); k++) omega *= 1.3;
+        for (int k = 0; k < 100 && !(laws_.strongest_control(omega, gain) < 0.1); k++) omega *= 1.3;
         return omega;
     }
 

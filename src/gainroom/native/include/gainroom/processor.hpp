@@ -9,8 +9,8 @@
 #define GAINROOM_WIDE
 #endif
 
-// Always inline, which compilers leave undone where a file is long; and a call would not know which registers the caller's processor returns
-// four numbers in.
+// Inlined always: compilers stop inlining where a file is long, and a call would not know in which registers the caller's processor returns
+// four numbers.
 #if defined(__GNUC__)
 #define GAINROOM_INLINE inline __attribute__((always_inline))
 #else

@@ -22,6 +22,7 @@ struct TrackedCrossing {
     double spread = 1.0;   // how much the gain moves at most: |d ln g| <= spread · (change of the posture)
     double speed = 0.0;    // how much it has moved lately: |d ln g| along the path (tracker.hpp)
     double seen_at = 0.0;  // the path at which it was right
+    long looked_at = 0;    // the tick at which it was last followed, or seen to be above the lowest
     bool converged = false;
     std::uint64_t factored = 0;  // which factors of the CrossingFollower are its own, if they are still there
     double omega_before = 0.0, gain_before = 0.0, stride = 0.0;  // where it was one step before, and the path of that step; 0: not known
@@ -40,9 +41,12 @@ struct TrackedCrossing {
         clear = has_beside = false;
     }
 
-    // To where it will be after `ahead` more of the path, if it goes on as before.
+    // How many of its last steps `ahead` more of the path is, if it goes on as before.
+    double steps(double ahead) const { return stride > 0.0 && ahead < 3.0 * stride ? ahead / stride : 0.0; }
+
+    // To where it will be then.
     void predict(double ahead) {
-        const double share = stride > 0.0 && ahead < 3.0 * stride ? ahead / stride : 0.0;
+        const double share = steps(ahead);
         const double last_omega = omega, last_gain = gain;
         omega += share * (omega - omega_before);
         gain += share * (gain - gain_before);
@@ -103,6 +107,9 @@ public:
     // Follows `crossing` to a posture; `work` is counted in slices. True where it has converged: `converged` says so too. Where it need only be
     // `rough`, true as soon as its mode is within that, and gain and frequency within the square.
     virtual bool follow(const double* posture, TrackedCrossing& crossing, int steps, double& work, bool rough) = 0;
+
+    // A gain that `crossing`, followed `ahead` of the path before, is above at a posture; NaN where that takes to follow it.
+    virtual double least_gain(const double*, const TrackedCrossing&, double, double&) { return std::numeric_limits<double>::quiet_NaN(); }
 
     // Whether no root beside the crossing's own, which has just been followed, is unstable at factors a little below it. After a no: starts for
     // the crossing at which one becomes so (0), and for that at which it is stable again (1).
