@@ -111,12 +111,6 @@ public:
         return true;
     }
 
-    // arg c, of the factor g that acts: its sine is >= 0 where the joint's controller takes energy out.
-    Complex control(std::size_t i, double omega, double gain) const {
-        const Actuation drive = actuation(joints_[i], omega);
-        return applied(i, omega, gain, drive).value;
-    }
-
     // Up to where every joint's controller only takes energy out [rad/s]; 0: nowhere.
     double passive_end() const {
         double last = 0.0;
@@ -255,6 +249,12 @@ private:
         const Complex value = over(gain * c, factor);
         const Complex omega_slope = over(gain * slope - times(value, gain * (times(e_slope, law) + times(e, law_slope))), factor);
         return {value, omega_slope, over(over(c, factor), factor), factor};
+    }
+
+    // c of the factor g that acts: Im c >= 0 where the joint's controller takes energy out.
+    Complex control(std::size_t i, double omega, double gain) const {
+        const Actuation drive = actuation(joints_[i], omega);
+        return applied(i, omega, gain, drive).value;
     }
 
     JointValue value(std::size_t i, double omega, double gain, const Actuation& drive, const Spring& spring) const {

@@ -31,7 +31,7 @@ public:
         bend_ = bend;
         Square inverse{};
         if (!invert(d, inverse)) return false;
-        give_ = size_of(inverse);
+        give_ = norm_of(inverse);
         multiply(inverse, m, fixed_);
         multiply(inverse, g, turning_);
         return true;
@@ -51,7 +51,7 @@ public:
     }
     // How stable the least stable root is beside the crossing's own, at its factor and at peaks below: right after `peak`.
     double margin() const { return std::max(0.0, margin_); }
-    double speed() const { return size_of(turning_); }
+    double speed() const { return norm_of(turning_); }
     // The same per unit of M.
     double give() const { return give_; }
 
@@ -238,14 +238,14 @@ private:
             }
     }
 
-    std::size_t size_ = 0;
-    double size_of(const Square& a) const {
+    double norm_of(const Square& a) const {
         double sum = 0.0;
         for (std::size_t i = 0; i < size_; i++)
             for (std::size_t j = 0; j < size_; j++) sum += std::norm(a[i][j]);
         return std::sqrt(sum);
     }
 
+    std::size_t size_ = 0;
     double radius_ = 0.0, bend_ = 0.0, margin_ = 0.0, give_ = 0.0;
     Square fixed_{}, turning_{};  // D⁻¹M, D⁻¹G
 };
