@@ -42,8 +42,7 @@ public:
                     const double off = std::max(state.speed(one) * left, one.converged ? 0.0 : kRough);
                     const bool may_be_lowest = one.gain * (1.0 - off) < state.order[0]->gain;
                     const bool stale = left > 0.0 && state.ticks - one.looked_at > kStale;
-                    const bool far_behind = left > 2.0 * kLate || jumped;
-                    if (far_behind || ((may_be_lowest || stale) && !is_above(state, one, left, work))) {
+                    if (left > 2.0 * kLate || ((may_be_lowest || jumped || stale) && !is_above(state, one, left, work))) {
                         if (!follow(state, m, false, work)) m--;  // another one is in its place
                     }
                 }
@@ -100,7 +99,7 @@ private:
     static constexpr double kForgets = 0.95, kDouble = 1e-5;  // see arrange, moved, doubles
     static constexpr double kPassed = 1.2;  // of `lowest`
     static constexpr double kLate = 0.06;    // a path along which a crossing is left; twice as long at most
-    static constexpr double kJump = 0.02;    // a path within a tick after which all are followed
+    static constexpr double kJump = 0.02;    // a path within a tick after which all are looked at
     static constexpr long kStale = 20;       // ticks after which one is looked at, however little the robot has moved
     static constexpr double kStride = 0.1;   // work of a further stride, also where no crossing is known
     static constexpr double kRough = 0.01;  // a gain that has been followed roughly is nearer than this
