@@ -157,8 +157,8 @@ class PDRegion:
         found, inside = np.zeros(len(ranked), dtype=bool), np.zeros(len(ranked), dtype=bool)
         for m, intervals in enumerate(self.columns(values)):
             mine, ends = slice(bounds[m], bounds[m + 1]), intervals.ravel()
-            place = np.searchsorted(ends, ranked[mine])
-            found[mine] = (place % 2 == 1) & (ranked[mine] != ends[np.minimum(place, len(ends) - 1)] if len(ends) else False)
+            below, not_above = (ends.searchsorted(ranked[mine], side) for side in ("left", "right"))
+            found[mine] = (below & 1 == 1) & (below == not_above)  # how many ends are
         inside[order] = found
         return inside.reshape(kd.shape)
 
