@@ -22,7 +22,7 @@ so it does not affect the tasks above it, and tasks without conflict all get the
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -244,39 +244,23 @@ def tasks_of(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> Task
     for name, count in Counter(task.name for task in tasks).items():
         if count > 1:
             raise GainroomError(f"task {name!r}: the name is used {count} times; give each task its own")
-    found = task_motion(model, tasks, rotors)
-    sizes = [len(row) for row in found.rows]
-    return Tasks(
-        tasks=tasks,
-        directions=tuple(f"{task.name} {direction}" for task in tasks for direction in task.directions(model.joint_names)),
-        owners=np.repeat(np.arange(len(tasks)), sizes),
-        jacobian=np.vstack(found.rows),
-        torque=found.torque,
-        follow=found.follow,
-        kp=_gains("kp", tasks, sizes),
-        kd=_gains("kd", tasks, sizes),
-        ki=_gains("ki", tasks, sizes),
-        cascade=np.repeat([task.ki is not None for task in tasks], sizes),
-        warnings=found.warnings,
-    )
-
-
-class TaskMotion(NamedTuple):
-    """What changes with the posture: Eᵀ of each task (m_i, n); X, Y and warnings as in Tasks."""
-
-    rows: list[Floats]
-    torque: Floats
-    follow: Floats
-    warnings: tuple[str, ...]
-
-
-def task_motion(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> TaskMotion:
-    """Of a stack that `tasks_of` has taken."""
     jacobians = [task.jacobian(model) for task in tasks]
     sizes, joints = [len(jacobian) for jacobian in jacobians], len(model.selection)
     inertia = with_rotors(model) if rotors else model.inertia  # A'
     follow, torque, ranks, motions = _core.task_motion(inertia, model.contact_jacobian, np.vstack(jacobians), sizes, joints, MOVABLE)
-    return TaskMotion([jacobian @ follow for jacobian in jacobians], torque, follow, _immovable(tasks, sizes, ranks, motions))
+    return Tasks(
+        tasks=tasks,
+        directions=tuple(f"{task.name} {direction}" for task in tasks for direction in task.directions(model.joint_names)),
+        owners=np.repeat(np.arange(len(tasks)), sizes),
+        jacobian=np.vstack([jacobian @ follow for jacobian in jacobians]),
+        torque=torque,
+        follow=follow,
+        kp=_gains("kp", tasks, sizes),
+        kd=_gains("kd", tasks, sizes),
+        ki=_gains("ki", tasks, sizes),
+        cascade=np.repeat([task.ki is not None for task in tasks], sizes),
+        warnings=_immovable(tasks, sizes, ranks, motions),
+    )
 
 
 def following(inertia: Floats, held: Floats, joints: int) -> Floats:
