@@ -54,10 +54,7 @@ public:
     // A gain that the crossing, followed `ahead` of the path before, is above at W, from its mode as it would go on. What that is off by leaves
     // the gain wrong by its square, times how sharp the sharpest resonance beside it is: damped by 1e-5. NaN where it is off by much.
     double least_gain(const double* w, const TrackedCrossing& crossing, double ahead, double& work) {
-        const double share = crossing.steps(ahead);
-        trial_.omega = crossing.omega + share * (crossing.omega - crossing.omega_before);
-        trial_.gain = crossing.gain + share * (crossing.gain - crossing.gain_before);
-        for (std::size_t i = 0; i < trial_.mode.size(); i++) trial_.mode[i] = crossing.mode[i] + share * (crossing.mode[i] - crossing.before[i]);
+        crossing.extrapolate(ahead, trial_.omega, trial_.gain, trial_.mode);
         double step_size = 1.0;
         current_ = false;
         const double residual = balance(w, trial_, step_size);

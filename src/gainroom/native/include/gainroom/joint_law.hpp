@@ -138,15 +138,9 @@ public:
 
     // Of the factor g, the strongest control relative to the motor's inertia.
     double strongest_control(double omega, double gain) const {
-        Actuation last{};
-        std::size_t before = 0;  // as in `at`
         double most = 0.0;
-        for (std::size_t i = 0; i < joints_.size(); i++) {
-            if (first_[i] < i) continue;
-            if (i == 0 || !same_drive(joints_[i], joints_[before])) last = actuation(joints_[i], omega);
-            before = i;
-            most = std::max(most, std::abs(applied(i, omega, gain, last).value) / (joints_[i].motor_inertia * omega * omega));
-        }
+        for (std::size_t i = 0; i < joints_.size(); i++)
+            if (first_[i] == i) most = std::max(most, std::abs(control(i, omega, gain)) / (joints_[i].motor_inertia * omega * omega));
         return most;
     }
 

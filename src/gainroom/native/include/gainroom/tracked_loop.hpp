@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "complex.hpp"
@@ -41,22 +42,20 @@ struct TrackedCrossing {
         clear = has_beside = false;
     }
 
-    // How many of its last steps `ahead` more of the path is, if it goes on as before.
-    double steps(double ahead) const { return stride > 0.0 && ahead < 3.0 * stride ? ahead / stride : 0.0; }
+    // Where it will be after `ahead` more of the path, if it goes on as before.
+    void extrapolate(double ahead, double& omega_then, double& gain_then, std::vector<Complex>& mode_then) const {
+        const double share = stride > 0.0 && ahead < 3.0 * stride ? ahead / stride : 0.0;
+        omega_then = omega + share * (omega - omega_before);
+        gain_then = gain + share * (gain - gain_before);
+        for (std::size_t i = 0; i < mode.size(); i++) mode_then[i] = mode[i] + share * (mode[i] - before[i]);
+    }
 
-    // To where it will be then.
+    // To there.
     void predict(double ahead) {
-        const double share = steps(ahead);
-        const double last_omega = omega, last_gain = gain;
-        omega += share * (omega - omega_before);
-        gain += share * (gain - gain_before);
-        omega_before = last_omega;
-        gain_before = last_gain;
-        for (std::size_t i = 0; i < mode.size(); i++) {
-            const Complex x = mode[i];
-            mode[i] += share * (x - before[i]);
-            before[i] = x;
-        }
+        extrapolate(ahead, omega_before, gain_before, before);
+        std::swap(omega, omega_before);
+        std::swap(gain, gain_before);
+        mode.swap(before);
         stride = ahead;
     }
 
