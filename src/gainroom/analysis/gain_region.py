@@ -158,7 +158,7 @@ class PDRegion:
         for m, intervals in enumerate(self.columns(values)):
             mine, ends = slice(bounds[m], bounds[m + 1]), intervals.ravel()
             below, not_above = (ends.searchsorted(ranked[mine], side) for side in ("left", "right"))
-            found[mine] = (below & 1 == 1) & (below == not_above)  # how many ends are
+            found[mine] = (below & 1 == 1) & (below == not_above)  # inside an interval, on no end
         inside[order] = found
         return inside.reshape(kd.shape)
 
