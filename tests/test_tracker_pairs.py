@@ -74,7 +74,7 @@ def assert_not_above(walk: LightlyDamped, q: np.ndarray, contact: str, gain: flo
         (1045, False, 0, 60),
         (1042, False, 86, 96),
         (120, True, 333, 400),
-        (120, True, 453, 463),
+        (120, True, 453, 475),
         (120, True, 615, 630),
         (120, True, 1335, 1370),
     ],

@@ -15,11 +15,13 @@ struct ContactState {
     static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each channel
     static constexpr double kNear = 0.15, kLeast = 0.02, kFaster = 3.0;
     static constexpr double kHigh = 10.0, kLowest = 1.1, kBelow = 0.95, kFar = 0.3;
-    static constexpr double kOften = 3.0;  // counts in the time in which one becomes too old
+    static constexpr double kRare = 0.06;   // of the path, after which a crossing that is not the lowest is looked beside again, and
+    static constexpr double kStale = 20.0;  // ticks after which one is looked at, however little the robot has moved
+    static constexpr double kOften = 3.0;   // counts in the time in which one becomes too old
 
     ContactState(const TrackedLoop& loop, std::size_t index)
         : number(index), slow_needed(loop.slowest() < loop.lowest()), farthest(loop.farthest()), slowest_speed(loop.slowest_speed()),
-          posture(loop.posture_size()) {
+          beside(1.0 + loop.beside()), posture(loop.posture_size()) {
         const std::size_t most = loop.channels() + kSpare;
         pool.reserve(most);
         for (std::size_t k = 0; k < most; k++) pool.emplace_back(loop.mode_size());
@@ -30,6 +32,7 @@ struct ContactState {
     std::size_t number;
     bool slow_needed;
     double farthest, slowest_speed;  // of `reach`, of crossings
+    double beside;                   // up to which factor of the lowest crossing others are looked beside
     std::vector<double> posture;  // at which the crossings are
     std::vector<TrackedCrossing> pool;
     std::vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
@@ -98,7 +101,32 @@ struct ContactState {
     bool certified() const {
         if (count == 0 || counted == 0.0) return false;
         const TrackedCrossing& lowest = *order[0];
-        return lowest.converged && lowest.clear && lowest.seen_at == path && holds(counted, counted_from) && slow_holds();
+        return lowest.converged && lowest.seen_at == path && is_clear() && holds(counted, counted_from) && slow_holds();
+    }
+
+    // Whether nothing was unstable beside the lowest crossing and those near above it as they were last looked beside.
+    bool is_clear() const {
+        for (std::size_t k = 0; k < count && is_near(k); k++)
+            if (!order[k]->clear) return false;
+        return true;
+    }
+    bool is_near(std::size_t k) const { return !(order[k]->gain > beside * order[0]->gain); }
+
+    // Which crossing is to be looked beside next: the lowest as soon as motion may have changed what was seen there, of the others the one that
+    // has waited the longest; they are looked beside more rarely, best when they have just been followed. `count`: none.
+    std::size_t due() const {
+        if (!order[0]->clear || (order[0]->clear_at != path && !(path - order[0]->clear_at < order[0]->clear_for))) return 0;
+        std::size_t found = count;
+        for (std::size_t k = 1; k < count && is_near(k); k++) {
+            const TrackedCrossing& one = *order[k];
+            if (!is_late(one) || (found < count && order[found]->clear && one.clear && order[found]->clear_tick <= one.clear_tick)) continue;
+            found = k;
+        }
+        return found;
+    }
+    bool is_late(const TrackedCrossing& one) const {
+        const double late = one.seen_at == path ? 1.0 : 2.0, way = path - one.clear_at;
+        return !one.clear || way > late * kRare || (way > 0.0 && double(ticks - one.clear_tick) > late * kStale);
     }
 
     // The same of the slow count. The other count must have begun when it held already: else a crossing may have gone from its frequencies to those

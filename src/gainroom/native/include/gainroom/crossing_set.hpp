@@ -41,7 +41,7 @@ public:
                     const double left = state.path - one.seen_at;
                     const double off = std::max(state.speed(one) * left, one.converged ? 0.0 : kRough);
                     const bool may_be_lowest = one.gain * (1.0 - off) < state.order[0]->gain;
-                    const bool stale = left > 0.0 && state.ticks - one.looked_at > kStale;
+                    const bool stale = left > 0.0 && double(state.ticks - one.looked_at) > ContactState::kStale;
                     if (left > 2.0 * kLate || ((may_be_lowest || jumped || stale) && !is_above(state, one, left, work))) {
                         if (!follow(state, m, false, work)) m--;  // another one is in its place
                     }
@@ -100,7 +100,6 @@ private:
     static constexpr double kPassed = 1.2;  // of `lowest`
     static constexpr double kLate = 0.06;    // a path along which a crossing is left; twice as long at most
     static constexpr double kJump = 0.02;    // a path within a tick after which all are looked at
-    static constexpr long kStale = 20;       // ticks after which one is looked at, however little the robot has moved
     static constexpr double kStride = 0.1;   // work of a further stride, also where no crossing is known
     static constexpr double kRough = 0.01;  // a gain that has been followed roughly is nearer than this
     static constexpr int kBelow = 3;        // looks below the lowest, which is another one then
@@ -119,15 +118,26 @@ private:
         return true;
     }
 
-    // Whether the loop is unstable below the lowest crossing, beside it; what crosses there is known from now on.
+    // Whether the loop is unstable below the lowest crossing, beside it or beside one that is near above it, a few of those at a time; what crosses
+    // there is known from now on.
     void look_below(ContactState& state, double& work) {
-        for (int k = 0; k < kBelow && state.count > 0 && state.order[0]->converged; k++) {
-            TrackedCrossing& lowest = *state.order[0];
-            if (lowest.clear && state.path - lowest.clear_at < lowest.clear_for) return;
-            lowest.clear_at = state.path;
-            lowest.clear_for = 0.0;
-            lowest.clear = loop_.clear_below(state.posture.data(), lowest, work);
-            if (lowest.clear || !found_below(state, work)) return;
+        std::size_t others = 0;
+        for (int found = 0; state.count > 0;) {
+            const std::size_t k = state.due();
+            if (k == state.count || (k > 0 && others == kFew)) return;
+            TrackedCrossing& one = *state.order[k];
+            if (!here(state, one)) {
+                if (k == 0) return;
+                if (!settled(state, one, work)) drop(state, k);
+                arrange(state, work);
+                continue;  // another one may be the lowest
+            }
+            others += k > 0;
+            one.clear_at = state.path;
+            one.clear_tick = state.ticks;
+            one.clear_for = 0.0;
+            one.clear = loop_.clear_below(state.posture.data(), one, *state.order[0], work);
+            if (!one.clear && (!found_below(state, work) || ++found == kBelow)) return;
         }
     }
 

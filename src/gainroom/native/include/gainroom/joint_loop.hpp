@@ -45,9 +45,10 @@ public:
         return follower_.least_gain(w, crossing, ahead, work);
     }
 
-    bool clear_below(const double* w, TrackedCrossing& crossing, double& work) override {
+    double beside() const override { return Neighbours::kBeside; }
+    bool clear_below(const double* w, TrackedCrossing& crossing, const TrackedCrossing& lowest, double& work) override {
         work += kBeside;
-        return neighbours_.clear(w, crossing, follower_.beside(w, crossing, work));
+        return neighbours_.clear(w, crossing, lowest, follower_.beside(w, crossing, work));
     }
     bool start_below(int which, TrackedCrossing& trial) override { return neighbours_.start(which, trial); }
 

@@ -20,7 +20,7 @@ public:
     // At the first slice of a count that is searched along: modes at this W, unless they are of one nearby, and where their loci are.
     void begin(ContactState& state) override {
         Loci& own = loci_[state.number];
-        own.looked_at = 0.0;
+        own.looked_at = own.spent = 0.0;
         if (!(own.based_at > state.path - 0.5 * known_.stride())) {
             own.basis.begin(state.posture.data());
             own.based_at = state.path;
@@ -54,21 +54,10 @@ public:
             own.basis.mode(k, trial_.mode.data());
             if (trial_.normalize() && unlike_known(state)) take(state, work);
         }
-        if (std::fmod(0.618 * double(++own.tries), 1.0) > 0.34 || work > kEnough) return work;
-        // A random direction: here, or beside a known crossing, as equal limbs have theirs close together.
-        std::size_t below = 0;
-        while (below < state.count && state.order[below]->gain < 1.02 * state.sweep.gain()) below++;
-        const TrackedCrossing* near = own.tries % 2 == 0 && below > 0 ? state.order[own.tries / 2 % below] : nullptr;
-        start(near ? near->omega : omega, near ? 1.001 * near->gain : state.sweep.gain());
-        const SymmetricFactor& factor = loop_.follower().at(state.posture.data(), trial_.omega, trial_.gain);
-        weigh();
-        for (int pass = 0; pass < 3; pass++) {
-            work += 0.5;
-            if (!away(state)) return work;
-            for (std::size_t i = 0; i < trial_.mode.size(); i++) trial_.mode[i] = times(trial_.mode[i], weight_[i]);
-            if (!CrossingFollower::sharpen(factor, trial_)) return work;
-        }
-        if (away(state)) take(state, work);
+        const bool is_turn = std::fmod(0.618 * double(++own.tries), 1.0) <= 0.34 && work <= kEnough;
+        // Where the robot moves, a count that is long under way is worth little.
+        if (is_turn && !(state.path > state.sweep_from && own.spent > state.sweep.spent())) try_direction(own, state, work);
+        own.spent += work;
         return work;
     }
 
@@ -84,6 +73,7 @@ private:
         ModeBasis basis;
         std::vector<Complex> now, before;
         double looked_at = 0.0, based_at = -1e300;  // the frequency of `now`; the path at which the modes were begun
+        double spent = 0.0;                         // on this count
         std::size_t tries = 0;
     };
 
@@ -112,6 +102,23 @@ private:
             (found.locus.imag() * a > 0.0 ? below : above) = found;
         }
         return found;
+    }
+
+    // A random direction: here, or beside a known crossing, as equal limbs have theirs close together.
+    void try_direction(const Loci& own, ContactState& state, double& work) {
+        std::size_t below = 0;
+        while (below < state.count && state.order[below]->gain < 1.02 * state.sweep.gain()) below++;
+        const TrackedCrossing* near = own.tries % 2 == 0 && below > 0 ? state.order[own.tries / 2 % below] : nullptr;
+        start(near ? near->omega : state.sweep.omega(), near ? 1.001 * near->gain : state.sweep.gain());
+        const SymmetricFactor& factor = loop_.follower().at(state.posture.data(), trial_.omega, trial_.gain);
+        weigh();
+        for (int pass = 0; pass < 3; pass++) {
+            work += 0.5;
+            if (!away(state)) return;
+            for (std::size_t i = 0; i < trial_.mode.size(); i++) trial_.mode[i] = times(trial_.mode[i], weight_[i]);
+            if (!CrossingFollower::sharpen(factor, trial_)) return;
+        }
+        if (away(state)) take(state, work);
     }
 
     // A start from nothing but a place: another direction every time, so that equal crossings are found one by one.

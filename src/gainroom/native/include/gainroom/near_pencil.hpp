@@ -27,11 +27,13 @@ public:
     // for less stable by `bend` |δω|²: what a loop that is not linear in ω may make of it.
     bool set(const Square& m, const Square& d, const Square& g, std::size_t size, double radius, double bend) {
         size_ = size;
+        nearest_ = 0.0;
         radius_ = radius;
         bend_ = bend;
         Square inverse{};
         if (!invert(d, inverse)) return false;
         give_ = norm_of(inverse);
+        own_ = over(g[0][0], d[0][0]);
         multiply(inverse, m, fixed_);
         multiply(inverse, g, turning_);
         return true;
@@ -49,29 +51,39 @@ public:
         }
         return next;
     }
-    // How stable the least stable root is beside the crossing's own, at its factor and at peaks below: right after `peak`.
+    // How stable the least stable root is beside those that are known, at the highest factor that is looked at and at peaks below: right after `peak`.
     double margin() const { return std::max(0.0, margin_); }
     double speed() const { return norm_of(turning_); }
     // The same per unit of M.
     double give() const { return give_; }
 
+    // Looks from here on at factors of another crossing's and lower ones, which are at least `nearest` below this one's, and leave out its root
+    // at δω = `known`.
+    void look_at(double nearest, double known) {
+        nearest_ = nearest;
+        known_ = known;
+    }
+    bool is_known(Complex root) const { return nearest_ > 0.0 && std::abs(root - known_) < kSame * std::fabs(known_) + kSame * kSame * radius_; }
+
     // Where roots are the least stable between δg = −most and −least, apart from the rise towards the crossing itself; false: everywhere −Im δω of
     // all of them is below −slack. Steps are in proportion to the distance from the crossing, as what roots do there is.
     bool peak(double most, double least, double slack, Peak& found) {
-        double at[3] = {most, most / kStep, most / (kStep * kStep)}, height[3];
-        for (int k = 0; k < 3; k++) height[k] = growth(-at[k]);
+        double at[3], height[3];
+        for (int k = 0; k < 3; k++) height[k] = growth(-(at[k] = k == 0 ? most : nearer(at[k - 1])));
         double highest = -1e300;
-        margin_ = stability(beside());
+        const Complex beside = nearest_ > 0.0 ? beside_known() : this->beside();
+        margin_ = stability(beside);
         if (height[0] > 0.0) consider({-at[0], least_stable(-at[0]), -kStep * at[0], -at[1]}, highest, found);
         while (true) {
-            if (height[1] >= height[0] && height[1] >= height[2]) margin_ = std::min(margin_, -height[1]);
+            const bool tops = height[1] >= height[0] && height[1] >= height[2] && at[1] > at[2];
+            if (tops) margin_ = std::min(margin_, -height[1]);
             const double drop = std::max(height[1] - height[0], height[1] - height[2]);
-            if (height[1] >= height[0] && height[1] >= height[2] && height[1] > -kSharp * drop - slack)
-                consider(refined(at[0], at[2]), highest, found);
+            if (tops && height[1] > -kSharp * drop - slack) consider(refined(at[0], at[2]), highest, found);
             if (at[2] <= least) break;
             step(at, height);
         }
-        if (height[2] > 0.0) consider({-at[2], least_stable(-at[2]), -at[1], 0.0}, highest, found);
+        if (nearest_ > 0.0 && stability(beside) < slack) consider({-nearest_, beside, -at[1], 0.0}, highest, found);
+        else if (nearest_ == 0.0 && height[2] > 0.0) consider({-at[2], least_stable(-at[2]), -at[1], 0.0}, highest, found);
         return highest > -slack;
     }
 
@@ -158,12 +170,31 @@ public:
 
 private:
     static constexpr double kStep = 1.8, kSharp = 1.0;  // a peak between two steps is no higher than so many times what they fall
+    static constexpr double kSame = 0.3;  // of the distance between two crossings: one's root as the other's span tells it
     static constexpr int kRefined = 9;
 
     void step(double* at, double* height) const {
         for (int k = 0; k < 2; k++) at[k] = at[k + 1], height[k] = height[k + 1];
-        at[2] /= kStep;
+        at[2] = nearer(at[2]);
         height[2] = growth(-at[2]);
+    }
+    double nearer(double at) const { return std::max(at / kStep, nearest_); }
+
+    // The least stable root at the other crossing's factor beside its own and this one's, where that is about as stable there as it leads to expect.
+    Complex beside_known() const {
+        Complex roots[kMost];
+        roots_at(-nearest_, roots);
+        const Complex expected = nearest_ * own_;
+        std::size_t own = 0;
+        for (std::size_t k = 1; k < size_; k++)
+            if (std::norm(roots[k] - expected) < std::norm(roots[own] - expected)) own = k;
+        Complex least(0.0, radius_);
+        for (std::size_t k = 0; k < size_; k++) {
+            const bool as_expected = k == own && expected.imag() > 0.0 && roots[k].imag() > 0.5 * expected.imag();
+            if (std::norm(roots[k]) < radius_ * radius_ && !is_known(roots[k]) && !as_expected && stability(roots[k]) < stability(least))
+                least = roots[k];
+        }
+        return least;
     }
 
     // Of `roots` but one; j radius where none counts.
@@ -246,7 +277,8 @@ private:
     }
 
     std::size_t size_ = 0;
-    double radius_ = 0.0, bend_ = 0.0, margin_ = 0.0, give_ = 0.0;
+    double radius_ = 0.0, bend_ = 0.0, margin_ = 0.0, give_ = 0.0, nearest_ = 0.0, known_ = 0.0;
+    Complex own_ = 0.0;           // −dω/dg of the crossing's own root
     Square fixed_{}, turning_{};  // D⁻¹M, D⁻¹G
 };
 

@@ -25,17 +25,23 @@ public:
         : laws_(laws), size_(laws.size()), used_(std::min(NearPencil::kMost, size_)), values_(size_), modes_(used_ * size_), kept_(modes_),
           moved_(size_), trial_(size_), factor_(size_) {}
 
-    // Whether nothing beside `crossing`, which has been followed to W, is unstable at factors a little below it. `factor`: of its matrix, nearly.
-    bool clear(const double* w, TrackedCrossing& crossing, const SymmetricFactor& factor) {
-        if (used_ < 2) return true;
+    static constexpr double kBeside = 0.05;  // of the lowest crossing's factor, above it: crossings that are looked beside
+
+    // Whether nothing beside `crossing`, which has been followed to W, is unstable at factors a little below it and not above the lowest one's.
+    // `factor`: of its matrix, nearly.
+    bool clear(const double* w, TrackedCrossing& crossing, const TrackedCrossing& lowest, const SymmetricFactor& factor) {
+        if (used_ < 2) return clear_for(crossing, 1.0, 0.0);
         laws_.at(crossing.omega, crossing.gain, values_.data());
         at_ = &crossing;
         if (!find_modes(crossing, factor) || !project(w, true)) return false;
-        const double moves = motion(w);
-        if (!is_clear_here(w, crossing)) return false;
+        const double above = crossing.gain - lowest.gain;
+        if (above == 0.0 && !is_clear_here(w, crossing)) return false;
+        const double moves = motion(w) + (above == 0.0 ? 0.0 : pencil_.speed() * lowest.gain * lowest.speed);
         const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
         if (next > kApart * far) return clear_for(crossing, next - kApart * far, moves);
-        const double least = std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain;
+        const double nearest = above == 0.0 ? 0.0 : above + kBelow * lowest.gain;
+        const double least = above == 0.0 ? std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain : nearest;
+        pencil_.look_at(nearest, lowest.omega - crossing.omega);
         for (int look = 0; look < kLooks; look++) {
             if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_))
                 return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin(), moves);
@@ -61,6 +67,7 @@ private:
     static constexpr double kWindow = 0.1;               // of the crossing's factor, below it
     static constexpr double kApart = 2.0, kScale = 0.1;  // of how far roots move over the window; of the distance at which they begin to meet
     static constexpr double kLeast = 1e-6;               // of the factor: a pair that is nearer is within what safe_gain leaves
+    static constexpr double kBelow = 1e-5;               // of the lowest crossing's, below it: where it is looked beside others
     static constexpr double kDoubt = 1e-4, kCertain = 1e-7;  // of ω: the span's error at the crossing; round-off
     static constexpr double kBend = 1.0;                // of δω²/ω: its error at δω, as laws bend over about ω
     static constexpr double kRough = 0.02;               // of δω: what modes that have been sharpened once leave
@@ -198,7 +205,8 @@ private:
         span_.roots_at(0.0, roots);
         for (std::size_t k = 0; k < used_ && known; k++) {
             const bool is_nearer = std::abs(roots[k] + peak_.root.real()) < kInside * std::abs(peak_.root);  // to the crossing: for the next look
-            if (roots[k].imag() > kCertain * at_->omega || is_nearer) continue;
+            const bool is_lowest = pencil_.is_known(roots[k] + peak_.root.real());
+            if (roots[k].imag() > kCertain * at_->omega || is_nearer || is_lowest) continue;
             combine(span_, 0.0, roots[k]);
             known = is_stable(w, omega, roots[k]);
         }

@@ -28,8 +28,9 @@ struct TrackedCrossing {
     std::uint64_t factored = 0;  // which factors of the CrossingFollower are its own, if they are still there
     double omega_before = 0.0, gain_before = 0.0, stride = 0.0;  // where it was one step before, and the path of that step; 0: not known
     std::vector<Complex> mode, before;
-    bool clear = false;  // nothing beside it is unstable at factors a little below it, see `clear_below`
+    bool clear = false;  // nothing beside it is unstable at factors up to the lowest crossing's, see `clear_below`
     double clear_at = 0.0, clear_for = 0.0;  // the path at which that was seen, and for how much more of it that is taken to hold
+    long clear_tick = 0;                     // the tick at which it was
     bool has_beside = false;
     std::vector<Complex> beside;  // other modes about its frequency, where they are known
 
@@ -110,9 +111,11 @@ public:
     // A gain that `crossing`, followed `ahead` of the path before, is above at a posture; NaN where that takes to follow it.
     virtual double least_gain(const double*, const TrackedCrossing&, double, double&) { return std::numeric_limits<double>::quiet_NaN(); }
 
-    // Whether no root beside the crossing's own, which has just been followed, is unstable at factors a little below it. After a no: starts for
-    // the crossing at which one becomes so (0), and for that at which it is stable again (1).
-    virtual bool clear_below(const double*, TrackedCrossing&, double&) { return true; }
+    // Whether no root beside the crossing's own, which has just been followed, is unstable at factors a little below it and not above the lowest
+    // crossing's; asked of those up to `beside` above that, as a share of it. After a no: starts for the crossing at which one becomes so (0), and
+    // for that at which it is stable again (1).
+    virtual double beside() const { return 0.0; }
+    virtual bool clear_below(const double*, TrackedCrossing&, const TrackedCrossing& /*lowest*/, double& /*work*/) { return true; }
     virtual bool start_below(int, TrackedCrossing&) { return false; }
 
     // At jω and a factor: the phase up to turns of a function of the closed loop that has its unstable roots and no others, and, where
