@@ -27,6 +27,8 @@ from ..system.loop import Loop
 from .passive_intervals import passive_intervals
 from .stability_boundary import LOCI, Boundary, in_blocks
 
+TURNS = 1.0  # [rad] a locus that turns back farther from the negative real axis does not come to it between samples
+
 
 @dataclass(frozen=True)
 class Steps:
@@ -62,6 +64,8 @@ class Sweep:
         self._pairs = _core.paired(self.loci[:-1], self.loci[1:])
         self._reach_ends()
         self._refine(self._rough)
+        if for_limit:
+            self._refine_turns()
 
     def keep(self) -> None:
         """Hold these samples with their loop, for `of_scaled`."""
@@ -148,6 +152,25 @@ class Sweep:
             self.add(middle)
             right = np.searchsorted(self.omega, middle)
             rows = distinct(np.concatenate([right - 1, right]))
+
+    def _refine_turns(self) -> None:
+        """Halve intervals about samples at which a locus turns back before the negative real axis, until it has no room to pass it."""
+        for _ in range(60):
+            rows = np.arange(len(self._pairs) - 1)[:, None]
+            came = np.empty_like(self._pairs)
+            came[np.arange(len(came))[:, None], self._pairs] = np.arange(came.shape[1])  # which one each was a sample before
+            before, here, after = self.loci[rows, came[:-1]], self.loci[1:-1], self.steps().end[1:]
+            away, alike = math.pi - np.abs(np.angle(here)), np.ones(here.shape, dtype=bool)
+            for other in (before, after):
+                alike &= (np.imag(other) * np.imag(here) > 0) & (math.pi - np.abs(np.angle(other)) >= away)
+            turns = alike & (away < TURNS) & (np.abs(here) * self.highest > 1)
+            rough = np.zeros(len(self._pairs), dtype=bool)
+            for half, other in ((rough[:-1], before), (rough[1:], after)):
+                half |= np.any(turns & (np.abs(here - other) > np.abs(np.imag(here))), axis=1)
+            found = np.flatnonzero(rough & ~self.passive & (np.diff(self.omega) > LOCI.closest * self.omega[1:]))
+            if not len(found) or self.full:
+                return
+            self.add(_middle(self.omega[found], self.omega[found + 1]))
 
     def unstable(self, gain: float, phase: float = 0.0, delay: float = 0.0) -> int:
         """Unstable closed-loop roots with L multiplied by gain e^{−j(phase + ω delay)}, as far as the gains move them.

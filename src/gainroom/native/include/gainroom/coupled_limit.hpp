@@ -60,12 +60,14 @@ class CoupledLimit : public CrossingNewton {
             if (undecided.empty()) return true;
             open = undecided;
             if (lowered(gain, grid[0], grid[grid_count - 1])) continue;
+            if (crossings.empty() && lowered(gain, grid[0], grid[grid_count - 1], kDense)) continue;
             if (crossings.empty() || bases != nullptr) return false;
             const std::vector<Complex> near = vectors_near();
             undecided = left_by(undecided, exclusion(gain, 0.0, near.data(), near.size() / n_), kFinest);
             if (undecided.empty()) return true;
             open = undecided;
-            if (!lowered(gain, grid[0], grid[grid_count - 1])) return false;
+            const double low = grid[0], high = grid[grid_count - 1];
+            if (!lowered(gain, low, high) && !lowered(gain, low, high, kDense)) return false;
         }
         return false;
     }
@@ -92,11 +94,11 @@ class CoupledLimit : public CrossingNewton {
     }
 
    private:
-    static constexpr int kRounds = 24, kStarts = 3, kSweeps = 12;
+    static constexpr int kRounds = 24, kStarts = 3, kDense = 129, kSweeps = 12;
     static constexpr double kSame = 1e-7, kNear = 1.5, kFinest = 1e-7;
     static constexpr double kClose = 1.5, kDiagonal = 1e-12, kLeans = 0.5;
     static constexpr std::int64_t kMostNodes = 400;
-    static constexpr std::size_t kMost = 6;  // vectors that are mixed
+    static constexpr std::size_t kMost = 6, kFew = 16;  // vectors that are mixed; intervals that are searched densely
 
     Way way_{0.0, 1.0};
     bool counting_ = false;
@@ -165,13 +167,16 @@ class CoupledLimit : public CrossingNewton {
     }
 
     // Looks for crossings before `gain` from the undecided intervals, first from the likeliest start of each; true where there are. Those a
-    // little beyond are kept too: their vectors matter (exclusion.hpp).
-    bool lowered(double gain, double low, double high) {
+    // little beyond are kept too: their vectors matter (exclusion.hpp). From so many `points` of each where they are few: a resonance that is
+    // damped little tells of itself only nearby.
+    bool lowered(double gain, double low, double high, int points = kStarts) {
+        if (points > kStarts && undecided.size() > kFew) return false;
         bool found = false;
         for (const bool all : {false, true}) {
+            const int first = all ? 0 : points / 2, last = all ? points - 1 : first;
             for (const Interval& interval : undecided)
-                for (int k = all ? 0 : 1; k < (all ? kStarts : 2); k++) {
-                    std::vector<Crossing> from = starts(interval.low + (interval.high - interval.low) * k / (kStarts - 1), gain);
+                for (int k = first; k <= last; k++) {
+                    std::vector<Crossing> from = starts(interval.low + (interval.high - interval.low) * k / (points - 1), gain, points > kStarts);
                     if (!all && way_.start == 0 && from.size() > 1) from.resize(1);
                     for (Crossing& start : from) {
                         if (!polish(start) || start.omega < low || start.omega > high || known(start)) continue;
@@ -192,8 +197,8 @@ class CoupledLimit : public CrossingNewton {
         std::sort(some.begin(), some.end(), [this](const Crossing& a, const Crossing& b) { return way_.nearer(a.gain, b.gain); });
     }
 
-    // Where Re(e^{jθ} F) is singular, e^{jθ} turning the mean of the d_i to be real: the gains up to 1.5 `gain` that are nearly the nearest.
-    std::vector<Crossing> starts(double omega, double gain) {
+    // Where Re(e^{jθ} F) is singular, e^{jθ} turning the mean of the d_i to be real: the gains up to 1.5 `gain` that are nearly the nearest, or `every` one.
+    std::vector<Crossing> starts(double omega, double gain, bool every) {
         rescale(omega);
         respond(omega);
         Complex mean = 0.0;
@@ -223,7 +228,7 @@ class CoupledLimit : public CrossingNewton {
         }
         sort(found);
         // From rest the nearest are the largest loci; on from elsewhere those may be others, which do not cross.
-        while (way_.start == 0 && !found.empty() && !way_.nearer(found.back().gain, way_.beyond(found.front().gain, kClose))) found.pop_back();
+        while (!every && way_.start == 0 && !found.empty() && !way_.nearer(found.back().gain, way_.beyond(found.front().gain, kClose))) found.pop_back();
         return found;
     }
 
