@@ -17,7 +17,7 @@ from gainroom.robot.linearize import linearize
 from .table import Table
 from .talos import talos
 
-TICKS, STANCE, CHECKS = 20_000, 800, 200
+TICKS, STANCE, CHECKS, RUNS = 20_000, 800, 200, 3
 LEFT, ABOVE = 1.0, 1e-6  # [%], relative
 LONGEST = {"joint": (15.0, 50.0), "task": (40.0, 150.0), "TALOS": (60.0, 150.0)}  # median and p99.9 [µs]
 SAMPLE_TIME = 5e-4
@@ -31,13 +31,18 @@ def run(seed: int) -> Table:
     for case, sample_time in product(LONGEST, (None, SAMPLE_TIME)):
         robot, control = _talos(sample_time) if case == "TALOS" else _biped(case, sample_time)
         system = replace(robot.system, source=robot, control=control)
-        tracker, body = gr.GainTracker(robot, system.control), robot.body
-        postures, contacts = _motion(robot, seed), [tracker.contacts[k // STANCE % len(tracker.contacts)] for k in range(TICKS)]
-        taken, answers, rigid = np.empty(TICKS), [], np.empty(TICKS)
-        for k, (q, contact) in enumerate(zip(postures, contacts, strict=True)):
-            begun = time.perf_counter()
-            answers.append(tracker.update(q, contact))
-            taken[k] = time.perf_counter() - begun
+        body, postures = robot.body, _motion(robot, seed)
+        names = gr.GainTracker(robot, system.control).contacts
+        contacts = [names[k // STANCE % len(names)] for k in range(TICKS)]
+        taken, answers, rigid = np.empty((RUNS, TICKS)), [], np.empty(TICKS)
+        for run in taken:
+            tracker, first, answers = gr.GainTracker(robot, system.control), answers, []
+            for k, (q, contact) in enumerate(zip(postures, contacts, strict=True)):
+                begun = time.perf_counter()
+                answers.append(tracker.update(q, contact))
+                run[k] = time.perf_counter() - begun
+            if first and not np.array_equal([one.gain for one in first], [one.gain for one in answers], equal_nan=True):
+                raise RuntimeError("the same motion led to other limits")
         data = body.model.createData()
         for k, q in enumerate(postures):
             begun = time.perf_counter()
@@ -54,8 +59,13 @@ def run(seed: int) -> Table:
         time_model = f"{name}, {'continuous' if sample_time is None else f'{1 / sample_time:g} Hz'}"
         median, tail = LONGEST[case]
         table.rows += [
-            {"figure": f"{time_model}: median [µs]", "value": 1e6 * float(np.median(taken)), "at most": median},
-            {"figure": f"{time_model}: p99.9 [µs]", "value": 1e6 * float(np.quantile(taken, 0.999)), "at most": tail},
+            {"figure": f"{time_model}: median [µs]", "value": 1e6 * float(np.median(taken[0])), "at most": median},
+            {"figure": f"{time_model}: p99.9 [µs]", "value": 1e6 * float(np.quantile(taken[0], 0.999)), "at most": tail},
+            {
+                "figure": f"{time_model}: p99.9 of each tick's least in {RUNS} runs [µs]",
+                "value": 1e6 * float(np.quantile(taken.min(axis=0), 0.999)),
+                "at most": tail,
+            },
             {
                 "figure": f"{time_model}: Pinocchio's mass matrix alone, median [µs]",
                 "value": 1e6 * float(np.median(rigid)),
@@ -66,7 +76,9 @@ def run(seed: int) -> Table:
         ]
     table.notes = [
         f"{TICKS:,} ticks; {CHECKS} certified ones are computed cold by gain_limit afterwards. "
-        "Tasks: centre of mass and pelvis, 6 directions, K'p 100 1/s² and K'v 20 1/s. 12 joints: the biped, 32: TALOS."
+        "Tasks: centre of mass and pelvis, 6 directions, K'p 100 1/s² and K'v 20 1/s. 12 joints: the biped, 32: TALOS.",
+        f"The same motion {RUNS} times, with the same limits to the last digit: a tick that is long in one run alone was interrupted, on a",
+        "shared machine, and its least over the runs is what it takes by itself. The rest is of the first run.",
     ]
     return table
 

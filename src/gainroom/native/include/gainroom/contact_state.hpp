@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "counts_below.hpp"
 #include "phase_sweep.hpp"
 
 namespace gainroom {
@@ -50,6 +51,9 @@ struct ContactState {
     long ticks = 0;                            // in this contact state
     double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
     bool counted_after_slow = false;            // of that count, see `slow_holds`
+    CountsBelow below;
+    bool goes_below = false;                    // the count under way is one of those
+    int above = 0;                              // counts since the last one of those
     double unforeseen = 0.0, unforeseen_at = 0.0;  // how fast a crossing has come below the last count, the path at which it was found
     PhaseSweep slow;             // of frequencies below `lowest`, while `slowing`: its factor is high, kHigh times the lowest crossing
     bool slowing = false, loose = false;  // loose: it found that the loop is not stable at low factors
@@ -101,8 +105,15 @@ struct ContactState {
     bool certified() const {
         if (count == 0 || counted == 0.0) return false;
         const TrackedCrossing& lowest = *order[0];
-        return lowest.converged && lowest.seen_at == path && is_clear() && holds(counted, counted_from) && slow_holds();
+        return lowest.converged && lowest.seen_at == path && is_clear() && holds(counted, counted_from) && slow_holds() &&
+               !is_refuted();
     }
+
+    // Whether something is unstable below the lowest crossing that no known one explains.
+    bool is_refuted() const { return below.found() > 0 && pairs(below.found_at()) < below.found(); }
+
+    // Whether the robot stands where the last count began, and what is below the lowest crossing has not been counted there.
+    bool rests_anew() const { return counted_from == path && !below.are_empty(path); }
 
     // Whether nothing was unstable beside the lowest crossing and those near above it as they were last looked beside.
     bool is_clear() const {
@@ -112,22 +123,27 @@ struct ContactState {
     }
     bool is_near(std::size_t k) const { return !(order[k]->gain > beside * order[0]->gain); }
 
-    // Which crossing is to be looked beside next: the lowest as soon as motion may have changed what was seen there, of the others the one that
-    // has waited the longest; they are looked beside more rarely, best when they have just been followed. `count`: none.
+    // Which crossing is to be looked beside next: the lowest as soon as motion may have changed what was seen there, of the others one that was not
+    // clear, or has waited the longest; they are looked beside more rarely, best when they have just been followed. `count`: none.
     std::size_t due() const {
-        if (!order[0]->clear || (order[0]->clear_at != path && !(path - order[0]->clear_at < order[0]->clear_for))) return 0;
+        const TrackedCrossing& lowest = *order[0];
+        const bool holds_still = lowest.clear_at == path ? !is_settling(lowest) : path - lowest.clear_at < lowest.clear_for;
+        if (!lowest.clear || !lowest.clear_as_lowest || !holds_still) return 0;
         std::size_t found = count;
         for (std::size_t k = 1; k < count && is_near(k); k++) {
             const TrackedCrossing& one = *order[k];
-            if (!is_late(one) || (found < count && order[found]->clear && one.clear && order[found]->clear_tick <= one.clear_tick)) continue;
-            found = k;
+            if (!is_late(one)) continue;
+            const TrackedCrossing* before = found < count ? order[found] : nullptr;
+            if (!before || one.clear < before->clear || (one.clear == before->clear && one.clear_tick < before->clear_tick)) found = k;
         }
         return found;
     }
     bool is_late(const TrackedCrossing& one) const {
         const double late = one.seen_at == path ? 1.0 : 2.0, way = path - one.clear_at;
-        return !one.clear || way > late * kRare || (way > 0.0 && double(ticks - one.clear_tick) > late * kStale);
+        return !one.clear || way > late * kRare || (way > 0.0 ? double(ticks - one.clear_tick) > late * kStale : is_settling(one));
     }
+    // Whether the robot has come to rest since a crossing was looked beside with modes that had been followed: once more, with new ones.
+    bool is_settling(const TrackedCrossing& one) const { return !one.clear_anew && double(ticks - one.clear_tick) > kStale; }
 
     // The same of the slow count. The other count must have begun when it held already: else a crossing may have gone from its frequencies to those
     // of the other count between them.

@@ -133,8 +133,11 @@ private:
                 continue;  // another one may be the lowest
             }
             others += k > 0;
+            one.clear_anew = one.clear_at == state.path;
+            if (one.clear_anew) one.has_beside = false;
             one.clear_at = state.path;
             one.clear_tick = state.ticks;
+            one.clear_as_lowest = k == 0;
             one.clear_for = 0.0;
             one.clear = loop_.clear_below(state.posture.data(), one, *state.order[0], work);
             if (!one.clear && (!found_below(state, work) || ++found == kBelow)) return;

@@ -36,7 +36,7 @@ public:
         own_ = over(g[0][0], d[0][0]);
         multiply(inverse, m, fixed_);
         multiply(inverse, g, turning_);
-        return true;
+        return std::isfinite(norm_of(fixed_) + norm_of(turning_));
     }
 
     // The distance of the root next to the crossing's own, and how far roots may move per unit of δg.
@@ -101,7 +101,7 @@ public:
     Complex least_stable(double by) const {
         Complex roots[kMost];
         roots_at(by, roots);
-        return least_stable(roots, kMost);
+        return least_stable(roots, kMost, false);
     }
 
     // The least stable root at the crossing, but for its own; how stable a root is at least.
@@ -111,7 +111,7 @@ public:
         std::size_t own = 0;
         for (std::size_t k = 1; k < size_; k++)
             if (std::norm(roots[k]) < std::norm(roots[own])) own = k;
-        return least_stable(roots, own);
+        return least_stable(roots, own, true);
     }
     double stability(Complex root) const { return root.imag() - bend_ * std::norm(root); }
 
@@ -191,18 +191,23 @@ private:
         Complex least(0.0, radius_);
         for (std::size_t k = 0; k < size_; k++) {
             const bool as_expected = k == own && expected.imag() > 0.0 && roots[k].imag() > 0.5 * expected.imag();
-            if (std::norm(roots[k]) < radius_ * radius_ && !is_known(roots[k]) && !as_expected && stability(roots[k]) < stability(least))
+            if (counts(roots[k], true) && !is_known(roots[k]) && !as_expected && stability(roots[k]) < stability(least))
                 least = roots[k];
         }
         return least;
     }
 
+    // `all`: one that is unstable by much, too, which may in truth be nearer.
+    bool counts(Complex root, bool all) const {
+        return std::norm(root) < radius_ * radius_ || (all && root.imag() < 0.0 && std::fabs(root.real()) < radius_);
+    }
+
     // Of `roots` but one; j radius where none counts.
-    Complex least_stable(const Complex* roots, std::size_t left_out) const {
+    Complex least_stable(const Complex* roots, std::size_t left_out, bool all) const {
         Complex least(0.0, radius_);
         double lowest = radius_;
         for (std::size_t k = 0; k < size_; k++)
-            if (k != left_out && std::norm(roots[k]) < radius_ * radius_ && stability(roots[k]) < lowest) {
+            if (k != left_out && counts(roots[k], all) && stability(roots[k]) < lowest) {
                 least = roots[k];
                 lowest = stability(least);
             }

@@ -38,12 +38,12 @@ public:
         if (above == 0.0 && !is_clear_here(w, crossing)) return false;
         const double moves = motion(w) + (above == 0.0 ? 0.0 : pencil_.speed() * lowest.gain * lowest.speed);
         const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
-        if (next > kApart * far) return clear_for(crossing, next - kApart * far, moves);
+        if (next > kApart * far && (above == 0.0 || pencil_.beside().imag() > 0.0)) return clear_for(crossing, next - kApart * far, moves);
         const double nearest = above == 0.0 ? 0.0 : above + kBelow * lowest.gain;
         const double least = above == 0.0 ? std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain : nearest;
         pencil_.look_at(nearest, lowest.omega - crossing.omega);
         for (int look = 0; look < kLooks; look++) {
-            if (!pencil_.peak(kWindow * crossing.gain, least, kDoubt * crossing.omega, peak_))
+            if (!pencil_.peak(above + kWindow * lowest.gain, least, kDoubt * crossing.omega, peak_))
                 return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin(), moves);
             if (!is_stable(w)) return false;
             pencil_.narrow(kCloser * std::abs(peak_.root));  // it may have hidden one that is nearer

@@ -111,7 +111,7 @@ private:
     }
 
     static constexpr std::size_t kMostSlices = 2000;
-    static constexpr double kAgreed = 0.9, kBent = 4.0, kClose = 2.0, kShortest = 1e-5, kLeap = 1.2, kCheap = 0.15;
+    static constexpr double kAgreed = 0.9, kBent = 4.0, kClose = 2.0, kShortest = 1e-7, kLeap = 1.2, kCheap = 0.15;
     static constexpr double kGrows = 1.2, kSeen = 0.05;  // steps of slices seen at once; what one costs that was seen before
 
     // Which lower factors this count looks at, of which one costs so many slices.

@@ -30,7 +30,8 @@ struct TrackedCrossing {
     std::vector<Complex> mode, before;
     bool clear = false;  // nothing beside it is unstable at factors up to the lowest crossing's, see `clear_below`
     double clear_at = 0.0, clear_for = 0.0;  // the path at which that was seen, and for how much more of it that is taken to hold
-    long clear_tick = 0;                     // the tick at which it was
+    long clear_tick = 0;                                     // the tick at which it was
+    bool clear_as_lowest = false, clear_anew = false;        // whether it was the lowest then; whether with modes that were not known before
     bool has_beside = false;
     std::vector<Complex> beside;  // other modes about its frequency, where they are known
 

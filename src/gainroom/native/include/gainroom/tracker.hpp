@@ -113,13 +113,15 @@ private:
     static constexpr double kShrunk = 0.9, kForgets = 0.95;  // see answer; of the rate, per tick
     static constexpr double kOneSided = 0.7, kUneven = 0.2;  // gains that are counted closer, and as often as there is time
     static constexpr double kBeside = 0.1;                   // of a factor
-    static constexpr double kIdle = 0.5;                     // slices where nothing moves
+    static constexpr int kFirst = 4;
+    static constexpr double kIdle = 0.5, kStill = 0.05;      // slices where nothing moves, or next to nothing
 
     // For slices, at this tick: where there is no certificate, all that is left after `work`, for the nearest count that will give one.
     double room_for(const State& state) const {
         const bool certified = state.certified();
         if (!certified) return std::max(settings_.urgent - work_, settings_.slices);
-        return std::min(std::max(state.pace(), state.missed > 0 || !state.resting ? settings_.slices : kIdle), 0.5 * settings_.urgent);
+        const bool idle = state.missed == 0 && state.resting && !state.rests_anew();
+        return std::min(std::max(state.pace(), idle ? kIdle : settings_.slices), 0.5 * settings_.urgent);
     }
 
     // Numbers whose squares are numbers.
@@ -138,14 +140,17 @@ private:
                 spent += state.slow.cost() - 1.0;
                 continue;
             }
+            if (state.sweeping && state.goes_below && !has_time_below(state)) state.sweeping = false;
             if (!state.sweeping) {
+                state.goes_below = has_time_below(state) && (!state.goes_below || state.rests_anew());
+                const double factor = state.goes_below ? state.below.factor(state.order[0]->gain) : state.next_factor();
                 const double one_sided = loop_.one_sided(state.posture.data());
                 state.slowest_speed = (one_sided > kOneSided ? State::kFaster : 1.0) * loop_.slowest_speed();
-                state.looking = state.searching || one_sided > kOneSided;
+                state.looking = (state.goes_below ? state.is_refuted() : state.searching) || one_sided > kOneSided;
                 state.resting = !(one_sided > kUneven);
                 state.sweep_from = state.path;
                 state.sweep_after_slow = state.slow_needed && state.count > 0 && state.slow_tells();
-                state.sweeping = state.sweep.begin(loop_, state.posture.data(), state.next_factor()) == PhaseSweep::State::running;
+                state.sweeping = state.sweep.begin(loop_, state.posture.data(), factor) == PhaseSweep::State::running;
                 if (state.sweeping && state.looking) search_.begin(state);
                 continue;
             }
@@ -154,10 +159,27 @@ private:
             if (state.looking) spent += search_.look(state);
             if (now == PhaseSweep::State::running) continue;
             state.sweeping = false;
+            const bool done = now == PhaseSweep::State::done;
+            state.above = state.goes_below ? 0 : state.above + 1;
+            if (state.goes_below) {
+                // A crossing may have come below it meanwhile.
+                const bool tells = done && state.count > 0 && !(state.order[0]->gain < state.sweep.gain());
+                state.below.conclude(tells, state.sweep.gain(), state.sweep.pairs(), state.sweep_from, state.path);
+                continue;
+            }
             state.length = state.sweep.spent();
-            conclude(state, now == PhaseSweep::State::done, state.sweep.gain(), state.sweep.pairs());
+            conclude(state, done, state.sweep.gain(), state.sweep.pairs());
         }
         state.owed -= spent;
+    }
+
+    // Whether there is time for a count below the lowest crossing: in this contact state, where the robot hardly moves, and as long as one has found something there.
+    // While those above it do not reach as far as they may, one for every few of them.
+    bool has_time_below(const State& state) const {
+        if (state.number != contact_ || state.count == 0 || state.counted == 0.0) return false;
+        if (state.is_refuted()) return true;
+        const bool is_still = state.counted_from == state.path || state.pace() < kStill, first = state.reach < state.farthest;
+        return state.certified() && is_still && (!first || state.above >= kFirst);
     }
 
     // One slice below the frequencies that are followed.
