@@ -110,7 +110,7 @@ struct ContactState {
     }
 
     // Whether something is unstable below the lowest crossing that no known one explains.
-    bool is_refuted() const { return below.found() > 0 && pairs(below.found_at()) < below.found(); }
+    bool is_refuted() const { return pairs(below.found_at()) < below.found(path); }
 
     // Whether the robot stands where the last count began, and what is below the lowest crossing has not been counted there.
     bool rests_anew() const { return counted_from == path && !below.are_empty(path); }
@@ -123,8 +123,8 @@ struct ContactState {
     }
     bool is_near(std::size_t k) const { return !(order[k]->gain > beside * order[0]->gain); }
 
-    // Which crossing is to be looked beside next: the lowest as soon as motion may have changed what was seen there, of the others one that was not
-    // clear, or has waited the longest; they are looked beside more rarely, best when they have just been followed. `count`: none.
+    // Which crossing is to be looked beside next: the lowest as soon as motion may have changed what was seen there, of the others one that
+    // was not clear, or has waited the longest; they are looked beside more rarely, best when they have just been followed. `count`: none.
     std::size_t due() const {
         const TrackedCrossing& lowest = *order[0];
         const bool holds_still = lowest.clear_at == path ? !is_settling(lowest) : path - lowest.clear_at < lowest.clear_for;

@@ -176,7 +176,8 @@ class CoupledLimit : public CrossingNewton {
             const int first = all ? 0 : points / 2, last = all ? points - 1 : first;
             for (const Interval& interval : undecided)
                 for (int k = first; k <= last; k++) {
-                    std::vector<Crossing> from = starts(interval.low + (interval.high - interval.low) * k / (points - 1), gain, points > kStarts);
+                    const double omega = interval.low + (interval.high - interval.low) * k / (points - 1);
+                    std::vector<Crossing> from = starts(omega, gain, points > kStarts);
                     if (!all && way_.start == 0 && from.size() > 1) from.resize(1);
                     for (Crossing& start : from) {
                         if (!polish(start) || start.omega < low || start.omega > high || known(start)) continue;
@@ -197,7 +198,8 @@ class CoupledLimit : public CrossingNewton {
         std::sort(some.begin(), some.end(), [this](const Crossing& a, const Crossing& b) { return way_.nearer(a.gain, b.gain); });
     }
 
-    // Where Re(e^{jθ} F) is singular, e^{jθ} turning the mean of the d_i to be real: the gains up to 1.5 `gain` that are nearly the nearest, or `every` one.
+    // Where Re(e^{jθ} F) is singular, e^{jθ} turning the mean of the d_i to be real: of the gains up to 1.5 `gain` those that are nearly the
+    // nearest, or `every` one.
     std::vector<Crossing> starts(double omega, double gain, bool every) {
         rescale(omega);
         respond(omega);
@@ -228,7 +230,8 @@ class CoupledLimit : public CrossingNewton {
         }
         sort(found);
         // From rest the nearest are the largest loci; on from elsewhere those may be others, which do not cross.
-        while (!every && way_.start == 0 && !found.empty() && !way_.nearer(found.back().gain, way_.beyond(found.front().gain, kClose))) found.pop_back();
+        if (every || way_.start != 0) return found;
+        while (!found.empty() && !way_.nearer(found.back().gain, way_.beyond(found.front().gain, kClose))) found.pop_back();
         return found;
     }
 

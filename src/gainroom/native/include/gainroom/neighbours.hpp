@@ -34,13 +34,12 @@ public:
         laws_.at(crossing.omega, crossing.gain, values_.data());
         at_ = &crossing;
         if (!find_modes(crossing, factor) || !project(w, true)) return false;
-        const double above = crossing.gain - lowest.gain;
-        if (above == 0.0 && !is_clear_here(w, crossing)) return false;
-        const double moves = motion(w) + (above == 0.0 ? 0.0 : pencil_.speed() * lowest.gain * lowest.speed);
-        const double far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
-        if (next > kApart * far && (above == 0.0 || pencil_.beside().imag() > 0.0)) return clear_for(crossing, next - kApart * far, moves);
-        const double nearest = above == 0.0 ? 0.0 : above + kBelow * lowest.gain;
-        const double least = above == 0.0 ? std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain : nearest;
+        const bool is_lowest = &crossing == &lowest;
+        if (is_lowest && !is_clear_here(w, crossing)) return false;
+        const double moves = motion(w), far = pencil_.speed() * kWindow * crossing.gain, next = pencil_.distance();
+        if (next > kApart * far && (is_lowest || pencil_.beside().imag() > 0.0)) return clear_for(crossing, next - kApart * far, moves);
+        const double above = crossing.gain - lowest.gain, nearest = is_lowest ? 0.0 : above + kBelow * lowest.gain;
+        const double least = is_lowest ? std::max(kWindow * std::min(1.0, kScale * next / far), kLeast) * crossing.gain : nearest;
         pencil_.look_at(nearest, lowest.omega - crossing.omega);
         for (int look = 0; look < kLooks; look++) {
             if (!pencil_.peak(above + kWindow * lowest.gain, least, kDoubt * crossing.omega, peak_))
@@ -205,8 +204,8 @@ private:
         span_.roots_at(0.0, roots);
         for (std::size_t k = 0; k < used_ && known; k++) {
             const bool is_nearer = std::abs(roots[k] + peak_.root.real()) < kInside * std::abs(peak_.root);  // to the crossing: for the next look
-            const bool is_lowest = pencil_.is_known(roots[k] + peak_.root.real());
-            if (roots[k].imag() > kCertain * at_->omega || is_nearer || is_lowest) continue;
+            const bool is_known = pencil_.is_known(roots[k] + peak_.root.real());
+            if (roots[k].imag() > kCertain * at_->omega || is_nearer || is_known) continue;
             combine(span_, 0.0, roots[k]);
             known = is_stable(w, omega, roots[k]);
         }

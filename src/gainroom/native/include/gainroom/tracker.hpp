@@ -113,7 +113,7 @@ private:
     static constexpr double kShrunk = 0.9, kForgets = 0.95;  // see answer; of the rate, per tick
     static constexpr double kOneSided = 0.7, kUneven = 0.2;  // gains that are counted closer, and as often as there is time
     static constexpr double kBeside = 0.1;                   // of a factor
-    static constexpr int kFirst = 4;
+    static constexpr int kFirst = 4;                         // counts above the lowest crossing before one below it
     static constexpr double kIdle = 0.5, kStill = 0.05;      // slices where nothing moves, or next to nothing
 
     // For slices, at this tick: where there is no certificate, all that is left after `work`, for the nearest count that will give one.
@@ -173,8 +173,8 @@ private:
         state.owed -= spent;
     }
 
-    // Whether there is time for a count below the lowest crossing: in this contact state, where the robot hardly moves, and as long as one has found something there.
-    // While those above it do not reach as far as they may, one for every few of them.
+    // Whether there is time for a count below the lowest crossing: in this contact state, where the robot hardly moves, and as long as one has
+    // found something there. While those above it do not reach as far as they may, one for every few of them.
     bool has_time_below(const State& state) const {
         if (state.number != contact_ || state.count == 0 || state.counted == 0.0) return false;
         if (state.is_refuted()) return true;
