@@ -63,7 +63,9 @@ def loop_of(table, inverse, sample_time: float | None, joints: range) -> gr.Loop
     return gr.build_loop(plant, [gr.Drive(*row) for row in rows[:, 5:8]], gr.PD(of["kp"], of["kd"]), "motor", sample_time)
 
 
-@pytest.mark.parametrize("limit_of", [gr.gain_limit, limit_from_loci], ids=["proved or not", "from loci"])
+@pytest.mark.parametrize(
+    "limit_of", [gr.gain_limit, limit_from_loci, lambda loop: gr.margins(loop).limit], ids=["proved or not", "from loci", "margins"]
+)
 @pytest.mark.parametrize("machine", MACHINES)
 def test_limit_is_where_stability_is_first_lost(machine: str, limit_of):
     """Stable at all factors below it and unstable just above, by counts of roots and by the rightmost roots themselves.

@@ -64,8 +64,7 @@ class Sweep:
         self._pairs = _core.paired(self.loci[:-1], self.loci[1:])
         self._reach_ends()
         self._refine(self._rough)
-        if for_limit:
-            self._refine_turns()
+        self._refine_turns()
 
     def keep(self) -> None:
         """Hold these samples with their loop, for `of_scaled`."""
