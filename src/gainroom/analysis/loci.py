@@ -162,7 +162,10 @@ class Sweep:
             away, alike = math.pi - np.abs(np.angle(here)), np.ones(here.shape, dtype=bool)
             for other in (before, after):
                 alike &= (np.imag(other) * np.imag(here) > 0) & (math.pi - np.abs(np.angle(other)) >= away)
-            turns = alike & (away < TURNS) & (np.abs(here) * self.highest > 1)
+            size = np.abs(here)
+            seen = (size * self.highest > 1) & (size < LOCI.large)  # of larger ones no factor that is searched puts a root there
+            seen &= np.abs(np.imag(here)) > LOCI.noise * np.maximum(size.max(axis=1, keepdims=True), 1.0)
+            turns = alike & seen & (away < TURNS)
             rough = np.zeros(len(self._pairs), dtype=bool)
             for half, other in ((rough[:-1], before), (rough[1:], after)):
                 half |= np.any(turns & (np.abs(here - other) > np.abs(np.imag(here))), axis=1)
