@@ -53,7 +53,7 @@ struct ContactState {
     bool counted_after_slow = false;            // of that count, see `slow_holds`
     CountsBelow below;
     bool goes_below = false;                    // the count under way is one of those
-    int above = 0;                              // counts since the last one of those
+    int since_below = 0;                        // counts since the last one of those
     double unforeseen = 0.0, unforeseen_at = 0.0;  // how fast a crossing has come below the last count, the path at which it was found
     PhaseSweep slow;             // of frequencies below `lowest`, while `slowing`: its factor is high, kHigh times the lowest crossing
     bool slowing = false, loose = false;  // loose: it found that the loop is not stable at low factors

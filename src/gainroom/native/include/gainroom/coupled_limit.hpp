@@ -47,9 +47,10 @@ class CoupledLimit : public CrossingNewton {
         if (n_ == 0 || !(std::max(way.start, way.stop) > 0) || grid_count < 2) return false;
         way_ = way;
         counting_ = counting;
+        const double low = grid[0], high = grid[grid_count - 1];
         std::vector<Interval> open = within(grid, grid_count, way_end(nudge), passive);
         for (std::size_t k = 0; bases != nullptr && k + 1 < grid_count; k++)
-            begin(std::sqrt(grid[k] * grid[k + 1]), bases + k * n_ * n_, grid[0], grid[grid_count - 1]);
+            begin(std::sqrt(grid[k] * grid[k + 1]), bases + k * n_ * n_, low, high);
         for (int round = 0; round < kRounds; round++) {
             const double gain = way_end(nudge);
             undecided = open;
@@ -59,14 +60,12 @@ class CoupledLimit : public CrossingNewton {
                 for (const double alignment : {0.0, 1.0}) undecided = left_by(undecided, exclusion(gain, alignment), floor);
             if (undecided.empty()) return true;
             open = undecided;
-            if (lowered(gain, grid[0], grid[grid_count - 1])) continue;
-            if (crossings.empty() && lowered(gain, grid[0], grid[grid_count - 1], kDense)) continue;
+            if (lowered(gain, low, high) || (crossings.empty() && lowered(gain, low, high, kDense))) continue;
             if (crossings.empty() || bases != nullptr) return false;
             const std::vector<Complex> near = vectors_near();
             undecided = left_by(undecided, exclusion(gain, 0.0, near.data(), near.size() / n_), kFinest);
             if (undecided.empty()) return true;
             open = undecided;
-            const double low = grid[0], high = grid[grid_count - 1];
             if (!lowered(gain, low, high) && !lowered(gain, low, high, kDense)) return false;
         }
         return false;

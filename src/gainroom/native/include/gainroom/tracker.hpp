@@ -160,7 +160,7 @@ private:
             if (now == PhaseSweep::State::running) continue;
             state.sweeping = false;
             const bool done = now == PhaseSweep::State::done;
-            state.above = state.goes_below ? 0 : state.above + 1;
+            state.since_below = state.goes_below ? 0 : state.since_below + 1;
             if (state.goes_below) {
                 // A crossing may have come below it meanwhile.
                 const bool tells = done && state.count > 0 && !(state.order[0]->gain < state.sweep.gain());
@@ -179,7 +179,7 @@ private:
         if (state.number != contact_ || state.count == 0 || state.counted == 0.0) return false;
         if (state.is_refuted()) return true;
         const bool is_still = state.counted_from == state.path || state.pace() < kStill, first = state.reach < state.farthest;
-        return state.certified() && is_still && (!first || state.above >= kFirst);
+        return state.certified() && is_still && (!first || state.since_below >= kFirst);
     }
 
     // One slice below the frequencies that are followed.
