@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from .gain_limit import coupled_limit
 from .loci import Sweep, passes
 from .margin_record import Margins, OneLoop
 from .return_ratios import Peak, Sampled, own_phases
-from .sampled_curves import Curves, meets_axis, on_axis, refined
+from .sampled_curves import Curves, meets_axis, on_axis, passed_twice, refined, side
 from .stability_boundary import LOCI, in_blocks
 
 
@@ -36,7 +37,7 @@ class CurveTolerances:
     lean: float = 0.3  # part of it that may be imaginary where it is looked for
     settled: float = 1e-2  # of a curve's value at rest: what it moves by, at most, further down
     least_factor: float = 1e-3  # on one joint's gains: what limits it further down counts as none
-    # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
+    # of a curve's size without resonances: where it is smaller it is not followed, and what it would limit counts as without limit
     faintest: float = 1e-6
     steepest: int = 6  # power of 1/ω with which a curve rises towards rest: what rises faster rises from a 0 that round-off has made
     within: float = 0.5  # of where it crosses for sure: likewise, as what it does there limits nothing first
@@ -200,8 +201,9 @@ def distances(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf)
         if one is None:
             continue
         certificate = Certificate(*(family.count(joint, one.at * (1 + side * SEARCH.nudge)) for side in (-1, 1)))
-        end = None if certificate.holds else family.of(joint).end(0.0, one.at * (1 + 10 * SEARCH.nudge))
-        holds = certificate.holds or (end is not None and end.certificate.holds)
+        first = certificate.holds and not family.crosses_before(joint, one.at)
+        end = None if first else family.of(joint).end(0.0, one.at * (1 + 10 * SEARCH.nudge))
+        holds = first or (end is not None and end.certificate.holds)
         found[joint] = end.at if end is not None and holds else one.at
         drowned = integrates and (one if end is None else end).omega < CURVES.deep * sweep.first
         certified[joint] &= holds and family.certifies(joint, found[joint]) and not drowned
@@ -229,7 +231,10 @@ class _Curves:
         self.settled = np.array([one.settled for one in self._rest])
         rows = np.array([one.row for one in self._rest])
         self._lowest, self._held = levels[rows], below[rows, 0, np.arange(self.size)]
-        self.omega, self.values = refined(omega, self._holding(omega, values), self._at, _rough, 12, LOCI.most)
+        values = self._holding(omega, values)
+        self._faint = np.maximum(CURVES.faintest * _level(omega, values), 1e-300)
+        omega, values = refined(omega, values, self._at, partial(_rough, self._faint), 12, LOCI.most)
+        self.omega, self.values = refined(omega, values, self._at, partial(_turning, self._faint), 60, LOCI.most)
 
     def _halved(self, highest: float) -> tuple[Floats, Complexes]:
         """Frequencies (k,) from `highest` down, and the curves there and 1 and 2 % above (k, 3, m), as far as they can be computed."""
@@ -248,6 +253,11 @@ class _Curves:
         """True where it is known from the value at rest on which side of 0 1 + δ c begins, for δ on both sides of `change`."""
         rest = self._rest[joint]
         return rest.order > 0 or abs(abs(1 + change * rest.value) - SEARCH.nudge) > abs(change) * rest.error
+
+    def crosses_before(self, joint: int, change: float) -> bool:
+        """Whether samples show the negative real axis crossed by a curve at less than that change."""
+        value = meets_axis(self.values[:-1, [joint]], self.values[1:, [joint]])[3]
+        return bool(np.any(change * (1 - SEARCH.nudge) * value < -1))
 
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
@@ -277,7 +287,7 @@ class _Curves:
 
     def nearest(self) -> list[Rough | None]:
         """The leftmost crossing of the negative real axis by each curve."""
-        least = np.maximum(CURVES.faintest * np.abs(self.values).max(axis=0), 1e-300)
+        least = self._faint
         found: list[Rough | None] = [None] * self.size
         for joint, rest in enumerate(self._rest):
             if rest.settled and rest.order == 0 and rest.value < -least[joint]:
@@ -306,7 +316,7 @@ class _Curves:
         def crossings() -> list[Rough]:
             rows, _, share, value = meets_axis(self.values[:-1, [joint]], self.values[1:, [joint]])
             omega = self.omega[rows] + share * (self.omega[rows + 1] - self.omega[rows])
-            seen = value < -CURVES.faintest * np.abs(self.values[:, joint]).max()
+            seen = value < -self._faint[joint]
             return listed(-1 / value[seen], omega[seen], value[seen].astype(complex))
 
         def polish(group: list[Rough]) -> list[Rough]:
@@ -380,15 +390,41 @@ def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
     return crosses & (left <= surely)
 
 
-def _rough(omega: Floats, values: Complexes) -> Booleans:
+def _level(omega: Floats, values: Complexes) -> Floats:
+    """(m,) the size of each curve without its sharp resonances: the largest of the least in each fifth of a decade."""
+    first = np.flatnonzero(np.diff(np.floor(5 * np.log10(omega)), prepend=-math.inf))
+    return np.minimum.reduceat(np.abs(values), first, axis=0).max(axis=0)
+
+
+def _rough(faint: Floats, omega: Floats, values: Complexes) -> Booleans:
     """Where samples of the curves are too far apart as they come near the negative real axis.
 
     Up to a change δ at which a curve c meets −1/δ, 1 + δ c cannot turn about 0 where c is smaller than that.
     """
     start, end = values[:-1], values[1:]
-    size = np.maximum(np.abs(start), np.abs(end))
-    moves = np.abs(end - start) > CURVES.relative_move * size
-    surely = np.where(_meet_axis(values) & ~moves, np.maximum(start.real, end.real), 0.0).min(axis=0, initial=0.0)
+    size, surely = np.maximum(np.abs(start), np.abs(end)), _surely(values)
+    moves = _moves(values)
     near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
-    followed = size > np.maximum(CURVES.faintest * np.abs(values).max(axis=0), -CURVES.within * surely)
+    followed = size > np.maximum(faint, -CURVES.within * surely)
     return np.any(near & moves & followed, axis=1)
+
+
+def _moves(values: Complexes) -> Booleans:
+    """(k − 1, m) True for steps on which a curve moves by much of its size."""
+    start, end = values[:-1], values[1:]
+    return np.abs(end - start) > CURVES.relative_move * np.maximum(np.abs(start), np.abs(end))
+
+
+def _surely(values: Complexes) -> Floats:
+    """(m,) the leftmost place at which each curve crosses the real axis for sure; 0 where none does."""
+    crosses = _meet_axis(values) & ~_moves(values)
+    return np.where(crosses, np.maximum(values.real[:-1], values.real[1:]), 0.0).min(axis=0, initial=0.0)
+
+
+def _turning(faint: Floats, omega: Floats, values: Complexes) -> Booleans:
+    """Where a curve may pass the negative real axis and come back between samples, farther left than it crosses it for sure."""
+    start, end = values[:-1], values[1:]
+    size = np.maximum(np.abs(start), np.abs(end))
+    seen = size > np.maximum(faint, -_surely(values))
+    seen &= (start.real < 0) & (end.real < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) > LOCI.noise * size)
+    return passed_twice(omega, values, side, seen)

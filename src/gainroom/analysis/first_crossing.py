@@ -14,7 +14,7 @@ import numpy as np
 
 from ..system.linear.arrays import Booleans, Complexes, Floats, distinct
 from .loci import Steps, Sweep
-from .sampled_curves import meets_axis, meets_circle
+from .sampled_curves import height, meets_axis, meets_circle, side
 from .stability_boundary import Boundary
 
 
@@ -186,7 +186,7 @@ def gains(sweep: Sweep) -> Family:
         return sweep.mode_at_rest(found.value) if found.omega == 0 else sweep.boundary.mode(found.omega, found.value)
 
     def apart(low: float, high: float) -> None:  # in ln: what is lost in round-off is far away
-        _told_apart(sweep, lambda value: np.angle(-value), lambda omega, value: -height(value), math.log(low), math.log(high))
+        _told_apart(sweep, side, lambda omega, value: -height(value), math.log(low), math.log(high))
 
     return Family(sweep.unstable, lambda: _axis_crossings(sweep), polish, sweep.add, lambda t: _nearest(sweep, t, t), mode, apart)
 
@@ -294,11 +294,6 @@ def slope(value: Complexes) -> Floats:
     return value.imag / value.real
 
 
-def height(value: Complexes) -> Floats:
-    """ln|λ|: zero on the unit circle."""
-    return np.log(np.maximum(np.abs(value), 1e-300))
-
-
 def _lag(value: Complexes) -> Floats:
     """The lag [rad] in [0, 2π) that turns λ on the unit circle to −1."""
     return (np.angle(value) + math.pi) % (2 * math.pi)
@@ -384,6 +379,8 @@ def _circle_crossings(sweep: Sweep) -> tuple[Floats, Complexes]:
             break
         sweep.add(0.5 * (sweep.omega[:-1] + sweep.omega[1:])[rough])
         steps = sweep.steps()
+    sweep.refine_turns(height)
+    steps = sweep.steps()
     rows, _, share, lag = meets_circle(steps.start, steps.end)
     return sweep.omega[rows] * (sweep.omega[rows + 1] / sweep.omega[rows]) ** share, -np.exp(1j * lag)
 

@@ -25,9 +25,8 @@ from ..system.linear.apart import eigenvalues
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.loop import Loop
 from .passive_intervals import passive_intervals
+from .sampled_curves import TURNS, may_pass_twice, side, with_ends
 from .stability_boundary import LOCI, Boundary, in_blocks
-
-TURNS = 1.0  # [rad] a locus that turns back farther from the negative real axis does not come to it between samples
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class Sweep:
         self._pairs = _core.paired(self.loci[:-1], self.loci[1:])
         self._reach_ends()
         self._refine(self._rough)
-        self._refine_turns()
+        self.refine_turns(side)
 
     def keep(self) -> None:
         """Hold these samples with their loop, for `of_scaled`."""
@@ -152,24 +151,22 @@ class Sweep:
             right = np.searchsorted(self.omega, middle)
             rows = distinct(np.concatenate([right - 1, right]))
 
-    def _refine_turns(self) -> None:
-        """Halve intervals about samples at which a locus turns back before the negative real axis, until it has no room to pass it."""
+    def refine_turns(self, off: Callable[[Complexes], Floats]) -> None:
+        """Halve intervals on which a locus may pass a line and come back (may_pass_twice), until none may."""
         for _ in range(60):
-            rows = np.arange(len(self._pairs) - 1)[:, None]
-            came = np.empty_like(self._pairs)
-            came[np.arange(len(came))[:, None], self._pairs] = np.arange(came.shape[1])  # which one each was a sample before
-            before, here, after = self.loci[rows, came[:-1]], self.loci[1:-1], self.steps().end[1:]
-            away, alike = math.pi - np.abs(np.angle(here)), np.ones(here.shape, dtype=bool)
-            for other in (before, after):
-                alike &= (np.imag(other) * np.imag(here) > 0) & (math.pi - np.abs(np.angle(other)) >= away)
-            size = np.abs(here)
-            seen = (size * self.highest > 1) & (size < LOCI.large)  # of larger ones no factor that is searched puts a root there
-            seen &= np.abs(np.imag(here)) > LOCI.noise * np.maximum(size.max(axis=1, keepdims=True), 1.0)
-            turns = alike & seen & (away < TURNS)
-            rough = np.zeros(len(self._pairs), dtype=bool)
-            for half, other in ((rough[:-1], before), (rough[1:], after)):
-                half |= np.any(turns & (np.abs(here - other) > np.abs(np.imag(here))), axis=1)
-            found = np.flatnonzero(rough & ~self.passive & (np.diff(self.omega) > LOCI.closest * self.omega[1:]))
+            pairs, steps = self._pairs, self.steps()
+            size = np.maximum(np.abs(steps.start), np.abs(steps.end))
+            room = np.minimum(np.abs(off(steps.start)), np.abs(off(steps.end)))
+            seen = (room < TURNS) & (size * self.highest > 1) & (size < LOCI.large)  # larger ones no factor that is searched brings to −1
+            seen &= (room * size > LOCI.noise * np.maximum(size.max(axis=1, keepdims=True), 1.0)) & ~self.passive[:, None]
+            rows, columns = np.nonzero(seen)
+            came, goes = np.zeros((2, *self.loci.shape), dtype=int)  # which locus each is a sample before, and after
+            came[np.arange(1, len(came))[:, None], pairs] = np.arange(pairs.shape[1])
+            goes[:-1] = pairs
+            around, loci = rows + np.arange(4)[:, None], with_ends(self.loci)
+            branches = came[rows, columns], columns, goes[rows, columns], goes[rows + 1, goes[rows, columns]]
+            found = distinct(rows[may_pass_twice(loci[around, branches], with_ends(self.omega)[around], off)])
+            found = found[self.omega[found + 1] - self.omega[found] > LOCI.closest * self.omega[found + 1]]
             if not len(found) or self.full:
                 return
             self.add(_middle(self.omega[found], self.omega[found + 1]))

@@ -13,7 +13,7 @@ import numpy as np
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
 from .loci import Sweep
-from .sampled_curves import meets_circle, on_axis, peaks, polished_peaks, refined
+from .sampled_curves import height, meets_circle, on_axis, passed_twice, peaks, polished_peaks, refined
 from .stability_boundary import LOCI, in_blocks
 
 CLOSE = 0.05
@@ -62,7 +62,12 @@ class Sampled:
         def rough(omega: Floats, values: Complexes) -> Booleans:
             return np.abs(np.diff(values, axis=0)).max(axis=1) > 0.1
 
+        def turns(omega: Floats, values: Complexes) -> Booleans:
+            ratios = _return_ratio(values)
+            return passed_twice(omega, ratios, height, np.ones(ratios[1:].shape, dtype=bool))
+
         omega, values = refined(sweep.omega, sensitivity(sweep.omega), sensitivity, rough, 10, LOCI.most, closest=1e-7)
+        omega, values = refined(omega, values, sensitivity, turns, 60, LOCI.most)
         return cls(sweep, Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega))), values, sensitivity)
 
     def own_peaks(self, slope: float = 1.0, offset: float = 0.0) -> list[Peak]:
@@ -98,7 +103,7 @@ def own_phases(single: Curves) -> Floats:
 
     def bent(value: Complexes) -> Complexes:
         """On the real axis, at its lag, where the value is on the unit circle."""
-        return np.angle(-value) + 1j * np.log(np.maximum(np.abs(value), 1e-300))
+        return np.angle(-value) + 1j * height(value)
 
     least[:] = math.inf
     np.minimum.at(least, joints[chosen], np.abs(single.on_axis(rows[chosen], joints[chosen], bent).real))

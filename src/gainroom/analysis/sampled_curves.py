@@ -1,13 +1,18 @@
 """Curves that are known at samples: as many as they need; their crossings and peaks, interpolated between samples and polished."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 
 ROUNDS = 30  # of parabolas about a peak, of which each finds about half as many digits again
 LEVEL = 1e-13  # of a height: a parabola that adds less has come to the peak
+
+TURNS = 1.0
+"""In ln of a value: a curve that turns back farther from a line does not come to it between samples."""
 
 Curves = Callable[[Floats], Complexes]
 """ω (k,) → (k, m): m scalar responses."""
@@ -55,6 +60,49 @@ def meets_circle(start: Complexes, end: Complexes) -> tuple[Integers, Integers, 
     share = low / (low - high)
     lag = np.angle(-start) + share * np.angle(end * start.conj())  # size and direction change evenly where curves are powers of ω
     return rows, columns, share, np.angle(np.exp(1j * lag))
+
+
+def height(value: Complexes) -> Floats:
+    """ln|λ|: zero on the unit circle."""
+    return np.log(np.maximum(np.abs(value), 1e-300))
+
+
+def side(value: Complexes) -> Floats:
+    """arg(−λ): zero on the negative real axis."""
+    return np.angle(-value)
+
+
+def with_ends(samples: NDArray[Any]) -> NDArray[Any]:
+    """(k + 2, …) of samples (k, …): one more at both ends, which is not known."""
+    return np.pad(samples, ((1, 1), *((0, 0),) * (samples.ndim - 1)), constant_values=np.nan)
+
+
+def may_pass_twice(values: Complexes, omega: Floats, off: Callable[[Complexes], Floats]) -> Booleans:
+    """(c,) where a curve may pass a line and come back on a step between two samples on the same side of it.
+
+    values, omega   (4, c) of the sample before each step, of both its ends, and of the one after; NaN where there is none
+    off             how far values are from the line, with the sign of their side: `height` or `side`
+
+    It may where it would pass the line on that step if it went on as it came, or went as it goes on; and beside a sample that is nearer to
+    the line than those before and after, where it moves further, in ln, than it has room.
+    """
+    away, move, width = off(values), np.abs(values[2] - values[1]), np.diff(omega, axis=0)
+    found = np.zeros(values.shape[1], dtype=bool)
+    for beyond, near, other, beside in ((0, 1, 2, 0), (3, 2, 1, 2)):
+        room = np.abs(away[near])
+        turns = (away[beyond] * away[near] > 0) & (room <= np.minimum(np.abs(away[beyond]), np.abs(away[other])))
+        falls = np.sign(away[near]) * (away[beyond] - away[near]) * width[1] > room * width[beside]
+        found |= (room < TURNS) & ((turns & (move > room * np.abs(values[near]))) | falls)
+    return found & (away[1] * away[2] > 0)
+
+
+def passed_twice(omega: Floats, values: Complexes, off: Callable[[Complexes], Floats], seen: Booleans) -> Booleans:
+    """(k − 1,) the steps between samples at ω (k,) on which one of the curves (k, m) may do so, of those that are `seen` (k − 1, m)."""
+    rows, columns = np.nonzero(seen)
+    around = rows + np.arange(4)[:, None]
+    found = np.zeros(len(seen), dtype=bool)
+    found[rows[may_pass_twice(with_ends(values)[around, columns], with_ends(omega)[around], off)]] = True
+    return found
 
 
 def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], high: tuple[Floats, Complexes]) -> tuple[Floats, Complexes]:

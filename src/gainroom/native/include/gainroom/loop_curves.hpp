@@ -81,7 +81,8 @@ public:
 
     static double margin_of(Complex value, bool axis) { return axis ? std::log(-value.real()) : std::arg(-value); }
 
-    // The margin at the crossing that is interpolated in `step`, of these gains; `moves` where asked for.
+    // The margin at the crossing that is interpolated in `step`, of these gains; `moves` where asked for, by a slope between places that are closer
+    // than the samples.
     MovingMargin polished(const CurveStep& step, bool axis, const DirectedGains& gains, double tolerance, int rounds, bool moves) {
         const Complex turn = axis ? Complex(1.0) : Complex(0.0, 1.0);
         double before = step.low, place = step.place;
@@ -95,9 +96,9 @@ public:
             here = over(log_of_minus(value), turn);
             const double run = place - before;
             if (std::fabs(run) > kSame * place) slope = (here - back) / run;
-            if (slope.imag() != 0 && std::fabs(here.imag()) <= tolerance) break;
-            if (round + 1 == rounds) break;
-            const double away = slope.imag() == 0 ? kAside * place : std::clamp(-here.imag() / slope.imag(), -0.1 * place, 0.1 * place);
+            const bool there = slope.imag() != 0 && std::fabs(here.imag()) <= tolerance, chord = round == 0 && moves;
+            if ((there && !chord) || round + 1 == rounds) break;
+            const double away = slope.imag() == 0 || there ? kAside * place : std::clamp(-here.imag() / slope.imag(), -0.1 * place, 0.1 * place);
             before = place;
             back = here;
             place = std::min(place + away, loop_.last);

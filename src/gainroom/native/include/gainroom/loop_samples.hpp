@@ -16,6 +16,7 @@
 #include "directed_loop.hpp"
 #include "locus_step.hpp"
 #include "loop_sample.hpp"
+#include "passed_twice.hpp"
 #include "sample_solver.hpp"
 
 namespace gainroom {
@@ -85,14 +86,15 @@ public:
         return -static_cast<int>(std::lround(turned / kPi));
     }
 
-    // More samples where loci that nearly meet may cross with less than these, or as far as they are followed.
+    // More samples where loci that nearly meet, or curves that nearly turn, may cross with less than these, or as far as they are followed.
     void tell_apart(double factor, double phase) {
+        if (!ok() || count_ != 0) return;
         factor = std::min(factor, reach_factor_);
         phase = std::min(phase, reach_phase_);
-        if (ok() && count_ == 0)
-            refine([&](const LoopSample& low, const LoopSample& high) {
-                return high.omega() - low.omega() > kApart * high.omega() && may_exchange(low.loci, high.loci, low.pairs, factor, phase);
-            });
+        refine([&](const LoopSample& low, const LoopSample& high) {
+            return high.omega() - low.omega() > kApart * high.omega() && may_exchange(low.loci, high.loci, low.pairs, factor, phase);
+        });
+        refine_turns(factor, phase);
     }
 
     // Whether loci are followed between two samples that are neighbours.
@@ -270,7 +272,7 @@ private:
     template <typename Doubtful>
     void refine(Doubtful doubtful) {
         for (int round = 0; round < 60 && ok(); round++) {
-            std::vector<std::pair<double, bool>> middles;  // and whether they lie between loci
+            std::vector<std::size_t> found;
             for (std::size_t k = 0; ok() && k + 1 < samples_.size(); k++) {
                 LoopSample &low = *samples_[k], &high = *samples_[k + 1];
                 const double width = high.omega() - low.omega();
@@ -281,16 +283,36 @@ private:
                     if (!rough) low.next = &high;
                 }
                 if (!rough && !narrow && near(low, high) && doubtful(low, high)) rough = true;
-                if (!rough) continue;
-                const double middle = high.omega() > 4 * low.omega() ? std::sqrt(low.omega() * high.omega()) : 0.5 * (low.omega() + high.omega());
-                middles.emplace_back(middle, low.near && high.near);
+                if (rough) found.push_back(k);
             }
-            if (middles.empty() || !ok()) return;
-            const std::size_t sorted = samples_.size();
-            for (const auto& [omega, between] : middles) add(omega, between);
-            sort(sorted);
-            if (samples_.size() > std::max(kMost, 30 * kMost / (m_ * m_))) state_ = LookState::lost;
+            if (found.empty() || !ok()) return;
+            halve(found);
         }
+    }
+
+    // The same until nothing may pass the unit circle or the negative real axis and come back on any of them.
+    void refine_turns(double factor, double phase) {
+        const auto followed = [this](std::size_t k) { return near(*samples_[k], *samples_[k + 1]); };
+        for (int round = 0; round < 60 && ok(); round++) {
+            std::vector<std::size_t> found = passed_twice(samples_, factor, phase, followed);
+            const auto narrow = [this](std::size_t k) { return samples_[k + 1]->omega() - samples_[k]->omega() <= kApart * samples_[k + 1]->omega(); };
+            found.erase(std::remove_if(found.begin(), found.end(), narrow), found.end());
+            if (found.empty()) return;
+            halve(found);
+            refine(nothing);
+        }
+    }
+
+    // Intervals from the k-th sample to the next.
+    void halve(const std::vector<std::size_t>& intervals) {
+        const std::size_t sorted = samples_.size();
+        for (const std::size_t k : intervals) {
+            const LoopSample &low = *samples_[k], &high = *samples_[k + 1];
+            const bool wide = high.omega() > 4 * low.omega();
+            add(wide ? std::sqrt(low.omega() * high.omega()) : 0.5 * (low.omega() + high.omega()), low.near && high.near);
+        }
+        sort(sorted);
+        if (samples_.size() > std::max(kMost, 30 * kMost / (m_ * m_))) state_ = LookState::lost;
     }
 
     // Whether an interval is fine enough; its loci are paired, and how far arg det(I + L) turns over it is kept.
