@@ -89,10 +89,14 @@ inline bool may_exchange(const Loci& before, const Loci& after, const std::vecto
         const auto [first, last] = std::minmax_element(at.begin(), at.end());
         return *least < kBeyond * (*most - *least) && -*most < kBeyond * (*most - *least) && *first - kBeyond * (*last - *first) < limit;
     };
-    for (std::size_t i = 0; i < pairs.size(); i++)
+    std::vector<double> moves(pairs.size());
+    for (std::size_t i = 0; i < pairs.size(); i++) {
+        moves[i] = size_of_any(after.values[pairs[i]] - before.values[i]);
         for (std::size_t k = 0; k < i; k++) {
             const std::size_t j = pairs[i], l = pairs[k];
             const Complex from = before.values[i], to = after.values[j], other = before.values[k], next = after.values[l];
+            const double straight = moves[i] + moves[k], farthest = 0.5 * (kTold + 1) * straight;
+            if (std::norm(from - other) > farthest * farthest) continue;  // `swapped` is at least 2 |from − other| − straight
             if (std::max(std::norm(from - other), std::norm(to - next)) < kEqual * kEqual * std::norm(from)) continue;
             const std::array<double, 4> sizes = {before.sizes[i], after.sizes[j], before.sizes[k], after.sizes[l]};
             const std::array<double, 4> angles = {left(before.angles[i]), left(after.angles[j]), left(before.angles[k]), left(after.angles[l])};
@@ -100,9 +104,9 @@ inline bool may_exchange(const Loci& before, const Loci& after, const std::vecto
             for (double& one : size) one = std::fabs(one);
             for (double& one : angle) one = std::fabs(one);
             if (!may_cross(sizes, angle, phase) && !may_cross(angles, size, factor)) continue;
-            const double straight = size_of_any(to - from) + size_of_any(next - other), swapped = size_of_any(next - from) + size_of_any(to - other);
-            if (swapped < kTold * straight) return true;
+            if (size_of_any(next - from) + size_of_any(to - other) < kTold * straight) return true;
         }
+    }
     return false;
 }
 
