@@ -40,6 +40,7 @@ be lost where gains are rounded. Where that does not hold, more: two loci that m
 """
 HOPELESS = 0.03  # what is missed by more at one price was met at a higher one in no robot that was tried: seen, not proved
 PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
+STALLED, LEFT = 8, 0.9  # steps that leave more than this of what is missed end a search: none of 858 that came to 0 made such a pause
 STEPS = 150
 SLOW, LITTLE = 10, 2e-3  # so many steps that together made ln of what is made small no smaller than that end it, too
 NOTHING = 1e-4  # what a look sees missed by more than what was followed is something new
@@ -198,7 +199,7 @@ class _Search:
         last = gains, slopes, missed, 0  # where loops were looked at
         if slopes is not None:
             self._anchor(gains, cases)
-        for taken in range(STEPS):
+        for _ in range(STEPS):
             if slopes is None:
                 break
             way.append(min([missed, *way[-1:]]))
@@ -207,7 +208,7 @@ class _Search:
             step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
             tried = moved(gains, step, self._cascade)
             slow = len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < little
-            ending = slow or promised < LEAST_PROMISE or radius < LEAST_RADIUS or _hopeless(way, STEPS - taken)
+            ending = slow or promised < LEAST_PROMISE or radius < LEAST_RADIUS or _hopeless(way)
             close = not careful and followed < FOLLOWED and all(case.follows(tried) for case in cases)
             if ending and seen:
                 break
@@ -369,6 +370,6 @@ def _most(slopes: Slopes | None) -> float:
     return math.inf if slopes is None else float(slopes.missed.max(initial=-NEAR))
 
 
-def _hopeless(way: Sequence[float], left: int) -> bool:
-    """Whether the least that was missed, by every step up to now, does not come to 0 in the steps left at the pace of the last ones."""
-    return len(way) > 2 * SLOW and way[-1] > HOPELESS and way[-1] * SLOW > (way[-1 - SLOW] - way[-1]) * left
+def _hopeless(way: Sequence[float]) -> bool:
+    """Whether the least that was missed, by every step up to now, has stopped falling far from 0."""
+    return len(way) > STALLED and way[-1] > max(HOPELESS, LEFT * way[-1 - STALLED])

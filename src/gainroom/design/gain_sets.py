@@ -48,6 +48,11 @@ class GainSet:
         """False where nothing moves in any state of the set, so that there are no gains to report."""
         return self.cases > 0
 
+    def times_stiffer(self, other: "GainSet") -> float:
+        """Than another set, by the sums of compliances over what both move; NaN where that is nothing."""
+        both = np.isfinite(self.compliance) & np.isfinite(other.compliance)
+        return float(other.compliance[both].sum() / self.compliance[both].sum()) if both.any() else math.nan
+
 
 @dataclass(frozen=True)
 class RobotGains:
@@ -73,12 +78,6 @@ class RobotGains:
     def cost(self) -> dict[str, float]:
         """By contact state: how many times stiffer its own set is than the one that is safe everywhere, by what both make small; or NaN."""
         return {
-            name: math.nan if own is None or self.everywhere is None else _ratio(own, self.everywhere)
+            name: math.nan if own is None or self.everywhere is None else own.times_stiffer(self.everywhere)
             for name, own in self.per_contact.items()
         }
-
-
-def _ratio(own: GainSet, safe: GainSet) -> float:
-    """The quotient of the sums of their compliances, over what both move."""
-    both = np.isfinite(own.compliance) & np.isfinite(safe.compliance)
-    return float(safe.compliance[both].sum() / own.compliance[both].sum()) if both.any() else math.nan

@@ -28,7 +28,7 @@ Gains = Floats
 NEAR = 0.4  # in ln of a gain or a sensitivity, or as part of a phase: what is further from being missed is left out
 FOLLOWED = 0.1  # the same, where gains are only a little further
 CLOSE = 0.15  # in ln of a gain: so far what was seen of a loop is followed before it is looked at anew
-STABLE = Reach(factor=1.05, phase=0.05)  # where nothing but the number of unstable roots is asked for
+STABLE = Reach(factor=3.0, phase=0.7)  # where nothing but the number of unstable roots is asked for: with less it takes longer under weight
 BROKEN = 1e-5  # what is missed by less may be round-off
 DIFFERENCE = 1e-3  # in ln of a gain, of a margin whose slope is not known in closed form
 BELIEVED = 100.0  # two crossings that are about to vanish move ever faster: no further than this is believed

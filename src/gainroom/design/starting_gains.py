@@ -1,6 +1,7 @@
 """Gains with which the search for a robot's recommended gains begins: those of each joint alone, and of tasks at its rates."""
 
 import itertools
+import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -125,11 +126,12 @@ def tasks_alike(tasks: "Tasks", joints: Beginning) -> Beginning:
 
 
 def stable_starts(
-    cases: Sequence[Case], beginning: Beginning, weighed: bool, progress: Callable[[], None], known: Gains | None
+    cases: Sequence[Case], beginning: Beginning, weighed: bool, progress: Callable[[], None], known: Gains | None, only: bool
 ) -> Iterator[Gains]:
     """Gains that are stable in every case: parts of what each joint alone is recommended; and those that are `known` after the first such.
 
     known   (3, m), NaN where there are none
+    only    True: none but these
     """
     order = list(cases)
 
@@ -142,13 +144,24 @@ def stable_starts(
                 return False
         return all(case.known(gains) for case in cases)
 
-    first, *others = ([beginning.at(share, soft) for soft in (WEIGHED if weighed else SOFT)] for share in SHARES)
-    likely = filter(stable, first)
+    def parts(share: float) -> Iterator[Gains]:
+        """What vibrates does so if it is stiffer, too, with the same damping: that is not tried."""
+        stiffest = math.inf
+        for soft in WEIGHED if weighed else SOFT:
+            gains = beginning.at(share, soft)
+            if soft < stiffest and stable(gains):
+                yield gains
+            elif soft < stiffest and not order[0].loop(gains).topples:
+                stiffest = soft
+
+    likely = parts(SHARES[0])
     if known is not None:
-        yield from itertools.islice(likely, 1)
-        yield from filter(stable, [np.where(np.isnan(known), first[0], known)])
-    yield from likely
-    yield from filter(stable, itertools.chain.from_iterable(others))
+        if not only:
+            yield from itertools.islice(likely, 1)
+        yield from filter(stable, [np.where(np.isnan(known), beginning.first(weighed), known)])
+    if not only:
+        yield from likely
+        yield from itertools.chain.from_iterable(map(parts, SHARES[1:]))
 
 
 def _alone(system: System, joint: ElasticJoint, drive) -> tuple[float, float]:

@@ -1,0 +1,276 @@
+"""The search for one set of gains, over the states that it has to suit and the corners of the uncertainty.
+
+It begins (starting_gains.py) with a part of what each joint alone is recommended, with the lightest load that any state gives it and the
+longest delay; task directions begin alike. The gains that a file has play no part, but for a P/PI task's, whose proportions are kept.
+
+Where contacts hold a floating base, its weight counts for gains of joints, unless the file says otherwise: they are all that holds the
+robot up. They then also meet what is required without it, as a file's own gains are judged. (Tasks know the robot, and compensate the
+weight as it changes.) Where no gains are found that meet the requirements with the weight, it is left out, and what it does at the gains
+found so is reported beside them.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..analysis.margin_record import GainLimit, Margins, worst_of
+from ..system.linear.arrays import Floats, Integers
+from ..system.requirements import REQUIREMENTS, Requirements
+from .gain_cases import SearchedState
+from .gain_search import Raised, raised_gains, stiffness
+from .gain_sets import GainSet
+from .margin_slopes import Case, Gains
+from .starting_gains import Beginning, stable_starts
+
+SEARCHES = 3
+"""For gains that hold between the corners of the uncertainty, too."""
+TRIED = 2
+"""Beginnings, where one does not come to gains that meet the requirements."""
+FAR = 0.5
+"""What is missed by more from one beginning was not met from another in 60 robots that were tried: seen, not proved."""
+ALIKE = 0.01
+"""Relative: joints whose data and loads differ by less are raised together."""
+DIGITS = (4, 5, 6, 7)
+"""That gains are rounded to: the first that keep what is required."""
+
+
+@dataclass(frozen=True)
+class _Failed:
+    """A search, with the weight or without, that came to no gains that meet the requirements; and what it reached.
+
+    cases   for which alone none were found
+    far     whether so much was missed that other beginnings are not tried
+    """
+
+    weighed: bool
+    start: Gains
+    cases: frozenset[Case]
+    reached: Gains
+    far: bool
+
+    def over(self, cases: Sequence[Case]) -> Raised:
+        """What was reached, as a search over these cases would end, too."""
+        return Raised(self.reached, tuple(case.all_margins(self.reached) for case in cases), False)
+
+
+def gain_set(
+    contact: str,
+    states: Sequence[SearchedState],
+    required: Requirements,
+    beginning: Beginning,
+    progress: Callable[[], None],
+    nearest: dict[str, str],
+    known: GainSet | None = None,
+    only: bool = False,
+) -> GainSet | None:
+    """Gains that none can be raised of in these states; None, and a word in `nearest`, where no beginning leads to some that meet them.
+
+    known   a set that holds: none softer is returned
+    only    True: no other beginning is tried
+
+    What is found for the corners of the uncertainty is looked at between them: places at which it misses a requirement are searched with.
+    """
+    searched, between = ([state for state in states if state.state.between is inside] for inside in (False, True))
+    for count in itertools.count(1):
+        found = _set(contact, searched, required, beginning, progress, nearest, known, only)
+        if found is None or not found.moves or not between:
+            return found
+        gains = gains_of(found)
+        between = [state for state in between if np.any(state.moves & np.any(gains != 0, axis=0))]
+        cases = [state.without if found.without_weight else state.with_weight for state in between]
+        margins = [case.all_margins(gains) for case in cases]
+        kept = [required.met_by(one) for one in margins]
+        if all(kept):
+            return replace(found, margins=worst_of([found.margins, *margins]), cases=found.cases + len(between))
+        if count == SEARCHES:
+            nearest[contact] = _nearest(cases, Raised(gains, tuple(margins), False))
+            break
+        searched += itertools.compress(between, [not one for one in kept])
+        between = list(itertools.compress(between, kept))
+    return None
+
+
+def _set(
+    contact: str,
+    states: Sequence[SearchedState],
+    required: Requirements,
+    beginning: Beginning,
+    progress: Callable[[], None],
+    nearest: dict[str, str],
+    known: GainSet | None,
+    only: bool,
+) -> GainSet | None:
+    """The same for these cases alone."""
+    given = np.any(beginning.gains != 0, axis=0)
+    acting = [state for state in states if np.any(state.moves & given)]
+    cascade, size = beginning.cascade, len(given)
+    if not acting:
+        nothing = np.full(size, math.nan)
+        unknown = Margins.unknown(GainLimit.unknown(size))
+        return GainSet(contact, nothing, nothing, nothing if cascade.any() else None, unknown, "", 0, nothing)
+    free = np.flatnonzero(given & np.any([state.moves for state in acting], axis=0))
+    weighed = any(state.weighed for state in acting)
+    heavy = [state.with_weight for state in acting]
+    light = [state.without for state in acting if state.weighed]
+    failed: list[_Failed] = []
+
+    def reached(cases: Sequence[Case], weighed: bool) -> Raised:
+        return _from_beginnings(acting, cases, beginning, weighed, free, progress, known, only, failed)
+
+    cases = heavy + light
+    found = reached(cases, weighed)
+    if light and not found.holds:
+        cases = heavy
+        found = reached(cases, weighed)
+    without = weighed and not found.holds
+    near = "" if found.holds else _nearest(cases, found)
+    if without and any(state.state.system.source.gravity for state in acting):  # as the file says: gains without it are no answer
+        nearest[contact] = near
+        return None
+    if without:
+        cases = [state.without for state in acting]
+        found = reached(cases, False)
+    if not found.holds:
+        nearest[contact] = near
+        return None
+    immobile = np.setdiff1d(np.arange(size), free)
+    gains, margins = _rounded(found, cases, required)
+    gains[:, immobile[given[immobile]]] = math.nan
+    stiff = stiffness(gains, cascade)
+    compliance = np.divide(beginning.unit, stiff, out=np.full(size, math.nan), where=stiff > 0)
+    softest = max(free.tolist(), key=lambda j: np.nan_to_num(compliance[j]))
+    where = tuple("" if k < 0 else cases[k].title for k in found.case)
+    topples = [state.with_weight.title for state in acting if without and not state.with_weight.margins(np.nan_to_num(gains)).stable]
+    return GainSet(
+        contact,
+        gains[0],
+        gains[1],
+        gains[2] if cascade.any() else None,
+        worst_of(margins),
+        where[softest],
+        len(acting),
+        compliance,
+        found.margin,
+        where,
+        softest,
+        without,
+        near if without else "",
+        tuple(topples),
+    )
+
+
+def gains_of(found: GainSet, where_none: float = 0.0) -> Gains:
+    """(3, m)."""
+    whole = np.array([found.kp, found.kd, np.zeros(len(found.kp)) if found.ki is None else found.ki])
+    return np.where(np.isnan(whole), where_none, whole)
+
+
+def _rounded(found: Raised, cases: Sequence[Case], required: Requirements) -> tuple[Gains, Sequence[Margins]]:
+    """The gains in as few digits as keep what is required, and their margins in every case."""
+    for digits in DIGITS:
+        gains = np.array([[float(f"{gain:.{digits}g}") for gain in row] for row in found.gains.tolist()])
+        margins = [case.all_margins(gains) for case in cases]
+        if all(required.met_by(one) for one in margins):
+            return gains, margins
+    return found.gains.copy(), found.margins
+
+
+def _from_beginnings(
+    states: Sequence[SearchedState],
+    cases: Sequence[Case],
+    beginning: Beginning,
+    weighed: bool,
+    free: Integers,
+    progress: Callable[[], None],
+    known: GainSet | None,
+    only: bool,
+    failed: list[_Failed],
+) -> Raised:
+    """The gains that are reached from the first beginning from which any are that meet the requirements; else those that came nearest.
+
+    Where they are softer than `known`, the next beginning is tried, too: the search is a local one. `only`: there is none but this.
+    A beginning that failed for some of these cases alone would do so again: what was reached then is what came nearest. Where as many as
+    are tried did, none is looked for.
+    """
+    groups, best, reached = _groups(states, beginning, free), None, []
+    known = None if known is not None and known.without_weight and weighed else known
+
+    def softer(gains: Gains, other: Gains) -> bool:
+        """Whether they give way more, in what both hold."""
+        stiff, beside = (stiffness(each, beginning.cascade)[free] for each in (gains, other))
+        both = (stiff > 0) & (beside > 0)
+        unit = beginning.unit[free][both]
+        return float((unit / stiff[both]).sum()) > float((unit / beside[both]).sum())
+
+    before = [one for one in failed if one.weighed == weighed and one.cases <= set(cases)]
+    if len(before) >= TRIED or (known is None and any(one.far for one in before)):
+        return min((one.over(cases) for one in before), key=lambda each: _most_missed(cases, each))
+    whole = None if known is None else gains_of(known, math.nan)
+    for start in itertools.islice(stable_starts(cases, beginning, weighed, progress, whole, only), TRIED):
+        again = next((one for one in before if np.array_equal(one.start, start)), None)
+        found = again.over(cases) if again else raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
+        if best is None or _better(cases, found, best, softer):
+            best = found
+        if found.holds and (known is None or not softer(found.gains, gains_of(known))):
+            break
+        if not found.holds:
+            missed = again.cases if again else frozenset(cases[k] for k in found.failed)
+            reached.append(_Failed(weighed, start, missed, found.gains, _most_missed(cases, found) > FAR))
+            if reached[-1].far and known is None:
+                break
+    if best is not None and best.holds:
+        return best
+    failed += reached
+    first = beginning.first(weighed)
+    return best or Raised(first, tuple(case.all_margins(first) for case in cases), False)
+
+
+def _groups(states: Sequence[SearchedState], beginning: Beginning, free: Integers) -> list[list[int]]:
+    """Directions that are raised together: legs that take turns are alike."""
+    return _alike([*beginning.data, *np.sort([state.load for state in states], axis=0)], free)
+
+
+def _alike(data: Sequence[Floats], free: Integers) -> list[list[int]]:
+    """Directions `free` in groups whose `data` (each (m,)) are the same within ALIKE."""
+    found: list[list[int]] = []
+    table = np.array(data)
+    for j in free.tolist():
+        for group in found:
+            if np.allclose(table[:, j], table[:, group[0]], rtol=ALIKE, atol=0.0):
+                group.append(j)
+                break
+        else:
+            found.append([j])
+    return found
+
+
+def _better(cases: Sequence[Case], found: Raised, other: Raised, softer: Callable[[Gains, Gains], bool]) -> bool:
+    """Whether it holds where the other does not, or the other is softer; or it comes nearer where neither holds."""
+    if found.holds and other.holds:
+        return softer(other.gains, found.gains)
+    return found.holds or (not other.holds and _most_missed(cases, found) < _most_missed(cases, other))
+
+
+def _most_missed(cases: Sequence[Case], found: Raised) -> float:
+    return max(case.required.shortfall(margins) for margins, case in zip(found.margins, cases, strict=True))
+
+
+def _nearest(cases: Sequence[Case], found: Raised) -> str:
+    """What came nearest, as text."""
+    margins, case = max(zip(found.margins, cases, strict=True), key=lambda pair: pair[1].required.shortfall(pair[0]))
+    shortage = "too soft for the weight" if case.loop(found.gains).topples else _shortage(margins, case.required)
+    return f"{shortage} in {case.title}"
+
+
+def _shortage(margins: Margins, required: Requirements) -> str:
+    """The requirement that is missed most, as text."""
+    name = required.missed(margins)
+    if name == "stability":
+        return "unstable"
+    one, needed = REQUIREMENTS[name], required.needed[name]
+    texts = ([one.text(value, significant) for value in (one.value(margins), needed)] for significant in range(3, 10))
+    found, asked = next((pair for pair in texts if pair[0] != pair[1]), ("less", one.text(needed)))
+    return f"{one.named(margins)} {found} of {asked}"
