@@ -17,7 +17,7 @@ from .gain_limit import coupled_limit
 from .loci import Sweep, passes
 from .margin_record import Margins, OneLoop
 from .return_ratios import Peak, Sampled, own_phases
-from .sampled_curves import Curves, meets_axis, on_axis, passed_twice, refined, side
+from .sampled_curves import Curves, meets_axis, on_axis, passed_unseen, refined, side
 from .stability_boundary import LOCI, in_blocks
 
 
@@ -427,4 +427,4 @@ def _turning(faint: Floats, omega: Floats, values: Complexes) -> Booleans:
     size = np.maximum(np.abs(start), np.abs(end))
     seen = size > np.maximum(faint, -_surely(values))
     seen &= (start.real < 0) & (end.real < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) > LOCI.noise * size)
-    return passed_twice(omega, values, side, seen)
+    return passed_unseen(omega, values, side, seen)

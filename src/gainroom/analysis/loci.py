@@ -25,7 +25,7 @@ from ..system.linear.apart import eigenvalues
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.loop import Loop
 from .passive_intervals import passive_intervals
-from .sampled_curves import TURNS, may_pass_twice, side, with_ends
+from .sampled_curves import TURNS, may_pass_unseen, side, with_ends
 from .stability_boundary import LOCI, Boundary, in_blocks
 
 
@@ -152,7 +152,7 @@ class Sweep:
             rows = distinct(np.concatenate([right - 1, right]))
 
     def refine_turns(self, off: Callable[[Complexes], Floats]) -> None:
-        """Halve intervals on which a locus may pass a line and come back (may_pass_twice), until none may."""
+        """Halve intervals on which a locus may pass a line unseen (may_pass_unseen), until none may."""
         for _ in range(60):
             pairs, steps = self._pairs, self.steps()
             size = np.maximum(np.abs(steps.start), np.abs(steps.end))
@@ -165,7 +165,7 @@ class Sweep:
             goes[:-1] = pairs
             around, loci = rows + np.arange(4)[:, None], with_ends(self.loci)
             branches = came[rows, columns], columns, goes[rows, columns], goes[rows + 1, goes[rows, columns]]
-            found = distinct(rows[may_pass_twice(loci[around, branches], with_ends(self.omega)[around], off)])
+            found = distinct(rows[may_pass_unseen(loci[around, branches], with_ends(self.omega)[around], off)])
             found = found[self.omega[found + 1] - self.omega[found] > LOCI.closest * self.omega[found + 1]]
             if not len(found) or self.full:
                 return

@@ -13,7 +13,7 @@ import numpy as np
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
 from .loci import Sweep
-from .sampled_curves import height, meets_circle, on_axis, passed_twice, peaks, polished_peaks, refined
+from .sampled_curves import height, meets_circle, on_axis, passed_unseen, peaks, polished_peaks, refined
 from .stability_boundary import LOCI, in_blocks
 
 CLOSE = 0.05
@@ -64,7 +64,7 @@ class Sampled:
 
         def turns(omega: Floats, values: Complexes) -> Booleans:
             ratios = _return_ratio(values)
-            return passed_twice(omega, ratios, height, np.ones(ratios[1:].shape, dtype=bool))
+            return passed_unseen(omega, ratios, height, np.ones(ratios[1:].shape, dtype=bool))
 
         omega, values = refined(sweep.omega, sensitivity(sweep.omega), sensitivity, rough, 10, LOCI.most, closest=1e-7)
         omega, values = refined(omega, values, sensitivity, turns, 60, LOCI.most)

@@ -13,6 +13,8 @@ LEVEL = 1e-13  # of a height: a parabola that adds less has come to the peak
 
 TURNS = 1.0
 """In ln of a value: a curve that turns back farther from a line does not come to it between samples."""
+SHORT = 3.0
+"""Times as far beyond a line as it comes, had it gone on: then a curve may pass the line three times instead of once."""
 
 Curves = Callable[[Floats], Complexes]
 """ω (k,) → (k, m): m scalar responses."""
@@ -77,31 +79,33 @@ def with_ends(samples: NDArray[Any]) -> NDArray[Any]:
     return np.pad(samples, ((1, 1), *((0, 0),) * (samples.ndim - 1)), constant_values=np.nan)
 
 
-def may_pass_twice(values: Complexes, omega: Floats, off: Callable[[Complexes], Floats]) -> Booleans:
-    """(c,) where a curve may pass a line and come back on a step between two samples on the same side of it.
+def may_pass_unseen(values: Complexes, omega: Floats, off: Callable[[Complexes], Floats]) -> Booleans:
+    """(c,) where a curve may pass a line twice more between two samples than they show.
 
     values, omega   (4, c) of the sample before each step, of both its ends, and of the one after; NaN where there is none
     off             how far values are from the line, with the sign of their side: `height` or `side`
 
-    It may where it would pass the line on that step if it went on as it came, or went as it goes on; and beside a sample that is nearer to
-    the line than those before and after, where it moves further, in ln, than it has room.
+    With both ends on one side it may where it would pass the line on that step if it went on as it came, or went as it goes on; and beside
+    a sample that is nearer to the line than those before and after, where it moves further, in ln, than it has room. With the ends on two
+    sides it may where it would come SHORT times as far behind the line.
     """
     away, move, width = off(values), np.abs(values[2] - values[1]), np.diff(omega, axis=0)
+    room, same = np.abs(away), away[1] * away[2] > 0
     found = np.zeros(values.shape[1], dtype=bool)
     for beyond, near, other, beside in ((0, 1, 2, 0), (3, 2, 1, 2)):
-        room = np.abs(away[near])
-        turns = (away[beyond] * away[near] > 0) & (room <= np.minimum(np.abs(away[beyond]), np.abs(away[other])))
-        falls = np.sign(away[near]) * (away[beyond] - away[near]) * width[1] > room * width[beside]
-        found |= (room < TURNS) & ((turns & (move > room * np.abs(values[near]))) | falls)
-    return found & (away[1] * away[2] > 0)
+        turns = (away[beyond] * away[near] > 0) & (room[near] <= np.minimum(room[beyond], room[other]))
+        ahead = np.sign(away[near]) * (away[near] + (away[near] - away[beyond]) * width[1] / width[beside])  # < 0 behind the line
+        unseen = np.where(same, (turns & (move > room[near] * np.abs(values[near]))) | (ahead < 0), ahead < -SHORT * room[other])
+        found |= (room[near] < TURNS) & unseen
+    return found
 
 
-def passed_twice(omega: Floats, values: Complexes, off: Callable[[Complexes], Floats], seen: Booleans) -> Booleans:
-    """(k − 1,) the steps between samples at ω (k,) on which one of the curves (k, m) may do so, of those that are `seen` (k − 1, m)."""
+def passed_unseen(omega: Floats, values: Complexes, off: Callable[[Complexes], Floats], seen: Booleans) -> Booleans:
+    """(k − 1,) the steps between samples at ω (k,) on which one of the curves (k, m) may, of those that are `seen` (k − 1, m)."""
     rows, columns = np.nonzero(seen)
     around = rows + np.arange(4)[:, None]
     found = np.zeros(len(seen), dtype=bool)
-    found[rows[may_pass_twice(with_ends(values)[around, columns], with_ends(omega)[around], off)]] = True
+    found[rows[may_pass_unseen(with_ends(values)[around, columns], with_ends(omega)[around], off)]] = True
     return found
 
 

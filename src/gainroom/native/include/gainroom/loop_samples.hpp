@@ -16,7 +16,7 @@
 #include "directed_loop.hpp"
 #include "locus_step.hpp"
 #include "loop_sample.hpp"
-#include "passed_twice.hpp"
+#include "passed_unseen.hpp"
 #include "sample_solver.hpp"
 
 namespace gainroom {
@@ -290,11 +290,11 @@ private:
         }
     }
 
-    // The same until nothing may pass the unit circle or the negative real axis and come back on any of them.
+    // The same until nothing may pass the unit circle or the negative real axis unseen on any of them.
     void refine_turns(double factor, double phase) {
         const auto followed = [this](std::size_t k) { return near(*samples_[k], *samples_[k + 1]); };
         for (int round = 0; round < 60 && ok(); round++) {
-            std::vector<std::size_t> found = passed_twice(samples_, factor, phase, followed);
+            std::vector<std::size_t> found = passed_unseen(samples_, factor, phase, followed);
             const auto narrow = [this](std::size_t k) { return samples_[k + 1]->omega() - samples_[k]->omega() <= kApart * samples_[k + 1]->omega(); };
             found.erase(std::remove_if(found.begin(), found.end(), narrow), found.end());
             if (found.empty()) return;

@@ -1,4 +1,4 @@
-// Where a curve that is sampled may pass a line and come back between two samples on the same side of it: as in analysis/sampled_curves.py.
+// Where a curve that is sampled may pass a line twice more between two samples than they show: as in analysis/sampled_curves.py.
 #pragma once
 
 #include <algorithm>
@@ -16,34 +16,34 @@ namespace gainroom {
 
 using FourTimes = std::array<double, 4>;  // at the sample before an interval, at both its ends, and at the one after; NaN where there is none
 
-// `away` from the line, with the sign of its side; `moved` in ln over the interval. It may where it would pass the line by the other end, if it went
-// on as it came, or went as it goes on; and beside a sample that is nearer than those beside it, where it moves further than it has room.
-inline bool may_pass_twice(const FourTimes& omega, const FourTimes& away, double moved, double noise) {
-    constexpr double kTurns = 1.0;  // a curve that turns back farther from a line does not come to it between samples
-    if (!(away[1] * away[2] > 0)) return false;
-    const double width = omega[2] - omega[1];
+// `away` from the line, with the sign of its side; `moved` in ln over the interval. With both ends on one side it may where it would pass the line by
+// the other end, if it went on as it came, or went as it goes on; and beside a sample that is nearer than those beside it, where it moves further
+// than it has room. With the ends on two sides it may where it would come kShort times as far behind the line.
+inline bool may_pass_unseen(const FourTimes& omega, const FourTimes& away, double moved, double noise) {
+    constexpr double kTurns = 1.0, kShort = 3.0;
+    const bool same = away[1] * away[2] > 0;
     for (const std::size_t end : {1, 2}) {
-        const double room = std::fabs(away[end]), beyond = away[3 * end - 3], other = away[3 - end];
-        if (!(room < kTurns && room > noise)) continue;
-        const bool turns = beyond * away[end] > 0 && room <= std::min(std::fabs(beyond), std::fabs(other));
-        if (turns && moved > room) return true;
-        const double falls = std::copysign(1.0, away[end]) * (beyond - away[end]);
-        if (falls * width > room * std::fabs(omega[end] - omega[3 * end - 3])) return true;
+        const double beyond = away[3 * end - 3], room = std::fabs(away[end]), other = std::fabs(away[3 - end]);
+        if (!(room < kTurns && room > noise && other > noise)) continue;
+        const double ratio = (omega[2] - omega[1]) / std::fabs(omega[end] - omega[3 * end - 3]);
+        const double ahead = std::copysign(1.0, away[end]) * (away[end] + (away[end] - beyond) * ratio);  // < 0 behind the line
+        const bool turns = same && beyond * away[end] > 0 && room <= std::min(std::fabs(beyond), other);
+        if ((turns && moved > room) || ahead < (same ? 0.0 : -kShort * other)) return true;
     }
     return false;
 }
 
-// Intervals between samples, from the k-th to the next, on which a locus or a return ratio may pass the unit circle with less than a phase, or the
-// negative real axis with less than a |ln g|. Loci are known, and paired, where `followed(k)`.
+// Intervals between samples, from the k-th to the next, on which a locus or a return ratio may so pass the unit circle with less than a phase, or
+// the negative real axis with less than a |ln g|. Loci are known, and paired, where `followed(k)`.
 template <typename Followed>
-std::vector<std::size_t> passed_twice(const std::vector<std::unique_ptr<LoopSample>>& samples, double factor, double phase, Followed followed) {
+std::vector<std::size_t> passed_unseen(const std::vector<std::unique_ptr<LoopSample>>& samples, double factor, double phase, Followed followed) {
     constexpr double kNoise = 1e-10, kUnknown = std::numeric_limits<double>::quiet_NaN();
     const auto side = [](double angle) { return angle > 0 ? angle - kPi : angle + kPi; };  // of −λ
     std::vector<std::size_t> found;
     FourTimes omega, sizes, sides;
     const auto may_pass = [&](double moved, double noise) {
         const auto within = [](const FourTimes& along, double reach) { return std::min(std::fabs(along[1]), std::fabs(along[2])) < reach; };
-        return (within(sides, phase) && may_pass_twice(omega, sizes, moved, noise)) || (within(sizes, factor) && may_pass_twice(omega, sides, moved, noise));
+        return (within(sides, phase) && may_pass_unseen(omega, sizes, moved, noise)) || (within(sizes, factor) && may_pass_unseen(omega, sides, moved, noise));
     };
     const std::size_t count = samples.size();
     const double far = std::exp(2 * std::max(1.0, factor));  // and the inverse of it: squares of what is too large or too small to matter
