@@ -234,7 +234,7 @@ class _Curves:
         values = self._holding(omega, values)
         self._faint = np.maximum(CURVES.faintest * _level(omega, values), 1e-300)
         omega, values = refined(omega, values, self._at, partial(_rough, self._faint), 12, LOCI.most)
-        self.omega, self.values = refined(omega, values, self._at, partial(_turning, self._faint), 60, LOCI.most)
+        self.omega, self.values = refined(omega, values, self._at, partial(_unseen, self._faint), 60, LOCI.most)
 
     def _halved(self, highest: float) -> tuple[Floats, Complexes]:
         """Frequencies (k,) from `highest` down, and the curves there and 1 and 2 % above (k, 3, m), as far as they can be computed."""
@@ -421,10 +421,8 @@ def _surely(values: Complexes) -> Floats:
     return np.where(crosses, np.maximum(values.real[:-1], values.real[1:]), 0.0).min(axis=0, initial=0.0)
 
 
-def _turning(faint: Floats, omega: Floats, values: Complexes) -> Booleans:
-    """Where a curve may pass the negative real axis and come back between samples, farther left than it crosses it for sure."""
+def _unseen(faint: Floats, omega: Floats, values: Complexes) -> Booleans:
+    """Where a curve may pass the negative real axis unseen between samples, farther left than it crosses it for sure."""
     start, end = values[:-1], values[1:]
-    size = np.maximum(np.abs(start), np.abs(end))
-    seen = size > np.maximum(faint, -_surely(values))
-    seen &= (start.real < 0) & (end.real < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) > LOCI.noise * size)
-    return passed_unseen(omega, values, side, seen)
+    followed = np.maximum(np.abs(start), np.abs(end)) > np.maximum(faint, -_surely(values))
+    return passed_unseen(omega, values, side, followed & (start.real < 0) & (end.real < 0))

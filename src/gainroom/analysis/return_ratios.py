@@ -63,8 +63,7 @@ class Sampled:
             return np.abs(np.diff(values, axis=0)).max(axis=1) > 0.1
 
         def turns(omega: Floats, values: Complexes) -> Booleans:
-            ratios = _return_ratio(values)
-            return passed_unseen(omega, ratios, height, np.ones(ratios[1:].shape, dtype=bool))
+            return passed_unseen(omega, _return_ratio(values), height)
 
         omega, values = refined(sweep.omega, sensitivity(sweep.omega), sensitivity, rough, 10, LOCI.most, closest=1e-7)
         omega, values = refined(omega, values, sensitivity, turns, 60, LOCI.most)
