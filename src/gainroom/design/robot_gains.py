@@ -19,7 +19,7 @@ from .gain_cases import SearchedState, case_of, joint_state, task_state
 from .gain_sets import GainSet, RobotGains
 from .margin_slopes import Case, Gains
 from .mirrored_sets import mirror_image, mirrored
-from .set_search import gain_set, gains_of
+from .set_search import SetSearch, gains_of
 from .side_by_side import Job, each, side_by_side
 from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, tasks_alike
 
@@ -122,9 +122,8 @@ class _Searches:
             for contact in group:
                 image = mirror_image(sets[first], self.states[first], self.states[contact], self.required) if sets else None
                 known = safe or self.known.get(contact)
-                sets[contact] = image or gain_set(
-                    contact, self.states[contact], self.required, self.beginning, checkpoint, missed, known, safe is not None
-                )
+                search = SetSearch(contact, self.required, self.beginning, checkpoint, missed, known, safe is not None)
+                sets[contact] = image or search.over(self.states[contact])
             return sets, missed
 
         return job

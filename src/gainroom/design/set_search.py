@@ -12,7 +12,7 @@ found so is reported beside them.
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -56,110 +56,145 @@ class _Failed:
         return Raised(self.reached, tuple(case.all_margins(self.reached) for case in cases), False)
 
 
-def gain_set(
-    contact: str,
-    states: Sequence[SearchedState],
-    required: Requirements,
-    beginning: Beginning,
-    progress: Callable[[], None],
-    nearest: dict[str, str],
-    known: GainSet | None = None,
-    only: bool = False,
-) -> GainSet | None:
-    """Gains that none can be raised of in these states; None, and a word in `nearest`, where no beginning leads to some that meet them.
+@dataclass(frozen=True)
+class SetSearch:
+    """The search for one set of gains that none can be raised of.
 
-    known   a set that holds: none softer is returned
-    only    True: no other beginning is tried
-
-    What is found for the corners of the uncertainty is looked at between them: places at which it misses a requirement are searched with.
+    contact     the contact state of the set
+    required    without the reserve that a search keeps
+    beginning   what it begins with
+    progress    called at every look
+    nearest     is told what came nearest, by contact state, where no set is found
+    known       a set that holds: none softer is returned
+    only        True: no other beginning is tried
     """
-    searched, between = ([state for state in states if state.state.between is inside] for inside in (False, True))
-    for count in itertools.count(1):
-        found = _set(contact, searched, required, beginning, progress, nearest, known, only)
-        if found is None or not found.moves or not between:
-            return found
-        gains = gains_of(found)
-        between = [state for state in between if np.any(state.moves & np.any(gains != 0, axis=0))]
-        cases = [state.without if found.without_weight else state.with_weight for state in between]
-        margins = [case.all_margins(gains) for case in cases]
-        kept = [required.met_by(one) for one in margins]
-        if all(kept):
-            return replace(found, margins=worst_of([found.margins, *margins]), cases=found.cases + len(between))
-        if count == SEARCHES:
-            nearest[contact] = _nearest(cases, Raised(gains, tuple(margins), False))
-            break
-        searched += itertools.compress(between, [not one for one in kept])
-        between = list(itertools.compress(between, kept))
-    return None
 
+    contact: str
+    required: Requirements
+    beginning: Beginning
+    progress: Callable[[], None]
+    nearest: dict[str, str]
+    known: GainSet | None = None
+    only: bool = False
+    _failed: list[_Failed] = field(default_factory=list)
 
-def _set(
-    contact: str,
-    states: Sequence[SearchedState],
-    required: Requirements,
-    beginning: Beginning,
-    progress: Callable[[], None],
-    nearest: dict[str, str],
-    known: GainSet | None,
-    only: bool,
-) -> GainSet | None:
-    """The same for these cases alone."""
-    given = np.any(beginning.gains != 0, axis=0)
-    acting = [state for state in states if np.any(state.moves & given)]
-    cascade, size = beginning.cascade, len(given)
-    if not acting:
-        nothing = np.full(size, math.nan)
-        unknown = Margins.unknown(GainLimit.unknown(size))
-        return GainSet(contact, nothing, nothing, nothing if cascade.any() else None, unknown, "", 0, nothing)
-    free = np.flatnonzero(given & np.any([state.moves for state in acting], axis=0))
-    weighed = any(state.weighed for state in acting)
-    heavy = [state.with_weight for state in acting]
-    light = [state.without for state in acting if state.weighed]
-    failed: list[_Failed] = []
+    def over(self, states: Sequence[SearchedState]) -> GainSet | None:
+        """A set for these states; None where no beginning leads to one that meets the requirements.
 
-    def reached(cases: Sequence[Case], weighed: bool) -> Raised:
-        return _from_beginnings(acting, cases, beginning, weighed, free, progress, known, only, failed)
-
-    cases = heavy + light
-    found = reached(cases, weighed)
-    if light and not found.holds:
-        cases = heavy
-        found = reached(cases, weighed)
-    without = weighed and not found.holds
-    near = "" if found.holds else _nearest(cases, found)
-    if without and any(state.state.system.source.gravity for state in acting):  # as the file says: gains without it are no answer
-        nearest[contact] = near
+        What is found for the corners of the uncertainty is looked at between them: places at which it misses a requirement are searched
+        with.
+        """
+        searched, between = ([state for state in states if state.state.between is inside] for inside in (False, True))
+        for count in itertools.count(1):
+            found = self._at_corners(searched)
+            if found is None or not found.moves or not between:
+                return found
+            gains = gains_of(found)
+            between = [state for state in between if np.any(state.moves & np.any(gains != 0, axis=0))]
+            cases = [state.without if found.without_weight else state.with_weight for state in between]
+            margins = [case.all_margins(gains) for case in cases]
+            kept = [self.required.met_by(one) for one in margins]
+            if all(kept):
+                return replace(found, margins=worst_of([found.margins, *margins]), cases=found.cases + len(between))
+            if count == SEARCHES:
+                self.nearest[self.contact] = _nearest(cases, Raised(gains, tuple(margins), False))
+                break
+            searched += itertools.compress(between, [not one for one in kept])
+            between = list(itertools.compress(between, kept))
         return None
-    if without:
-        cases = [state.without for state in acting]
-        found = reached(cases, False)
-    if not found.holds:
-        nearest[contact] = near
-        return None
-    immobile = np.setdiff1d(np.arange(size), free)
-    gains, margins = _rounded(found, cases, required)
-    gains[:, immobile[given[immobile]]] = math.nan
-    stiff = stiffness(gains, cascade)
-    compliance = np.divide(beginning.unit, stiff, out=np.full(size, math.nan), where=stiff > 0)
-    softest = max(free.tolist(), key=lambda j: np.nan_to_num(compliance[j]))
-    where = tuple("" if k < 0 else cases[k].title for k in found.case)
-    topples = [state.with_weight.title for state in acting if without and not state.with_weight.margins(np.nan_to_num(gains)).stable]
-    return GainSet(
-        contact,
-        gains[0],
-        gains[1],
-        gains[2] if cascade.any() else None,
-        worst_of(margins),
-        where[softest],
-        len(acting),
-        compliance,
-        found.margin,
-        where,
-        softest,
-        without,
-        near if without else "",
-        tuple(topples),
-    )
+
+    def _at_corners(self, states: Sequence[SearchedState]) -> GainSet | None:
+        """The same for these cases alone."""
+        given = np.any(self.beginning.gains != 0, axis=0)
+        acting = [state for state in states if np.any(state.moves & given)]
+        cascade, size = self.beginning.cascade, len(given)
+        if not acting:
+            nothing = np.full(size, math.nan)
+            unknown = Margins.unknown(GainLimit.unknown(size))
+            return GainSet(self.contact, nothing, nothing, nothing if cascade.any() else None, unknown, "", 0, nothing)
+        free = np.flatnonzero(given & np.any([state.moves for state in acting], axis=0))
+        weighed = any(state.weighed for state in acting)
+        heavy = [state.with_weight for state in acting]
+        light = [state.without for state in acting if state.weighed]
+        cases = heavy + light
+        found = self._from_beginnings(acting, cases, weighed, free)
+        if light and not found.holds:
+            cases = heavy
+            found = self._from_beginnings(acting, cases, weighed, free)
+        without = weighed and not found.holds
+        near = "" if found.holds else _nearest(cases, found)
+        if without and any(state.state.system.source.gravity for state in acting):  # as the file says: gains without it are no answer
+            self.nearest[self.contact] = near
+            return None
+        if without:
+            cases = [state.without for state in acting]
+            found = self._from_beginnings(acting, cases, False, free)
+        if not found.holds:
+            self.nearest[self.contact] = near
+            return None
+        immobile = np.setdiff1d(np.arange(size), free)
+        gains, margins = _rounded(found, cases, self.required)
+        gains[:, immobile[given[immobile]]] = math.nan
+        stiff = stiffness(gains, cascade)
+        compliance = np.divide(self.beginning.unit, stiff, out=np.full(size, math.nan), where=stiff > 0)
+        softest = max(free.tolist(), key=lambda j: np.nan_to_num(compliance[j]))
+        where = tuple("" if k < 0 else cases[k].title for k in found.case)
+        topples = [state.with_weight.title for state in acting if without and not state.with_weight.margins(np.nan_to_num(gains)).stable]
+        return GainSet(
+            self.contact,
+            gains[0],
+            gains[1],
+            gains[2] if cascade.any() else None,
+            worst_of(margins),
+            where[softest],
+            len(acting),
+            compliance,
+            found.margin,
+            where,
+            softest,
+            without,
+            near if without else "",
+            tuple(topples),
+        )
+
+    def _from_beginnings(self, states: Sequence[SearchedState], cases: Sequence[Case], weighed: bool, free: Integers) -> Raised:
+        """The gains that are reached from the first beginning from which any are that meet the requirements; else those that came nearest.
+
+        Where they are softer than `known`, the next beginning is tried, too: the search is a local one. A beginning that failed for some of
+        these cases alone would do so again: what was reached then is what came nearest. Where as many as are tried did, none is looked for.
+        """
+        beginning = self.beginning
+        groups, best, reached = _groups(states, beginning, free), None, []
+        known = None if self.known is not None and self.known.without_weight and weighed else self.known
+
+        def softer(gains: Gains, other: Gains) -> bool:
+            """Whether they give way more, in what both hold."""
+            stiff, beside = (stiffness(each, beginning.cascade)[free] for each in (gains, other))
+            both = (stiff > 0) & (beside > 0)
+            unit = beginning.unit[free][both]
+            return float((unit / stiff[both]).sum()) > float((unit / beside[both]).sum())
+
+        before = [one for one in self._failed if one.weighed == weighed and one.cases <= set(cases)]
+        if len(before) >= TRIED or (known is None and any(one.far for one in before)):
+            return min((one.over(cases) for one in before), key=lambda each: _most_missed(cases, each))
+        whole = None if known is None else gains_of(known, math.nan)
+        for start in itertools.islice(stable_starts(cases, beginning, weighed, self.progress, whole, self.only), TRIED):
+            again = next((one for one in before if np.array_equal(one.start, start)), None)
+            found = again.over(cases) if again else raised_gains(cases, start, beginning.unit, groups, beginning.most, self.progress)
+            if best is None or _better(cases, found, best, softer):
+                best = found
+            if found.holds and (known is None or not softer(found.gains, gains_of(known))):
+                break
+            if not found.holds:
+                missed = again.cases if again else frozenset(cases[k] for k in found.failed)
+                reached.append(_Failed(weighed, start, missed, found.gains, _most_missed(cases, found) > FAR))
+                if reached[-1].far and known is None:
+                    break
+        if best is not None and best.holds:
+            return best
+        self._failed.extend(reached)
+        first = beginning.first(weighed)
+        return best or Raised(first, tuple(case.all_margins(first) for case in cases), False)
 
 
 def gains_of(found: GainSet, where_none: float = 0.0) -> Gains:
@@ -176,56 +211,6 @@ def _rounded(found: Raised, cases: Sequence[Case], required: Requirements) -> tu
         if all(required.met_by(one) for one in margins):
             return gains, margins
     return found.gains.copy(), found.margins
-
-
-def _from_beginnings(
-    states: Sequence[SearchedState],
-    cases: Sequence[Case],
-    beginning: Beginning,
-    weighed: bool,
-    free: Integers,
-    progress: Callable[[], None],
-    known: GainSet | None,
-    only: bool,
-    failed: list[_Failed],
-) -> Raised:
-    """The gains that are reached from the first beginning from which any are that meet the requirements; else those that came nearest.
-
-    Where they are softer than `known`, the next beginning is tried, too: the search is a local one. `only`: there is none but this.
-    A beginning that failed for some of these cases alone would do so again: what was reached then is what came nearest. Where as many as
-    are tried did, none is looked for.
-    """
-    groups, best, reached = _groups(states, beginning, free), None, []
-    known = None if known is not None and known.without_weight and weighed else known
-
-    def softer(gains: Gains, other: Gains) -> bool:
-        """Whether they give way more, in what both hold."""
-        stiff, beside = (stiffness(each, beginning.cascade)[free] for each in (gains, other))
-        both = (stiff > 0) & (beside > 0)
-        unit = beginning.unit[free][both]
-        return float((unit / stiff[both]).sum()) > float((unit / beside[both]).sum())
-
-    before = [one for one in failed if one.weighed == weighed and one.cases <= set(cases)]
-    if len(before) >= TRIED or (known is None and any(one.far for one in before)):
-        return min((one.over(cases) for one in before), key=lambda each: _most_missed(cases, each))
-    whole = None if known is None else gains_of(known, math.nan)
-    for start in itertools.islice(stable_starts(cases, beginning, weighed, progress, whole, only), TRIED):
-        again = next((one for one in before if np.array_equal(one.start, start)), None)
-        found = again.over(cases) if again else raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
-        if best is None or _better(cases, found, best, softer):
-            best = found
-        if found.holds and (known is None or not softer(found.gains, gains_of(known))):
-            break
-        if not found.holds:
-            missed = again.cases if again else frozenset(cases[k] for k in found.failed)
-            reached.append(_Failed(weighed, start, missed, found.gains, _most_missed(cases, found) > FAR))
-            if reached[-1].far and known is None:
-                break
-    if best is not None and best.holds:
-        return best
-    failed += reached
-    first = beginning.first(weighed)
-    return best or Raised(first, tuple(case.all_margins(first) for case in cases), False)
 
 
 def _groups(states: Sequence[SearchedState], beginning: Beginning, free: Integers) -> list[list[int]]:
