@@ -14,7 +14,7 @@ LEVEL = 1e-13  # of a height: a parabola that adds less has come to the peak
 TURNS = 1.0
 """In ln of a value: a curve that turns back farther from a line does not come to it between samples."""
 ROUND_OFF = 1e-7
-"""In ln of a value that an inverse of I + L has made: a curve that is nearer to a line may be there by round-off."""
+"""In ln of a value that an inverse of I + L has made: where both ends of a step are nearer to a line they may be there by round-off."""
 SHORT = 3.0
 """Times as far beyond a line as it comes, had it gone on: then a curve may pass the line three times instead of once."""
 
@@ -103,7 +103,7 @@ def may_pass_unseen(values: Complexes, omega: Floats, off: Callable[[Complexes],
 
 
 def passed_unseen(omega: Floats, values: Complexes, off: Callable[[Complexes], Floats], seen: Booleans | bool = True) -> Booleans:
-    """(k − 1,) the steps between samples at ω (k,) on which one of the curves (k, m) may, of those that are `seen` (k − 1, m)."""
+    """(k − 1,) the steps between samples at ω (k,) on which one of the curves (k, m) may, of those `seen` (k − 1, m); not by round-off."""
     room = np.abs(off(values))
     rows, columns = np.nonzero(seen & (np.maximum(room[:-1], room[1:]) > ROUND_OFF))
     around = rows + np.arange(4)[:, None]

@@ -38,7 +38,7 @@ PRICES = ((10.0, 1e-3), (50.0, 3e-3), (250.0, 2e-2))
 """What a requirement missed by 1 costs, against ln of what is made small, and how much more than asked for is kept: first as much as may
 be lost where gains are rounded. Where that does not hold, more: two loci that meet part again like a square root, which has no tangent.
 """
-HOPELESS = 0.03  # what is missed by more at one price was met at a higher one in no robot that was tried: seen, not proved
+HOPELESS = 0.03  # what is missed by more where a search ends was met at a higher price in no robot that was tried: seen, not proved
 PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
 STALLED, LEFT = 8, 0.9  # steps that leave more than this of what is missed end a search: none of 858 that came to 0 made such a pause
 STEPS = 150

@@ -28,7 +28,7 @@ Gains = Floats
 NEAR = 0.4  # in ln of a gain or a sensitivity, or as part of a phase: what is further from being missed is left out
 FOLLOWED = 0.1  # the same, where gains are only a little further
 CLOSE = 0.15  # in ln of a gain: so far what was seen of a loop is followed before it is looked at anew
-STABLE = Reach(factor=3.0, phase=0.7)  # where nothing but the number of unstable roots is asked for: with less it takes longer under weight
+STABLE = Reach(factor=3.0, phase=0.7)  # where nothing but the number of unstable roots is asked for: less takes more samples near −1
 BROKEN = 1e-5  # what is missed by less may be round-off
 DIFFERENCE = 1e-3  # in ln of a gain, of a margin whose slope is not known in closed form
 BELIEVED = 100.0  # two crossings that are about to vanish move ever faster: no further than this is believed
@@ -53,7 +53,7 @@ class Case:
     required: Requirements
     _known: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _whole: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
-    _stable: dict[bytes, bool] = field(default_factory=dict, repr=False, compare=False)
+    _stable: dict[bytes, bool | None] = field(default_factory=dict, repr=False, compare=False)
     _last: list[tuple[bytes, Seen]] = field(default_factory=list, repr=False, compare=False)
     _anchor: list[tuple[Gains, Seen]] = field(default_factory=list, repr=False, compare=False)
     _broke: list[str] = field(default_factory=list, repr=False, compare=False)
@@ -128,8 +128,12 @@ class Case:
             return self._known[key].stable
         if key not in self._stable:
             seen = None if self.loop(gains).topples else look(self._directed, gains, STABLE)
-            self._stable[key] = seen is not None and seen.followed and seen.unstable == 0
-        return self._stable[key]
+            self._stable[key] = False if seen is None else seen.unstable == 0 if seen.followed else None
+        return self._stable[key] is True
+
+    def vibrates(self, gains: Gains) -> bool:
+        """Whether `stable` has counted unstable roots of a loop with these gains that holds up the weight."""
+        return self._stable.get(gains.tobytes()) is False and self.loop(gains).stands
 
     def follows(self, gains: Gains) -> bool:
         """Whether these gains are so near the anchor that what was seen there may be followed."""

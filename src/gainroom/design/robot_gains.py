@@ -48,14 +48,9 @@ def recommend_robot(
     """
     states = list(system.cases(weight=space == "joint", inside=True))
     first = states[0].model
-    required = system.requirements
-
-    def with_reserve(state: StateCase) -> SearchedState:
-        state = replace(state, system=replace(state.system, requirements=required.tightened(RESERVE)))
-        return joint_state(state) if space == "joint" else task_state(state)
-
-    found = [with_reserve(state) for state in states]
-    moved = [state.model for state, one in zip(states, found, strict=True) if one.moves.any()] or [first]
+    required, searched = system.requirements, joint_state if space == "joint" else task_state
+    every = [searched(replace(state, system=replace(state.system, requirements=required.tightened(RESERVE)))) for state in states]
+    moved = [state.model for state, one in zip(states, every, strict=True) if one.moves.any()] or [first]
     beginning = joints_alone(system, first, np.min([link_inertia(model) for model in moved], axis=0), alone)
     if space == "joint":
         names, inertia = system.source.joint_names, first.motor_inertia + link_inertia(first)
@@ -63,32 +58,40 @@ def recommend_robot(
         tasks = system.source.tasks(first, system.control.rotors)
         names, inertia = tasks.directions, None
         beginning = tasks_alike(tasks, beginning)
-    # Searches that stand side by side look at loops of their own: what one has seen leads no other.
-    own = {contact: [with_reserve(state) for state in states if state.contact == contact] for contact in system.source.contacts}
+    own = {contact: [one for one in every if one.contact == contact] for contact in system.source.contacts}
     known = {} if start is None else {EVERYWHERE: start.everywhere, **start.per_contact}
-    searches = _Searches({**own, EVERYWHERE: found}, required, beginning, known)
+    searches = _Searches({**own, EVERYWHERE: every}, searched, required, beginning, known)
     some = [contact for contact in own if by_contact and len(own[contact]) < len(states)]
-    sets, nearest = searches.sets(mirrored(some, own, beginning), progress)
+    sets, missed = searches.sets(mirrored(some, own, beginning), progress)
     everywhere = sets.pop(EVERYWHERE)
-    for contact in own.keys() - sets.keys() if by_contact else ():  # all states have that contact
+    for contact in [contact for contact in own if by_contact and contact not in some]:  # all states have it
         sets[contact] = everywhere and replace(everywhere, contact=contact)
-        if EVERYWHERE in nearest:
-            nearest[contact] = nearest[EVERYWHERE]
+        if EVERYWHERE in missed:
+            missed[contact] = missed[EVERYWHERE]
+    nearest = {contact: missed[contact] for contact in (EVERYWHERE, *own) if contact in missed}
     per_contact = {contact: sets[contact] for contact in own if by_contact}
     return RobotGains(space, tuple(names), per_contact, everywhere, inertia, nearest, _unweighed(system, space, states))
 
 
+_Sets = tuple[dict[str, GainSet | None], dict[str, str]]
+"""By contact state its set, and of those not found what came nearest."""
+
+
 @dataclass(frozen=True)
 class _Searches:
-    """Searches for sets of gains, one for each contact state: over its states, from `beginning` and from a set that is known."""
+    """Searches for sets of gains, one for each contact state and one for all: from `beginning`, and from sets that are known.
+
+    searched   a state with loops of its own: what one search has seen of them leads no other
+    """
 
     states: Mapping[str, Sequence[SearchedState]]
+    searched: Callable[[StateCase], SearchedState]
     required: Requirements
     beginning: Beginning
     known: Mapping[str, GainSet | None]
 
-    def sets(self, groups: Sequence[Sequence[str]], progress: Callable[[], None]) -> tuple[dict[str, GainSet | None], dict[str, str]]:
-        """Sets for all states, and for contact states in groups that mirror each other; and of those not found what came nearest."""
+    def sets(self, groups: Sequence[Sequence[str]], progress: Callable[[], None]) -> _Sets:
+        """For all states, and for contact states in groups that mirror each other."""
         groups = sorted(groups, key=self._effort, reverse=True)  # what takes longest begins first
         found: dict[str, GainSet | None] = {}
         nearest: dict[str, str] = {}
@@ -96,11 +99,11 @@ class _Searches:
             found |= sets
             nearest |= missed
         safe = found[EVERYWHERE]
-        behind = [group for group in groups if safe is not None and any(_behind(found[contact], safe) for contact in group)]
+        behind = [group for group in groups if safe is not None and any(self._behind(contact, found[contact], safe) for contact in group)]
         for sets, _ in side_by_side([self._of(group, safe) for group in behind], progress):
             for contact, one in sets.items():
                 before = found[contact]
-                if one is not None and _behind(before, one):
+                if one is not None and self._behind(contact, before, one):
                     near = nearest.pop(contact) if before is None else before.nearest
                     found[contact] = replace(one, nearest=near if one.without_weight else "")
         return found, nearest
@@ -109,31 +112,30 @@ class _Searches:
         """Cases in which its gains are looked at: with the weight where it counts, and without it."""
         return sum(1 + state.weighed for state in self.states[group[0]])
 
-    def _of(self, group: Sequence[str], safe: GainSet | None = None) -> Job[tuple[dict[str, GainSet | None], dict[str, str]]]:
-        """Sets, and of those not found what came nearest. The first is searched for; what mirrors it has its gains in another order.
+    def _behind(self, contact: str, one: GainSet | None, other: GainSet) -> bool:
+        """Whether another set is the better one: with the weight where it counts and this is without it, or else stiffer."""
+        if one is None:
+            return True
+        if one.without_weight != other.without_weight and any(state.weighed for state in self.states[contact]):
+            return one.without_weight
+        return one.times_stiffer(other) < 1
 
-        safe   from which alone it is searched for
-        """
+    def _of(self, group: Sequence[str], safe: GainSet | None = None) -> Job[_Sets]:
+        """The first is searched for; what mirrors it has its gains in another order. `safe`: from which alone it is searched for."""
 
-        def job(checkpoint: Callable[[], None]) -> tuple[dict[str, GainSet | None], dict[str, str]]:
+        def job(checkpoint: Callable[[], None]) -> _Sets:
+            states = {contact: [self.searched(one.state) for one in self.states[contact]] for contact in group}
             sets: dict[str, GainSet | None] = {}
             missed: dict[str, str] = {}
             first = group[0]
             for contact in group:
-                image = mirror_image(sets[first], self.states[first], self.states[contact], self.required) if sets else None
+                image = mirror_image(sets[first], states[first], states[contact], self.required) if sets else None
                 known = safe or self.known.get(contact)
                 search = SetSearch(contact, self.required, self.beginning, checkpoint, missed, known, safe is not None)
-                sets[contact] = image or search.over(self.states[contact])
+                sets[contact] = image or search.over(states[contact])
             return sets, missed
 
         return job
-
-
-def _behind(one: GainSet | None, other: GainSet) -> bool:
-    """Whether another set for the same states is the better one: with the weight where this is without it, or else stiffer."""
-    if one is None or one.without_weight != other.without_weight:
-        return one is None or one.without_weight
-    return one.times_stiffer(other) < 1
 
 
 def margins_at_rate(system: System, found: GainSet, space: str, rate: float) -> Margins:

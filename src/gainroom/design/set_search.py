@@ -65,8 +65,8 @@ class SetSearch:
     beginning   what it begins with
     progress    called at every look
     nearest     is told what came nearest, by contact state, where no set is found
-    known       a set that holds: none softer is returned
-    only        True: no other beginning is tried
+    known       a set from which it begins, too, where it would else end softer
+    only        True: it begins from that alone
     """
 
     contact: str
@@ -164,7 +164,8 @@ class SetSearch:
         these cases alone would do so again: what was reached then is what came nearest. Where as many as are tried did, none is looked for.
         """
         beginning = self.beginning
-        groups, best, reached = _groups(states, beginning, free), None, []
+        groups, best = _groups(states, beginning, free), None
+        reached: list[_Failed] = []
         known = None if self.known is not None and self.known.without_weight and weighed else self.known
 
         def softer(gains: Gains, other: Gains) -> bool:
@@ -185,10 +186,10 @@ class SetSearch:
                 best = found
             if found.holds and (known is None or not softer(found.gains, gains_of(known))):
                 break
-            if not found.holds:
-                missed = again.cases if again else frozenset(cases[k] for k in found.failed)
-                reached.append(_Failed(weighed, start, missed, found.gains, _most_missed(cases, found) > FAR))
-                if reached[-1].far and known is None:
+            if not found.holds and not again:
+                short = max(cases[k].required.shortfall(found.margins[k]) for k in found.failed)
+                reached.append(_Failed(weighed, start, frozenset(cases[k] for k in found.failed), found.gains, short > FAR))
+                if short > FAR and known is None:
                     break
         if best is not None and best.holds:
             return best

@@ -131,7 +131,7 @@ def stable_starts(
     """Gains that are stable in every case: parts of what each joint alone is recommended; and those that are `known` after the first such.
 
     known   (3, m), NaN where there are none
-    only    True: none but these
+    only    True: none but those that are known
     """
     order = list(cases)
 
@@ -145,13 +145,13 @@ def stable_starts(
         return all(case.known(gains) for case in cases)
 
     def parts(share: float) -> Iterator[Gains]:
-        """What vibrates does so if it is stiffer, too, with the same damping: that is not tried."""
+        """What vibrates most likely does so if it is stiffer, too, with the same damping: that is not tried."""
         stiffest = math.inf
         for soft in WEIGHED if weighed else SOFT:
             gains = beginning.at(share, soft)
             if soft < stiffest and stable(gains):
                 yield gains
-            elif soft < stiffest and not order[0].loop(gains).topples:
+            elif soft < stiffest and order[0].vibrates(gains):
                 stiffest = soft
 
     likely = parts(SHARES[0])

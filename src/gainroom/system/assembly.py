@@ -39,14 +39,22 @@ class Parts:
 
     def topples(self, factor: float) -> bool:
         """Whether PD gains times `factor` are too soft for the weight, which they hold up alone: stiffness tells. False is no verdict."""
+        count = self._toppled(factor) or 0
+        return count > 0 if self.sample_time is None else count % 2 == 1  # an odd number cannot leave the real axis in pairs
+
+    def stands(self, factor: float) -> bool:
+        """Whether gains times `factor` are known to be stiff enough for the weight, or there is none."""
+        return self.plant.gravity_stiffness is None or self._toppled(factor) == 0
+
+    def _toppled(self, factor: float) -> int | None:
+        """In how many motions PD gains times `factor` do not hold up the weight; None where stiffness alone does not tell."""
         plant, size = self.plant, self.plant.size
         if plant.gravity_stiffness is None or self.kd_path is not None or type(self.controller) is not PD or self.feedback != "motor":
-            return False
+            return None
         gains = self.controller.matrices(size)
         if any(np.abs(gain - gain.T).max() > SYMMETRIC * np.abs(gain).max() for gain in gains.values()):
-            return False
-        count = plant.toppled(factor * gains.get((0, 0), np.zeros((size, size)))) or 0
-        return count > 0 if self.sample_time is None else count % 2 == 1  # an odd number cannot leave the real axis in pairs
+            return None
+        return plant.toppled(factor * gains.get((0, 0), np.zeros((size, size))))
 
 
 def actuated_state(plant: Plant, drives: tuple[Drive, ...]) -> StateSpace:

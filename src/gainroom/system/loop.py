@@ -231,6 +231,11 @@ class Loop:
         """Whether its gains are known to be too soft for the weight (Parts.topples)."""
         return self.parts is not None and self.parts.topples(self.gain)
 
+    @property
+    def stands(self) -> bool:
+        """Whether its gains are known to be stiff enough for the weight (Parts.stands)."""
+        return self.parts is not None and self.parts.stands(self.gain)
+
     def response(self, omega: ArrayLike) -> Complexes:
         """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""
         return self.at(1j * np.atleast_1d(np.asarray(omega, dtype=float)))

@@ -16,7 +16,7 @@ namespace gainroom {
 
 using FourTimes = std::array<double, 4>;  // at the sample before an interval, at both its ends, and at the one after; NaN where there is none
 
-// `away` from the line, with the sign of its side; `moved` in ln over the interval. With both ends on one side it may where it would pass the line by
+// `away` from the line, with the sign of its side; `moved` over the interval, as a part of its size. With both ends on one side it may where it would pass the line by
 // the other end, if it went on as it came, or went as it goes on; and beside a sample that is nearer than those beside it, where it moves further
 // than it has room. With the ends on two sides it may where it would come kShort times as far behind the line.
 inline bool may_pass_unseen(const FourTimes& omega, const FourTimes& away, double moved, double noise) {
