@@ -379,7 +379,7 @@ def _circle_crossings(sweep: Sweep) -> tuple[Floats, Complexes]:
             break
         sweep.add(0.5 * (sweep.omega[:-1] + sweep.omega[1:])[rough])
         steps = sweep.steps()
-    sweep.refine_turns(height)
+    sweep.show_crossings(height)
     steps = sweep.steps()
     rows, _, share, lag = meets_circle(steps.start, steps.end)
     return sweep.omega[rows] * (sweep.omega[rows + 1] / sweep.omega[rows]) ** share, -np.exp(1j * lag)

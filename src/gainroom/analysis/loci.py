@@ -63,7 +63,7 @@ class Sweep:
         self._pairs = _core.paired(self.loci[:-1], self.loci[1:])
         self._reach_ends()
         self._refine(self._rough)
-        self.refine_turns(side)
+        self.show_crossings(side)
 
     def keep(self) -> None:
         """Hold these samples with their loop, for `of_scaled`."""
@@ -151,8 +151,8 @@ class Sweep:
             right = np.searchsorted(self.omega, middle)
             rows = distinct(np.concatenate([right - 1, right]))
 
-    def refine_turns(self, off: Callable[[Complexes], Floats]) -> None:
-        """Halve intervals on which a locus may pass a line unseen (may_pass_unseen), until none may."""
+    def show_crossings(self, off: Callable[[Complexes], Floats]) -> None:
+        """Halve intervals on which a locus may pass a line unseen (may_pass_unseen), until samples show all its crossings."""
         for _ in range(60):
             pairs, steps = self._pairs, self.steps()
             size = np.maximum(np.abs(steps.start), np.abs(steps.end))

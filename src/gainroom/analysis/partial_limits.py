@@ -12,7 +12,8 @@ import numpy as np
 from ..system.controller import gain_matrix
 from ..system.linear.arrays import Complexes, Floats
 from ..system.loop import NO_GAIN, Loop
-from .coupled_margins import distances, inverted
+from .coupled_margins import inverted
+from .curve_distances import distances
 from .loci import Sweep
 
 

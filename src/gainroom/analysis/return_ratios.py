@@ -62,11 +62,11 @@ class Sampled:
         def rough(omega: Floats, values: Complexes) -> Booleans:
             return np.abs(np.diff(values, axis=0)).max(axis=1) > 0.1
 
-        def turns(omega: Floats, values: Complexes) -> Booleans:
+        def unseen(omega: Floats, values: Complexes) -> Booleans:
             return passed_unseen(omega, _return_ratio(values), height)
 
         omega, values = refined(sweep.omega, sensitivity(sweep.omega), sensitivity, rough, 10, LOCI.most, closest=1e-7)
-        omega, values = refined(omega, values, sensitivity, turns, 60, LOCI.most)
+        omega, values = refined(omega, values, sensitivity, unseen, 60, LOCI.most)
         return cls(sweep, Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega))), values, sensitivity)
 
     def own_peaks(self, slope: float = 1.0, offset: float = 0.0) -> list[Peak]:

@@ -127,8 +127,11 @@ class Case:
         if key in self._known:
             return self._known[key].stable
         if key not in self._stable:
-            seen = None if self.loop(gains).topples else look(self._directed, gains, STABLE)
-            self._stable[key] = False if seen is None else seen.unstable == 0 if seen.followed else None
+            if self.loop(gains).topples:
+                self._stable[key] = False
+            else:
+                seen = look(self._directed, gains, STABLE)
+                self._stable[key] = seen.unstable == 0 if seen.followed and seen.unstable >= 0 else None  # None: not known
         return self._stable[key] is True
 
     def vibrates(self, gains: Gains) -> bool:

@@ -94,7 +94,7 @@ public:
         refine([&](const LoopSample& low, const LoopSample& high) {
             return high.omega() - low.omega() > kApart * high.omega() && may_exchange(low.loci, high.loci, low.pairs, factor, phase);
         });
-        refine_turns(factor, phase);
+        show_crossings(factor, phase);
     }
 
     // Whether loci are followed between two samples that are neighbours.
@@ -291,7 +291,7 @@ private:
     }
 
     // The same until nothing may pass the unit circle or the negative real axis unseen on any of them.
-    void refine_turns(double factor, double phase) {
+    void show_crossings(double factor, double phase) {
         const auto followed = [this](std::size_t k) { return near(*samples_[k], *samples_[k + 1]); };
         for (int round = 0; round < 60 && ok(); round++) {
             std::vector<std::size_t> found = passed_unseen(samples_, factor, phase, followed);
