@@ -16,6 +16,7 @@ struct ContactState {
     static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each channel
     static constexpr double kNear = 0.15, kLeast = 0.02, kFaster = 3.0;
     static constexpr double kHigh = 10.0, kLowest = 1.1, kBelow = 0.95, kFar = 0.3;
+    static constexpr double kNearer = 0.4;  // of `reach`, see come_near
     static constexpr double kRare = 0.06;   // of the path, after which a crossing that is not the lowest is looked beside again, and
     static constexpr double kStale = 20.0;  // ticks after which one is looked at, however little the robot has moved
     static constexpr double kOften = 3.0;   // counts in the time in which one becomes too old
@@ -40,6 +41,12 @@ struct ContactState {
     std::size_t count = 0;
     PhaseSweep sweep;  // the count under way, where `sweeping`
     bool sweeping = false, looking = false;      // looking: a search goes along with it
+    bool explaining = false;  // it is over, and found more than known crossings explain: others are looked for where its phase fell,
+    std::size_t tried = 0;    // at so many places so far
+    // A count found at the lower factor `suspect`, beside its own, what known crossings do not explain, and is to be confirmed there; and what it
+    // tells where it is not: its factor (0: nothing), the path at its first slice, whether the slow count held then.
+    double suspect = 0.0, kept = 0.0, kept_from = 0.0;
+    bool kept_after_slow = false;
     bool resting = true;                         // counts need be no oftener than the robot moves
     bool sweep_after_slow = false;               // whether the slow count held as it began
     double sweep_from = 0.0, owed = 0.0;       // the path at its first slice; slices that ticks have left over
@@ -49,6 +56,7 @@ struct ContactState {
     bool begun = false, searching = false;
     double path = 0.0;                         // how far the robot has moved in all
     long ticks = 0;                            // in this contact state
+    int put_off = 0;                           // of these in a row that have not followed all crossings
     double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
     bool counted_after_slow = false;            // of that count, see `slow_holds`
     CountsBelow below;
@@ -180,6 +188,13 @@ struct ContactState {
         slow_factor = std::max(std::min(clear, slow_factor), kLowest);
     }
 
+    // What was counted and looked at tells nothing about the posture of now.
+    void doubt() {
+        counted = suspect = 0.0;
+        sweeping = slowing = false;
+        for (std::size_t k = 0; k < count; k++) order[k]->clear = order[k]->has_beside = false;
+    }
+
     // Where the loop is not stable at low factors.
     void loosen() {
         loose = true;
@@ -190,6 +205,25 @@ struct ContactState {
     // Whether a count at `factor`, begun at the path `from`, tells about the lowest crossing here.
     bool holds(double factor, double from) const {
         return factor > order[0]->gain && speed() * (path - from) < std::log(factor / order[0]->gain);
+    }
+
+    // Whether a count that has found an unknown crossing below `factor` contradicts the last one that agreed, with the motion since.
+    bool refutes(double factor) const { return counted > 0.0 && speed() * (path - counted_from) < std::log(counted / factor); }
+
+    void agree(double factor, double from, bool after_slow) {
+        counted = factor;
+        counted_from = from;
+        counted_after_slow = after_slow;
+    }
+
+    // Of the count that has just agreed at `factor` but not at the lower one `at`.
+    void suspect_at(double at, double factor) {
+        counted = 0.0;
+        searching = count == 0;
+        suspect = searching ? 0.0 : at;
+        kept = factor;
+        kept_from = sweep_from;
+        kept_after_slow = sweep_after_slow;
     }
 
     // Slices per tick with which counts are kOften times as fast as they become too old.
@@ -204,9 +238,18 @@ struct ContactState {
         reach = std::max(0.7 * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), farthest));
     }
 
-    // After a switch without a certificate: a new count, near the lowest crossing, where less may be missing, and no search yet.
+    // After crossings have been found that explain a count: further ones may cancel each other in it, but hardly in one that is much nearer.
+    void come_near() {
+        agreed = 0;
+        reach = std::max(kNearer * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), farthest));
+    }
+
+    // After a switch without a certificate: the count under way, where that will tell for as long again; else a new one, near the lowest crossing,
+    // where less may be missing. No search yet.
     void hurry() {
-        sweeping = searching = false;
+        searching = false;
+        if (sweeping && !looking && !goes_below && count > 0 && holds(sweep.gain(), sweep_from - (path - sweep_from))) return;
+        sweeping = false;
         reach = std::min(reach, kNear);
     }
 
@@ -218,6 +261,7 @@ struct ContactState {
     // Where to count: in the widest gap between known crossings a little above the lowest.
     double next_factor() const {
         if (count == 0) return seek;
+        if (suspect > 0.0) return suspect;
         const double lowest = order[0]->gain, end = (1.0 + reach * (1.0 - 0.4 * std::fmod(0.618 * vain, 1.0))) * lowest;
         double from = (1.0 + 0.2 * reach) * lowest, best = 0.0, factor = from;
         for (std::size_t k = 1; k <= count; k++) {

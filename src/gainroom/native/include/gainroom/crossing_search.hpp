@@ -18,6 +18,8 @@ public:
     virtual void begin(ContactState& state) = 0;
     // At one slice of the count, where the loop's `phase` was last; what it cost.
     virtual double look(ContactState& state) = 0;
+    // After a count, at a frequency where its phase fell; what it cost.
+    virtual double look_at(ContactState& state, double omega) = 0;
 
 protected:
     static constexpr double kBeyond = 1.5;  // of the factor of a count: what is kept

@@ -25,11 +25,14 @@ public:
         return state.begun ? loop_.distance(state.posture.data(), posture) : 0.0;
     }
 
-    // Crossings from where they were to `posture`, in strides: one, and more while there is room for work. False where this takes further ticks.
-    bool approach(const double* posture, ContactState& state, double far, double room, double& work) {
+    // Crossings from where they were to `posture`, in strides: one, and more while there is room for work. False where this takes further ticks;
+    // so it may be `after_switch`, with many crossings to be followed that have been left behind.
+    bool approach(const double* posture, ContactState& state, double far, double room, bool after_switch, double& work) {
         if (begins(posture, state)) return true;
         state.ticks++;
-        const bool jumped = far > kJump;
+        const bool jerked = !after_switch && far > kJerk * state.rate + kLeastJerk, jumped = jerked || far > kJump || state.put_off > 0;
+        if (jerked) state.doubt();
+        bool is_late = false;
         for (int k = 0; k == 0 || 2.0 * work < room; k++) {
             if (k > 0) far = distance(state, posture), work += kStride;
             const bool there = stride(posture, state, far, stride_);
@@ -41,17 +44,21 @@ public:
                     const double left = state.path - one.seen_at;
                     const double off = std::max(state.speed(one) * left, one.converged ? 0.0 : kRough);
                     const bool may_be_lowest = one.gain * (1.0 - off) < state.order[0]->gain;
-                    const bool stale = left > 0.0 && double(state.ticks - one.looked_at) > ContactState::kStale;
+                    const bool stale = left > 0.0 && double(state.ticks - one.looked_at) > (2.0 * work < room ? 1.0 : 2.0) * ContactState::kStale;
+                    is_late = work > room && after_switch && state.put_off < kPutOff;
+                    if (is_late) break;
                     if (left > 2.0 * kLate || ((may_be_lowest || jumped || stale) && !is_above(state, one, left, work))) {
                         if (!follow(state, m, false, work)) m--;  // another one is in its place
                     }
                 }
-                follow_late(state, kFew, kLate, work);
+                if (!is_late) follow_late(state, kFew, kLate, work);
             } else {
                 follow_late(state, state.count, 0.0, work);
             }
             arrange(state, work);
             if (!there) continue;
+            state.put_off = is_late ? state.put_off + 1 : 0;
+            if (is_late) return false;
             look_below(state, work);
             return true;
         }
@@ -71,6 +78,7 @@ public:
     // Takes `found`, which has just been followed here, among the crossings; leaves there what is to be used again.
     void keep(ContactState& state, TrackedCrossing& found) {
         if (found.gain < state.counted) state.counted = 0.0;  // the count did not know it
+        state.kept = 0.0;
         if (state.count == state.order.size()) {
             if (found.gain > state.order.back()->gain) return;
             state.count--;
@@ -100,10 +108,12 @@ private:
     static constexpr double kPassed = 1.2;  // of `lowest`
     static constexpr double kLate = 0.06;    // a path along which a crossing is left; twice as long at most
     static constexpr double kJump = 0.02;    // a path within a tick after which all are looked at
+    static constexpr double kJerk = 3.0, kLeastJerk = 1e-3;  // the same of a path that is so much longer than those of before
     static constexpr double kStride = 0.1;   // work of a further stride, also where no crossing is known
     static constexpr double kRough = 0.01;  // a gain that has been followed roughly is nearer than this
+    static constexpr int kPutOff = 3;       // ticks over which following after a switch is spread at most
     static constexpr int kBelow = 3;        // looks below the lowest, which is another one then
-    static constexpr std::size_t kFew = 2;  // of these that are followed at a tick
+    static constexpr std::size_t kFew = 2, kSome = 6;  // that are followed, or looked beside, at a tick; where there is no certificate without that
 
     static bool begins(const double* posture, ContactState& state) {
         if (state.begun) return false;
@@ -124,8 +134,9 @@ private:
         std::size_t others = 0;
         for (int found = 0; state.count > 0;) {
             const std::size_t k = state.due();
-            if (k == state.count || (k > 0 && others == kFew)) return;
+            if (k == state.count) return;
             TrackedCrossing& one = *state.order[k];
+            if (k > 0 && others >= (one.clear ? kFew : kSome)) return;
             if (!here(state, one)) {
                 if (k == 0) return;
                 if (!settled(state, one, work)) drop(state, k);
@@ -240,6 +251,7 @@ private:
         const TrackedCrossing& one = *state.order[k];
         if (one.omega < kPassed * loop_.lowest()) state.slow_counted = 0.0;  // it may have gone where the slow count says that nothing crosses
         if (std::min(one.gain, one.gain_before) < state.counted) state.counted = 0.0;  // the count relied on it
+        state.kept = 0.0;
         std::rotate(state.order.begin() + long(k), state.order.begin() + long(k) + 1, state.order.begin() + long(state.count));
         state.count--;
     }

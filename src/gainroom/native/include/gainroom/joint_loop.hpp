@@ -35,6 +35,8 @@ public:
     double usual_slices() const override { return std::max(kSlices / double(posture_size()), 1.5); }
     double urgent_slices() const override { return std::max(7.0 * kSlices / double(posture_size()), std::min(kEach * double(mode_size()), kUrgent)); }
 
+    double prepared_slices() const override { return std::max(3.0 * usual_slices(), kPrepared); }
+
     double distance(const double* before, const double* now) override { return change_(laws_, before, now); }
 
     bool follow(const double* w, TrackedCrossing& crossing, int steps, double& work, bool rough) override {
@@ -116,8 +118,9 @@ public:
 private:
     static constexpr double kBeside = 0.5;    // work of clear_below
     static constexpr double kSlices = 432.0;  // over n²: with 12 joints 3 slices, which is 4 µs
+    static constexpr double kPrepared = 12.0;  // slices at least: following what has been left behind takes most of them
     static constexpr double kFour = 2.1;      // slices that four at once cost
-    static constexpr double kEach = 0.6, kUrgent = 20.0;  // slices per joint, of about two that a count takes, without a certificate; at most
+    static constexpr double kEach = 0.54, kUrgent = 20.0;  // slices per joint, of about two that a count takes, without a certificate; at most
 
     // Of the four: F, but for its size, and the slope of its logarithm.
     GAINROOM_WIDE void combine() {

@@ -56,8 +56,14 @@ public:
         }
         const bool is_turn = std::fmod(0.618 * double(++own.tries), 1.0) <= 0.34 && work <= kEnough;
         // Where the robot moves, a count that is long under way is worth little.
-        if (is_turn && !(state.path > state.sweep_from && own.spent > state.sweep.spent())) try_direction(own, state, work);
+        if (is_turn && !(state.path > state.sweep_from && own.spent > state.sweep.spent())) try_somewhere(own, state, work);
         own.spent += work;
+        return work;
+    }
+
+    double look_at(ContactState& state, double omega) override {
+        double work = kFactor;
+        try_direction(state, omega, state.sweep.gain(), work);
         return work;
     }
 
@@ -65,6 +71,7 @@ private:
     static constexpr double kNear = 0.05, kUnlike = 0.2;  // of crossings that are alike
     static constexpr int kRefined = 4;
     static constexpr double kEnough = 1.5;  // work at a slice
+    static constexpr double kFactor = 0.7;  // work
 
     // Of one contact state.
     struct Loci {
@@ -105,11 +112,15 @@ private:
     }
 
     // A random direction: here, or beside a known crossing, as equal limbs have theirs close together.
-    void try_direction(const Loci& own, ContactState& state, double& work) {
+    void try_somewhere(const Loci& own, ContactState& state, double& work) {
         std::size_t below = 0;
         while (below < state.count && state.order[below]->gain < 1.02 * state.sweep.gain()) below++;
         const TrackedCrossing* near = own.tries % 2 == 0 && below > 0 ? state.order[own.tries / 2 % below] : nullptr;
-        start(near ? near->omega : state.sweep.omega(), near ? 1.001 * near->gain : state.sweep.gain());
+        try_direction(state, near ? near->omega : state.sweep.omega(), near ? 1.001 * near->gain : state.sweep.gain(), work);
+    }
+
+    void try_direction(ContactState& state, double omega, double gain, double& work) {
+        start(omega, gain);
         const SymmetricFactor& factor = loop_.follower().at(state.posture.data(), trial_.omega, trial_.gain);
         weigh();
         for (int pass = 0; pass < 3; pass++) {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <utility>
 
 #include "complex.hpp"
@@ -29,6 +30,7 @@ public:
         size_ = size;
         nearest_ = 0.0;
         radius_ = radius;
+        deepest_ = std::numeric_limits<double>::infinity();
         bend_ = bend;
         Square inverse{};
         if (!invert(d, inverse)) return false;
@@ -115,7 +117,11 @@ public:
     }
     double stability(Complex root) const { return root.imag() - bend_ * std::norm(root); }
 
-    void narrow(double radius) { radius_ = radius; }
+    // Only roots that are nearer than `root`, in the radius or unstable by less.
+    void narrow(Complex root) {
+        if (std::abs(root) < radius_) radius_ = kCloser * std::abs(root);
+        else deepest_ = kLessDeep * std::fabs(root.imag());
+    }
 
     // All of them, in no order.
     void roots_at(double by, Complex* roots) const {
@@ -170,6 +176,7 @@ public:
 
 private:
     static constexpr double kStep = 1.8, kSharp = 1.0;  // a peak between two steps is no higher than so many times what they fall
+    static constexpr double kCloser = 0.8, kLessDeep = 0.5;  // what is left of the radius, and of how unstable roots beyond it count
     static constexpr double kSame = 0.3;  // of the distance between two crossings: one's root as the other's span tells it
     static constexpr int kRefined = 9;
 
@@ -199,7 +206,7 @@ private:
 
     // `all`: one that is unstable by much, too, which may in truth be nearer.
     bool counts(Complex root, bool all) const {
-        return std::norm(root) < radius_ * radius_ || (all && root.imag() < 0.0 && std::fabs(root.real()) < radius_);
+        return std::norm(root) < radius_ * radius_ || (all && root.imag() < 0.0 && -root.imag() < deepest_ && std::fabs(root.real()) < radius_);
     }
 
     // Of `roots` but one; j radius where none counts.
@@ -282,7 +289,7 @@ private:
     }
 
     std::size_t size_ = 0;
-    double radius_ = 0.0, bend_ = 0.0, margin_ = 0.0, give_ = 0.0, nearest_ = 0.0, known_ = 0.0;
+    double radius_ = 0.0, deepest_ = 0.0, bend_ = 0.0, margin_ = 0.0, give_ = 0.0, nearest_ = 0.0, known_ = 0.0;
     Complex own_ = 0.0;           // −dω/dg of the crossing's own root
     Square fixed_{}, turning_{};  // D⁻¹M, D⁻¹G
 };

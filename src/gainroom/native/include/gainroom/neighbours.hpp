@@ -45,7 +45,7 @@ public:
             if (!pencil_.peak(above + kWindow * lowest.gain, least, kDoubt * crossing.omega, peak_))
                 return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin(), moves);
             if (!is_stable(w)) return false;
-            pencil_.narrow(kCloser * std::abs(peak_.root));  // it may have hidden one that is nearer
+            pencil_.narrow(peak_.root);  // it may have hidden one that is nearer
         }
         return false;
     }
@@ -66,14 +66,14 @@ private:
     static constexpr double kWindow = 0.1;               // of the crossing's factor, below it
     static constexpr double kApart = 2.0, kScale = 0.1;  // of how far roots move over the window; of the distance at which they begin to meet
     static constexpr double kLeast = 1e-6;               // of the factor: a pair that is nearer is within what safe_gain leaves
-    static constexpr double kBelow = 1e-5;               // of the lowest crossing's, below it: where it is looked beside others
+    static constexpr double kBelow = 1e-6;               // of the lowest crossing's, below it: where it is looked beside others
     static constexpr double kDoubt = 1e-4, kCertain = 1e-7;  // of ω: the span's error at the crossing; round-off
     static constexpr double kBend = 1.0;                // of δω²/ω: its error at δω, as laws bend over about ω
     static constexpr double kRough = 0.02;               // of δω: what modes that have been sharpened once leave
     static constexpr int kPasses = 4, kThere = 3;        // of the iteration where no modes are known, and at a peak
     static constexpr double kMoves = 3.0, kLongest = 0.02;  // what roots are taken to move, of what they do at most; of the path
-    static constexpr int kLooks = 12;                    // for peaks, each nearer to the crossing's frequency than the one before by
-    static constexpr double kCloser = 0.8, kInside = 0.5;  // kInside: of these the span at the crossing tells better
+    static constexpr int kLooks = 12;                    // for peaks, each nearer to the crossing's frequency than the one before
+    static constexpr double kInside = 0.5;               // of its distance: what is nearer the span at the crossing tells better
     static constexpr int kSettling = 8;                  // steps to a root, each of which squares its error
     static constexpr double kSettled = 0.01;             // of its distance to the boundary
     static constexpr double kNear = 0.05;                // of ω: roots farther away are none that the span tells of

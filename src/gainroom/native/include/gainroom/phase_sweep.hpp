@@ -40,6 +40,9 @@ public:
     double lower_gain(std::size_t k) const { return gain_ * double(below_[k].part) / parts_; }
     long lower_pairs(std::size_t k) const { return below_[k].pairs; }
     static constexpr long kUnclear = std::numeric_limits<long>::min();
+    // Where the phase fell the fastest, once for each fall: at unstable roots that are near the boundary, or others.
+    std::size_t falls() const { return falls_; }
+    double fall(std::size_t k) const { return fall_[k].omega; }
 
     // The first slice, at the factor g: from `lowest` on, or `slow`, up to there.
     State begin(TrackedLoop& loop, const double* posture, double gain, bool slow = false) {
@@ -62,7 +65,8 @@ public:
             below_[k].pairs = kUnclear;
         }
         step_ = 0.25 * longest(loop, omega_);
-        next_ = ahead_ = 0;
+        next_ = ahead_ = falls_ = 0;
+        before_ = slope_.imag();
         if (slow && !is_clear(loop)) return State::crossed;
         return std::isfinite(total_ + slope_.imag()) && top_ > omega_ ? State::running : State::failed;
     }
@@ -91,6 +95,8 @@ private:
             step_ = 0.4 * (to - from);
             return step_ > kShortest * from ? State::running : State::failed;
         }
+        note_fall(from, before_, slope_.imag(), now.slope.imag());
+        before_ = slope_.imag();
         phase_ = now.phase;
         slope_ = now.slope;
         if (slow_) {
@@ -113,6 +119,19 @@ private:
     static constexpr std::size_t kMostSlices = 2000;
     static constexpr double kAgreed = 0.9, kBent = 4.0, kClose = 2.0, kShortest = 1e-7, kLeap = 1.2, kCheap = 0.15;
     static constexpr double kGrows = 1.2, kSeen = 0.05;  // steps of slices seen at once; what one costs that was seen before
+
+    // At a slice, between those before and after it.
+    void note_fall(double omega, double before, double here, double after) {
+        if (!(here < 0.0 && here < before && here <= after)) return;
+        if (falls_ < fall_.size()) {
+            fall_[falls_++] = {omega, here};
+            return;
+        }
+        Fall* flattest = &fall_[0];
+        for (Fall& one : fall_)
+            if (one.slope > flattest->slope) flattest = &one;
+        if (here < flattest->slope) *flattest = {omega, here};
+    }
 
     // Which lower factors this count looks at, of which one costs so many slices.
     void choose_lower(double cost) {
@@ -198,9 +217,16 @@ private:
         long pairs = kUnclear;
     };
 
+    struct Fall {
+        double omega = 0.0, slope = 0.0;
+    };
+
     static constexpr int kParts = 6, kFine = 12;  // kFine: where lower factors are counted
     static constexpr int kLowest = 4, kLower = 6;  // of these parts those of lower factors: the first, and how many
     std::array<Below, 3> below_;
+    std::array<Fall, 16> fall_;
+    std::size_t falls_ = 0;
+    double before_ = 0.0;  // slope at the slice before the last one
     std::size_t lower_ = 0, turn_ = 0;
     double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, resonance_ = 0.0, step_ = 0.0, cost_ = 1.0, spent_ = 0.0, clear_ = 0.0;
     double phase_ = 0.0, total_ = 0.0, known_ = 0.0;

@@ -42,7 +42,7 @@ public:
 private:
     // Ticks after which another contact state is made ready, in a quiet one; kLate times as many, in any. From farther away crossings of tasks take
     // longer to follow than a tick has.
-    static constexpr std::size_t kPrepared = 5, kPreparedTasks = 3, kLate = 3;
+    static constexpr std::size_t kPrepared = 8, kPreparedTasks = 3, kLate = 3;
     static constexpr double kQuiet = 0.4;
     static constexpr double kUnit = 1e-3;  // so far squares of quaternions, cosines and sines may be from 1
 

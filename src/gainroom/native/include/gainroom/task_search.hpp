@@ -26,6 +26,24 @@ public:
         const double from = looked_at_[state.number], omega = state.sweep.omega();
         if (!(omega > from)) return 0.0;  // a step that was shortened
         looked_at_[state.number] = omega;
+        return look_here(state, omega, kReach * std::max(omega - from, kLeast * omega));
+    }
+
+    double look_at(ContactState& state, double omega) override {
+        Complex slope;
+        loop_.phase(state.posture.data(), omega, state.sweep.gain(), &slope);
+        return 1.0 + look_here(state, omega, kAround * omega);
+    }
+
+private:
+    static constexpr double kEigenvalues = 2.5, kMode = 0.5;               // work
+    static constexpr double kReach = 2.0, kLeast = 0.02, kAside = 1.5;     // of a step, of ω, of Im γ/Re γ
+    static constexpr double kAround = 0.05;                                // of ω
+    static constexpr double kBesides = 1e-9;                               // of μ, where nothing is singular
+    static constexpr double kSame = 0.01, kAlike = 0.9;
+
+    // Where the loop's `phase` was last: starts up to `reach` from there.
+    double look_here(ContactState& state, double omega, double reach) {
         double work = kEigenvalues;
         if (!loop_.find_eigenvalues()) return work;
         values_ = loop_.eigenvalues();
@@ -33,7 +51,6 @@ public:
         matrix_.im = loop_.matrix().im;
         slope_.re = loop_.slope().re;
         slope_.im = loop_.slope().im;
-        const double reach = kReach * std::max(omega - from, kLeast * omega);
         for (std::size_t k = 0; k < values_.size(); k++) {
             const Complex factor = over(-1.0, values_[k]);
             const double most = kBeyond * state.sweep.gain();
@@ -50,12 +67,6 @@ public:
         }
         return work;
     }
-
-private:
-    static constexpr double kEigenvalues = 2.5, kMode = 0.5;               // work
-    static constexpr double kReach = 2.0, kLeast = 0.02, kAside = 1.5;     // of a step, of ω, of Im γ/Re γ
-    static constexpr double kBesides = 1e-9;                               // of μ, where nothing is singular
-    static constexpr double kSame = 0.01, kAlike = 0.9;
 
     // trial_'s mode and left mode of the eigenvalue μ, and dμ/dω.
     bool mode(Complex value, std::size_t number, Complex& turned) {

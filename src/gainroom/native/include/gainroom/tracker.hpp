@@ -3,7 +3,8 @@
 // Known crossings are followed (crossing_set.hpp). Meanwhile the unstable roots are counted, a few slices per tick, at a factor above the lowest
 // crossing: where the count is that of the known crossings below, nothing unknown lies in between. What has been counted holds for as long
 // as the robot has not moved far enough to bring an unknown crossing from above that factor below the tracked gain; counts follow each other
-// three times as fast. Where the count differs, slices become starts of a search (crossing_search.hpp). Restarts (jumps of posture,
+// three times as fast. Where it finds more, its slices at which the phase fell are starts of a search, then all slices of the next count
+// (crossing_search.hpp). Restarts (jumps of posture,
 // contact states that were not prepared) move the posture in bounded strides from where the crossings were last known.
 //
 // All space is taken at construction; no exceptions, no allocation in update. For one thread at a time.
@@ -69,9 +70,9 @@ public:
         State& state = states_[contact];
         const double far = sound(posture) ? known_.distance(state, posture) : std::numeric_limits<double>::quiet_NaN();
         if (!std::isfinite(far)) return without_evidence(Flag::bad_posture);
-        state.rate = std::max(far, kForgets * state.rate);
         work_ = 0.0;
-        const bool arrived = known_.approach(posture, state, far, settings_.urgent, work_);
+        const bool arrived = known_.approach(posture, state, far, settings_.urgent, contact != contact_, work_);
+        state.rate = std::max(far, kForgets * state.rate);
         if (arrived) {
             if (contact != contact_ && !state.certified()) state.hurry();
             contact_ = contact;
@@ -114,6 +115,7 @@ private:
     static constexpr double kOneSided = 0.7, kUneven = 0.2;  // gains that are counted closer, and as often as there is time
     static constexpr double kBeside = 0.1;                   // of a factor
     static constexpr int kFirst = 4;                         // counts above the lowest crossing before one below it
+    static constexpr int kSuspected = 4;                     // counts at one factor
     static constexpr double kIdle = 0.5, kStill = 0.05;      // slices where nothing moves, or next to nothing
 
     // For slices, at this tick: where there is no certificate, all that is left after `work`, for the nearest count that will give one.
@@ -148,10 +150,15 @@ private:
                 state.slowest_speed = (one_sided > kOneSided ? State::kFaster : 1.0) * loop_.slowest_speed();
                 state.looking = (state.goes_below ? state.is_refuted() : state.searching) || one_sided > kOneSided;
                 state.resting = !(one_sided > kUneven);
+                state.explaining = false;
                 state.sweep_from = state.path;
                 state.sweep_after_slow = state.slow_needed && state.count > 0 && state.slow_tells();
                 state.sweeping = state.sweep.begin(loop_, state.posture.data(), factor) == PhaseSweep::State::running;
                 if (state.sweeping && state.looking) search_.begin(state);
+                continue;
+            }
+            if (state.explaining) {
+                spent += explain(state) - 1.0;
                 continue;
             }
             const PhaseSweep::State now = state.sweep.advance(loop_, state.posture.data());
@@ -168,9 +175,22 @@ private:
                 continue;
             }
             state.length = state.sweep.spent();
-            conclude(state, done, state.sweep.gain(), state.sweep.pairs());
+            state.explaining = state.sweeping = done && state.sweep.pairs() > state.pairs(state.sweep.gain());
+            state.tried = 0;
+            if (!state.explaining) conclude(state, done, state.sweep.gain(), state.sweep.pairs());
         }
         state.owed -= spent;
+    }
+
+    // The count has found more than known crossings explain: a search at one of its falls, until they do or all have been tried; what it cost. Where
+    // they do, the next count decides.
+    double explain(State& state) {
+        const bool explained = state.sweep.pairs() <= state.pairs(state.sweep.gain());
+        if (!explained && state.tried < state.sweep.falls()) return search_.look_at(state, state.sweep.fall(state.tried++));
+        state.sweeping = state.explaining = false;
+        if (explained) state.come_near(), state.suspect = 0.0;
+        else conclude(state, true, state.sweep.gain(), state.sweep.pairs());
+        return 0.0;
     }
 
     // Whether there is time for a count below the lowest crossing: in this contact state, where the robot hardly moves, and as long as one has
@@ -197,30 +217,31 @@ private:
 
     void conclude(State& state, bool done, double factor, long pairs) {
         if (!done || pairs != state.pairs(factor)) state.vain++;
+        if (state.suspect > 0.0) return conclude_suspect(state, done && pairs == state.pairs(factor));
         if (!done) {
-            state.searching = true;
+            state.searching = state.missed++ > 0;
             state.shorten();
             if (state.count == 0) state.seek *= 0.9;
             return;
         }
         const long expected = state.pairs(factor);
-        if (pairs == expected && !foreseen_below(state)) {  // a pair of crossings below the lowest one that is known
-            state.counted = 0.0;
-            state.searching = true;
+        const double unforeseen = pairs == expected ? unforeseen_below(state) : 0.0;
+        if (unforeseen > 0.0) {  // a pair of crossings below the lowest one that is known, or steps that were too long for that factor
+            state.suspect_at(unforeseen, factor);
             state.missed++;
             return;
         }
         if (pairs == expected) {
             state.searching = false;
-            state.counted = factor;
-            state.counted_from = state.sweep_from;
-            state.counted_after_slow = state.sweep_after_slow;
+            state.agree(factor, state.sweep_from, state.sweep_after_slow);
             state.lengthen();
             state.empty_below = expected == 0 ? factor : 0.0;
             if (state.count == 0) state.seek = std::min(1.5 * factor, settings_.highest);
             return;
         }
-        if (pairs < expected && state.count > 0) state.count = 1;  // some account for each other: all but the lowest are found anew
+        if (pairs > expected && state.refutes(factor)) state.counted = 0.0;
+        // Some account for each other: all but the lowest are found anew, unless the count is too old to tell.
+        if (pairs < expected && state.count > 0 && state.holds(factor, state.sweep_from)) state.count = 1;
         state.searching = ++state.missed > 1 || !state.certified();  // nearer to the lowest crossing nothing may be missing
         state.shorten();
         if (state.count > 0) return;
@@ -230,16 +251,26 @@ private:
         if (state.searching) state.seek = factor;
     }
 
-    // Whether the count found at lower factors what known crossings explain; those near a crossing, which may have passed them meanwhile, do not count.
-    bool foreseen_below(const State& state) const {
+    // The count at the suspect factor itself: `agrees` where that is none. Else it goes on there, with a search.
+    static void conclude_suspect(State& state, bool agrees) {
+        state.searching = !agrees;
+        if (agrees || ++state.missed > kSuspected) state.suspect = 0.0;
+        if (!agrees || state.kept == 0.0) return;
+        state.agree(state.kept, state.kept_from, state.kept_after_slow);
+        state.lengthen();
+    }
+
+    // A lower factor at which the count found what known crossings do not explain; 0: none. Those near a crossing, which may have passed them
+    // meanwhile, do not count.
+    double unforeseen_below(const State& state) const {
         for (std::size_t k = 0; k < state.sweep.lower(); k++) {
             const double factor = state.sweep.lower_gain(k);
             bool near = false;
             for (std::size_t m = 0; m < state.count; m++) near = near || std::fabs(state.order[m]->gain / factor - 1.0) < kBeside;
             const long pairs = state.sweep.lower_pairs(k);
-            if (!near && pairs != PhaseSweep::kUnclear && pairs != state.pairs(factor)) return false;
+            if (!near && pairs != PhaseSweep::kUnclear && pairs != state.pairs(factor)) return factor;
         }
-        return true;
+        return 0.0;
     }
 
     // At the posture, or `left` before it.
