@@ -16,7 +16,7 @@ struct ContactState {
     static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each channel
     static constexpr double kNear = 0.15, kLeast = 0.02, kFaster = 3.0;
     static constexpr double kHigh = 10.0, kLowest = 1.1, kBelow = 0.95, kFar = 0.3;
-    static constexpr double kNearer = 0.4;  // of `reach`, see come_near
+    static constexpr double kNearer = 0.7, kMuchNearer = 0.4;  // of `reach`, see shorten
     static constexpr double kRare = 0.06;   // of the path, after which a crossing that is not the lowest is looked beside again, and
     static constexpr double kStale = 20.0;  // ticks after which one is looked at, however little the robot has moved
     static constexpr double kOften = 3.0;   // counts in the time in which one becomes too old
@@ -43,10 +43,13 @@ struct ContactState {
     bool sweeping = false, looking = false;      // looking: a search goes along with it
     bool explaining = false;  // it is over, and found more than known crossings explain: others are looked for where its phase fell,
     std::size_t tried = 0;    // at so many places so far
-    // A count found at the lower factor `suspect`, beside its own, what known crossings do not explain, and is to be confirmed there; and what it
-    // tells where it is not: its factor (0: nothing), the path at its first slice, whether the slow count held then.
-    double suspect = 0.0, kept = 0.0, kept_from = 0.0;
-    bool kept_after_slow = false;
+    // A count that agreed: its factor (0: none), the path at its first slice, whether the slow count held then.
+    struct Agreed {
+        double factor = 0.0, from = 0.0;
+        bool after_slow = false;
+    };
+    double suspect = 0.0;  // a lower factor at which one found what known crossings do not explain, and is to be confirmed; 0: none
+    Agreed kept;           // that one, which holds where it is not
     bool resting = true;                         // counts need be no oftener than the robot moves
     bool sweep_after_slow = false;               // whether the slow count held as it began
     double sweep_from = 0.0, owed = 0.0;       // the path at its first slice; slices that ticks have left over
@@ -210,20 +213,21 @@ struct ContactState {
     // Whether a count that has found an unknown crossing below `factor` contradicts the last one that agreed, with the motion since.
     bool refutes(double factor) const { return counted > 0.0 && speed() * (path - counted_from) < std::log(counted / factor); }
 
-    void agree(double factor, double from, bool after_slow) {
-        counted = factor;
-        counted_from = from;
-        counted_after_slow = after_slow;
+    Agreed swept() const { return {sweep.gain(), sweep_from, sweep_after_slow}; }
+
+    void agree(const Agreed& one) {
+        counted = one.factor;
+        counted_from = one.from;
+        counted_after_slow = one.after_slow;
+        lengthen();
     }
 
-    // Of the count that has just agreed at `factor` but not at the lower one `at`.
-    void suspect_at(double at, double factor) {
+    // Of the count that has just agreed at its own factor but not at the lower one `at`.
+    void suspect_at(double at) {
         counted = 0.0;
         searching = count == 0;
         suspect = searching ? 0.0 : at;
-        kept = factor;
-        kept_from = sweep_from;
-        kept_after_slow = sweep_after_slow;
+        kept = swept();
     }
 
     // Slices per tick with which counts are kOften times as fast as they become too old.
@@ -233,15 +237,9 @@ struct ContactState {
     }
 
     // The next count less far above the lowest crossing, but farther than it may come meanwhile.
-    void shorten() {
+    void shorten(double share = kNearer) {
         agreed = 0;
-        reach = std::max(0.7 * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), farthest));
-    }
-
-    // After crossings have been found that explain a count: further ones may cancel each other in it, but hardly in one that is much nearer.
-    void come_near() {
-        agreed = 0;
-        reach = std::max(kNearer * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), farthest));
+        reach = std::max(share * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), farthest));
     }
 
     // After a switch without a certificate: the count under way, where that will tell for as long again; else a new one, near the lowest crossing,

@@ -78,7 +78,7 @@ public:
     // Takes `found`, which has just been followed here, among the crossings; leaves there what is to be used again.
     void keep(ContactState& state, TrackedCrossing& found) {
         if (found.gain < state.counted) state.counted = 0.0;  // the count did not know it
-        state.kept = 0.0;
+        state.kept = {};
         if (state.count == state.order.size()) {
             if (found.gain > state.order.back()->gain) return;
             state.count--;
@@ -111,7 +111,7 @@ private:
     static constexpr double kJerk = 3.0, kLeastJerk = 1e-3;  // the same of a path that is so much longer than those of before
     static constexpr double kStride = 0.1;   // work of a further stride, also where no crossing is known
     static constexpr double kRough = 0.01;  // a gain that has been followed roughly is nearer than this
-    static constexpr int kPutOff = 3;       // ticks over which following after a switch is spread at most
+    static constexpr int kPutOff = 3;       // ticks after a switch that may leave some of what is to be followed to the next one
     static constexpr int kBelow = 3;        // looks below the lowest, which is another one then
     static constexpr std::size_t kFew = 2, kSome = 6;  // that are followed, or looked beside, at a tick; where there is no certificate without that
 
@@ -251,7 +251,7 @@ private:
         const TrackedCrossing& one = *state.order[k];
         if (one.omega < kPassed * loop_.lowest()) state.slow_counted = 0.0;  // it may have gone where the slow count says that nothing crosses
         if (std::min(one.gain, one.gain_before) < state.counted) state.counted = 0.0;  // the count relied on it
-        state.kept = 0.0;
+        state.kept = {};
         std::rotate(state.order.begin() + long(k), state.order.begin() + long(k) + 1, state.order.begin() + long(state.count));
         state.count--;
     }

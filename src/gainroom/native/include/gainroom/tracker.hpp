@@ -177,19 +177,23 @@ private:
             state.length = state.sweep.spent();
             state.explaining = state.sweeping = done && state.sweep.pairs() > state.pairs(state.sweep.gain());
             state.tried = 0;
-            if (!state.explaining) conclude(state, done, state.sweep.gain(), state.sweep.pairs());
+            if (!state.explaining) conclude(state, done);
         }
         state.owed -= spent;
     }
 
     // The count has found more than known crossings explain: a search at one of its falls, until they do or all have been tried; what it cost. Where
-    // they do, the next count decides.
+    // they do, further ones may still cancel each other in it, but hardly in the next count, which is much nearer to the lowest crossing.
     double explain(State& state) {
         const bool explained = state.sweep.pairs() <= state.pairs(state.sweep.gain());
         if (!explained && state.tried < state.sweep.falls()) return search_.look_at(state, state.sweep.fall(state.tried++));
         state.sweeping = state.explaining = false;
-        if (explained) state.come_near(), state.suspect = 0.0;
-        else conclude(state, true, state.sweep.gain(), state.sweep.pairs());
+        if (!explained) {
+            conclude(state, true);
+        } else {
+            state.suspect = 0.0;
+            state.shorten(State::kMuchNearer);
+        }
         return 0.0;
     }
 
@@ -215,26 +219,27 @@ private:
         if (now != PhaseSweep::State::running) state.conclude_slow(now == PhaseSweep::State::done, now == PhaseSweep::State::crossed);
     }
 
-    void conclude(State& state, bool done, double factor, long pairs) {
-        if (!done || pairs != state.pairs(factor)) state.vain++;
-        if (state.suspect > 0.0) return conclude_suspect(state, done && pairs == state.pairs(factor));
+    void conclude(State& state, bool done) {
+        const double factor = state.sweep.gain();
+        const long pairs = state.sweep.pairs(), expected = state.pairs(factor);
+        const bool agrees = done && pairs == expected;
+        if (!agrees) state.vain++;
+        if (state.suspect > 0.0) return conclude_suspect(state, agrees);
         if (!done) {
             state.searching = state.missed++ > 0;
             state.shorten();
             if (state.count == 0) state.seek *= 0.9;
             return;
         }
-        const long expected = state.pairs(factor);
-        const double unforeseen = pairs == expected ? unforeseen_below(state) : 0.0;
+        const double unforeseen = agrees ? unforeseen_below(state) : 0.0;
         if (unforeseen > 0.0) {  // a pair of crossings below the lowest one that is known, or steps that were too long for that factor
-            state.suspect_at(unforeseen, factor);
+            state.suspect_at(unforeseen);
             state.missed++;
             return;
         }
-        if (pairs == expected) {
+        if (agrees) {
             state.searching = false;
-            state.agree(factor, state.sweep_from, state.sweep_after_slow);
-            state.lengthen();
+            state.agree(state.swept());
             state.empty_below = expected == 0 ? factor : 0.0;
             if (state.count == 0) state.seek = std::min(1.5 * factor, settings_.highest);
             return;
@@ -255,9 +260,7 @@ private:
     static void conclude_suspect(State& state, bool agrees) {
         state.searching = !agrees;
         if (agrees || ++state.missed > kSuspected) state.suspect = 0.0;
-        if (!agrees || state.kept == 0.0) return;
-        state.agree(state.kept, state.kept_from, state.kept_after_slow);
-        state.lengthen();
+        if (agrees && state.kept.factor > 0.0) state.agree(state.kept);
     }
 
     // A lower factor at which the count found what known crossings do not explain; 0: none. Those near a crossing, which may have passed them
