@@ -18,10 +18,40 @@ def test_a_peak_that_is_steep_on_one_side(steep, mirrored):
     highest = np.log(steep / 0.05 - 1) / steep  # where the slope is 0
     omega = np.array([0.4, 1.6, 2.0])
     omega = 2.0 - omega[::-1] if mirrored else omega
-    place, top = polished_peaks(omega, height(omega)[:, None], np.array([1]), np.array([0]), height)
+    place, top = polished_peaks(omega, height(omega)[:, None], np.array([1]), np.array([0]), lambda omega, columns: height(omega))
     truth = 1.0 - highest if mirrored else 1.0 + highest
     assert top[0] == pytest.approx(height(truth), rel=1e-12)
     assert place[0] == pytest.approx(truth, rel=1e-6)
+
+
+def test_a_parabola_that_finds_the_highest_sample_by_chance_does_not_end_the_search():
+    def height(omega):
+        return 2.0 - (omega - 1.1) ** 2 * (1.0 + (omega - 1.0) * 0.4 / 2.02)  # as high at 0 as at 2
+
+    omega = np.array([0.0, 1.0, 2.0])
+    assert height(omega[0]) == pytest.approx(height(omega[2]), abs=1e-15)
+    place, top = polished_peaks(omega, height(omega)[:, None], np.array([1]), np.array([0]), lambda omega, columns: height(omega))
+    truth = np.linspace(1.0, 1.2, 200_001)
+    assert top[0] == pytest.approx(height(truth).max(), rel=1e-12)
+    assert place[0] == pytest.approx(truth[np.argmax(height(truth))], abs=2e-6)
+
+
+def test_peaks_are_each_polished_as_if_they_were_alone_and_no_longer_than_they_need():
+    middles, widths = np.linspace(1.3, 8.7, 12), np.geomspace(0.02, 1.0, 12)
+
+    def heights(omega, columns):
+        asked.append(len(omega))
+        return 1 / np.hypot(1.0, (omega - middles[columns]) / widths[columns] * (1 + 0.3 * np.tanh(omega - middles[columns])))
+
+    asked = []
+    columns, omega = np.arange(12), np.linspace(0.0, 10.0, 41)
+    sizes = np.array([heights(np.full(12, at), columns) for at in omega])
+    rows, asked = np.argmax(sizes, axis=0), []
+    together = np.array(polished_peaks(omega, sizes, rows, columns, heights))
+    assert sum(asked) < 15 * 12
+    alone = [np.ravel(polished_peaks(omega, sizes, rows[k : k + 1], columns[k : k + 1], heights)) for k in columns]
+    np.testing.assert_array_equal(together.T, alone)
+    np.testing.assert_allclose(together[1], 1.0, rtol=1e-12)
 
 
 def test_looks_find_it_as_well():

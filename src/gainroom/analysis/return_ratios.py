@@ -74,8 +74,11 @@ class Sampled:
         omega, sizes = self.single.omega, np.abs(slope * self.sensitivity + offset)
         highest = sizes.max(axis=0)
         rows, joints = peaks(sizes, (1 - CLOSE) * highest)
-        among = np.arange(len(rows)), joints
-        place, height = polished_peaks(omega, sizes, rows, joints, lambda omega: np.abs(slope * self.sensitivity_at(omega) + offset)[among])
+
+        def at(omega: Floats, joints: Integers) -> Floats:
+            return np.abs(slope * self.sensitivity_at(omega)[np.arange(len(omega)), joints] + offset)
+
+        place, height = polished_peaks(omega, sizes, rows, joints, at)
         found = [Peak(*one) for one in zip(highest.tolist(), omega[np.argmax(sizes, axis=0)].tolist(), strict=True)]
         for joint, one in zip(joints.tolist(), map(Peak, height.tolist(), place.tolist()), strict=True):
             found[joint] = max(found[joint], one)

@@ -116,19 +116,24 @@ def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], hig
     """ω and the real values there of curves between samples (ω, c) on two sides of the real axis, by the Illinois method."""
     (left, value), (right, other) = low, high
     first, second = value.imag, other.imag
-    omega, moved_left, moved_right = left, np.zeros(len(joints), dtype=bool), np.zeros(len(joints), dtype=bool)
-    for _ in range(20 if len(joints) else 0):
-        share = np.divide(first, first - second, out=np.full(len(joints), 0.5), where=first != second)
-        omega = left + share * (right - left)
-        value = curves(omega)[np.arange(len(joints)), joints]
-        if np.all(np.abs(value.imag) <= 1e-14 * np.abs(value)):
+    omega, value = left.copy(), value.copy()
+    moved_left, moved_right = np.zeros(len(joints), dtype=bool), np.zeros(len(joints), dtype=bool)
+    rest = np.arange(len(joints))
+    for _ in range(20):
+        if not len(rest):
             break
-        same = (value.imag > 0) == (first > 0)
-        left, right = np.where(same, omega, left), np.where(same, right, omega)
+        share = np.divide(first, first - second, out=np.full(len(first), 0.5), where=first != second)
+        place = left + share * (right - left)
+        found = curves(place)[np.arange(len(place)), joints[rest]]
+        omega[rest], value[rest] = place, found
+        same = (found.imag > 0) == (first > 0)
+        left, right = np.where(same, place, left), np.where(same, right, place)
         # An end that stays for a second time counts half: else it might stay for ever
-        first = np.where(same, value.imag, np.where(moved_right, 0.5 * first, first))
-        second = np.where(same, np.where(moved_left, 0.5 * second, second), value.imag)
-        moved_left, moved_right = same, ~same
+        first = np.where(same, found.imag, np.where(moved_right, 0.5 * first, first))
+        second = np.where(same, np.where(moved_left, 0.5 * second, second), found.imag)
+        off = (np.abs(found.imag) > 1e-14 * np.abs(found)) & (right - left > 2e-16 * right)
+        rest, left, right, first, second = (part[off] for part in (rest, left, right, first, second))
+        moved_left, moved_right = same[off], ~same[off]
     return omega, value
 
 
@@ -140,31 +145,41 @@ def peaks(sizes: Floats, least: Floats) -> tuple[Integers, Integers]:
 
 
 def polished_peaks(
-    omega: Floats, sizes: Floats, rows: Integers, columns: Integers, at: Callable[[Floats], Floats]
+    omega: Floats, sizes: Floats, rows: Integers, columns: Integers, at: Callable[[Floats, Integers], Floats]
 ) -> tuple[Floats, Floats]:
     """ω and height (k,) of peaks seen in samples: again and again where the parabola through three points about each has its top.
 
-    Where that leaves more than half of the span, as on a peak that is steep on one side, the wider half is halved in between.
+    Where that leaves more than half of the span, as on a peak that is steep on one side, the wider half is halved in between. A peak is
+    found where two parabolas in a row add nothing: the first may have its top where the highest point is by chance.
+
+    at   ω (c,), columns (c,) → heights (c,)
     """
     place, height = (np.array([part[rows + k] for k in (-1, 0, 1)]) for part in (omega, sizes))
     height = height[:, np.arange(len(rows)), columns]
-    wide = np.zeros(len(rows), dtype=bool)
-    for _ in range(ROUNDS if len(rows) else 0):
+    top_place, top_height = place[1].copy(), height[1].copy()
+    rest = np.arange(len(rows))
+    wide, was_level = np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
+    for _ in range(ROUNDS):
+        if not len(rest):
+            break
         (low, middle, high), width = place, place[2] - place[0]
-        halfway = 0.5 * (middle + np.where(high - middle > middle - low, high, low))
-        top = np.where(wide, halfway, _top_of_parabola(place, height))
-        found = at(top)
-        level = ~wide & (np.abs(found - height[1]) <= LEVEL * height[1])
+        halfway, top = 0.5 * (middle + np.where(high - middle > middle - low, high, low)), _top_of_parabola(place, height)
+        wide |= (top == middle) & ~was_level  # which says nothing of either side
+        top = np.where(wide, halfway, top)
+        found = at(top, columns[rest])
+        level = np.abs(found - height[1]) <= LEVEL * height[1]
         higher, after = found >= height[1], top > place[1]
         for part, new in ((place, top), (height, found)):
             low, middle, high = part.copy()
             part[0] = np.where(higher, np.where(after, middle, low), np.where(after, low, new))
             part[1] = np.where(higher, new, middle)
             part[2] = np.where(higher, np.where(after, high, middle), np.where(after, new, high))
-        if level.all():
-            break
-        wide = ~wide & (place[2] - place[0] > 0.5 * width)
-    return place[1], height[1]
+        top_place[rest], top_height[rest] = place[1], height[1]
+        off = wide | ~level | ~was_level
+        was_level = np.where(wide, was_level, level)[off]
+        wide = (~wide & (place[2] - place[0] > 0.5 * width))[off]
+        rest, place, height = rest[off], place[:, off], height[:, off]
+    return top_place, top_height
 
 
 def _top_of_parabola(place: Floats, height: Floats) -> Floats:
