@@ -74,6 +74,18 @@ def once(work: Callable[[], object]) -> Spread:
     return Spread(np.array([time.perf_counter() - start]))
 
 
+def interruptions(seconds: float = 1.0, longer: float = 3e-6) -> np.ndarray:
+    """What an empty loop is interrupted for, where that is `longer` [s]: what else runs on the machine meets all work like this."""
+    found, last = [0.0], time.perf_counter()
+    end = last + seconds
+    while last < end:
+        now = time.perf_counter()
+        if now - last > longer:
+            found.append(now - last)
+        last = now
+    return np.array(found[1:] or found)
+
+
 def machine_facts() -> dict[str, str]:
     """Processor, cores, system, Python, packages, linear algebra and compiler."""
     model = platform.processor() or platform.machine()

@@ -55,12 +55,12 @@ def test_boxes_of_random_and_hostile_joints_end():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [SANITIZED, ["-O0"]], ids=["sanitized", "plain"])
+@pytest.mark.parametrize("options", [SANITIZED, ["-O0"], ["-O2", "-DGAINROOM_PLAIN"]], ids=["sanitized", "plain", "apart"])
 def test_four_frequencies_of_a_count_at_once_are_four_frequencies(options: list[str]):
     """Rigid and elastic joints, sampled or not, equal ones, up to 40; hostile numbers end. Pivots lose what digits they lose either way.
 
     A root that is passed much more closely than steps are long is seen, or the count does not come to an end. Without optimisation calls
-    stay calls, so that caller and callee have to agree on where four numbers are.
+    stay calls, so that caller and callee have to agree on where four numbers are. Product and sum are one instruction, or one each.
     """
     compared, phase, slope, ended, wrong = output(native_programs.compiled(SOURCES / "sweeps.cpp", *options)).split()
     assert int(compared) > 2000

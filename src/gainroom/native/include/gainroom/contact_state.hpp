@@ -19,6 +19,7 @@ struct ContactState {
     static constexpr double kNearer = 0.7, kMuchNearer = 0.4;  // of `reach`, see shorten
     static constexpr double kRare = 0.06;   // of the path, after which a crossing that is not the lowest is looked beside again, and
     static constexpr double kStale = 20.0;  // ticks after which one is looked at, however little the robot has moved
+    static constexpr double kSearched = 5.0, kShare = 0.4;  // slices; of the room at a tick
     static constexpr double kOften = 3.0;   // counts in the time in which one becomes too old
 
     ContactState(const TrackedLoop& loop, std::size_t index)
@@ -212,6 +213,9 @@ struct ContactState {
 
     // Whether a count that has found an unknown crossing below `factor` contradicts the last one that agreed, with the motion since.
     bool refutes(double factor) const { return counted > 0.0 && speed() * (path - counted_from) < std::log(counted / factor); }
+
+    // What there has to be room for before the next slice: a start that a search follows from it costs more than the slice itself.
+    double next_cost(double room) const { return sweeping && (looking || explaining) ? std::max(1.0, std::min(kSearched, kShare * room)) : 1.0; }
 
     Agreed swept() const { return {sweep.gain(), sweep_from, sweep_after_slow}; }
 

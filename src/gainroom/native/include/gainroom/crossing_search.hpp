@@ -14,8 +14,8 @@ public:
     explicit CrossingSearch(CrossingSet& known) : known_(known), trial_(known.loop().mode_size()) {}
     virtual ~CrossingSearch() = default;
 
-    // At the first slice of a count that is searched along.
-    virtual void begin(ContactState& state) = 0;
+    // At the first slice of a count that is searched along; what it cost.
+    virtual double begin(ContactState& state) = 0;
     // At one slice of the count, where the loop's `phase` was last; what it cost.
     virtual double look(ContactState& state) = 0;
     // After a count, at a frequency where its phase fell; what it cost.

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstring>
+#include <vector>
 
 #include "processor.hpp"
 
@@ -43,6 +44,23 @@ GAINROOM_INLINE double sum_of(const Four& a) {
     put(parts, a);
     return (parts[0] + parts[1]) + (parts[2] + parts[3]);
 }
+
+// Numbers, 0 at first, of which a Four lies in one line of the cache: one that lies in two takes twice as long.
+constexpr std::size_t kLine = 64;
+class Numbers {
+public:
+    explicit Numbers(std::size_t count) : lines_((count + 7) / 8) {}
+    double* data() { return lines_.empty() ? nullptr : lines_.front().of; }
+    const double* data() const { return lines_.empty() ? nullptr : lines_.front().of; }
+    double& operator[](std::size_t k) { return data()[k]; }
+    const double& operator[](std::size_t k) const { return data()[k]; }
+
+private:
+    struct alignas(kLine) Line {
+        double of[8] = {};
+    };
+    std::vector<Line> lines_;
+};
 
 // So many numbers are `count`, and those beside them up to whole fours.
 constexpr std::size_t fours(std::size_t count) { return (count + 3) / 4 * 4; }

@@ -49,8 +49,7 @@ public:
 
     double beside() const override { return Neighbours::kBeside; }
     bool clear_below(const double* w, TrackedCrossing& crossing, const TrackedCrossing& lowest, double& work) override {
-        work += kBeside;
-        return neighbours_.clear(w, crossing, lowest, follower_.beside(w, crossing, work));
+        return neighbours_.clear(w, crossing, lowest, follower_.beside(w, crossing, work), work);
     }
     bool start_below(int which, TrackedCrossing& trial) override { return neighbours_.start(which, trial); }
 
@@ -116,10 +115,9 @@ public:
     double resolution(double omega) const override { return laws_.resolution(omega, kWidest); }
 
 private:
-    static constexpr double kBeside = 0.5;    // work of clear_below
     static constexpr double kSlices = 432.0;  // over n²: with 12 joints 3 slices, which is 4 µs
-    static constexpr double kPrepared = 12.0;  // slices at least: following what has been left behind takes most of them
-    static constexpr double kFour = 2.1;      // slices that four at once cost
+    static constexpr double kPrepared = 10.0;  // slices at least: following what has been left behind takes most of them
+    static constexpr double kFour = 1.75;     // slices that four at once cost
     static constexpr double kEach = 0.54, kUrgent = 20.0;  // slices per joint, of about two that a count takes, without a certificate; at most
 
     // Of the four: F, but for its size, and the slope of its logarithm.

@@ -18,14 +18,17 @@ public:
         : CrossingSearch(known), loop_(loop), values_(loop.channels()), weight_(loop.channels()), loci_(contacts, Loci(loop.laws())) {}
 
     // At the first slice of a count that is searched along: modes at this W, unless they are of one nearby, and where their loci are.
-    void begin(ContactState& state) override {
+    double begin(ContactState& state) override {
         Loci& own = loci_[state.number];
+        double work = 0.0;
         own.looked_at = own.spent = 0.0;
         if (!(own.based_at > state.path - 0.5 * known_.stride())) {
             own.basis.begin(state.posture.data());
             own.based_at = state.path;
+            work = kBasis * double(loop_.mode_size());
         }
         if (own.basis.ready()) find_loci(own, state);
+        return work;
     }
 
     // At one slice of the count; what it cost.
@@ -71,7 +74,7 @@ private:
     static constexpr double kNear = 0.05, kUnlike = 0.2;  // of crossings that are alike
     static constexpr int kRefined = 4;
     static constexpr double kEnough = 1.5;  // work at a slice
-    static constexpr double kFactor = 0.7;  // work
+    static constexpr double kFactor = 0.7, kBasis = 0.08;  // work; of one joint of a basis
 
     // Of one contact state.
     struct Loci {

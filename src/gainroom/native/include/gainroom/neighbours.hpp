@@ -28,8 +28,9 @@ public:
     static constexpr double kBeside = 0.05;  // of the lowest crossing's factor, above it: crossings that are looked beside
 
     // Whether nothing beside `crossing`, which has been followed to W, is unstable at factors a little below it and not above the lowest one's.
-    // `factor`: of its matrix, nearly.
-    bool clear(const double* w, TrackedCrossing& crossing, const TrackedCrossing& lowest, const SymmetricFactor& factor) {
+    // `factor`: of its matrix, nearly; `work` is counted in slices.
+    bool clear(const double* w, TrackedCrossing& crossing, const TrackedCrossing& lowest, const SymmetricFactor& factor, double& work) {
+        work += kLook;
         if (used_ < 2) return clear_for(crossing, 1.0, 0.0);
         laws_.at(crossing.omega, crossing.gain, values_.data());
         at_ = &crossing;
@@ -44,6 +45,7 @@ public:
         for (int look = 0; look < kLooks; look++) {
             if (!pencil_.peak(above + kWindow * lowest.gain, least, kDoubt * crossing.omega, peak_))
                 return clear_for(crossing, look > 0 ? 0.0 : pencil_.margin(), moves);
+            work += kAtPeak;
             if (!is_stable(w)) return false;
             pencil_.narrow(peak_.root);  // it may have hidden one that is nearer
         }
@@ -72,6 +74,7 @@ private:
     static constexpr double kRough = 0.02;               // of δω: what modes that have been sharpened once leave
     static constexpr int kPasses = 4, kThere = 3;        // of the iteration where no modes are known, and at a peak
     static constexpr double kMoves = 3.0, kLongest = 0.02;  // what roots are taken to move, of what they do at most; of the path
+    static constexpr double kLook = 0.5, kAtPeak = 2.0;  // work
     static constexpr int kLooks = 12;                    // for peaks, each nearer to the crossing's frequency than the one before
     static constexpr double kInside = 0.5;               // of its distance: what is nearer the span at the crossing tells better
     static constexpr int kSettling = 8;                  // steps to a root, each of which squares its error

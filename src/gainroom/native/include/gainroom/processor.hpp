@@ -9,6 +9,12 @@
 #define GAINROOM_WIDE
 #endif
 
+// Product and sum in one instruction, for processors that have it, where digits need not be those of all processors.
+#if defined(__GNUC__) && defined(__x86_64__) && !defined(GAINROOM_PLAIN)
+#include <immintrin.h>
+#define GAINROOM_FUSED __attribute__((target("avx2,fma")))
+#endif
+
 // Inlined always: compilers stop inlining where a file is long, and a call would not know in which registers the caller's processor returns
 // four numbers.
 #if defined(__GNUC__)

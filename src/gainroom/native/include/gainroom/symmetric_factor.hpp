@@ -201,7 +201,7 @@ private:
     }
 
     std::size_t size_, stride_;  // whole fours
-    std::vector<double> re_, im_;  // what is below the diagonal, and beyond the end of a row, is not read
+    Numbers re_, im_;  // what is below the diagonal, and beyond the end of a row, is not read
     std::vector<Complex> pivots_, inverse_;
 };
 

@@ -135,7 +135,7 @@ private:
     void count(State& state, double room) {
         state.owed = std::min(state.owed + room, std::max(room, 1.0));
         double spent = 0.0;
-        while (spent + 1.0 <= state.owed) {
+        while (spent + state.next_cost(room) <= state.owed) {
             spent += 1.0;
             if (state.slow_turn(odd_ = !odd_)) {
                 count_slowly(state);
@@ -154,7 +154,7 @@ private:
                 state.sweep_from = state.path;
                 state.sweep_after_slow = state.slow_needed && state.count > 0 && state.slow_tells();
                 state.sweeping = state.sweep.begin(loop_, state.posture.data(), factor) == PhaseSweep::State::running;
-                if (state.sweeping && state.looking) search_.begin(state);
+                if (state.sweeping && state.looking) spent += search_.begin(state);
                 continue;
             }
             if (state.explaining) {
