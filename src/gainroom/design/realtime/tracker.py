@@ -28,8 +28,11 @@ if TYPE_CHECKING:
 
 SETTLING, WIDENING = 20_000, 1000
 """Ticks within which the first certificate of a contact state has to come, at construction, and after it."""
-ALIASED = 1e-7
-"""Of the motors' mobility, what aliases of other motion may add: limits are off by no more, a tenth of what safe_gain stays below them."""
+ALIASED = 5e-8
+"""Of the motors' mobility, what aliases of other motion may add.
+
+Limits are off by no more, beside a sharp resonance by up to 12 times as much: less than safe_gain stays below them.
+"""
 AGREED = 1e-6
 """Of the first limits, with those of gain_limit."""
 HOLDING = 6
