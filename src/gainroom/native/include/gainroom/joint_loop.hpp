@@ -33,7 +33,7 @@ public:
     double sample_time() const override { return laws_.sample_time(); }
     double lowest() const override { return lowest_; }
     double usual_slices() const override { return std::max(kSlices / double(posture_size()), 1.5); }
-    double urgent_slices() const override { return std::max(6.0 * kSlices / double(posture_size()), std::min(kEach * double(mode_size()), kUrgent)); }
+    double urgent_slices() const override { return std::max(7.0 * kSlices / double(posture_size()), std::min(kEach * double(mode_size()), kUrgent)); }
 
     double prepared_slices() const override { return std::max(3.0 * usual_slices(), kPrepared); }
 
