@@ -24,16 +24,57 @@ def test_a_peak_that_is_steep_on_one_side(steep, mirrored):
     assert place[0] == pytest.approx(truth, rel=1e-6)
 
 
-def test_a_parabola_that_finds_the_highest_sample_by_chance_does_not_end_the_search():
-    def height(omega):
-        return 2.0 - (omega - 1.1) ** 2 * (1.0 + (omega - 1.0) * 0.4 / 2.02)  # as high at 0 as at 2
+@pytest.mark.parametrize("shift", [0.0, 0.001, 0.1, 0.3, 1 / 3, 0.7, 5.0, 17.3])
+def test_a_parabola_that_has_its_top_at_the_highest_sample_by_chance_does_not_end_the_search(shift):
+    """To the last bit, or the last but one."""
 
-    omega = np.array([0.0, 1.0, 2.0])
-    assert height(omega[0]) == pytest.approx(height(omega[2]), abs=1e-15)
+    def height(omega):
+        beyond = omega - shift
+        return 2.0 - (beyond - 1.1) ** 2 * (1.0 + (beyond - 1.0) * 0.4 / 2.02)  # as high at 0 as at 2; nowhere higher than at 1.1
+
+    omega = shift + np.array([0.0, 1.0, 2.0])
+    assert height(omega[0]) == pytest.approx(height(omega[2]), abs=1e-14)
     place, top = polished_peaks(omega, height(omega)[:, None], np.array([1]), np.array([0]), lambda omega, columns: height(omega))
-    truth = np.linspace(1.0, 1.2, 200_001)
-    assert top[0] == pytest.approx(height(truth).max(), rel=1e-12)
-    assert place[0] == pytest.approx(truth[np.argmax(height(truth))], abs=2e-6)
+    assert top[0] == pytest.approx(2.0, rel=1e-14)
+    assert place[0] == pytest.approx(shift + 1.1, abs=1e-6)
+
+
+def test_peaks_of_resonances_are_no_lower_than_any_point_about_them():
+    rng = np.random.default_rng(11)
+    compared = 0
+    for _ in range(500):
+        omega, damping = rng.uniform(1, 100), 10 ** rng.uniform(-4, -0.3)
+        turn, gain = np.exp(1j * rng.uniform(-1.5, 1.5)), 10 ** rng.uniform(-1, 1)
+
+        def height(at, omega=omega, damping=damping, size=gain * turn):
+            return np.abs(size * omega**2 / (omega**2 - at**2 + 2j * damping * omega * at) + 1)
+
+        around = omega * (1 + damping * np.linspace(-3, 3, 20_001))
+        width = damping * omega * 10 ** rng.uniform(-1.5, 0.3) * rng.uniform((-1, -0.25, 0.3), (-0.3, 0.25, 1))
+        samples = around[np.argmax(height(around))] + width
+        if samples[0] <= 0 or np.argmax(height(samples)) != 1:
+            continue
+        compared += 1
+        _, top = polished_peaks(samples, height(samples)[:, None], np.array([1]), np.array([0]), lambda at, columns: height(at))
+        within = around[(around > samples[0]) & (around < samples[2])]
+        assert top[0] >= height(within).max() * (1 - 1e-13)
+    assert compared > 300
+
+
+@pytest.mark.parametrize(
+    ("height", "most"),
+    [(np.ones_like, 1), (lambda omega: np.minimum(1.0, 2.0 - np.abs(omega - 1.0)), 1), (lambda omega: 2.0 - (omega - 1.0) ** 2, 6)],
+    ids=["flat", "plateau", "symmetric"],
+)
+def test_a_peak_at_the_middle_sample_stays_there_and_takes_few_points(height, most):
+    def counted(omega, columns):
+        asked.append(len(omega))
+        return height(omega)
+
+    asked, omega = [], np.array([0.0, 1.0, 2.0])
+    place, top = polished_peaks(omega, height(omega)[:, None], np.array([1]), np.array([0]), counted)
+    assert (place[0], top[0]) == (1.0, height(np.array([1.0]))[0])
+    assert sum(asked) <= most
 
 
 def test_peaks_are_each_polished_as_if_they_were_alone_and_no_longer_than_they_need():

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 
-ROUNDS = 30  # of parabolas about a peak, of which each finds about half as many digits again
-LEVEL = 1e-13  # of a height: a parabola that adds less has come to the peak
+ROUNDS = 40  # of points about a peak
+LEVEL = 1e-7  # of a height: among points that differ by less a parabola is right to the square of it
+UNEVEN, SAME, REACH = 0.1, 1e-3, 3.0  # see polished_peaks: shares of the distances between points; times the nearer one or the move
+ROUNDED = 1e-15  # of ω: points nearer to each other are one
 
 TURNS = 1.0
 """In ln of a value: a curve that turns back farther from a line does not come to it between samples."""
@@ -131,7 +133,7 @@ def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], hig
         # An end that stays for a second time counts half: else it might stay for ever
         first = np.where(same, found.imag, np.where(moved_right, 0.5 * first, first))
         second = np.where(same, np.where(moved_left, 0.5 * second, second), found.imag)
-        off = (np.abs(found.imag) > 1e-14 * np.abs(found)) & (right - left > 2e-16 * right)
+        off = (np.abs(found.imag) > 1e-14 * np.abs(found)) & (right - left > ROUNDED * right)
         rest, left, right, first, second = (part[off] for part in (rest, left, right, first, second))
         moved_left, moved_right = same[off], ~same[off]
     return omega, value
@@ -149,8 +151,8 @@ def polished_peaks(
 ) -> tuple[Floats, Floats]:
     """ω and height (k,) of peaks seen in samples: again and again where the parabola through three points about each has its top.
 
-    Where that leaves more than half of the span, as on a peak that is steep on one side, the wider half is halved in between. A peak is
-    found where two parabolas in a row add nothing: the first may have its top where the highest point is by chance.
+    A parabola tells little with one of its points far off, as on a peak that is steep on one side, and nothing new with its top on the
+    middle one, where that may be by chance: then the point farther off comes nearer. A peak is found where three points are level.
 
     at   ω (c,), columns (c,) → heights (c,)
     """
@@ -158,26 +160,26 @@ def polished_peaks(
     height = height[:, np.arange(len(rows)), columns]
     top_place, top_height = place[1].copy(), height[1].copy()
     rest = np.arange(len(rows))
-    wide, was_level = np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=bool)
     for _ in range(ROUNDS):
         if not len(rest):
             break
-        (low, middle, high), width = place, place[2] - place[0]
-        halfway, top = 0.5 * (middle + np.where(high - middle > middle - low, high, low)), _top_of_parabola(place, height)
-        wide |= (top == middle) & ~was_level  # which says nothing of either side
-        top = np.where(wide, halfway, top)
+        middle, top = place[1], _top_of_parabola(place, height)
+        left, right = np.diff(place, axis=0)
+        near, far, move = np.minimum(left, right), np.maximum(left, right), np.abs(top - middle)
+        level = height[1] - height.min(axis=0) <= LEVEL * height[1]
+        uneven = near < UNEVEN * far
+        step = np.clip(REACH * np.where(uneven, np.maximum(near, move), move), SAME * far, 0.5 * far)
+        aside = ~level & (uneven | (move < SAME * near))
+        top = np.where(aside, middle + np.copysign(step, right - left), top)
         found = at(top, columns[rest])
-        level = np.abs(found - height[1]) <= LEVEL * height[1]
-        higher, after = found >= height[1], top > place[1]
+        off = ~(level & (np.abs(found - height[1]) <= LEVEL * height[1])) & (left + right > ROUNDED * middle)
+        higher, after = found > height[1], top > middle
         for part, new in ((place, top), (height, found)):
             low, middle, high = part.copy()
             part[0] = np.where(higher, np.where(after, middle, low), np.where(after, low, new))
             part[1] = np.where(higher, new, middle)
             part[2] = np.where(higher, np.where(after, high, middle), np.where(after, new, high))
         top_place[rest], top_height[rest] = place[1], height[1]
-        off = wide | ~level | ~was_level
-        was_level = np.where(wide, was_level, level)[off]
-        wide = (~wide & (place[2] - place[0] > 0.5 * width))[off]
         rest, place, height = rest[off], place[:, off], height[:, off]
     return top_place, top_height
 
