@@ -6,7 +6,8 @@ import os
 import platform
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
@@ -74,16 +75,27 @@ def once(work: Callable[[], object]) -> Spread:
     return Spread(np.array([time.perf_counter() - start]))
 
 
+@contextmanager
+def no_collection() -> Iterator[None]:
+    """Python looks for no garbage meanwhile, as in timeit, and in a control loop."""
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
 def interruptions(seconds: float = 1.0, longer: float = 3e-6) -> np.ndarray:
     """What an empty loop is interrupted for, where that is `longer` [s]: what else runs on the machine meets all work like this."""
-    found, last = [0.0], time.perf_counter()
+    found, last = [], time.perf_counter()
     end = last + seconds
     while last < end:
         now = time.perf_counter()
         if now - last > longer:
             found.append(now - last)
         last = now
-    return np.array(found[1:] or found)
+    return np.array(found)
 
 
 def machine_facts() -> dict[str, str]:

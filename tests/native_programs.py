@@ -19,7 +19,7 @@ HEADERS = (Path(include_dir()), Path(__file__).with_name("native"))
 
 @functools.cache
 def compiled(source: Path, *options: str) -> Path:
-    """With `options`, where the compiler has them; every warning is an error."""
+    """With `options`, of which a compiler need not have sanitizers; every warning is an error."""
     compiler = os.environ.get("CXX") or shutil.which("c++") or "build/native/c++"
     if shutil.which(compiler) is None:
         pytest.skip("no C++ compiler")
@@ -27,15 +27,17 @@ def compiled(source: Path, *options: str) -> Path:
     version = subprocess.run([compiler, "--version"], capture_output=True, check=False).stdout
     made_of = [version, repr((command, options)).encode(), source.read_bytes()]
     made_of += [header.read_bytes() for folder in HEADERS for header in sorted(folder.rglob("*.hpp"))]
-    path = BUILT / f"{source.stem}-{hashlib.sha256(b''.join(made_of)).hexdigest()[:16]}"
+    kind, digest = (hashlib.sha256(text).hexdigest()[:16] for text in (repr(options).encode(), b"".join(made_of)))
+    path = BUILT / f"{source.stem}-{kind}-{digest}"
     if not path.exists():
         BUILT.mkdir(parents=True, exist_ok=True)
-        for old in BUILT.glob(f"{source.stem}-*"):
+        for old in BUILT.glob(f"{source.stem}-{kind}-*"):
             old.unlink(missing_ok=True)
         made = path.with_suffix(f".{os.getpid()}")
         done = subprocess.run([*command, *options, "-o", str(made)], capture_output=True, text=True, check=False)
         if done.returncode:
-            done = subprocess.run([*command, "-o", str(made)], capture_output=True, text=True, check=False)
+            others = [option for option in options if option not in SANITIZED]
+            done = subprocess.run([*command, *others, "-o", str(made)], capture_output=True, text=True, check=False)
         assert not done.returncode, done.stderr
         made.replace(path)  # whole, whoever else compiles it
     return path

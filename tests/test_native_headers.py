@@ -55,7 +55,9 @@ def test_boxes_of_random_and_hostile_joints_end():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [SANITIZED, ["-O0"], ["-O2", "-DGAINROOM_PLAIN"]], ids=["sanitized", "plain", "apart"])
+@pytest.mark.parametrize(
+    "options", [SANITIZED, ["-O0"], ["-DGAINROOM_APART"], ["-DGAINROOM_PLAIN"]], ids=["sanitized", "O0", "apart", "plain"]
+)
 def test_four_frequencies_of_a_count_at_once_are_four_frequencies(options: list[str]):
     """Rigid and elastic joints, sampled or not, equal ones, up to 40; hostile numbers end. Pivots lose what digits they lose either way.
 

@@ -31,7 +31,7 @@ SETTLING, WIDENING = 20_000, 1000
 ALIASED = 5e-8
 """Of the motors' mobility, what aliases of other motion may add.
 
-Limits are off by no more, beside a sharp resonance by up to 12 times as much: less than safe_gain stays below them.
+Limits are off by less than that; beside a sharp resonance 12 times as much was seen, which is less than safe_gain stays below them.
 """
 AGREED = 1e-6
 """Of the first limits, with those of gain_limit."""

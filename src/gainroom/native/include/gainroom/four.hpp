@@ -45,8 +45,9 @@ GAINROOM_INLINE double sum_of(const Four& a) {
     return (parts[0] + parts[1]) + (parts[2] + parts[3]);
 }
 
+constexpr std::size_t kLine = 64;  // bytes of a line of the cache
+
 // Numbers, 0 at first, of which a Four lies in one line of the cache: one that lies in two takes twice as long.
-constexpr std::size_t kLine = 64;
 class Numbers {
 public:
     explicit Numbers(std::size_t count) : lines_((count + 7) / 8) {}

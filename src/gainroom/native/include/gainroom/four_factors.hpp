@@ -63,7 +63,7 @@ GAINROOM_FUSED inline void subtract_fused(double* from, const double* a, const d
         _mm256_storeu_pd(from + k + kLanes, _mm256_fnmadd_pd(b_im, t, _mm256_fnmadd_pd(b_re, u, im)));
     }
 }
-inline Subtract subtract_of_processor() { return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? subtract_fused : subtract_apart; }
+inline Subtract subtract_of_processor() { return processor_fuses() ? subtract_fused : subtract_apart; }
 #else
 inline Subtract subtract_of_processor() { return subtract_apart; }
 #endif
@@ -111,11 +111,12 @@ public:
     // tr((W + diag β)⁻¹ diag(β_ω)), with β_ω (n) four times each: column by column of L⁻¹.
     GAINROOM_WIDE FourComplex trace(const double* beta_omega) {
         const double nothing[kLanes] = {};
-        FourComplex sum{four(nothing), four(nothing)};
+        const FourComplex zero{four(nothing), four(nothing)};
+        FourComplex sum = zero;
         double* x = column_.data();
         const double* first = upper_.data();
         for (std::size_t j = 0; j < size_; j++) {
-            for (std::size_t k = j + 1; k < size_; k++) put(x + kEntry * k, FourComplex{four(nothing), four(nothing)} - entry(first + kEntry * (k - j)));
+            for (std::size_t k = j + 1; k < size_; k++) put(x + kEntry * k, zero - entry(first + kEntry * (k - j)));
             FourComplex own = entry(&inverse_[kEntry * j]);
             const double* row = first += kEntry * (size_ - j);
             for (std::size_t m = j + 1; m < size_; m += 2) {

@@ -9,10 +9,19 @@
 #define GAINROOM_WIDE
 #endif
 
-// Product and sum in one instruction, for processors that have it, where digits need not be those of all processors.
-#if defined(__GNUC__) && defined(__x86_64__) && !defined(GAINROOM_PLAIN)
+// Product and sum in one instruction, where digits need not be those of all processors, and whether this one has that. The processor itself is
+// asked: with some compilers' runtimes __builtin_cpu_supports knows of nothing.
+#if defined(__GNUC__) && defined(__x86_64__) && !defined(GAINROOM_PLAIN) && !defined(GAINROOM_APART)
+#include <cpuid.h>
 #include <immintrin.h>
 #define GAINROOM_FUSED __attribute__((target("avx2,fma")))
+inline bool processor_fuses() {
+    unsigned a = 0, b = 0, c = 0, d = 0, kept = 0, high = 0;
+    constexpr unsigned kFused = 1u << 12, kKeeps = 1u << 27, kWide = 1u << 5, kWideKept = 6;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & kFused) || !(c & kKeeps)) return false;
+    __asm__("xgetbv" : "=a"(kept), "=d"(high) : "c"(0));  // what the system keeps of a process's registers
+    return (kept & kWideKept) == kWideKept && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & kWide);
+}
 #endif
 
 // Inlined always: compilers stop inlining where a file is long, and a call would not know in which registers the caller's processor returns

@@ -20,7 +20,10 @@ public:
         exchanged_.resize(loop.channels());
     }
 
-    double begin(ContactState& state) override { return looked_at_[state.number] = 0.0; }
+    double begin(ContactState& state) override {
+        looked_at_[state.number] = 0.0;
+        return 0.0;
+    }
 
     double look(ContactState& state) override {
         const double from = looked_at_[state.number], omega = state.sweep.omega();
