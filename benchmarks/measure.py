@@ -86,16 +86,16 @@ def no_collection() -> Iterator[None]:
         gc.enable()
 
 
-def interruptions(seconds: float = 1.0, longer: float = 3e-6) -> np.ndarray:
-    """What an empty loop is interrupted for, where that is `longer` [s]: what else runs on the machine meets all work like this."""
-    found, last = [], time.perf_counter()
-    end = last + seconds
-    while last < end:
-        now = time.perf_counter()
-        if now - last > longer:
-            found.append(now - last)
-        last = now
-    return np.array(found)
+def replayed(lengths: np.ndarray) -> np.ndarray:
+    """What waits of `lengths` [s], doing nothing but looking at the clock, take [s]: longer by what the machine adds to any work."""
+    taken = np.empty_like(lengths)
+    with no_collection():
+        for k, length in enumerate(lengths.tolist()):
+            begun = time.perf_counter()
+            while time.perf_counter() - begun < length:
+                pass
+            taken[k] = time.perf_counter() - begun
+    return taken
 
 
 def machine_facts() -> dict[str, str]:
