@@ -92,21 +92,31 @@ public:
     static constexpr double kMargin = 2.0;   // 6 dB
     static constexpr double kRise = 6.9;     // of the factor, per second: 60 dB/s; it falls at once
     static constexpr double kLeast = 1e-3;   // from which it rises where nothing was known
+    static constexpr int kSettling = 20000;  // ticks within which the first limit of a contact state is certified
     static constexpr Joints kp{1800.0, 1800.0, 1800.0, 1800.0}, kd{90.0, 80.0, 90.0, 80.0};
 
-    // All memory is taken here. False where control has no frequency at which every joint takes energy out: kd/kp is less than the lag.
+    // All memory is taken here, and the first limit of every contact state is found, as many ticks as that takes, so that none of the first ticks is
+    // without one. False where there is none: kd/kp of a joint is less than the lag, so that it takes energy out at no frequency, or nothing is certified.
     bool on_configure(double period) {
         for (std::size_t i = 0; i < kJoints; i++)
             data_[i] = {i % 2 ? 0.3 : 0.5, 0.2, 0.0, 8e3, 2.0, 4000.0, 0.9, 2e-3, kp[i], kd[i]};
         tracker_ = std::make_unique<gainroom::RobotTracker>(data_.data(), kJoints, period, kVelocities, kMostRows, 4);
-        return tracker_->tracker().passive_frequency() > 0.0;
+        if (!(tracker_->tracker().passive_frequency() > 0.0)) return false;
+        dynamics.compute(trunk, position);
+        for (const auto state : {Dynamics::both, Dynamics::left, Dynamics::right, Dynamics::flight}) {
+            dynamics.hold(state);
+            limit = {};
+            for (int tick = 0; tick < kSettling && !limit.certified; tick++) ask(state);
+            if (!limit.certified) return false;
+        }
+        return true;
     }
 
     // One tick: reads positions, velocities and contact, writes efforts.
     bool update(double /*time*/, double period) {
         dynamics.compute(trunk, position);
         dynamics.hold(contact);
-        limit = tracker_->update(dynamics.mass.data(), dynamics.rows.data(), dynamics.count, contact);
+        ask(contact);
         const double allowed = limit.safe_gain / kMargin;
         factor = std::fmin(std::fmin(1.0, allowed), std::fmax(factor, kLeast) * (1.0 + kRise * period));
         for (std::size_t i = 0; i < kJoints; i++) effort[i] = factor * (kp[i] * (target[i] - position[i]) - kd[i] * velocity[i]);
@@ -131,6 +141,8 @@ public:
     double factor = 0.1;
 
 private:
+    void ask(Dynamics::Contact state) { limit = tracker_->update(dynamics.mass.data(), dynamics.rows.data(), dynamics.count, state); }
+
     std::array<gainroom::JointData, kJoints> data_{};
     std::unique_ptr<gainroom::RobotTracker> tracker_;
 };
@@ -145,6 +157,15 @@ int main(int argc, char** argv) {
     constexpr Dynamics::Contact walk[] = {Dynamics::both, Dynamics::left, Dynamics::both, Dynamics::right};
     constexpr const char* names[] = {"both", "left", "right", "flight"};
     FollowingController controller;
+    const auto move = [&controller](double time) {
+        for (std::size_t i = 0; i < kJoints; i++) {
+            const double bend = i % 2 ? 0.7 : -0.35, phase = 4.0 * time + double(i / 2) * gainroom::kPi;
+            controller.position[i] = bend + 0.25 * std::sin(phase);
+            controller.velocity[i] = 0.25 * 4.0 * std::cos(phase);
+            controller.target[i] = controller.position[i] + 0.01;
+        }
+    };
+    move(0.0);
     if (!controller.on_configure(period)) return 1;
     std::size_t certified = 0;
     double lowest = 1e300;
@@ -152,12 +173,7 @@ int main(int argc, char** argv) {
     for (std::size_t tick = 0; tick < ticks; tick++) {
         const double time = period * double(tick);
         controller.contact = walk[tick / 1000 % 4];
-        for (std::size_t i = 0; i < kJoints; i++) {
-            const double bend = i % 2 ? 0.7 : -0.35, swing = 0.25 * std::sin(4.0 * time + double(i / 2) * gainroom::kPi);
-            controller.position[i] = bend + swing;
-            controller.velocity[i] = 0.25 * 4.0 * std::cos(4.0 * time + double(i / 2) * gainroom::kPi);
-            controller.target[i] = bend + swing + 0.01;
-        }
+        move(time);
         controller.update(time, period);
         certified += controller.limit.certified;
         if (controller.limit.certified) lowest = std::fmin(lowest, controller.limit.gain);

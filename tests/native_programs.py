@@ -17,14 +17,19 @@ SANITIZED = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 HEADERS = (Path(include_dir()), Path(__file__).with_name("native"))
 
 
+def compiler() -> str:
+    """The core's own."""
+    found = os.environ.get("CXX") or shutil.which("c++") or "build/native/c++"
+    if shutil.which(found) is None:
+        pytest.skip("no C++ compiler")
+    return found
+
+
 @functools.cache
 def compiled(source: Path, *options: str) -> Path:
     """With `options`, of which a compiler need not have sanitizers; every warning is an error."""
-    compiler = os.environ.get("CXX") or shutil.which("c++") or "build/native/c++"
-    if shutil.which(compiler) is None:
-        pytest.skip("no C++ compiler")
-    command = [compiler, *STRICT, f"-I{include_dir()}", str(source)]
-    version = subprocess.run([compiler, "--version"], capture_output=True, check=False).stdout
+    command = [compiler(), *STRICT, f"-I{include_dir()}", str(source)]
+    version = subprocess.run([compiler(), "--version"], capture_output=True, check=False).stdout
     made_of = [version, repr((command, options)).encode(), source.read_bytes()]
     made_of += [header.read_bytes() for folder in HEADERS for header in sorted(folder.rglob("*.hpp"))]
     kind, digest = (hashlib.sha256(text).hexdigest()[:16] for text in (repr(options).encode(), b"".join(made_of)))

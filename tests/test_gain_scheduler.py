@@ -217,6 +217,21 @@ def test_every_contact_state_needs_a_tracker_and_the_requirements_a_gain_margin(
         gr.GainScheduler(table, dict.fromkeys(OWN, Told()), gr.Requirements(phase_margin=0.5))
 
 
+def test_what_a_tracker_flags_is_told():
+    """Its safe_gain, of ticks before, is what gains go by."""
+    limit = Told(1.0)
+    running = scheduler(limit, rise=1e6)
+    running.update(np.zeros(3), "double", TICK)
+    limit.flag = "posture"
+    for safe_gain in (0.9, 0.0, math.nan):
+        limit.safe_gain = safe_gain
+        out = running.update(np.zeros(3), "double", TICK)
+        assert "'posture'" in out.problem
+        assert np.allclose(gains_of(out), 0.45 * np.array(OWN["double"]) if safe_gain > 0 else SAFE, rtol=1e-12)
+    limit.flag, limit.safe_gain = "", 0.0
+    assert running.update(np.zeros(3), "double", TICK).problem == "no limit is known"
+
+
 @pytest.mark.parametrize("contact", ["double", "left"])
 def test_a_robot_whose_table_is_too_high_has_its_limit_over_the_margin(body, contact):
     """The biped at 2 kHz, 4 ticks of delay: times the margin, the scheduled gains are at the edge of stability by an independent count."""

@@ -1,5 +1,6 @@
 """The gain limit at every tick: rigid-body terms, crossings, counts and misuse, against linearize, the loop's response and gain_limit."""
 
+import itertools
 from dataclasses import replace
 from importlib.resources import files
 
@@ -224,6 +225,73 @@ def test_misuse_in_the_loop_is_flagged(biped):
         held = rows.copy()
         held[2, 9] = bad
         assert tracker.update_dynamics(mass, [held], "left").flag == "posture"
+    for few in (1, 3, 5):
+        assert tracker.update_dynamics(mass, [rows[:few]], "left").flag == "too few constraints"
+
+
+def walk(robot, names, ticks: int, seed: int = 3):
+    """Postures and contact states of a smooth motion from the first posture, one contact state after the other."""
+    rng, q = np.random.default_rng(seed), robot.body.configuration(dict(robot.postures["stand"].angles))
+    phases, rates, swings = rng.uniform(0, 2 * np.pi, 12), rng.uniform(0.1, 0.8, 12), rng.uniform(0.1, 0.5, 12)
+    for k in range(ticks):
+        now = q.copy()
+        now[-12:] += np.clip(swings * (np.sin(2e-3 * np.pi * rates * k + phases) - np.sin(phases)), -0.6, 0.6)
+        yield now, names[k // 400 % len(names)]
+
+
+@pytest.mark.parametrize("space", ["joint", "task"])
+def test_a_tick_of_which_nothing_is_known_raises_nothing(biped, space: str):
+    """Nor after many of them, nor where tasks are unstable at every factor in a state: the robot may have moved on."""
+    control = biped.system.control
+    tracker = gr.GainTracker(biped, control if space == "joint" else replace(control, space="task", controller=None, sample_time=TICK))
+    raised, fallen = [], 0
+    for tick, (q, contact) in enumerate(walk(biped, tracker.contacts, 1600)):
+        last = tracker.update(q, contact).safe_gain
+        if tick % 7 == 0:
+            given = [(q * np.nan, contact), (q[1:], contact), (q, "up"), (q * np.nan, "up")] * 3
+            said = [last, *(tracker.update(*one).safe_gain for one in given)]
+            raised += [tick] * any(after > before for before, after in itertools.pairwise(said))
+            fallen += said[-1] < said[1]
+    assert raised == []
+    assert fallen > 100  # while the robot moves, and nobody sees where
+
+
+@pytest.mark.parametrize("sample_time", [None, TICK])
+def test_what_is_left_of_a_limit_goes_by_where_the_robot_is_now(biped, sample_time):
+    """Not by how far it has been: back where a contact state was certified, 10 % less than that limit is left, or all of it."""
+    tracker, q = gr.GainTracker(biped, sampled(biped, sample_time)), biped.body.configuration(dict(biped.postures["stand"].angles))
+    soles = {"double": ("left_sole", "right_sole"), "left": ("left_sole",)}
+
+    def ask(bend: float, contact: str) -> gr.TrackedLimit:  # other contact states are not made ready
+        posture = q.copy()
+        posture[10] += bend
+        body = biped.body
+        return tracker.update_dynamics(body.mass_matrix(posture), [body.frame_jacobian(posture, sole) for sole in soles[contact]], contact)
+
+    there = ask(0.0, "double")
+    assert there.certified
+    for bend in 0.5 * np.sin(2e-3 * np.pi * np.arange(1000)):
+        ask(bend, "left")
+    back = ask(0.0, "double")
+    assert there.gain * (0.9 - 1e-9) <= back.safe_gain <= there.gain
+
+
+@pytest.mark.parametrize("sample_time", [None, TICK])
+def test_a_contact_switch_in_fast_motion_leaves_most_of_the_limit(biped, sample_time):
+    """A knee that swings by 0.5 rad at 1 Hz; contact states are made ready by `update`, but counts of theirs are soon too old."""
+    tracker, q = gr.GainTracker(biped, sampled(biped, sample_time)), biped.body.configuration(dict(biped.postures["stand"].angles))
+    system = replace(biped.system, source=biped, control=sampled(biped, sample_time))
+    shares = []
+    for tick in range(4000):
+        bent, contact = q.copy(), ("double", "left", "double", "right")[tick // 350 % 4]
+        bent[10] += 0.5 * np.sin(2e-3 * np.pi * tick)
+        now = tracker.update(bent, contact)
+        if tick > 350 and not now.certified:
+            model = linearize(biped.body, biped.actuators, bent, biped.contacts[contact])
+            shares.append(now.safe_gain / gr.gain_limit(system.loop(model)).gain)
+    assert 10 < len(shares) < 200
+    assert min(shares) > 0.25  # the knee changes ln(W + 1/J) by up to 2, and an unknown crossing is taken to move half as far
+    assert max(shares) <= 1
 
 
 LINK = """<inertial><origin xyz="0.3 0 0"/><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
@@ -287,6 +355,8 @@ REFUSED = {
     "must be a Control": lambda robot: {"control": "pd"},
     "is not one of": lambda robot: {"contacts": ["dubble"]},
     "must name": lambda robot: {"contacts": []},
+    "one for each of 12 joints": lambda robot: {"control": gr.PD([2000.0, 1000.0], [100.0, 50.0])},
+    "must be Requirements": lambda robot: {"limits": 2.0},
 }
 
 

@@ -1,5 +1,6 @@
 """The core's headers in a C++ program of their own: the same digits as through Python, and nothing that the sanitizers find."""
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import gainroom as gr
 import native_programs
 from draws import draw_setup
 from gainroom.analysis.crossings import scan
+from gainroom.native import include_dir
 from gainroom.system.linear.transfer_function import Factored
 from native_programs import SANITIZED, output
 from test_crossings import KINDS
@@ -30,6 +32,15 @@ def test_limits_of_random_and_hostile_coupled_loops_end():
     """Loops of 0 to 60 joints; NaN, infinite, zero, huge and tiny values in every kind of place."""
     ordinary, _ = output(compiled("limits")).split()
     assert int(ordinary) > 10
+
+
+@pytest.mark.parametrize("option", ["-ffast-math", "-ffinite-math-only"])
+def test_headers_refuse_to_take_all_numbers_for_finite(option: str):
+    """Ticks without numbers would be certified, or spoil all that follow."""
+    command = [native_programs.compiler(), "-std=c++17", option, f"-I{include_dir()}", "-fsyntax-only", "-x", "c++", "-"]
+    done = subprocess.run(command, input='#include "gainroom/robot_tracker.hpp"', capture_output=True, text=True, check=False)
+    assert done.returncode
+    assert "compile it without" in done.stderr
 
 
 @pytest.mark.slow

@@ -33,6 +33,10 @@ def test_control_loop():
         numbers = np.array([float.fromhex(word) for word in words[2:split]])
         gain, frequency, safe = (float.fromhex(words[split + k]) for k in (0, 1, 4))
         mass, held = numbers[:49].reshape(7, 7), numbers[49:].reshape(rows, 7)
+        if number == 0:  # both feet; in this posture every contact state has been settled
+            for state, kept in enumerate((held, held[:2], held[2:], held[:0])):
+                while not tracker.update(mass, [kept], state)[2]:
+                    pass
         found = tracker.update(mass, [held], contact)
         assert (found[0], found[1], found[4]) == pytest.approx((gain, frequency, safe), rel=1e-12, nan_ok=True)
         assert [found[2], found[3]] == [words[split + 2] == "1", int(words[split + 3])]
@@ -46,7 +50,7 @@ def test_control_loop():
             tracker.prepare([other], number // 4 % 3)
     assert certified > 0.99 * len(ticks)
     said = output(program).splitlines()
-    assert "certified" in said[0]
+    assert "not certified" not in said[0]
     assert float(said[-2].split()[-1]) == pytest.approx(gain / 2, abs=1e-3)  # the factor on the gains has risen to what the margin allows
 
 

@@ -24,6 +24,30 @@ def test_a_peak_that_is_steep_on_one_side(steep, mirrored):
     assert place[0] == pytest.approx(truth, rel=1e-6)
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_peaks_of_any_steepness_on_one_side(mirrored):
+    """Parabolas approach some of them by a tenth of the way each."""
+    rng, compared = np.random.default_rng(5), 0
+    for _ in range(4000):
+        steep, slope, width = 10 ** rng.uniform(1, 5), 10 ** rng.uniform(-3, 0), 10 ** rng.uniform(-3, 0)
+        highest = np.log(steep / slope - 1) / steep  # where the slope of the height is 0
+
+        def height(omega, columns=None, steep=steep, slope=slope):
+            beyond = (10.0 - omega) * (-1 if mirrored else 1)
+            return np.exp(slope * beyond - np.logaddexp(0.0, steep * beyond))
+
+        middle = highest + width * rng.uniform(-0.5, 0.5)
+        beyond = np.array([middle - width * rng.uniform(0.1, 1), middle, middle + width * rng.uniform(0.1, 1)])
+        omega = 10.0 + (-beyond[::-1] if mirrored else beyond)
+        sizes = height(omega)
+        if np.argmax(sizes) != 1 or np.ptp(sizes) > 0.3:  # not what sampling leaves
+            continue
+        compared += 1
+        _, top = polished_peaks(omega, sizes[:, None], np.array([1]), np.array([0]), height)
+        assert top[0] >= height(10.0 + (-highest if mirrored else highest)) * (1 - 1e-6)
+    assert compared > 300
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.001, 0.1, 0.3, 1 / 3, 0.7, 5.0, 17.3])
 def test_a_parabola_that_has_its_top_at_the_highest_sample_by_chance_does_not_end_the_search(shift):
     """To the last bit, or the last but one."""

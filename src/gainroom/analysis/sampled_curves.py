@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 
-ROUNDS = 40  # of points about a peak
+ROUNDS = 60  # of points about a peak
 LEVEL = 1e-7  # of a height: among points that differ by less a parabola is right to the square of it
 UNEVEN, SAME, REACH = 0.1, 1e-3, 3.0  # see polished_peaks: shares of the distances between points; times the nearer one or the move
 ROUNDED = 1e-15  # of ω: points nearer to each other are one
@@ -152,7 +152,8 @@ def polished_peaks(
     """ω and height (k,) of peaks seen in samples: again and again where the parabola through three points about each has its top.
 
     A parabola tells little with one of its points far off, as on a peak that is steep on one side, and nothing new with its top on the
-    middle one, where that may be by chance: then the point farther off comes nearer. A peak is found where three points are level.
+    middle one, where that may be by chance: then the point farther off comes nearer. Where two rounds do not halve the distance between the
+    outer ones, the longer part is halved. A peak is found where three points are level.
 
     at   ω (c,), columns (c,) → heights (c,)
     """
@@ -160,6 +161,7 @@ def polished_peaks(
     height = height[:, np.arange(len(rows)), columns]
     top_place, top_height = place[1].copy(), height[1].copy()
     rest = np.arange(len(rows))
+    before = np.full((2, len(rows)), np.inf)  # widths two rounds ago, and one
     for _ in range(ROUNDS):
         if not len(rest):
             break
@@ -170,9 +172,13 @@ def polished_peaks(
         uneven = near < UNEVEN * far
         step = np.clip(REACH * np.where(uneven, np.maximum(near, move), move), SAME * far, 0.5 * far)
         aside = ~level & (uneven | (move < SAME * near))
-        top = np.where(aside, middle + np.copysign(step, right - left), top)
+        width = left + right
+        slow = ~level & (width > 0.5 * before[0])
+        step = np.where(slow, 0.5 * far, step)
+        top = np.where(aside | slow, middle + np.copysign(step, right - left), top)
+        before = np.where(slow, np.inf, [before[1], width])
         found = at(top, columns[rest])
-        off = ~(level & (np.abs(found - height[1]) <= LEVEL * height[1])) & (left + right > ROUNDED * middle)
+        off = ~(level & (np.abs(found - height[1]) <= LEVEL * height[1])) & (width > ROUNDED * middle)
         higher, after = found > height[1], top > middle
         for part, new in ((place, top), (height, found)):
             low, middle, high = part.copy()
@@ -180,7 +186,7 @@ def polished_peaks(
             part[1] = np.where(higher, new, middle)
             part[2] = np.where(higher, np.where(after, high, middle), np.where(after, new, high))
         top_place[rest], top_height[rest] = place[1], height[1]
-        rest, place, height = rest[off], place[:, off], height[:, off]
+        rest, place, height, before = rest[off], place[:, off], height[:, off], before[:, off]
     return top_place, top_height
 
 

@@ -20,6 +20,7 @@ TEMPLATE = """\
 
    NAME_lookup(angles, contact, &gains) fills kp [N m/rad] and kd [N m s/rad] of every joint, in the order of NAME_joints, for joint angles
    [rad] in the same order and the number of a contact state in NAME_contacts; NAME_contact("left") is that number, -1 where there is none.
+   The limits are those of control that is sampled every NAME_sample_time [s], or continuous where that is 0.
 
    What is guaranteed. At the points of the grid, with all joints as the features say, the loop bears NAME_margin times these gains;
    where NAME_certified, that has been proved or counted from both sides. Between the points, and with joints up to NAME_aside [rad]
@@ -27,9 +28,13 @@ TEMPLATE = """\
    NAME_looked_at random postures. In postures outside the table (status 1), for angles that are no numbers (2) and unknown
    contacts (3) the gains are the lowest of the contact state, or those for unknown ones: nobody has looked there.
 
-   Do not compile it with -ffast-math, which believes that every number is one. */
+   It does not compile with -ffast-math, which believes that every number is one. */
 #ifndef GUARD_H
 #define GUARD_H
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) || defined(_M_FP_FAST)
+#error "angles that are no numbers have to be told: compile it without -ffast-math, -ffinite-math-only, /fp:fast"
+#endif
 
 #define GUARD_JOINTS JOINTS
 #define GUARD_FEATURES FEATURES

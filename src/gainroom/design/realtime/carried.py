@@ -38,6 +38,9 @@ def joint_table(robot: "Robot", system: System) -> Floats:
 def joint_gains(system: System) -> tuple[Floats, Floats]:
     """kp and kd (n,)."""
     pd, size = system.control.controller, len(system.drives)
+    for name, gains in (("kp", pd.kp), ("kd", pd.kd)):
+        if np.shape(gains) not in ((), (1,), (size,)):
+            raise GainroomError(f"gain tracker: {name} of shape {np.shape(gains)} must be one number, or one for each of {size} joints")
     return np.broadcast_to(pd.kp, size).astype(float), np.broadcast_to(pd.kd, size).astype(float)
 
 

@@ -78,6 +78,7 @@ class PostureTable:
     limits     (contacts, points, …) the factor on the own gains at which the loop loses stability
     certified  of the same shape
     margin, between, highest, aside    as in the module's text; looked_at: postures that `between` is the lowest of
+    sample_time  of the control that the limits hold for [s]; 0: continuous
     """
 
     model: str
@@ -95,6 +96,7 @@ class PostureTable:
     looked_at: int
     highest: float
     aside: float
+    sample_time: float = 0.0
 
     @property
     def weights(self) -> Floats:
@@ -144,7 +146,7 @@ class PostureTable:
         own = np.array([table.own[name] for name in names])
         found = cls(
             Path(robot.name).name, robot.joint_names, base, features, names, own, table.everywhere, 0.0, limits, certified, margin,
-            between=1.0, looked_at=0, highest=highest, aside=aside,
+            between=1.0, looked_at=0, highest=highest, aside=aside, sample_time=system.control.sample_time or 0.0,
         )  # fmt: skip
         rng = np.random.default_rng(seed)
         between, lowest, looked_at = 1.0, float(limits.min()) if np.ptp(found.own, axis=0).max() == 0 else math.inf, 0
@@ -202,6 +204,7 @@ class PostureTable:
             Constant("long", "looked_at", self.looked_at),
             Constant("double", "highest", self.highest, "of the factors"),
             Constant("double", "aside", self.aside, "rad"),
+            Constant("double", "sample_time", self.sample_time, "s: of the control that limits hold for; 0: continuous"),
             Constant("double", "base", self.base, "rad: where all features are 0"),
             Constant("double", "weights", self.weights, "of joints in features"),
             Constant("double", "low", [float(one.low) for one in self.features], "rad"),

@@ -190,6 +190,8 @@ class GainScheduler:
         target = self._table.everywhere
         if name is not None:
             limit = self._trackers[name].update(q, name)
+            flag = getattr(limit, "flag", "")  # one of a user's own need not have it
+            problem = problem or (f"the tracker's flag is {flag!r}" if flag else "")
             if limit.safe_gain > 0:  # not NaN
                 factor, certified = min(self._highest, limit.safe_gain / self._margin), bool(limit.certified)
                 target = factor * self._table.own[name]

@@ -49,10 +49,10 @@ class TrackedLimit(NamedTuple):
     gain        the lowest known factor at which the loop loses stability; NaN where none is known
     frequency   at which it then vibrates [rad/s]
     certified   whether `gain` is the loop's limit now: see GainTracker
-    age_ticks   since the limit of this contact state was certified, 0: now; −1: never
+    age_ticks   since the limit of this contact state was certified, 0: now; −1: not known
     safe_gain   1e-6 below `gain` where that is certified. Else what was certified last in this contact state, or in joint space the
-                lowest of all states where there is none, 10 % below it and more as the robot moves on: no proof; 0 where nothing is
-                known. Never above `gain`
+                lowest of all states where there is none, 10 % below it and more the farther the robot is from there: no proof; 0
+                where nothing is known. Never above `gain`, and where `flag` is set never above the last answer's
     allowed     safe_gain over the gain margin that the limits ask for
     flag        what was wrong with the call, one of FLAGS; "": nothing
     """
@@ -100,6 +100,8 @@ class GainTracker:
         self, robot: "Robot", control: Control | PD | None = None, limits: Requirements | None = None, contacts: Sequence[str] | None = None
     ):
         system = _system(robot, control)
+        if not isinstance(limits, Requirements | None):
+            raise GainroomError(f"gain tracker: limits of type {type(limits).__name__} must be Requirements")
         names = _contact_names(robot, contacts)
         body, rotors = robot.body, system.control.rotors
         body.require_tree("gain tracker")
@@ -110,7 +112,7 @@ class GainTracker:
         require_leads(robot, system, tasks)
         self.gains = np.array(joint_gains(system) if tasks is None else (tasks.kp, tasks.kd))
         """(2, n) kp and kd that the limits are factors on; (2, m) K'p and K'v of the directions of tasks."""
-        self._shape, floating = (body.nq,), body.base == "floating"
+        self._shape, self._floating = (body.nq,), body.base == "floating"
         self._share = 1.0 / ((system.requirements if limits is None else limits).gain_margin or 1.0)
         held = [robot.contacts[name] for name in names]
         rows = [sum(len(contact.rows) for contact in state) for state in held]
@@ -120,7 +122,7 @@ class GainTracker:
         else:
             sizes = [len(task.directions(robot.joint_names)) for task in tasks.tasks]
             self._core = _core.GainTracker(*machine, sizes, self.gains, rotors, MOVABLE)
-        self._states = {name: index for index, name in enumerate(names) if not (floating and 0 < rows[index] < HOLDING)}
+        self._states = {name: index for index, name in enumerate(names) if not self._falls(rows[index])}
         self._loose = frozenset(names) - frozenset(self._states)
         stack = () if tasks is None else tasks.tasks
         self._core.set_body(
@@ -139,27 +141,31 @@ class GainTracker:
         if not (type(q) is np.ndarray and q.dtype is DOUBLE and q.shape == self._shape):
             try:
                 if np.iscomplexobj(q):
-                    return self._flagged(1)
+                    return self._lost(1, state)
                 q = np.array(q, dtype=float)
             except Exception:  # noqa: BLE001 - whatever objects of others do, a control loop goes on
-                return self._flagged(1)
+                return self._lost(1, state)
             if q.shape != self._shape:
-                return self._flagged(1)
+                return self._lost(1, state)
         return self._answer(self._core.update_posture(q, state))
 
     def update_dynamics(self, mass: Floats, jacobians: Sequence[Floats], contact: str, tasks: Sequence[Floats] = ()) -> TrackedLimit:
         """As update, with mass matrix (N, N) and contact Jacobians, each (c, N), of another dynamics library.
 
         They are float arrays, of the links without rotors. Velocities are in the order of the robot's body: base, then joints. `tasks`:
-        the Jacobians (m_i, N) of tasks, along the world's axes, the first one first; none in joint space. Raises nothing: see `flag`.
+        the Jacobians (m_i, N) of tasks, along the world's axes, the first one first; none in joint space. `contact` says which state's
+        crossings are followed; what is held is what the Jacobians say. Raises nothing: see `flag`.
         """
         state = self._state(contact)
         if state is None:
             return self._without(contact)
         try:
-            return self._answer(self._core.update(mass, list(jacobians), state, list(tasks)))
+            held = list(jacobians)
+            if self._falls(sum(len(rows) for rows in held)):
+                return self._lost(3, state)
+            return self._answer(self._core.update(mass, held, state, list(tasks)))
         except (TypeError, ValueError):
-            return self._flagged(1)
+            return self._lost(1, state)
 
     def prepare(self, jacobians: Sequence[Floats], contact: str) -> None:
         """After update_dynamics: the contact Jacobians of another contact state in this tick's posture.
@@ -227,16 +233,20 @@ class GainTracker:
         gain, frequency, certified, age, safe, flag = found
         return TrackedLimit(gain, frequency, certified, age, safe, safe * self._share, FLAGS[flag])
 
+    def _falls(self, rows: int) -> bool:
+        """Whether a floating base is held, but in too few directions to stand."""
+        return self._floating and 0 < rows < HOLDING
+
     def _state(self, contact: str) -> int | None:
         """Its number in the core; None for one that is not tracked."""
         return self._states.get(contact) if isinstance(contact, str) else None
 
     def _without(self, contact: str) -> TrackedLimit:
         """The answer for a contact state that is not tracked."""
-        return self._flagged(3 if isinstance(contact, str) and contact in self._loose else 2)
+        return self._lost(3 if isinstance(contact, str) and contact in self._loose else 2)
 
-    def _flagged(self, flag: int) -> TrackedLimit:
-        return self._answer(self._core.flagged(flag))
+    def _lost(self, flag: int, state: int = -1) -> TrackedLimit:
+        return self._answer(self._core.lost(flag, state))
 
 
 def _system(robot: "Robot", control: Control | PD | None) -> System:

@@ -83,9 +83,7 @@ public:
         return answer(tracker().update(w.data(), std::size_t(contact)));
     }
 
-    nb::tuple flagged(int flag) const {
-        return answer(tracker().without_evidence(static_cast<gainroom::Flag>(flag)));
-    }
+    nb::tuple lost(int flag, std::int64_t contact) { return answer(tracker().lost(static_cast<gainroom::Flag>(flag), std::size_t(contact))); }
     nb::object inverse() const { return owned(robot_.posture().data(), joints_.size(), joints_.size()); }
     double passive_frequency() const { return tracker().passive_frequency(); }
     double alias_left(const Matrix& w, double omega) const {
@@ -176,7 +174,7 @@ void bind_tracker(nb::module_& m) {
         .def("update_posture", &GainTracker::update_posture, nb::arg("q"), nb::arg("contact"))
         .def("prepare", &GainTracker::prepare, nb::arg("jacobians"), nb::arg("contact"))
         .def("update_inverse", &GainTracker::update_inverse, nb::arg("w"), nb::arg("contact"))
-        .def("flagged", &GainTracker::flagged, nb::arg("flag"))
+        .def("lost", &GainTracker::lost, nb::arg("flag"), nb::arg("contact"))
         .def("crossings", &GainTracker::crossings, nb::arg("contact"))
         .def("counted_gain", &GainTracker::counted_gain, nb::arg("contact"))
         .def("alias_left", &GainTracker::alias_left, nb::arg("w"), nb::arg("omega"))

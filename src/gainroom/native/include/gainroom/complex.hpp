@@ -1,6 +1,10 @@
 // Complex products and quotients without the tests for infinities that the language asks of std::complex.
 #pragma once
 
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) || defined(_M_FP_FAST)
+#error "gainroom tells what is no number, and answers safely: compile it without -ffast-math, -ffinite-math-only, /fp:fast"
+#endif
+
 #include <cmath>
 #include <complex>
 

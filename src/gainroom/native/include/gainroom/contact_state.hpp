@@ -24,7 +24,7 @@ struct ContactState {
 
     ContactState(const TrackedLoop& loop, std::size_t index)
         : number(index), slow_needed(loop.slowest() < loop.lowest()), farthest(loop.farthest()), slowest_speed(loop.slowest_speed()),
-          beside(1.0 + loop.beside()), posture(loop.posture_size()) {
+          beside(1.0 + loop.beside()), posture(loop.posture_size()), certified_posture(posture) {
         const std::size_t most = loop.channels() + kSpare;
         pool.reserve(most);
         for (std::size_t k = 0; k < most; k++) pool.emplace_back(loop.mode_size());
@@ -73,8 +73,10 @@ struct ContactState {
     double slow_counted = 0.0, slow_counted_from = 0.0;
     double reach = farthest;                     // how far above the lowest crossing the next count may be
     double empty_below = 0.0, seek = 0.5;      // factors without unstable roots, and the next one to look at while none is known
-    double certified_gain = 0.0, certified_path = 0.0, certified_speed = 0.0;
+    double certified_gain = 0.0, certified_path = 0.0, certified_speed = 0.0;  // what `remembered` goes from, and
+    std::vector<double> certified_posture;
     long certified_at = -1;
+    double moved = 0.0;  // how far the robot had moved, in all contact states, when `posture` was the robot's
 
     // How fast a crossing is taken to move at most, in ln g along the path: three times as fast as it has moved lately, unless that is more
     // than any motion can do to it.
@@ -97,23 +99,25 @@ struct ContactState {
         return most;
     }
 
-    // What is left of the last certified gain where the robot has moved on, by `left` farther than crossings have been followed: they are taken to move
-    // as fast as the fastest one that was known then, times kFaster, but no less than `slowest_speed`: another one may have come nearer. Nothing is
-    // left where the robot has moved by 2 kFar and the loop may be unstable at any factor.
-    double remembered(double left) const {
-        const double ahead = path + left - certified_path, speed = std::max(slowest_speed, kFaster * certified_speed);
+    // What is left of the last certified gain `ahead` of the posture where it was: crossings are taken to move as fast as the fastest one that was
+    // known then, times kFaster, but no less than `slowest_speed`: another one may have come nearer. Nothing is left 2 kFar ahead where the loop
+    // may be unstable at any factor.
+    double remembered(double ahead) const {
+        const double speed = std::max(slowest_speed, kFaster * certified_speed);
         return certified_gain * std::exp(-speed * ahead) * (slow_needed ? std::max(0.0, 1.0 - 0.5 * ahead / kFar) : 1.0);
     }
 
-    void certify(double gain, long tick) {
-        certified_gain = gain;
-        certified_at = tick;
+    // The lowest crossing, which is certified in this posture.
+    void remember() {
+        certified_gain = order[0]->gain;
         certified_path = path;
+        std::copy(posture.begin(), posture.end(), certified_posture.begin());
         certified_speed = 0.0;
         for (std::size_t k = 0; k < count; k++) certified_speed = std::max(certified_speed, order[k]->speed);
     }
 
-    // Whether the last count still holds for the lowest crossing.
+    // Whether the lowest crossing is known here, with nothing beside it (is_clear) and nothing between it and the factor of a count that still holds;
+    // nothing below it has been found otherwise, and nothing crosses slowly.
     bool certified() const {
         if (count == 0 || counted == 0.0) return false;
         const TrackedCrossing& lowest = *order[0];

@@ -37,7 +37,7 @@ private:
     static constexpr double kDeepest = 0.5, kClosest = 1e-5;  // of the lowest crossing's factor, below it; of the deepest
     static constexpr double kForgotten = 0.1;                 // of the path
     static constexpr double kGolden = 0.6180339887498949;
-    static constexpr std::size_t kEnough = 24;
+    static constexpr std::size_t kEnough = 400;
 
     std::size_t turn_ = 1, empty_ = 0;  // empty_: in a row at the path at_
     double at_ = -1.0, found_at_ = 0.0, found_from_ = 0.0;

@@ -27,8 +27,8 @@ public:
 
     // One tick at posture q (nq) in contact state `contact`. No exceptions, no allocation.
     Limit update(const double* q, std::size_t contact) {
-        if (contact >= contacts_.size()) return robot_.tracker().without_evidence(Flag::bad_contact);
-        if (!take(q)) return robot_.tracker().without_evidence(Flag::bad_posture);
+        if (contact >= contacts_.size()) return robot_.tracker().lost(Flag::bad_contact);
+        if (!take(q)) return robot_.tracker().lost(Flag::bad_posture, contact);
         dynamics_.place(q_.data());
         dynamics_.mass_matrix(mass_.data());
         double* end = task_rows_.data();

@@ -15,6 +15,8 @@
 #include <cpuid.h>
 #include <immintrin.h>
 #define GAINROOM_FUSED __attribute__((target("avx2,fma")))
+namespace gainroom {
+
 inline bool processor_fuses() {
     unsigned a = 0, b = 0, c = 0, d = 0, kept = 0, high = 0;
     constexpr unsigned kFused = 1u << 12, kKeeps = 1u << 27, kWide = 1u << 5, kWideKept = 6;
@@ -22,6 +24,8 @@ inline bool processor_fuses() {
     __asm__("xgetbv" : "=a"(kept), "=d"(high) : "c"(0));  // what the system keeps of a process's registers
     return (kept & kWideKept) == kWideKept && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & kWide);
 }
+
+}  // namespace gainroom
 #endif
 
 // Inlined always: compilers stop inlining where a file is long, and a call would not know in which registers the caller's processor returns

@@ -65,14 +65,16 @@ public:
 
     // One tick at a posture (posture_size of the loop) in contact state `contact`.
     Limit update(const double* posture, std::size_t contact) {
-        tick_++;
-        if (contact >= states_.size()) return without_evidence(Flag::bad_contact);
+        if (contact >= states_.size()) return lost(Flag::bad_contact);
         State& state = states_[contact];
         const double far = sound(posture) ? known_.distance(state, posture) : std::numeric_limits<double>::quiet_NaN();
-        if (!std::isfinite(far)) return without_evidence(Flag::bad_posture);
+        if (!std::isfinite(far)) return lost(Flag::bad_posture, contact);
+        tick_++;
+        moved_ += contact == contact_ ? far : last_rate();
         work_ = 0.0;
         const bool arrived = known_.approach(posture, state, far, settings_.urgent, contact != contact_, work_);
         state.rate = std::max(far, kForgets * state.rate);
+        state.moved = moved_;
         if (arrived) {
             if (contact != contact_ && !state.certified()) state.hurry();
             contact_ = contact;
@@ -81,7 +83,7 @@ public:
             count(state, room);
             if (state.slow_needed && state.count > 0 && !loop_.leads_slowly(state.posture.data(), state.order[0]->gain)) state.loosen();
         }
-        return answer(state, arrived, arrived ? 0.0 : known_.distance(state, posture));
+        return answer(state, posture, arrived);
     }
 
     // How much of the work that a tick may have the last one had: above kBusy there is no time for `prepare`.
@@ -95,17 +97,20 @@ public:
         const double far = known_.distance(state, posture);
         const double room = std::min(prepared_, settings_.urgent - work_);
         double work = 0.0;
-        if (std::isfinite(far) && known_.draw_near(posture, state, far, 0.6 * room, work)) count(state, room - work);
+        if (!std::isfinite(far) || !known_.draw_near(posture, state, far, 0.6 * room, work)) return;
+        count(state, room - work);
+        state.moved = moved_;
+        if (state.certified_at >= 0 && state.certified()) state.remember();
     }
 
-    // The answer where nothing is known of this tick: the lowest that was last certified in any contact state.
-    Limit without_evidence(Flag flag) const {
+    // The answer to a tick of which nothing is known, or its contact state alone: what is left of what was certified there, or the least of all
+    // contact states, were the robot to move on as fast as it did; and no more than the last answer.
+    Limit lost(Flag flag, std::size_t contact = std::size_t(-1)) {
+        tick_++;
+        moved_ += last_rate();
         Limit limit;
         limit.flag = flag;
-        double lowest = std::numeric_limits<double>::infinity();
-        for (const State& state : states_)
-            if (state.certified_at >= 0) lowest = std::min(lowest, kShrunk * state.certified_gain);
-        limit.safe_gain = std::isfinite(lowest) ? lowest : 0.0;
+        limit.safe_gain = answered_ = std::min(answered_, contact < states_.size() ? remembered(states_[contact]) : least_remembered());
         return limit;
     }
 
@@ -117,6 +122,26 @@ private:
     static constexpr int kFirst = 4;                         // counts above the lowest crossing before one below it
     static constexpr int kSuspected = 4;                     // counts at one factor
     static constexpr double kIdle = 0.5, kStill = 0.05;      // slices where nothing moves, or next to nothing
+
+    // Of the path, per tick, in the contact state of the last ones.
+    double last_rate() const { return contact_ < states_.size() ? states_[contact_].rate : 0.0; }
+
+    // What is left in the posture `now` of what was certified in a contact state: along the path, `left` farther than the state's crossings have been
+    // followed, or straight from where that was, as far as the logarithm of W tells, where that is shorter and nothing crosses slowly; and `unseen` farther.
+    double remembered(const State& state, const double* now, double left, double unseen) {
+        if (state.certified_at < 0 || state.loose) return 0.0;
+        const double *before = state.certified_posture.data(), along = state.path + left - state.certified_path;
+        if (state.slow_needed) return kShrunk * state.remembered(along + unseen);
+        const double straight = std::log1p(std::max(loop_.distance(before, now), loop_.distance(now, before)));
+        return kShrunk * state.remembered(std::fmin(straight, along) + unseen);  // not finite: along the path
+    }
+    double remembered(const State& state) { return remembered(state, state.posture.data(), 0.0, moved_ - state.moved); }
+    double least_remembered() {
+        double least = std::numeric_limits<double>::infinity();
+        for (const State& state : states_)
+            if (state.certified_at >= 0) least = std::min(least, remembered(state));
+        return std::isfinite(least) ? least : 0.0;
+    }
 
     // For slices, at this tick: where there is no certificate, all that is left after `work`, for the nearest count that will give one.
     double room_for(const State& state) const {
@@ -276,8 +301,8 @@ private:
         return 0.0;
     }
 
-    // At the posture, or `left` before it.
-    Limit answer(State& state, bool arrived, double left) {
+    // At the posture, where the crossings of the state have `arrived`, or on the way to it.
+    Limit answer(State& state, const double* posture, bool arrived) {
         Limit limit;
         if (state.count > 0) {
             limit.gain = state.order[0]->gain;
@@ -285,16 +310,19 @@ private:
         }
         limit.certified = arrived && state.certified();
         if (limit.certified) {
-            state.certify(limit.gain, tick_);
+            state.remember();
+            state.certified_at = tick_;
             limit.safe_gain = (1.0 - kCertain) * limit.gain;
         } else if (state.certified_at >= 0) {
-            limit.safe_gain = kShrunk * state.remembered(left);
+            const double left = arrived ? 0.0 : known_.distance(state, posture);
+            limit.safe_gain = remembered(state, posture, left, 0.0);
         } else if (!state.slow_needed) {
-            limit.safe_gain = without_evidence(Flag::fine).safe_gain;
+            limit.safe_gain = least_remembered();
         }
         if (state.loose) limit.safe_gain = 0.0;
         if (state.count > 0) limit.safe_gain = std::min(limit.safe_gain, (1.0 - kCertain) * limit.gain);
         limit.age = state.certified_at < 0 ? -1 : tick_ - state.certified_at;
+        answered_ = limit.safe_gain;
         return limit;
     }
 
@@ -305,6 +333,8 @@ private:
     std::vector<State> states_;
     double prepared_;    // slices for another contact state
     double work_ = 0.0;  // of the last tick
+    double moved_ = 0.0;  // how far the robot has moved in all
+    double answered_ = std::numeric_limits<double>::infinity();  // the last safe_gain
     std::size_t contact_ = std::size_t(-1);
     long tick_ = 0;
     bool odd_ = false;
