@@ -92,7 +92,7 @@ static void tasks(bool hostile) {
     motion.compute(links, matrix(first + 3, size, hostile).entries.data());
 }
 
-// Ticks of a tracker at postures of which some are none: what is certified is a number, and unknown contacts are flagged.
+// Ticks of a tracker at postures of which some are none: what is certified is a number, as is the safe gain, and unknown contacts are flagged.
 static bool ticks(bool hostile) {
     const std::size_t count = 1 + generator() % 6;
     std::vector<TreeJoint> joints;
@@ -117,6 +117,7 @@ static bool ticks(bool hostile) {
         const std::size_t contact = tick % 10 == 9 ? 2 : std::size_t(tick / 15);
         const Limit found = tracker.update(given.data(), contact);
         right = right && (contact < 2 || found.flag == Flag::bad_contact) && !(found.certified && !(found.gain > 0.0));
+        right = right && found.safe_gain >= 0.0;
     }
     return right;
 }
