@@ -240,7 +240,7 @@ def walk(robot, names, ticks: int, seed: int = 3):
 
 
 @pytest.mark.parametrize("space", ["joint", "task"])
-def test_a_tick_of_which_nothing_is_known_raises_nothing(biped, space: str):
+def test_a_tick_of_which_nothing_is_known_does_not_raise_the_safe_gain(biped, space: str):
     """Nor after many of them, nor where tasks are unstable at every factor in a state: the robot may have moved on."""
     control = biped.system.control
     tracker = gr.GainTracker(biped, control if space == "joint" else replace(control, space="task", controller=None, sample_time=TICK))
@@ -277,7 +277,7 @@ def test_what_is_left_of_a_limit_goes_by_where_the_robot_is_now(biped, sample_ti
 
 
 @pytest.mark.parametrize("sample_time", [None, TICK])
-def test_a_contact_switch_in_fast_motion_leaves_most_of_the_limit(biped, sample_time):
+def test_a_contact_switch_in_fast_motion_leaves_a_quarter_of_the_limit(biped, sample_time):
     """A knee that swings by 0.5 rad at 1 Hz; contact states are made ready by `update`, but counts of theirs are soon too old."""
     tracker, q = gr.GainTracker(biped, sampled(biped, sample_time)), biped.body.configuration(dict(biped.postures["stand"].angles))
     system = replace(biped.system, source=biped, control=sampled(biped, sample_time))

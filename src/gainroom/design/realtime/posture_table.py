@@ -96,7 +96,7 @@ class PostureTable:
     looked_at: int
     highest: float
     aside: float
-    sample_time: float = 0.0
+    sample_time: float
 
     @property
     def weights(self) -> Floats:

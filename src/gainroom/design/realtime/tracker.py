@@ -51,8 +51,9 @@ class TrackedLimit(NamedTuple):
     certified   whether `gain` is the loop's limit now: see GainTracker
     age_ticks   since the limit of this contact state was certified, 0: now; −1: not known
     safe_gain   1e-6 below `gain` where that is certified. Else what was certified last in this contact state, or in joint space the
-                lowest of all states where there is none, 10 % below it and more the farther the robot is from there: no proof; 0
-                where nothing is known. Never above `gain`, and where `flag` is set never above the last answer's
+                lowest of all states where there is none, 10 % below it and more the farther the robot is from there, with tasks
+                the more it has moved since: no proof; 0 where nothing is known. Never above `gain`, and where `flag` is set never
+                above the last answer's
     allowed     safe_gain over the gain margin that the limits ask for
     flag        what was wrong with the call, one of FLAGS; "": nothing
     """
