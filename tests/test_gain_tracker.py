@@ -189,6 +189,39 @@ class Hostile:
         raise RuntimeError("no array")
 
 
+@pytest.mark.parametrize("sample_time", [None, TICK])
+def test_a_motion_at_once_is_its_ticks(biped, sample_time):
+    walk = Walk(biped, sample_time, 7)
+    q = np.array([walk.posture(tick) for tick in range(300)])
+    q[40, 3:7] *= 1.5  # no rotation
+    contacts = ["double"] * 100 + ["left"] * 100 + ["double"] * 100
+    tracker, other = gr.GainTracker(biped, walk.system.control), walk.tracker
+    motion = tracker.replay(q, contacts)
+    ticks = [other.update(*tick) for tick in zip(q, contacts, strict=True)]
+    for name in gr.TrackedLimit._fields:
+        np.testing.assert_array_equal(getattr(motion, name), [getattr(tick, name) for tick in ticks])
+    assert np.flatnonzero(motion.flag != "").tolist() == [40]
+    assert np.all(motion.seconds > 0)
+    assert tracker.replay(q[:2], "right").gain.tolist() == [other.update(tick, "right").gain for tick in q[:2]]  # goes on from there
+
+
+@pytest.mark.parametrize(
+    ("q", "contacts", "words"),
+    [
+        (np.zeros(20), "double", r"q of shape \(20,\) must have the shape \(ticks, 19\)"),
+        (np.zeros((3, 12)), "double", r"q of shape \(3, 12\)"),
+        (np.full((3, 19), np.nan), "double", "q .* must be finite"),
+        ("q", "double", "q 'q' must be a real number"),
+        (np.zeros((3, 19)), ["double"] * 2, "2 contact states for 3 postures"),
+        (np.zeros((3, 19)), ["double", "duble", "left"], "contact 'duble' is not one of those tracked; did you mean 'double'"),
+        (np.zeros((3, 19)), [5, 5, 5], "contact '5' is not one of those tracked"),
+    ],
+)
+def test_a_motion_that_is_none_is_refused(biped, q, contacts, words):
+    with pytest.raises(gr.GainroomError, match=words):
+        gr.GainTracker(biped).replay(q, contacts)
+
+
 def assert_wrong_ticks_are_flagged(tracker: gr.GainTracker, q: np.ndarray, good: gr.TrackedLimit):
     """Of a tracker in "left", where `good` is right, that knows "toe", on which nothing can stand."""
     wrong = [(q[:-1], "left", "posture"), (q * np.nan, "left", "posture"), ("?", "left", "posture"), (2 * q, "left", "posture")]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .design.joint_gains import Recommendation as Recommendation, recommend_pd as recommend_pd
     from .design.realtime.posture_table import Feature as Feature, PostureTable as PostureTable, TableGains as TableGains
     from .design.realtime.scheduler import GainScheduler as GainScheduler, GainTable as GainTable
-    from .design.realtime.tracker import GainTracker as GainTracker, TrackedLimit as TrackedLimit
+    from .design.realtime.tracker import GainTracker as GainTracker, TrackedLimit as TrackedLimit, TrackedMotion as TrackedMotion
     from .errors import GainroomError as GainroomError
     from .files.robot_yaml import load_robot as load_robot
     from .native import warmup as warmup
@@ -62,7 +62,7 @@ _HOME = {
     "studies.joint": ("study_joint", "JointStudy"),
     "files.robot_yaml": ("load_robot",),
     "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
-    "design.realtime.tracker": ("GainTracker", "TrackedLimit"),
+    "design.realtime.tracker": ("GainTracker", "TrackedLimit", "TrackedMotion"),
     "design.realtime.scheduler": ("GainScheduler", "GainTable"),
     "design.realtime.posture_table": ("PostureTable", "Feature", "TableGains"),
     "studies.sweep.store": ("open_sweep",),

@@ -1,4 +1,4 @@
-// Ticks of the gain tracker from standard input, numbers in hexadecimal; ends with status 3 where a tick takes memory.
+// Ticks of the gain tracker from standard input, numbers in hexadecimal; ends with status 3 where a tick takes memory, of the heap or of the tracker's block.
 //
 // After every tick the next contact state is prepared.
 //
@@ -45,6 +45,7 @@ int main() {
     const auto made = directions ? std::make_unique<gainroom::RobotTracker>(data.data(), joints, sample_time, size, rows, contacts, stack)
                                  : std::make_unique<gainroom::RobotTracker>(data.data(), joints, sample_time, size, rows, contacts);
     gainroom::RobotTracker& tracker = *made;
+    const std::size_t used = tracker.block().used();
     while (std::scanf("%d %u", &contact, &count) == 2) {
         held.resize(count * size);
         if (!fill(mass) || !fill(held) || !fill(task)) return 2;
@@ -52,6 +53,7 @@ int main() {
         const gainroom::Limit limit = tracker.update(mass.data(), held.data(), count, std::size_t(contact), task.data());
         tracker.prepare(held.data(), count, std::size_t(contact) + 1);
         inside = false;
+        if (tracker.block().used() != used) return 3;
         std::printf("%a %a %d %ld %a %d\n", limit.gain, limit.frequency, int(limit.certified), limit.age, limit.safe_gain, int(limit.flag));
     }
 }

@@ -259,6 +259,9 @@ class GainTracker:
     def update_posture(self, q: Floats, contact: int) -> tuple[float, float, bool, int, float, int]:
         """As update, of a posture (nq,), and prepares other contact states in turn."""
 
+    def replay(self, q: Floats, contacts: list[int]) -> Floats:
+        """(T, 7) what update_posture answers at each of q (T, nq) and contacts (T,), and how long it took [s]."""
+
     def prepare(self, jacobians: list[Floats], contact: int) -> None:
         """After `update`: the same mass matrix, were the robot in another contact state."""
 

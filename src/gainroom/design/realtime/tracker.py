@@ -10,10 +10,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...analysis.gain_limit import gain_limit
-from ...errors import GainroomError, first_of_many, nearest
+from ...errors import GainroomError, first_of_many, nearest, require_finite
 from ...native import _core
 from ...robot.rigid_tree import held_frames, rigid_tree, tree_tasks
 from ...robot.tasks import MOVABLE
@@ -65,6 +65,22 @@ class TrackedLimit(NamedTuple):
     safe_gain: float
     allowed: float
     flag: str
+
+
+class TrackedMotion(NamedTuple):
+    """The limits at T ticks, one after the other: arrays (T,) of what TrackedLimit has at each, flags as text.
+
+    seconds     how long each tick took in the core [s], as in a controller written in C++
+    """
+
+    gain: Floats
+    frequency: Floats
+    certified: NDArray[np.bool_]
+    age_ticks: NDArray[np.int64]
+    safe_gain: Floats
+    allowed: Floats
+    flag: NDArray[np.str_]
+    seconds: Floats
 
 
 class GainTracker:
@@ -149,6 +165,25 @@ class GainTracker:
             if q.shape != self._shape:
                 return self._lost(1, state)
         return self._answer(self._core.update_posture(q, state))
+
+    def replay(self, q: ArrayLike, contacts: str | Sequence[str]) -> TrackedMotion:
+        """The ticks of a motion that was planned or recorded: `update` at each of q (T, nq), in one contact state or in one for each tick.
+
+        Goes on from where the tracker is. Raises GainroomError for arrays of other shapes, numbers that are not finite, and contact states
+        that are not tracked.
+        """
+        postures = require_finite("gain tracker", "q", q)
+        if postures.ndim != 2 or postures.shape[1:] != self._shape:
+            raise GainroomError(f"gain tracker: q of shape {postures.shape} must have the shape (ticks, {self._shape[0]})")
+        names = [contacts] * len(postures) if isinstance(contacts, str) else [str(name) for name in contacts]
+        if len(names) != len(postures):
+            raise GainroomError(f"gain tracker: {len(names)} contact states for {len(postures)} postures; there must be one for each")
+        for name in dict.fromkeys(names):
+            if name not in self._states:
+                raise GainroomError(f"gain tracker: contact {name!r} is not one of those tracked{nearest(name, self.contacts, 'contact')}")
+        gain, frequency, certified, age, safe, flag, seconds = self._core.replay(postures, [self._states[name] for name in names]).T
+        allowed = safe * self._share
+        return TrackedMotion(gain, frequency, certified > 0, age.astype(int), safe, allowed, np.array(FLAGS)[flag.astype(int)], seconds)
 
     def update_dynamics(self, mass: Floats, jacobians: Sequence[Floats], contact: str, tasks: Sequence[Floats] = ()) -> TrackedLimit:
         """As update, with mass matrix (N, N) and contact Jacobians, each (c, N), of another dynamics library.

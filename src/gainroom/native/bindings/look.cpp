@@ -229,7 +229,7 @@ static nb::object inverses(Array<const Complex, 3> matrices) {
     {
         nb::gil_scoped_release release;
         gainroom::Dense work;
-        std::vector<std::size_t> exchanged;
+        gainroom::Vector<std::size_t> exchanged;
         work.shape(n, n);
         for (std::size_t k = 0; regular && k < count; k++) {
             gainroom::LogDeterminant determinant;

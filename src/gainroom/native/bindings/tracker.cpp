@@ -3,6 +3,7 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
 
+#include <chrono>
 #include <optional>
 
 #include "trees.hpp"
@@ -55,11 +56,11 @@ public:
             require(rows <= robot_.links().most_rows(), "no contact holds more than `rows` directions");
         }
         for (const std::size_t one : switches) require(one < contacts.size(), "switches are contacts");
-        std::vector<gainroom::TaskReading> readings = task_readings(tree, tasks);
+        const std::vector<gainroom::TaskReading> readings = task_readings(tree, tasks);
         std::size_t directions = 0;
         for (const auto& one : readings) directions += one.directions(tree);
         require(directions == robot_.directions(), "tasks have m directions");
-        posture_.emplace(robot_, tree, std::move(states), switches, std::move(readings));
+        posture_.emplace(robot_, tree, states, switches, readings);
     }
 
     nb::tuple update_posture(const Vector& q, std::int64_t contact) {
@@ -70,6 +71,26 @@ public:
             limit = posture_->update(q.data(), std::size_t(contact));
         }
         return answer(limit);
+    }
+
+    // Ticks at postures q (T, nq) in `contacts` (T), one after the other: of each what update_posture answers, and how long it took [s].
+    nb::object replay(const Matrix& q, const std::vector<std::int64_t>& contacts) {
+        const std::size_t ticks = q.shape(0), width = q.shape(1);
+        require(posture_ && width == posture_->tree().positions() && contacts.size() == ticks, "there is a body, and q has the shape (T, nq)");
+        std::vector<double> found(7 * ticks);
+        {
+            nb::gil_scoped_release release;
+            double* to = found.data();
+            for (std::size_t k = 0; k < ticks; k++) {
+                const auto begun = std::chrono::steady_clock::now();
+                const gainroom::Limit limit = posture_->update(q.data() + k * width, std::size_t(contacts[k]));
+                const double taken = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+                for (const double value : {limit.gain, limit.frequency, double(limit.certified), double(limit.age), limit.safe_gain,
+                                           double(limit.flag), taken})
+                    *to++ = value;
+            }
+        }
+        return owned(found.data(), ticks, 7);
     }
 
     void prepare(const std::vector<Strided>& jacobians, std::int64_t contact) {
@@ -84,7 +105,7 @@ public:
     }
 
     nb::tuple lost(int flag, std::int64_t contact) { return answer(tracker().lost(static_cast<gainroom::Flag>(flag), std::size_t(contact))); }
-    nb::object inverse() const { return owned(robot_.posture().data(), joints_.size(), joints_.size()); }
+    nb::object inverse() const { return owned(robot_.posture(), joints_.size(), joints_.size()); }
     double passive_frequency() const { return tracker().passive_frequency(); }
     double alias_left(const Matrix& w, double omega) const {
         require(has_shape(w, joints_.size(), joints_.size()), "w has the shape (n, n)");
@@ -172,6 +193,7 @@ void bind_tracker(nb::module_& m) {
         .def("update", &GainTracker::update, nb::arg("mass"), nb::arg("jacobians"), nb::arg("contact"), nb::arg("tasks") = std::vector<Strided>())
         .def("set_body", &GainTracker::set_body, nb::arg("tree"), nb::arg("contacts"), nb::arg("switches"), nb::arg("tasks"))
         .def("update_posture", &GainTracker::update_posture, nb::arg("q"), nb::arg("contact"))
+        .def("replay", &GainTracker::replay, nb::arg("q"), nb::arg("contacts"))
         .def("prepare", &GainTracker::prepare, nb::arg("jacobians"), nb::arg("contact"))
         .def("update_inverse", &GainTracker::update_inverse, nb::arg("w"), nb::arg("contact"))
         .def("lost", &GainTracker::lost, nb::arg("flag"), nb::arg("contact"))

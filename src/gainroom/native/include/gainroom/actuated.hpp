@@ -90,7 +90,7 @@ private:
         const std::size_t n = size, contacts = contact_stiffness.size();
         Dense &w = work.links, &system = work.system;
         w.resize(n, n);
-        w.re = mobility;
+        w.re.assign(mobility.begin(), mobility.end());
         if (contacts == 0 && !loaded) return true;
         const Complex inverse = over(1.0, s), square = times(inverse, inverse);
         const auto load = [&](std::size_t i, std::size_t j) {

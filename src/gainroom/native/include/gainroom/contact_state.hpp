@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "counts_below.hpp"
 #include "phase_sweep.hpp"
 
@@ -36,9 +36,9 @@ struct ContactState {
     bool slow_needed;
     double farthest, slowest_speed;  // of `reach`, of crossings
     double beside;                   // up to which factor of the lowest crossing others are looked beside
-    std::vector<double> posture;  // at which the crossings are
-    std::vector<TrackedCrossing> pool;
-    std::vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
+    Vector<double> posture;  // at which the crossings are
+    Vector<TrackedCrossing> pool;
+    Vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
     std::size_t count = 0;
     PhaseSweep sweep;  // the count under way, where `sweeping`
     bool sweeping = false, looking = false;      // looking: a search goes along with it
@@ -74,7 +74,7 @@ struct ContactState {
     double reach = farthest;                     // how far above the lowest crossing the next count may be
     double empty_below = 0.0, seek = 0.5;      // factors without unstable roots, and the next one to look at while none is known
     double certified_gain = 0.0, certified_path = 0.0, certified_speed = 0.0;  // what `remembered` goes from, and
-    std::vector<double> certified_posture;
+    Vector<double> certified_posture;
     long certified_at = -1;
     double moved = 0.0;  // how far the robot had moved, in all contact states, when `posture` was the robot's
 

@@ -9,8 +9,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <vector>
 
+#include "block.hpp"
 #include "link_inertia.hpp"
 #include "symmetric_factor.hpp"
 #include "tracked_loop.hpp"
@@ -193,10 +193,10 @@ private:
     }
 
     const JointLaws& laws_;
-    std::vector<JointValue> values_;
-    std::vector<Complex> moved_, extra_;
+    Vector<JointValue> values_;
+    Vector<Complex> moved_, extra_;
     TrackedCrossing trial_;  // one that is looked at
-    std::vector<Factors> factors_;  // of the few crossings that are followed often: all of them would not stay in the cache
+    Vector<Factors> factors_;  // of the few crossings that are followed often: all of them would not stay in the cache
     bool near_ = false, current_ = false;  // whether values_ are those of where the crossing is, nearly and within kExact
     std::uint64_t uses_ = 0;
 };

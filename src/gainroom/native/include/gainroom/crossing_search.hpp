@@ -3,8 +3,8 @@
 
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "crossing_set.hpp"
 
 namespace gainroom {
@@ -45,7 +45,7 @@ protected:
 private:
     static constexpr double kCluster = 1e-3, kDependent = 0.01;  // of crossings that are alike
 
-    void subtract_share(const std::vector<Complex>& known) {
+    void subtract_share(const Vector<Complex>& known) {
         const Complex share = CrossingSet::product(known, trial_.mode);
         for (std::size_t i = 0; i < known.size(); i++) trial_.mode[i] -= times(share, known[i]);
     }

@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "contact_state.hpp"
 
 namespace gainroom {
@@ -97,7 +97,7 @@ public:
         return same_place(old, now) && std::norm(product(old.mode, now.mode)) > 0.99;
     }
 
-    static Complex product(const std::vector<Complex>& a, const std::vector<Complex>& b) {
+    static Complex product(const Vector<Complex>& a, const Vector<Complex>& b) {
         Complex sum = 0.0;
         for (std::size_t i = 0; i < a.size(); i++) sum += times(std::conj(a[i]), b[i]);
         return sum;

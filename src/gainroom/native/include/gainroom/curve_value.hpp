@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "block.hpp"
 #include "dense.hpp"
 #include "directed_loop.hpp"
 
@@ -184,7 +185,7 @@ private:
     std::vector<Complex> law_, change_, row_, column_, loop_matrix_, follow_, growth_;
     Complex sensitivity_;
     Dense matrix_;
-    std::vector<std::size_t> exchanged_;
+    Vector<std::size_t> exchanged_;
 };
 
 }  // namespace gainroom

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <cstddef>
 #include <utility>
-#include <vector>
 
+#include "block.hpp"
 #include "complex.hpp"
 
 namespace gainroom {
@@ -14,7 +14,7 @@ namespace gainroom {
 // A matrix with its real and imaginary parts apart, so that rows are added several entries at a time.
 struct Dense {
     std::size_t rows = 0, columns = 0;
-    std::vector<double> re, im;
+    Vector<double> re, im;
 
     void resize(std::size_t r, std::size_t c) {
         rows = r;
@@ -98,7 +98,7 @@ private:
 };
 
 // A (n, n) → A⁻¹ in its place, by Gauss and Jordan with exchanges of rows; false where it is singular.
-GAINROOM_WIDE inline bool invert(Dense& a, std::vector<std::size_t>& exchanged, LogDeterminant& determinant) {
+GAINROOM_WIDE inline bool invert(Dense& a, Vector<std::size_t>& exchanged, LogDeterminant& determinant) {
     const std::size_t n = a.rows;
     exchanged.resize(n);
     for (std::size_t k = 0; k < n; k++) {
@@ -127,7 +127,7 @@ GAINROOM_WIDE inline bool invert(Dense& a, std::vector<std::size_t>& exchanged, 
 }
 
 // A (n, n) → L below the diagonal, where it is 1, and U of its exchanged rows; false where it is singular.
-GAINROOM_WIDE inline bool factorise(Dense& a, std::vector<std::size_t>& exchanged) {
+GAINROOM_WIDE inline bool factorise(Dense& a, Vector<std::size_t>& exchanged) {
     exchanged.resize(a.rows);
     for (std::size_t k = 0; k < a.rows; k++) {
         std::size_t row = k;
@@ -145,7 +145,7 @@ GAINROOM_WIDE inline bool factorise(Dense& a, std::vector<std::size_t>& exchange
 }
 
 // b (n) → A⁻¹ b, of a matrix that is factorised.
-inline void solve_factorised(const Dense& a, const std::vector<std::size_t>& exchanged, Complex* b) {
+inline void solve_factorised(const Dense& a, const Vector<std::size_t>& exchanged, Complex* b) {
     const std::size_t n = a.rows;
     for (std::size_t k = 0; k < n; k++) std::swap(b[k], b[exchanged[k]]);
     for (std::size_t r = 0; r < n; r++)
@@ -157,7 +157,7 @@ inline void solve_factorised(const Dense& a, const std::vector<std::size_t>& exc
 }
 
 // The same of the transpose: a row b → b A⁻¹.
-inline void solve_transposed(const Dense& a, const std::vector<std::size_t>& exchanged, Complex* b) {
+inline void solve_transposed(const Dense& a, const Vector<std::size_t>& exchanged, Complex* b) {
     const std::size_t n = a.rows;
     for (std::size_t k = 0; k < n; k++) {
         b[k] = over(b[k], a.at(k, k));

@@ -20,6 +20,7 @@
 #include <limits>
 #include <vector>
 
+#include "block.hpp"
 #include "structured_value.hpp"
 
 namespace gainroom {
@@ -253,7 +254,7 @@ private:
     std::vector<double> center_, across_, out_, rest_, rows_, up_, down_, right_;
     std::vector<double> into_, columns_;  // Re b and Im b, Re c and Im c of each mode (m, 2, n)
     double delay_ = 0.0, share_ = 0.0;            // the largest
-    std::vector<std::size_t> first_, exchanged_;  // modes with which groups begin, and the end of the last
+    Vector<std::size_t> first_, exchanged_;  // modes with which groups begin, and the end of the last
     Dense n0_, n1_, n2_, inverse_, u_[3], y_[2], system_, mixed_;
     CheapNorm cheap_;
     StructuredValue value_;

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <cstddef>
 #include <utility>
-#include <vector>
 
+#include "block.hpp"
 #include "complex.hpp"
 
 namespace gainroom {
@@ -67,8 +67,8 @@ public:
         return found;
     }
 
-    bool find(const std::vector<Complex>& a, std::size_t n, Complex* values) {
-        std::vector<double> re(n * n), im(n * n);
+    bool find(const Complex* a, std::size_t n, Complex* values) {
+        Vector<double> re(n * n), im(n * n);
         for (std::size_t k = 0; k < n * n; k++) {
             re[k] = a[k].real();
             im[k] = a[k].imag();
@@ -243,9 +243,9 @@ private:
     }
 
     std::size_t n_ = 0;
-    std::vector<double> re_, im_, form_re_, form_im_, factor_re_, factor_im_;
-    std::vector<Complex> cosine_, sine_;
-    std::vector<std::size_t> exchanged_;
+    Vector<double> re_, im_, form_re_, form_im_, factor_re_, factor_im_;
+    Vector<Complex> cosine_, sine_;
+    Vector<std::size_t> exchanged_;
 };
 
 }  // namespace gainroom

@@ -3,8 +3,8 @@
 
 #include <cstddef>
 #include <cstring>
-#include <vector>
 
+#include "block.hpp"
 #include "processor.hpp"
 
 namespace gainroom {
@@ -45,8 +45,6 @@ GAINROOM_INLINE double sum_of(const Four& a) {
     return (parts[0] + parts[1]) + (parts[2] + parts[3]);
 }
 
-constexpr std::size_t kLine = 64;  // bytes of a line of the cache
-
 // Numbers, 0 at first, of which a Four lies in one line of the cache: one that lies in two takes twice as long.
 class Numbers {
 public:
@@ -60,7 +58,7 @@ private:
     struct alignas(kLine) Line {
         double of[8] = {};
     };
-    std::vector<Line> lines_;
+    Vector<Line> lines_;
 };
 
 // So many numbers are `count`, and those beside them up to whole fours.

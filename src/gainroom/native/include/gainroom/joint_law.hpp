@@ -16,8 +16,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "complex.hpp"
 
 namespace gainroom {
@@ -335,11 +335,11 @@ private:
 
     static constexpr std::size_t kEntries = 385;
     static constexpr int kTerms = 3000;
-    std::vector<JointData> joints_;
+    Vector<JointData> joints_;
     double step_, spacing_ = 0.0;
     bool all_rigid_ = false;
-    std::vector<std::size_t> row_, first_;  // of each joint: its row of the table, and the first joint equal to it
-    std::vector<Complex> table_;
+    Vector<std::size_t> row_, first_;  // of each joint: its row of the table, and the first joint equal to it
+    Vector<Complex> table_;
 };
 
 }  // namespace gainroom

@@ -7,8 +7,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "crossing_follower.hpp"
 #include "four_factors.hpp"
 #include "neighbours.hpp"
@@ -147,11 +147,11 @@ private:
     CrossingFollower follower_;
     Neighbours neighbours_;
     PostureChange change_;
-    std::vector<JointValue> values_;
+    Vector<JointValue> values_;
     SymmetricFactor factor_;
-    std::vector<double> work_;
+    Vector<double> work_;
     FourFactors four_;  // and what it and F are made of, of four frequencies
-    std::vector<double> beta_, beta_omega_, outer_, outer_omega_, whole_;
+    Vector<double> beta_, beta_omega_, outer_, outer_omega_, whole_;
     double product_[kEntry], slope_[kEntry];
 };
 

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <vector>
 
+#include "block.hpp"
 #include "crossing_search.hpp"
 #include "joint_loop.hpp"
 #include "mode_basis.hpp"
@@ -81,7 +81,7 @@ private:
         explicit Loci(const JointLaws& laws) : basis(laws), now(laws.size()), before(laws.size()) {}
 
         ModeBasis basis;
-        std::vector<Complex> now, before;
+        Vector<Complex> now, before;
         double looked_at = 0.0, based_at = -1e300;  // the frequency of `now`; the path at which the modes were begun
         double spent = 0.0;                         // on this count
         std::size_t tries = 0;
@@ -157,7 +157,7 @@ private:
         return trial_.normalize();
     }
 
-    void subtract_mode(const std::vector<Complex>& known) {
+    void subtract_mode(const Vector<Complex>& known) {
         Complex share = 0.0, whole = 0.0;
         for (std::size_t i = 0; i < known.size(); i++) {
             const Complex weighted = times(weight_[i], known[i]);
@@ -183,9 +183,9 @@ private:
     }
 
     JointLoop& loop_;
-    std::vector<JointValue> values_;
-    std::vector<Complex> weight_;
-    std::vector<Loci> loci_;
+    Vector<JointValue> values_;
+    Vector<Complex> weight_;
+    Vector<Loci> loci_;
     std::uint64_t seed_ = 1;
 };
 

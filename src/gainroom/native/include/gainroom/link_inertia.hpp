@@ -8,8 +8,8 @@
 
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "complex.hpp"
 #include "four.hpp"
 
@@ -197,7 +197,7 @@ private:
     }
 
     std::size_t velocities_, joints_, most_, stride_, across_;  // of rows of velocities and of joints: whole fours
-    std::vector<double> root_, pivots_, reach_, held_, shares_, taken_, free_;  // free_: W without contacts, its lower triangle
+    Vector<double> root_, pivots_, reach_, held_, shares_, taken_, free_;  // free_: W without contacts, its lower triangle
     std::size_t rank_ = 0;
     bool known_ = false;
 };

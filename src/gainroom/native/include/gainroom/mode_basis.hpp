@@ -9,8 +9,8 @@
 
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "joint_law.hpp"
 
 namespace gainroom {
@@ -118,10 +118,10 @@ private:
 
     std::size_t size_, row_ = 0, sweeps_ = 0;
     double gain_ = 1.0, turned_ = 0.0;
-    std::vector<double> scale_;
-    std::vector<Complex> push_, give_;
-    std::vector<double> matrix_, vectors_, work_;
-    std::vector<char> mixed_;  // of each pair of joints
+    Vector<double> scale_;
+    Vector<Complex> push_, give_;
+    Vector<double> matrix_, vectors_, work_;
+    Vector<char> mixed_;  // of each pair of joints
 };
 
 }  // namespace gainroom

@@ -10,8 +10,8 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <vector>
 
+#include "block.hpp"
 #include "joint_law.hpp"
 #include "near_pencil.hpp"
 #include "symmetric_factor.hpp"
@@ -219,7 +219,7 @@ private:
     // The same of the root at `omega` + `off` by the span, whose mode is in moved_: the span may tell of one that the loop does not have, and what it
     // has instead is found by inverse iteration, with laws at the frequency where that leads. Where it leads far away there is nothing here.
     bool is_stable(const double* w, double omega, Complex off) {
-        std::vector<Complex>& x = trial_;
+        Vector<Complex>& x = trial_;
         x = moved_;
         for (int k = 0; k < kSettling; k++) {
             omega += off.real();
@@ -254,8 +254,8 @@ private:
 
     const JointLaws& laws_;
     std::size_t size_, used_;
-    std::vector<JointValue> values_;
-    std::vector<Complex> modes_, kept_, moved_, trial_;  // modes by rows, the crossing's own first
+    Vector<JointValue> values_;
+    Vector<Complex> modes_, kept_, moved_, trial_;  // modes by rows, the crossing's own first
     SymmetricFactor factor_;
     NearPencil pencil_, span_;  // at the crossing, and at the peak
     NearPencil::Peak peak_;

@@ -3,8 +3,8 @@
 
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "complex.hpp"
 #include "four.hpp"
 #include "joint_law.hpp"
@@ -38,7 +38,7 @@ public:
 
 private:
     std::size_t stride_;
-    std::vector<double> inverse_root_, change_;  // change_: E, in rows of whole fours
+    Vector<double> inverse_root_, change_;  // change_: E, in rows of whole fours
 };
 
 }  // namespace gainroom

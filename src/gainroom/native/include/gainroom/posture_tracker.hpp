@@ -6,22 +6,21 @@
 #include <utility>
 #include <vector>
 
+#include "block.hpp"
 #include "robot_tracker.hpp"
 #include "tree_dynamics.hpp"
 
 namespace gainroom {
 
-// For one thread at a time. All space is taken here.
+// For one thread at a time. All space is taken here, in the block of `robot`, which has to outlive it.
 class PostureTracker {
 public:
     // contacts   the frames that each contact state of `robot` holds
     // switches   contact states that are kept ready for a switch
     // tasks      in the order of the robot's task gains; none in joint space
-    PostureTracker(RobotTracker& robot, const RigidTree& tree, std::vector<std::vector<HeldFrame>> contacts, std::vector<std::size_t> switches,
-                   std::vector<TaskReading> tasks)
-        : robot_(robot), dynamics_(tree), contacts_(std::move(contacts)), switches_(std::move(switches)), tasks_(std::move(tasks)),
-          mass_(tree.velocities() * tree.velocities()), rows_(robot.links().most_rows() * tree.velocities()),
-          task_rows_(robot.directions() * tree.velocities()), q_(tree.positions()), every_(tasks_.empty() ? kPrepared : kPreparedTasks) {}
+    PostureTracker(RobotTracker& robot, const RigidTree& tree, const std::vector<std::vector<HeldFrame>>& contacts,
+                   const std::vector<std::size_t>& switches, const std::vector<TaskReading>& tasks)
+        : PostureTracker(Block::Filling(robot.block()), robot, tree, contacts, switches, tasks) {}
 
     const RigidTree& tree() const { return dynamics_.tree(); }
 
@@ -40,6 +39,14 @@ public:
     }
 
 private:
+    PostureTracker(const Block::Filling&, RobotTracker& robot, const RigidTree& tree, const std::vector<std::vector<HeldFrame>>& contacts,
+                   const std::vector<std::size_t>& switches, const std::vector<TaskReading>& tasks)
+        : robot_(robot), dynamics_(tree), switches_(switches.begin(), switches.end()), tasks_(tasks.begin(), tasks.end()),
+          mass_(tree.velocities() * tree.velocities()), rows_(robot.links().most_rows() * tree.velocities()),
+          task_rows_(robot.directions() * tree.velocities()), q_(tree.positions()), every_(tasks_.empty() ? kPrepared : kPreparedTasks) {
+        for (const auto& one : contacts) contacts_.emplace_back(one.begin(), one.end());
+    }
+
     // Ticks after which another contact state is made ready, in a quiet one; kLate times as many, in any. From farther away crossings of tasks take
     // longer to follow than a tick has.
     static constexpr std::size_t kPrepared = 8, kPreparedTasks = 3, kLate = 3;
@@ -94,10 +101,10 @@ private:
 
     RobotTracker& robot_;
     TreeDynamics dynamics_;
-    std::vector<std::vector<HeldFrame>> contacts_;
-    std::vector<std::size_t> switches_;
-    std::vector<TaskReading> tasks_;
-    std::vector<double> mass_, rows_, task_rows_, q_;
+    Vector<Vector<HeldFrame>> contacts_;
+    Vector<std::size_t> switches_;
+    Vector<TaskReading> tasks_;
+    Vector<double> mass_, rows_, task_rows_, q_;
     std::size_t every_, waited_ = 0, turn_ = 0;  // see kPrepared; ticks since the last one was made ready; its place in switches_
 };
 

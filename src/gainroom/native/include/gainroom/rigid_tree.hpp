@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "block.hpp"
 #include "pose.hpp"
 
 namespace gainroom {
@@ -38,8 +39,9 @@ public:
     // joints   parents before their children
     // masses   of the base, 0 where it is fixed, then of what each joint moves
     // root     where a fixed base is, or a floating one's origin counts from
-    RigidTree(bool floating, const Pose& root, std::vector<TreeJoint> joints, std::vector<Mass> masses, const Triple& gravity)
-        : floating_(floating), root_(root), joints_(std::move(joints)), masses_(std::move(masses)), gravity_(gravity),
+    RigidTree(bool floating, const Pose& root, const std::vector<TreeJoint>& joints, const std::vector<Mass>& masses,
+              const Triple& gravity)
+        : floating_(floating), root_(root), joints_(joints.begin(), joints.end()), masses_(masses.begin(), masses.end()), gravity_(gravity),
           links_(joints_.size() + 1), sums_(joints_.size() + 1) {
         positions_ = base_positions();
         for (const TreeJoint& joint : joints_) positions_ += joint.continuous ? 2 : 1;
@@ -172,12 +174,12 @@ private:
 
     bool floating_;
     Pose root_;
-    std::vector<TreeJoint> joints_;
-    std::vector<Mass> masses_;
+    Vector<TreeJoint> joints_;
+    Vector<Mass> masses_;
     Triple gravity_;
     std::size_t positions_;
-    std::vector<Pose> links_;
-    std::vector<Mass> sums_;
+    Vector<Pose> links_;
+    Vector<Mass> sums_;
 };
 
 constexpr std::size_t kTwist = 6;  // linear x y z, angular x y z

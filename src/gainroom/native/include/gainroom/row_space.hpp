@@ -7,8 +7,8 @@
 #include <limits>
 #include <memory>
 #include <utility>
-#include <vector>
 
+#include "block.hpp"
 #include "four.hpp"
 
 namespace gainroom {
@@ -16,7 +16,7 @@ namespace gainroom {
 // By rows.
 struct Real {
     std::size_t rows, columns;
-    std::vector<double> entries;
+    Vector<double> entries;
 
     Real() : Real(0, 0) {}
     Real(std::size_t r, std::size_t c) : rows(r), columns(c), entries(r * c) {}
@@ -168,7 +168,7 @@ private:
     struct Tall;  // for a pseudo-inverse of more rows than rank
 
     Real l_, mirrors_;
-    std::vector<std::size_t> order_;
+    Vector<std::size_t> order_;
     std::size_t rank_ = 0;
     double largest_ = 0.0;
     std::unique_ptr<Tall> tall_;
@@ -177,7 +177,7 @@ private:
 struct RowSpace::Tall {
     RowSpace space;
     Real turned, inner;
-    std::vector<double> row;
+    Vector<double> row;
 };
 
 GAINROOM_WIDE inline void RowSpace::inverse_within(Real& inner) {

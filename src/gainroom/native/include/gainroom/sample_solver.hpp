@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "block.hpp"
 #include "complex.hpp"
 #include "dense.hpp"
 #include "directed_loop.hpp"
@@ -122,7 +123,7 @@ private:
     const DirectedLoop& loop_;
     std::size_t m_;
     Dense dense_;
-    std::vector<std::size_t> exchanged_;
+    Vector<std::size_t> exchanged_;
     Eigenvalues eigenvalues_;
     SymmetricEigenvalues symmetric_;
     SymmetricFactor factor_;

@@ -103,7 +103,7 @@ public:
             turned_.resize(n * n);
             for (std::size_t k = 0; k < n * n; k++) turned_[k] = times({m.re[k], m.im[k]}, w_[k % n]);
             double radius = 0.0;
-            if (!eigenvalues_.find(turned_, n, values_.data())) continue;
+            if (!eigenvalues_.find(turned_.data(), n, values_.data())) continue;
             for (const Complex value : values_) radius = std::max(radius, size_of_any(value));
             if (radius > best) {
                 best = radius;

@@ -7,8 +7,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "complex.hpp"
 #include "four.hpp"
 #include "joint_law.hpp"
@@ -39,7 +39,7 @@ GAINROOM_WIDE inline void product(const double* w, const Complex* x, std::size_t
 class SymmetricFactor {
 public:
     explicit SymmetricFactor(std::size_t size)
-        : size_(size), stride_(fours(size)), re_(size * stride_), im_(size * stride_), pivots_(size), inverse_(size) {}
+        : size_(size), stride_(fours(size)), re_(size * stride_), im_(size * stride_), side_(2 * stride_), pivots_(size), inverse_(size) {}
 
     // Numbers that `trace` needs room for.
     static std::size_t room(std::size_t size) { return 2 * (size + 1) * fours(size); }
@@ -52,8 +52,10 @@ public:
     void factor(const double* w, const Value* values) {
         for (std::size_t i = 0; i < size_; i++) {
             double *re = &re_[i * stride_], *im = &im_[i * stride_];
-            for (std::size_t j = 0; j < size_; j++) re[j] = w[i * size_ + j];
-            for (std::size_t j = 0; j < stride_; j++) im[j] = 0.0;
+            for (std::size_t j = 0; j < stride_; j++) {
+                re[j] = j < size_ ? w[i * size_ + j] : 0.0;
+                im[j] = 0.0;
+            }
             re[i] += values[i].beta.real();
             im[i] = values[i].beta.imag();
         }
@@ -64,8 +66,8 @@ public:
     template <class Entry>
     void factor(Entry entry) {
         for (std::size_t i = 0; i < size_; i++)
-            for (std::size_t j = i; j < size_; j++) {
-                const Complex value = entry(i, j);
+            for (std::size_t j = i / 4 * 4; j < stride_; j++) {
+                const Complex value = j < i || j >= size_ ? Complex(0.0) : entry(i, j);
                 re_[i * stride_ + j] = value.real();
                 im_[i * stride_ + j] = value.imag();
             }
@@ -81,14 +83,22 @@ public:
     }
 
     // In place.
-    void solve(Complex* b) const {
-        const std::size_t n = size_;
-        for (std::size_t k = 0; k < n; k++)
-            for (std::size_t j = k + 1; j < n; j++) b[j] -= times(lower(k, j), b[k]);
-        for (std::size_t k = n; k-- > 0;) {
-            Complex sum = times(b[k], inverse_[k]);
-            for (std::size_t j = k + 1; j < n; j++) sum -= times(lower(k, j), b[j]);
-            b[k] = sum;
+    GAINROOM_WIDE void solve(Complex* b) const {
+        double *re = side_.data(), *im = re + stride_;
+        for (std::size_t k = 0; k < size_; k++) {
+            re[k] = b[k].real();
+            im[k] = b[k].imag();
+        }
+        for (std::size_t k = 0; k < size_; k++) {
+            const Complex own(re[k], im[k]);
+            b[k] = times(own, inverse_[k]);
+            subtract(re, im, &re_[k * stride_], &im_[k * stride_], own, k + 1, stride_);
+        }
+        for (std::size_t j = 0; j < 2 * stride_; j++) re[j] = 0.0;
+        for (std::size_t k = size_; k-- > 0;) {
+            b[k] -= product_of_rows(&re_[k * stride_], &im_[k * stride_], re, im, k + 1, stride_);
+            re[k] = b[k].real();
+            im[k] = b[k].imag();
         }
     }
 
@@ -148,6 +158,21 @@ private:
         return {sum_of(whole_re), sum_of(whole_im)};
     }
 
+    // Σ (a_re + j a_im) (b_re + j b_im) from `first` to before `end`, and others with them up to whole fours.
+    GAINROOM_INLINE static Complex product_of_rows(const double* a_re, const double* a_im, const double* b_re, const double* b_im, std::size_t first,
+                                                   std::size_t end) {
+        const double nothing[4] = {};
+        Four re_re = four(nothing), im_im = re_re, re_im = re_re, im_re = re_re;  // one alone would wait for its own sum
+        for (std::size_t j = first / 4 * 4; j < end; j += 4) {
+            const Four p = four(a_re + j), q = four(a_im + j), u = four(b_re + j), v = four(b_im + j);
+            re_re += p * u;
+            im_im += q * v;
+            re_im += p * v;
+            im_re += q * u;
+        }
+        return {sum_of(re_re - im_im), sum_of(re_im + im_re)};
+    }
+
     // L⁻¹ row by row, into `work` and to `use(k, re, im)`: of row k the first k + 1.
     template <class Use>
     void inverted(double* work, Use use) const {
@@ -201,8 +226,9 @@ private:
     }
 
     std::size_t size_, stride_;  // whole fours
-    Numbers re_, im_;  // what is below the diagonal, and beyond the end of a row, is not read
-    std::vector<Complex> pivots_, inverse_;
+    Numbers re_, im_;  // below the diagonal, and beyond the end of a row, are numbers that do not count
+    mutable Numbers side_;  // the one that is solved for
+    Vector<Complex> pivots_, inverse_;
 };
 
 }  // namespace gainroom

@@ -10,6 +10,7 @@
 #include <limits>
 #include <vector>
 
+#include "block.hpp"
 #include "joint_law.hpp"
 #include "task_motion.hpp"
 
@@ -27,7 +28,7 @@ struct TaskStack {
 class TaskGains {
 public:
     TaskGains(const JointLaws& laws, std::size_t velocities, std::size_t rows, const TaskStack& tasks)
-        : laws_(laws), kp_(tasks.kp), kd_(tasks.kd), rotors_(tasks.rotors), motion_(velocities, laws.size(), tasks.sizes, tasks.movable),
+        : laws_(laws), kp_(tasks.kp.begin(), tasks.kp.end()), kd_(tasks.kd.begin(), tasks.kd.end()), rotors_(tasks.rotors), motion_(velocities, laws.size(), tasks.sizes, tasks.movable),
           own_(tasks.rotors ? velocities : 0, tasks.rotors ? laws.size() : 0, tasks.rotors ? rows : 0), mass_(tasks.rotors ? velocities * velocities : 0),
           unused_(tasks.rotors ? laws.size() * laws.size() : 0), jacobians_(motion_.directions() * velocities), rank_(rank(laws.size(), tasks)),
           shares_(2 * rank_ * motion_.directions()), column_(laws.size()) {
@@ -144,13 +145,13 @@ private:
     }
 
     const JointLaws& laws_;
-    std::vector<double> kp_, kd_;
+    Vector<double> kp_, kd_;
     bool rotors_;
     TaskMotion motion_;
     LinkInertia own_;  // of the controller's model, where that is another
-    std::vector<double> mass_, unused_, jacobians_;
+    Vector<double> mass_, unused_, jacobians_;
     std::size_t rank_;
-    std::vector<double> shares_, inverse_root_, column_;
+    Vector<double> shares_, inverse_root_, column_;
 };
 
 }  // namespace gainroom

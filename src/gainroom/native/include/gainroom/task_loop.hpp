@@ -20,8 +20,8 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <vector>
 
+#include "block.hpp"
 #include "dense.hpp"
 #include "eigenvalues.hpp"
 #include "posture_change.hpp"
@@ -50,7 +50,7 @@ public:
     const Dense& slope() const { return matrix_.slope(); }
     // Of M there (r); false where there are none. They stay where they are until the next call.
     bool find_eigenvalues() { return solver_.find(matrix().re.data(), matrix().im.data(), rank_, eigenvalues_.data()); }
-    const std::vector<Complex>& eigenvalues() const { return eigenvalues_; }
+    const Vector<Complex>& eigenvalues() const { return eigenvalues_; }
 
     std::size_t posture_size() const override { return size(size_, rank_); }
     static std::size_t size(std::size_t joints, std::size_t rank) { return 2 * joints * joints + joints * rank + 2 * rank * rank; }
@@ -332,7 +332,7 @@ private:
     }
 
     // To the size √½, and turned by `turn` of size one.
-    static bool scaled(std::vector<Complex>& vector, Complex turn) {
+    static bool scaled(Vector<Complex>& vector, Complex turn) {
         double size = 0.0;
         for (const Complex one : vector) size += std::norm(one);
         if (!(size > 0.0) || !std::isfinite(size)) return false;
@@ -364,10 +364,10 @@ private:
     std::size_t size_, rank_;
     double corner_, lowest_, slowest_, gain_ = 0.0, omega_ = 0.0;
     PostureChange change_;
-    std::vector<OpenValue> values_;
+    Vector<OpenValue> values_;
     Dense inverse_;
-    std::vector<Complex> y_, z_, eigenvalues_, copy_;
-    std::vector<std::size_t> exchanged_;
+    Vector<Complex> y_, z_, eigenvalues_, copy_;
+    Vector<std::size_t> exchanged_;
     Eigenvalues solver_;
 };
 

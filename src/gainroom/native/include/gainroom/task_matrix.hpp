@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "dense.hpp"
 #include "joint_law.hpp"
 #include "symmetric_factor.hpp"
@@ -196,8 +196,8 @@ private:
     bool alike_;
     std::size_t size_, rank_, stride_;  // whole fours
     SymmetricFactor factor_;
-    std::vector<OpenValue> values_;
-    std::vector<double> q_, gains_;  // Q (n, r); R_p and R_v, rows in whole fours
+    Vector<OpenValue> values_;
+    Vector<double> q_, gains_;  // Q (n, r); R_p and R_v, rows in whole fours
     Dense left_, right_, mobility_, by_row_, by_mode_, seen_, seen_omega_;  // likewise: V, what S is made of, S
     Dense loop_, loop_omega_;
 };

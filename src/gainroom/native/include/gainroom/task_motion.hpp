@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "block.hpp"
 #include "link_inertia.hpp"
 #include "row_space.hpp"
 
@@ -18,8 +19,8 @@ namespace gainroom {
 class TaskMotion {
 public:
     // movable: as MOVABLE in robot/tasks.py
-    TaskMotion(std::size_t velocities, std::size_t joints, std::vector<std::size_t> sizes, double movable)
-        : velocities_(velocities), joints_(joints), sizes_(std::move(sizes)), movable_(movable), ranks_(sizes_.size()), axis_(velocities) {
+    TaskMotion(std::size_t velocities, std::size_t joints, const std::vector<std::size_t>& sizes, double movable)
+        : velocities_(velocities), joints_(joints), sizes_(sizes.begin(), sizes.end()), movable_(movable), ranks_(sizes_.size()), axis_(velocities) {
         std::size_t most = 0;
         for (const std::size_t size : sizes_) {
             directions_ += size;
@@ -39,7 +40,7 @@ public:
     // E (n, m), X (n, m), and how many directions of each task the joints can move.
     const Real& jacobian() const { return jacobian_; }
     const Real& torque() const { return torque_; }
-    const std::vector<std::size_t>& ranks() const { return ranks_; }
+    const Vector<std::size_t>& ranks() const { return ranks_; }
 
     // With `links` at a mass matrix and held directions, `tasks` their Jacobians (m, N), one below the other. False where a result is not finite.
     GAINROOM_WIDE bool compute(const LinkInertia& links, const double* tasks) {
@@ -125,10 +126,10 @@ private:
     }
 
     std::size_t velocities_, joints_, directions_ = 0;
-    std::vector<std::size_t> sizes_;
+    Vector<std::size_t> sizes_;
     double movable_;
-    std::vector<std::size_t> ranks_;
-    std::vector<double> axis_;
+    Vector<std::size_t> ranks_;
+    Vector<double> axis_;
     RowSpace space_, reach_;
     Real reached_, inner_, felt_, force_, taken_, left_, asked_, back_, jacobian_, torque_;
 };

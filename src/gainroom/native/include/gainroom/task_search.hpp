@@ -4,8 +4,8 @@
 
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "crossing_search.hpp"
 #include "task_loop.hpp"
 
@@ -121,9 +121,9 @@ private:
     }
 
     TaskLoop& loop_;
-    std::vector<double> looked_at_;
-    std::vector<Complex> values_;
-    std::vector<std::size_t> exchanged_;
+    Vector<double> looked_at_;
+    Vector<Complex> values_;
+    Vector<std::size_t> exchanged_;
     Dense matrix_, slope_, inverse_;
 };
 

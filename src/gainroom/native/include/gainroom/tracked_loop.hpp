@@ -8,8 +8,8 @@
 #include <cstdint>
 #include <limits>
 #include <utility>
-#include <vector>
 
+#include "block.hpp"
 #include "complex.hpp"
 
 namespace gainroom {
@@ -27,13 +27,13 @@ struct TrackedCrossing {
     bool converged = false;
     std::uint64_t factored = 0;  // which factors of the CrossingFollower are its own, if they are still there
     double omega_before = 0.0, gain_before = 0.0, stride = 0.0;  // where it was one step before, and the path of that step; 0: not known
-    std::vector<Complex> mode, before;
+    Vector<Complex> mode, before;
     bool clear = false;  // nothing beside it is unstable at factors up to the lowest crossing's, see `clear_below`
     double clear_at = 0.0, clear_for = 0.0;  // the path at which that was seen, and for how much more of it that is taken to hold
     long clear_tick = 0;                                     // the tick at which it was
     bool clear_as_lowest = false, clear_anew = false;        // whether it was the lowest then; whether with modes that were not known before
     bool has_beside = false;
-    std::vector<Complex> beside;  // other modes about its frequency, where they are known
+    Vector<Complex> beside;  // other modes about its frequency, where they are known
 
     // A start at a place, with a mode that is to be filled in.
     void begin(double at, double factor) {
@@ -45,7 +45,7 @@ struct TrackedCrossing {
     }
 
     // Where it will be after `ahead` more of the path, if it goes on as before.
-    void extrapolate(double ahead, double& omega_then, double& gain_then, std::vector<Complex>& mode_then) const {
+    void extrapolate(double ahead, double& omega_then, double& gain_then, Vector<Complex>& mode_then) const {
         const double share = stride > 0.0 && ahead < 3.0 * stride ? ahead / stride : 0.0;
         omega_then = omega + share * (omega - omega_before);
         gain_then = gain + share * (gain - gain_before);

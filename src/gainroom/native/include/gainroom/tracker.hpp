@@ -14,8 +14,8 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <vector>
 
+#include "block.hpp"
 #include "contact_state.hpp"
 #include "crossing_search.hpp"
 #include "crossing_set.hpp"
@@ -330,7 +330,7 @@ private:
     TrackedLoop& loop_;
     CrossingSet& known_;
     CrossingSearch& search_;
-    std::vector<State> states_;
+    Vector<State> states_;
     double prepared_;    // slices for another contact state
     double work_ = 0.0;  // of the last tick
     double moved_ = 0.0;  // how far the robot has moved in all

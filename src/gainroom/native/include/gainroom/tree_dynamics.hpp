@@ -7,8 +7,8 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
-#include <vector>
 
+#include "block.hpp"
 #include "rigid_tree.hpp"
 
 namespace gainroom {
@@ -142,8 +142,8 @@ private:
 
     RigidTree tree_;
     Rotation base_axes_{};
-    std::vector<Carried> carried_;         // of each link
-    std::vector<Twist> motions_, momenta_;  // of each joint at unit rate
+    Vector<Carried> carried_;         // of each link
+    Vector<Twist> motions_, momenta_;  // of each joint at unit rate
 };
 
 }  // namespace gainroom
