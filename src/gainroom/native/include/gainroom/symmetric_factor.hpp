@@ -66,8 +66,8 @@ public:
     template <class Entry>
     void factor(Entry entry) {
         for (std::size_t i = 0; i < size_; i++)
-            for (std::size_t j = i / 4 * 4; j < stride_; j++) {
-                const Complex value = j < i || j >= size_ ? Complex(0.0) : entry(i, j);
+            for (std::size_t j = i; j < stride_; j++) {
+                const Complex value = j < size_ ? entry(i, j) : Complex(0.0);
                 re_[i * stride_ + j] = value.real();
                 im_[i * stride_ + j] = value.imag();
             }
@@ -94,11 +94,16 @@ public:
             b[k] = times(own, inverse_[k]);
             subtract(re, im, &re_[k * stride_], &im_[k * stride_], own, k + 1, stride_);
         }
-        for (std::size_t j = 0; j < 2 * stride_; j++) re[j] = 0.0;
-        for (std::size_t k = size_; k-- > 0;) {
-            b[k] -= product_of_rows(&re_[k * stride_], &im_[k * stride_], re, im, k + 1, stride_);
-            re[k] = b[k].real();
-            im[k] = b[k].imag();
+        for (std::size_t end = stride_; end > 0; end -= 4) {  // four at a time: they are read back as a whole
+            const std::size_t last = std::min(end, size_);
+            for (std::size_t k = last; k-- > end - 4;) {
+                b[k] -= product_of_rows(&re_[k * stride_], &im_[k * stride_], re, im, end, stride_);
+                for (std::size_t j = k + 1; j < last; j++) b[k] -= times(lower(k, j), b[j]);
+            }
+            for (std::size_t k = end - 4; k < end; k++) {
+                re[k] = k < last ? b[k].real() : 0.0;
+                im[k] = k < last ? b[k].imag() : 0.0;
+            }
         }
     }
 
@@ -158,12 +163,12 @@ private:
         return {sum_of(whole_re), sum_of(whole_im)};
     }
 
-    // Σ (a_re + j a_im) (b_re + j b_im) from `first` to before `end`, and others with them up to whole fours.
+    // Σ (a_re + j a_im) (b_re + j b_im) from `first` to before `end`, both whole fours.
     GAINROOM_INLINE static Complex product_of_rows(const double* a_re, const double* a_im, const double* b_re, const double* b_im, std::size_t first,
                                                    std::size_t end) {
         const double nothing[4] = {};
         Four re_re = four(nothing), im_im = re_re, re_im = re_re, im_re = re_re;  // one alone would wait for its own sum
-        for (std::size_t j = first / 4 * 4; j < end; j += 4) {
+        for (std::size_t j = first; j < end; j += 4) {
             const Four p = four(a_re + j), q = four(a_im + j), u = four(b_re + j), v = four(b_im + j);
             re_re += p * u;
             im_im += q * v;
@@ -226,7 +231,7 @@ private:
     }
 
     std::size_t size_, stride_;  // whole fours
-    Numbers re_, im_;  // below the diagonal, and beyond the end of a row, are numbers that do not count
+    Numbers re_, im_;  // what is below the diagonal is not read; beyond the end of a row are zeros
     mutable Numbers side_;  // the one that is solved for
     Vector<Complex> pivots_, inverse_;
 };
