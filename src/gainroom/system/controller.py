@@ -78,9 +78,10 @@ class Controller:
         """
         for name in self.gain_names():
             gain = gain_matrix(f"{type(self).__name__}: {name}", getattr(self, name), size)
-            if np.array_equal(gain, gain.T):
-                lowest = float(np.linalg.eigvalsh(gain)[0])
-                if lowest < -1e-9 * np.abs(gain).max():  # far above what round-off leaves of gains in operational space
+            apart = np.ndim(getattr(self, name)) < 2  # then its eigenvalues are its entries
+            if apart or np.array_equal(gain, gain.T):
+                lowest = float(np.diagonal(gain).min() if apart else np.linalg.eigvalsh(gain)[0])
+                if lowest < 0 and lowest < -1e-9 * np.abs(gain).max():  # far above what round-off leaves of gains in operational space
                     raise GainroomError(f"{type(self).__name__}: {name} with an eigenvalue of {lowest:.4g} must be >= 0 on every joint")
 
     def terms(self) -> Terms:
@@ -369,7 +370,9 @@ def gain_matrix(name: str, gain: ArrayLike, size: int) -> Floats:
     if gain.ndim == 2 and gain.shape == (size, size):
         return gain
     if gain.ndim == 0 or gain.shape == (size,):
-        return np.diag(np.broadcast_to(gain, (size,)))
+        matrix = np.zeros((size, size))
+        matrix.reshape(-1)[:: size + 1] = gain
+        return matrix
     raise GainroomError(f"{name} of shape {gain.shape} must be a number, ({size},) or ({size}, {size})")
 
 

@@ -14,4 +14,6 @@ Booleans: TypeAlias = NDArray[Any]
 def distinct(values: Floats) -> Floats:
     """The different ones of `values`, sorted: np.unique without numpy.ma, whose import takes as long as half of numpy."""
     ordered = np.sort(values, axis=None)
-    return ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]]
+    first = np.ones(len(ordered), dtype=bool)
+    np.not_equal(ordered[1:], ordered[:-1], out=first[1:])
+    return ordered[first]
