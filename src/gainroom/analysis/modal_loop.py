@@ -6,6 +6,7 @@ Known for gains of joints or of directions, with encoders on the motors' side (n
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -78,7 +79,7 @@ class ModalLoop:
             return None
         plant, drives, torque, twofold = parts.plant.modes, parts.drives, None, False
         terms = {powers: gain_matrix("gain", gain, loop.size) for powers, gain in parts.controller.terms().items()}
-        if plant is None:
+        if plant is None or not terms:
             return None
         modes = plant
         gains = {powers: np.diagonal(gain) for powers, gain in terms.items()}
@@ -95,17 +96,24 @@ class ModalLoop:
             torque = np.eye(loop.size)[:, acting]
             modes, gains = plant.along(torque.T), {powers: gain[acting] for powers, gain in gains.items()}
             drives = tuple(drive for drive, acts in zip(drives, acting, strict=True) if acts)
-        channels = [law.reduced if np.any(law.poles == 0) else law for law in parts.controller.apart(gains, step)]
-        laws = Laws.of(channels * (2 if twofold else 1), loop.gain)
-        if np.any(laws.gains <= 0) or np.any((growth(laws.poles, step) >= 0) & (laws.poles != 0)):
+        channels = parts.controller.apart(gains, step)
+        shared = channels[0].poles  # by all of them
+        if np.any((growth(shared, step) >= 0) & (shared != 0)):
+            return None
+        if np.any(shared == 0):
+            channels = [law.reduced for law in channels]
+        behind: list[Factored] = []
+        if step is None:
+            currents = {drive: current_loop(drive) for drive in set(drives)}
+            behind = [currents[drive] for drive in drives]
+        laws = Laws.of(channels * (2 if twofold else 1), loop.gain, behind)
+        if np.any(laws.gains <= 0):
             return None
         corners, first, delays = np.abs(modes.poles.imag), drives[0], np.array([drive.delay for drive in drives])
         core = mode_functions(parts, modes, twofold)
         if core is None:
             return None
         if step is None:
-            currents = {drive: current_loop(drive) for drive in set(drives)}
-            laws = laws.times([currents[drive] for drive in drives])
             late, lag, turning = delays, 0.0, 0.0
         else:
             whole, part = split_delay(delays, step)
@@ -290,23 +298,17 @@ class Laws:
     gains: Floats
 
     @classmethod
-    def of(cls, laws: Sequence[Factored], factor: float = 1.0) -> "Laws":
-        """With all gains times `factor`."""
+    def of(cls, laws: Sequence[Factored], factor: float, behind: Sequence[Factored]) -> "Laws":
+        """With all gains times `factor`; `behind`: what follows each law, or nothing."""
+        gains, parts = factor * np.array([law.gain for law in laws]), [(law,) for law in laws]
+        if behind:
+            gains, parts = gains * np.array([one.gain for one in behind]), list(zip(laws, behind, strict=True))
         return cls(
-            np.concatenate([law.zeros for law in laws]).astype(complex),
-            np.concatenate([law.poles for law in laws]).astype(complex),
-            np.array([[len(law.zeros), len(law.poles)] for law in laws]),
-            factor * np.array([law.gain for law in laws]),
+            np.concatenate([one.zeros for part in parts for one in part]).astype(complex, copy=False),
+            np.concatenate([one.poles for part in parts for one in part]).astype(complex, copy=False),
+            np.array([[sum(len(one.zeros) for one in part), sum(len(one.poles) for one in part)] for part in parts]),
+            gains,
         )
-
-    def times(self, others: Sequence[Factored]) -> "Laws":
-        """Joint by joint multiplied."""
-        other = Laws.of(others)
-        zeros, poles = (
-            np.concatenate([own, more])[np.argsort(np.concatenate([self._owners(k), other._owners(k)]), kind="stable")]
-            for k, (own, more) in enumerate([(self.zeros, other.zeros), (self.poles, other.poles)])
-        )
-        return Laws(zeros, poles, self.counts + other.counts, self.gains * other.gains)
 
     def turns(self) -> tuple[Floats, Floats]:
         """(n,) d arg/dω at ω = 0 [s], and the same with all zeros and poles of one sign; infinite where one is there."""
@@ -341,11 +343,12 @@ class Laws:
 
     def _sum(self, zeros: Floats, poles: Floats, sign: int) -> Floats:
         """(n,) Σ over each law's zeros + `sign` Σ over its poles."""
-        total = np.zeros(len(self.gains), dtype=np.result_type(zeros, poles, float))
-        np.add.at(total, self._owners(0), zeros)
-        np.add.at(total, self._owners(1), sign * poles)
+        parts = np.concatenate([zeros, sign * poles])
+        total = np.zeros(len(self.gains), dtype=np.result_type(parts, float))
+        np.add.at(total, self._owners, parts)
         return total
 
-    def _owners(self, kind: int) -> Integers:
-        """Whose each zero (0) or pole (1) is."""
-        return np.repeat(np.arange(len(self.gains)), self.counts[:, kind])
+    @cached_property
+    def _owners(self) -> Integers:
+        """Whose each zero is, and each pole."""
+        return np.concatenate([np.repeat(np.arange(len(self.gains)), counts) for counts in self.counts.T])

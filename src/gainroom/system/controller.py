@@ -28,7 +28,7 @@ from ..errors import GainroomError, one_line, require_finite
 from .filters import LowPass, Notch, Ratio, filtered_velocity, integrator, notch_product, value_of
 from .linear.arrays import Complexes, Floats
 from .linear.lti import factored_from
-from .linear.transfer_function import Factored, ratio
+from .linear.transfer_function import Factored, polynomials_times, ratio
 
 Terms = dict[tuple[int, int], Floats]
 """Gains by (power of V, power of I)."""
@@ -166,7 +166,7 @@ class Controller:
         parts, denominator = self._polynomials(terms, sample_time)
         numerators = sum((np.outer(gain, part) for gain, part in zip(terms.values(), parts, strict=True)), np.zeros((1, 1)))
         shared = self.shaping(sample_time) * ratio([1.0], denominator, sample_time)
-        return [ratio(numerator, [1.0], sample_time) * shared for numerator in numerators]
+        return polynomials_times(numerators, shared)
 
     def _polynomials(self, terms: Terms, sample_time: float | None) -> tuple[Floats, Floats]:
         """What each term's gain multiplies in a common numerator (terms, k), highest power first, and the denominator."""

@@ -108,11 +108,12 @@ def _roots(poly: list[float]) -> Complexes:
     trimmed = list(poly)
     while trimmed[-1] == 0:
         trimmed.pop()
-    at_zero = np.zeros(len(poly) - len(trimmed), dtype=complex)
+    zeros = len(poly) - len(trimmed)
+    if len(trimmed) == 2:
+        return np.array([0.0] * zeros + [-trimmed[1] / trimmed[0]], dtype=complex)
+    at_zero = np.zeros(zeros, dtype=complex)
     if len(trimmed) == 1:
         return at_zero
-    if len(trimmed) == 2:
-        return np.array([0.0] * len(at_zero) + [-trimmed[1] / trimmed[0]], dtype=complex)
     if len(trimmed) == 3:
         a, b, c = np.array(trimmed)
         discriminant = b * b - 4 * a * c
@@ -129,7 +130,11 @@ def _roots(poly: list[float]) -> Complexes:
 
 
 def _without_leading_zeros(coefficients: ArrayLike) -> list[float]:
-    poly = np.asarray(coefficients, dtype=float).ravel().tolist()
+    return _begun(np.asarray(coefficients, dtype=float).ravel().tolist())
+
+
+def _begun(poly: list[float]) -> list[float]:
+    """From the first coefficient on that is not 0."""
     first = next((k for k, one in enumerate(poly) if one != 0), len(poly))
     return poly[first:]
 
@@ -147,3 +152,12 @@ def ratio(numerator: ArrayLike, denominator: ArrayLike, sample_time: float | Non
         return Factored(_NO_ROOTS, _roots(den), 0.0, 0.0, sample_time)
     zeros, poles = _roots(num), _roots(den)
     return Factored(zeros, poles, num[0] / den[0], 0.0, sample_time)
+
+
+def polynomials_times(numerators: Floats, shared: Factored) -> list[Factored]:
+    """Each of the polynomials `numerators` (m, k) in v, highest power first, times `shared`, whose poles none of them has to make anew."""
+    found = []
+    for num in map(_begun, numerators.tolist()):
+        zeros = np.concatenate([_roots(num) if num else _NO_ROOTS, shared.zeros])
+        found.append(Factored(zeros, shared.poles, num[0] * shared.gain if num else 0.0, shared.delay, shared.sample_time))
+    return found
