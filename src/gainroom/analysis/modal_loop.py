@@ -156,7 +156,7 @@ class ModalLoop:
 
     def _crossings(self, grid: Floats, start: float, stop: float, counting: bool) -> "Crossings | None":
         """The same from intervals (k,) that are begun with."""
-        bases = self._rigid_bases(np.sqrt(grid[1:] * grid[:-1]))
+        bases = self._rigid_bases(grid)
         proved, places, vectors, undecided, turns = self.core.limit(grid, start, stop, NUDGE, NARROWEST, self.passive, counting, bases)
         way = math.copysign(1.0, stop - start)
         before = float(places[0, 1]) * (1 - NUDGE) ** way if len(places) else stop
@@ -228,11 +228,15 @@ class ModalLoop:
             left, right = ((root[:, :, None] * one * turn[:, None]).swapaxes(1, 2) for one in (left, right))
         return np.ascontiguousarray(right) if self.folds == 1 else _in_pairs(left, right)
 
-    def _rigid_bases(self, omega: Floats) -> Complexes:
-        """(k, n, n) likewise of Y M₀ X and diag(|d|), where F is not symmetric: mostly real, and what L is as long as nothing resonates."""
+    def _rigid_bases(self, grid: Floats) -> Complexes:
+        """(k, n, n) likewise of Y M₀ X and diag(|d|) in the middle of each interval, where F is not symmetric, else (0, n, n).
+
+        Mostly real, and what L is as long as nothing resonates.
+        """
         size = len(self.modes.rigid) // self.folds
         if self.folds == 1:
             return np.empty((0, size, size), dtype=complex)
+        omega = np.sqrt(grid[1:] * grid[:-1])
         rigid = self.modes.rigid[:size, :size] - 1j * self.modes.rigid[:size, size:]
         root = 1 / np.sqrt(np.abs(self.core.responses(omega)[1][:, :size]))
         right = np.linalg.eig(root[:, :, None] * np.real(rigid) * root[:, None])[1]
@@ -241,9 +245,12 @@ class ModalLoop:
 
     def _grid(self, low: float, high: float, factor: float) -> Floats:
         """From `low` to `high` in steps no longer than `factor`, with every corner."""
-        grid = np.geomspace(low, high, 2 + int(np.log(high / low) / np.log(factor)))
+        grid = 10.0 ** np.linspace(np.log10(low), np.log10(high), 2 + int(math.log(high / low) / math.log(factor)))
+        grid[0], grid[-1] = low, high
         grid = distinct(np.concatenate([grid, self.corners[(self.corners > low) & (self.corners < high)]]))
-        grid = grid[np.append(np.diff(grid) > NARROWEST * grid[1:], True)]
+        wide = np.ones(len(grid), dtype=bool)
+        np.greater(grid[1:] - grid[:-1], NARROWEST * grid[1:], out=wide[:-1])
+        grid = grid[wide]
         grid[0] = low
         return grid
 

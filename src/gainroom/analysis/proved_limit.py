@@ -172,7 +172,7 @@ def _leads_from(modal: ModalLoop, delay: float = 0.0) -> float | None:
     if not len(corners) or not math.isfinite(most) or not np.all(modal.leads - delay > LEAST_LEAD * (modal.turns + delay)):
         return None
     low = LOW * min(float(corners.min()), 1 / most)
-    return low if np.all((modal.response(np.array([low]))[1] * np.exp(1j * low * delay)).real > 0) else None
+    return low if np.all((modal.core.responses(np.array([low]))[1] * np.exp(1j * low * delay)).real > 0) else None
 
 
 def _quiet(modal: ModalLoop, highest: float) -> float | None:
