@@ -4,8 +4,8 @@
 //
 //   φ φᵀ f + φ̄ φ̄ᵀ f' = (a aᵀ − b bᵀ) S + (a bᵀ + b aᵀ) D;
 //
-// one with a real φ has b = 0 and S = f, any other S = f, D = jf. Matrices are upper triangles in rows of `stride`, a multiple of BLOCK:
-// sums over all terms are taken BLOCK entries at a time, as processors do.
+// one with a real φ has b = 0 and S = f, any other S = f, D = jf. Matrices are upper triangles in rows of `stride`, whole fours, of which what is
+// below the diagonal is not to be read: sums over all terms are taken four or eight entries at a time, as processors do.
 #pragma once
 
 #include <algorithm>
@@ -18,16 +18,15 @@ namespace gainroom {
 
 class ModeSum {
    public:
-    static constexpr std::size_t kBlock = 8;
     const std::size_t size, stride;
 
-    explicit ModeSum(const ModalLoop& loop) : size(loop.size), stride((loop.size + kBlock - 1) / kBlock * kBlock), loop_(loop) {
+    explicit ModeSum(const ModalLoop& loop) : size(loop.size), stride(fours(loop.size)), loop_(loop) {
         rigid_real_.resize(size * stride);
         rigid_imaginary_.resize(size * stride);
         made_of_.resize(loop.modes * stride);
         functions_.resize(loop.modes);
         for (auto* part : {&a_, &b_, &share_}) part->resize(loop.modes * stride);
-        for (auto* part : {&p_re_, &p_im_, &q_re_, &q_im_}) part->resize(loop.modes);
+        moving_.resize(loop.modes);
         for (auto* part : {&s_, &d_}) part->resize(loop.modes);
         bends_.resize(loop.modes);
         twin_.resize(loop.modes);
@@ -105,30 +104,20 @@ class ModeSum {
             d_[t] = times({0.0, 1.0}, f - other);
         }
         for (std::size_t i = 0; i < size; i++) {
-            moving_.clear();
+            std::size_t count = 0;
             for (std::size_t t = 0; t < terms_; t++) {
                 const double a = a_[t * stride + i], b = b_[t * stride + i];
                 if (a == 0 && b == 0) continue;  // modes of other limbs, where those do not feel each other
                 const Complex p = s_[t] * a + d_[t] * b, q = d_[t] * a - s_[t] * b;
-                p_re_[moving_.size()] = p.real();
-                p_im_[moving_.size()] = p.imag();
-                q_re_[moving_.size()] = q.real();
-                q_im_[moving_.size()] = q.imag();
-                moving_.push_back(t);
+                moving_[count++] = {t * stride, p.real(), p.imag(), q.real(), q.imag()};
             }
-            for (std::size_t first = i / kBlock * kBlock; first < stride; first += kBlock) {
-                double re[kBlock], im[kBlock];
-                for (std::size_t j = 0; j < kBlock; j++) {
-                    const double x = rigid_real_[i * stride + first + j], y = rigid_imaginary_[i * stride + first + j];
-                    re[j] = x * f0.real() - y * f0.imag();
-                    im[j] = x * f0.imag() + y * f0.real();
-                }
-                if (real_)
-                    add_real(first, re, im);
+            for (std::size_t first = i / 4 * 4; first < stride;) {
+                const bool eight = first + 8 <= stride;
+                if (eight)
+                    add<2>(i * stride, first, count, f0, real, imaginary);
                 else
-                    add_all(first, re, im);
-                std::copy(re, re + kBlock, real + i * stride + first);
-                std::copy(im, im + kBlock, imaginary + i * stride + first);
+                    add<1>(i * stride, first, count, f0, real, imaginary);
+                first += eight ? 8 : 4;
             }
         }
         return f0;
@@ -148,19 +137,17 @@ class ModeSum {
                 for (std::size_t i = 0; i < size; i++) out[i * stride + i] += bend(t) * share_[t * stride + i];
         }
         for (std::size_t i = 0; i < size && large > 0; i++)
-            for (std::size_t first = i / kBlock * kBlock; first < stride; first += kBlock) {
-                const double nothing[kBlock] = {};
-                Four low = four(nothing), high = low;
+            for (std::size_t first = i / 4 * 4; first < stride; first += 4) {
+                const double nothing[4] = {};
+                Four sum = four(nothing);
                 for (std::size_t l = 0; l < large; l++) {
                     const double *a = &a_[large_[l] * stride], *b = &b_[large_[l] * stride];
                     if (a[i] == 0 && b[i] == 0) continue;
                     const double p = bend(large_[l]) * a[i], q = bend(large_[l]) * b[i];
-                    low += p * four(a + first) + q * four(b + first);
-                    high += p * four(a + first + 4) + q * four(b + first + 4);
+                    sum += p * four(a + first) + q * four(b + first);
                 }
                 double* row = out + i * stride + first;
-                put(row, four(row) + low);
-                put(row + 4, four(row + 4) + high);
+                put(row, four(row) + sum);
             }
     }
 
@@ -182,8 +169,11 @@ class ModeSum {
     std::vector<double> a_, b_, share_, largest_share_;  // φ = a + jb (terms, stride); row sums of |φ φᵀ|
     std::vector<double> bends_;
     std::vector<Complex> functions_, s_, d_;
-    std::vector<double> p_re_, p_im_, q_re_, q_im_;
-    std::vector<std::size_t> moving_;         // terms of a row that are not 0
+    struct Moving {
+        std::size_t at;  // where its φ begins
+        double p_re, p_im, q_re, q_im;
+    };
+    std::vector<Moving> moving_;  // terms of a row that are not 0
     std::vector<std::size_t> first_, large_;  // f's of each term: this one, and the next where it has a twin
     std::vector<bool> twin_;
     std::size_t terms_ = 0;
@@ -215,7 +205,6 @@ class ModeSum {
     void finish(bool complex) {
         real_ = !complex && loop_.pairs() && !loop_.twofold;
         large_.resize(terms_);
-        moving_.reserve(terms_);
         largest_share_.assign(terms_, 0.0);
         rigid_spread_.assign(size, 0.0);
         for (std::size_t i = 0; i < size; i++)
@@ -231,37 +220,36 @@ class ModeSum {
         }
     }
 
-    void add_real(std::size_t first, double* re, double* im) const {
-        Four r0 = four(re), r1 = four(re + 4), i0 = four(im), i1 = four(im + 4);
-        for (std::size_t t = 0; t < moving_.size(); t++) {
-            const double *a = &a_[moving_[t] * stride + first], x = p_re_[t], y = p_im_[t];
-            const Four a0 = four(a), a1 = four(a + 4);
-            r0 += x * a0;
-            r1 += x * a1;
-            i0 += y * a0;
-            i1 += y * a1;
+    // Entries from `first` on of the row that begins at `row`, `fours` times four: of M₀, and of the first `count` that move it.
+    template <std::size_t fours>
+    GAINROOM_INLINE void add(std::size_t row, std::size_t first, std::size_t count, Complex f0, double* real, double* imaginary) const {
+        Four re[fours], im[fours];
+        for (std::size_t m = 0; m < fours; m++) {
+            const Four x = four(&rigid_real_[row + first + 4 * m]), y = four(&rigid_imaginary_[row + first + 4 * m]);
+            re[m] = f0.real() * x - f0.imag() * y;
+            im[m] = f0.imag() * x + f0.real() * y;
         }
-        put(re, r0);
-        put(re + 4, r1);
-        put(im, i0);
-        put(im + 4, i1);
-    }
-
-    void add_all(std::size_t first, double* re, double* im) const {
-        Four r0 = four(re), r1 = four(re + 4), i0 = four(im), i1 = four(im + 4);
-        for (std::size_t t = 0; t < moving_.size(); t++) {
-            const double *a = &a_[moving_[t] * stride + first], *b = &b_[moving_[t] * stride + first];
-            const double x = p_re_[t], y = p_im_[t], u = q_re_[t], v = q_im_[t];
-            const Four a0 = four(a), a1 = four(a + 4), b0 = four(b), b1 = four(b + 4);
-            r0 += x * a0 + u * b0;
-            r1 += x * a1 + u * b1;
-            i0 += y * a0 + v * b0;
-            i1 += y * a1 + v * b1;
+        const Moving* const moving = moving_.data();
+        const double *all_a = a_.data() + first, *all_b = b_.data() + first;
+        if (real_) {
+            for (std::size_t t = 0; t < count; t++)
+                for (std::size_t m = 0; m < fours; m++) {
+                    const Four a = four(all_a + moving[t].at + 4 * m);
+                    re[m] += moving[t].p_re * a;
+                    im[m] += moving[t].p_im * a;
+                }
+        } else {
+            for (std::size_t t = 0; t < count; t++)
+                for (std::size_t m = 0; m < fours; m++) {
+                    const Four a = four(all_a + moving[t].at + 4 * m), b = four(all_b + moving[t].at + 4 * m);
+                    re[m] += moving[t].p_re * a + moving[t].q_re * b;
+                    im[m] += moving[t].p_im * a + moving[t].q_im * b;
+                }
         }
-        put(re, r0);
-        put(re + 4, r1);
-        put(im, i0);
-        put(im + 4, i1);
+        for (std::size_t m = 0; m < fours; m++) {
+            put(real + row + first + 4 * m, re[m]);
+            put(imaginary + row + first + 4 * m, im[m]);
+        }
     }
 };
 
