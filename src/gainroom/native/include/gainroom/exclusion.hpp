@@ -172,9 +172,10 @@ class Exclusion : private SampledForm {
     // True where Re(j d_i) > 0 for all i and all of [low, high], with all delays.
     bool leads(double low, double high) const {
         const Cell cell(low, high, loop_.step, loop_.inexact);
+        ModalLoop::Place at_start = loop_.place(low), at_end = loop_.place(high);
         for (std::size_t i = 0; i < n_; i++) {
             if (loop_.alike[i] < i) continue;
-            const Complex start = loop_.inverse_law(i, cell.a), end = loop_.inverse_law(i, cell.b);
+            const Complex start = loop_.inverse_law(i, at_start), end = loop_.inverse_law(i, at_end);
             const double size =
                 std::max(ModalLoop::inverse_law_size(start, cell.a, cell.step), ModalLoop::inverse_law_size(end, cell.b, cell.step));
             const double bend = loop_.inverse_law_bend(i, cell, size);  // of the longest delay, and no less than that of others

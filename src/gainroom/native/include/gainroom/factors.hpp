@@ -20,9 +20,14 @@ inline Complex variable(Complex s, double sample_time) {
     return Complex(std::expm1(x) * std::cos(y) - 2 * half * half, std::exp(x) * std::sin(y)) / sample_time;
 }
 
-// The value at s, infinite or NaN on a pole; `slope` receives the derivative by s of its logarithm where it is given.
-inline Complex value_at(const Factors& system, double delay, double sample_time, Complex s, Complex* slope = nullptr) {
-    const Complex v = variable(s, sample_time);
+// e^{−sT}
+inline Complex late_by(double delay, Complex s) {
+    const double turned = s.imag() * delay;
+    return std::exp(-s.real() * delay) * Complex(std::cos(turned), -std::sin(turned));
+}
+
+// The value at v without the delay, infinite or NaN on a pole; `slope` receives the derivative by v of its logarithm where it is given.
+inline Complex rational_at(const Factors& system, Complex v, Complex* slope = nullptr) {
     Complex value = system.gain, terms = 0.0;
     // Zero by pole, so that the product stays within range for any number of factors.
     for (std::size_t k = 0; k < std::max(system.zeros.size(), system.poles.size()); k++) {
@@ -37,10 +42,15 @@ inline Complex value_at(const Factors& system, double delay, double sample_time,
             terms -= inverse;
         }
     }
-    if (slope != nullptr) *slope = (sample_time > 0 ? times(terms, std::exp(s * sample_time)) : terms) - delay;
-    if (!(delay > 0)) return value;
-    const double turned = s.imag() * delay;
-    return times(value, std::exp(-s.real() * delay) * Complex(std::cos(turned), -std::sin(turned)));
+    if (slope != nullptr) *slope = terms;
+    return value;
+}
+
+// The value at s, likewise, and the derivative by s.
+inline Complex value_at(const Factors& system, double delay, double sample_time, Complex s, Complex* slope = nullptr) {
+    const Complex value = rational_at(system, variable(s, sample_time), slope);
+    if (slope != nullptr) *slope = (sample_time > 0 ? times(*slope, std::exp(s * sample_time)) : *slope) - delay;
+    return delay > 0 ? times(value, late_by(delay, s)) : value;
 }
 
 }  // namespace gainroom

@@ -186,12 +186,33 @@ class ModalLoop {
         }
     }
 
+    // An ω, and what laws have in common there: x, v, and e^{−jωT} of the last delay.
+    struct Place {
+        double omega, x;
+        Complex v;
+        double delay = 0.0;
+        Complex late = 1.0;
+    };
+    Place place(double omega) const { return {omega, Cell::weight(omega, step), variable({0.0, omega}, step)}; }
+
     // d_i = x/c_i at ω.
-    Complex inverse_law(std::size_t i, double omega) const { return over(Cell::weight(omega, step), value_at(laws[i], delays[i], step, {0.0, omega})); }
+    Complex inverse_law(std::size_t i, Place& at) const {
+        Complex value = rational_at(laws[i], at.v);
+        if (delays[i] > 0) {
+            if (delays[i] != at.delay) at.late = late_by(at.delay = delays[i], {0.0, at.omega});
+            value = times(value, at.late);
+        }
+        return over(at.x, value);
+    }
+    Complex inverse_law(std::size_t i, double omega) const {
+        Place at = place(omega);
+        return inverse_law(i, at);
+    }
 
     // All d_i (n) at ω.
     void inverse_laws(double omega, Complex* d) const {
-        for (std::size_t i = 0; i < size; i++) d[i] = alike[i] < i ? d[alike[i]] : inverse_law(i, omega);
+        Place at = place(omega);
+        for (std::size_t i = 0; i < size; i++) d[i] = alike[i] < i ? d[alike[i]] : inverse_law(i, at);
     }
 
     // Of all joints (n), from |1/c_i| at the ends of the cell.
