@@ -135,7 +135,7 @@ class Exclusion : private SampledForm {
     std::size_t alone_ = 0;  // the joint whose d_i has failed, n: the whole matrix; and that d_i
     Complex alone_law_;
     Test test_{};
-    double angle_ = 0.5 * kPi;
+    double angle_ = 0.5 * kPi, cosine_ = std::cos(angle_), sine_ = std::sin(angle_);
     std::vector<double> law_bends_, missed_, law_missed_;  // `law_missed_`: as `missed_`, of Tᵀ D T
     std::vector<double> trial_, vector_;
 
@@ -258,7 +258,11 @@ class Exclusion : private SampledForm {
         double low = angle_ - kPi, high = angle_ + kPi;
         for (int cut = 0; cut < kCuts; cut++) {
             if (!(high - low > 1e-12)) return false;
-            if (cut > 0 || !(low < angle_ && angle_ < high)) angle_ = 0.5 * (low + high);
+            if (cut > 0 || !(low < angle_ && angle_ < high)) {
+                angle_ = 0.5 * (low + high);
+                cosine_ = std::cos(angle_);
+                sine_ = std::sin(angle_);
+            }
             if (holds(right, from) && holds(left, from) && (to == from || (holds(right, to) && holds(left, to)))) return true;
             if (!cut_off(low, high)) return false;
         }
@@ -275,10 +279,9 @@ class Exclusion : private SampledForm {
             test_ = {node.law_real.data(), node.law_imaginary.data(), law_missed_.data()};
             law = positive(test_);
         } else {
-            const double c = std::cos(angle_), s = std::sin(angle_);
             for (std::size_t i = 0; i < n_ && law; i++) {
                 const Complex own = time > 0 ? times(node.law[i], turn) : node.law[i];
-                law = c * own.real() - s * own.imag() > law_bends_[i];
+                law = cosine_ * own.real() - sine_ * own.imag() > law_bends_[i];
                 if (!law && from_rest) {
                     alone_ = i;
                     alone_law_ = own;
@@ -320,18 +323,19 @@ class Exclusion : private SampledForm {
         }
     }
 
-    // Cholesky's factorisation; where it fails, `vector_` is an x with xᵀMx <= 0.
-    bool positive(const Test& test) {
-        const double c = std::cos(angle_), s = std::sin(angle_);
+    // Cholesky's factorisation; where it fails, `vector_` is an x with xᵀMx <= 0. Rows begin at whole fours, with what is not read.
+    GAINROOM_WIDE bool positive(const Test& test) {
         for (std::size_t k = 0; k < n_; k++)
-            for (std::size_t j = k; j < n_; j++) {
+            for (std::size_t j = k / 4 * 4; j < stride_; j += 4) {
                 const std::size_t at = k * stride_ + j;
                 if (test.node == nullptr) {
-                    trial_[at] = c * test.real[at] - s * test.imaginary[at] - test.missed[at];
+                    put(&trial_[at], cosine_ * four(test.real + at) - sine_ * four(test.imaginary + at) - four(test.missed + at));
                 } else {
-                    double real, imaginary, missed;
-                    entries(test, k, j, real, imaginary, missed);
-                    trial_[at] = c * real - s * imaginary - missed;
+                    for (std::size_t l = 0; l < 4; l++) {
+                        double real, imaginary, missed;
+                        entries(test, k, j + l, real, imaginary, missed);
+                        trial_[at + l] = cosine_ * real - sine_ * imaginary - missed;
+                    }
                 }
             }
         for (std::size_t k = 0; k < n_; k++) {
@@ -346,9 +350,10 @@ class Exclusion : private SampledForm {
                 return false;
             }
             const double inverse = 1 / std::sqrt(row[k]);
-            for (std::size_t j = k + 1; j < n_; j++) row[j] *= inverse;
+            for (std::size_t j = k / 4 * 4; j < stride_; j += 4) put(row + j, inverse * four(row + j));
             for (std::size_t i = k + 1; i < n_; i++)
-                if (row[i] != 0) add_scaled(-row[i], row, &trial_[i * stride_], i, n_);
+                if (const std::size_t first = i / 4 * 4; row[i] != 0)
+                    subtract_fours(&trial_[i * stride_ + first], row[i], row + first, stride_ - first);
             row[k] = inverse;  // of the pivot
         }
         return true;
