@@ -29,6 +29,7 @@ class ModeSum {
         moving_.resize(loop.modes);
         for (auto* part : {&s_, &d_}) part->resize(loop.modes);
         bends_.resize(loop.modes);
+        alone_.resize(size);
         twin_.resize(loop.modes);
         for (std::size_t k = 0; k < loop.modes; k++) twin_[k] = has_twin(k);
     }
@@ -86,11 +87,11 @@ class ModeSum {
         const Complex f0 = respond({0.0, omega}, real, imaginary);
         for (std::size_t t = 0; t < terms_; t++)
             bends_[t] = size_of(functions_[first_[t]]) + (second(t) ? size_of(functions_[first_[t] + 1]) : 0.0);
-        for (std::size_t i = 0; i < size; i++) {
-            round_off[i] = kSums * rigid_made_of_[i] * size_of(f0);
-            for (std::size_t t = 0; t < terms_; t++) round_off[i] += kFunctions * made_of_[t * stride + i] * bends_[t];
-            round_off[i] *= static_cast<double>(size);
-        }
+        const double rigid = size_of(f0);
+        for (std::size_t i = 0; i < size; i++) round_off[i] = kSums * rigid_made_of_[i] * rigid;
+        for (std::size_t t = 0; t < terms_; t++)
+            for (std::size_t i = 0; i < size; i++) round_off[i] += kFunctions * made_of_[t * stride + i] * bends_[t];
+        for (std::size_t i = 0; i < size; i++) round_off[i] *= static_cast<double>(size);
     }
 
     // The same at an s about jω, without round-off; f₀ there.
@@ -111,14 +112,9 @@ class ModeSum {
                 const Complex p = s_[t] * a + d_[t] * b, q = d_[t] * a - s_[t] * b;
                 moving_[count++] = {t * stride, p.real(), p.imag(), q.real(), q.imag()};
             }
-            for (std::size_t first = i / 4 * 4; first < stride;) {
-                const bool eight = first + 8 <= stride;
-                if (eight)
-                    add<2>(i * stride, first, count, f0, real, imaginary);
-                else
-                    add<1>(i * stride, first, count, f0, real, imaginary);
-                first += eight ? 8 : 4;
-            }
+            std::size_t first = i / 4 * 4;
+            for (; first + 8 <= stride; first += 8) add<2>(i * stride, first, count, f0, real, imaginary);
+            if (first < stride) add<1>(i * stride, first, count, f0, real, imaginary);
         }
         return f0;
     }
@@ -128,27 +124,27 @@ class ModeSum {
         double f0;
         loop_.bends(cell, f0, bends_.data());
         std::fill(out, out + size * stride, 0.0);
-        for (std::size_t i = 0; i < size; i++) out[i * stride + i] = f0 * rigid_spread_[i];
+        for (std::size_t i = 0; i < size; i++) alone_[i] = f0 * rigid_spread_[i];
         std::size_t large = 0;
         for (std::size_t t = 0; t < terms_; t++) {
-            if (bend(t) * largest_share_[t] > kSmall)
-                large_[large++] = t;
+            const double misses = bend(t);
+            if (misses * largest_share_[t] > kSmall)
+                large_[large++] = {t, misses};
             else
-                for (std::size_t i = 0; i < size; i++) out[i * stride + i] += bend(t) * share_[t * stride + i];
+                for (std::size_t i = 0; i < size; i++) alone_[i] += misses * share_[t * stride + i];
         }
-        for (std::size_t i = 0; i < size && large > 0; i++)
-            for (std::size_t first = i / 4 * 4; first < stride; first += 4) {
-                const double nothing[4] = {};
-                Four sum = four(nothing);
-                for (std::size_t l = 0; l < large; l++) {
-                    const double *a = &a_[large_[l] * stride], *b = &b_[large_[l] * stride];
-                    if (a[i] == 0 && b[i] == 0) continue;
-                    const double p = bend(large_[l]) * a[i], q = bend(large_[l]) * b[i];
-                    sum += p * four(a + first) + q * four(b + first);
-                }
-                double* row = out + i * stride + first;
-                put(row, four(row) + sum);
+        for (std::size_t i = 0; i < size; i++) {
+            out[i * stride + i] = alone_[i];
+            std::size_t count = 0;
+            for (std::size_t l = 0; l < large; l++) {
+                const std::size_t at = large_[l].term * stride;
+                if (a_[at + i] == 0 && b_[at + i] == 0) continue;
+                moving_[count++] = {at, large_[l].misses * a_[at + i], 0.0, large_[l].misses * b_[at + i], 0.0};
             }
+            std::size_t first = i / 4 * 4;
+            for (; first + 8 <= stride && count > 0; first += 8) add_missed<2>(out + i * stride, first, count);
+            if (first < stride && count > 0) add_missed<1>(out + i * stride, first, count);
+        }
     }
 
     // (n) the same of every row: Σ_j of what interpolation may miss of Q_ij.
@@ -174,7 +170,13 @@ class ModeSum {
         double p_re, p_im, q_re, q_im;
     };
     std::vector<Moving> moving_;  // terms of a row that are not 0
-    std::vector<std::size_t> first_, large_;  // f's of each term: this one, and the next where it has a twin
+    struct Large {
+        std::size_t term;
+        double misses;
+    };
+    std::vector<Large> large_;
+    std::vector<double> alone_;       // what may be missed of a row, on its diagonal
+    std::vector<std::size_t> first_;  // f's of each term: this one, and the next where it has a twin
     std::vector<bool> twin_;
     std::size_t terms_ = 0;
     bool real_ = true, paired_ = true;
@@ -220,11 +222,25 @@ class ModeSum {
         }
     }
 
-    // Entries from `first` on of the row that begins at `row`, `fours` times four: of M₀, and of the first `count` that move it.
-    template <std::size_t fours>
+    // To a row, from entry `first` on, what may be missed of the first `count` that move it.
+    template <std::size_t kFours>
+    GAINROOM_INLINE void add_missed(double* row, std::size_t first, std::size_t count) const {
+        const double nothing[4] = {};
+        Four sum[kFours];
+        for (std::size_t m = 0; m < kFours; m++) sum[m] = four(nothing);
+        for (std::size_t t = 0; t < count; t++)
+            for (std::size_t m = 0; m < kFours; m++) {
+                const std::size_t at = moving_[t].at + first + 4 * m;
+                sum[m] += moving_[t].p_re * four(&a_[at]) + moving_[t].q_re * four(&b_[at]);
+            }
+        for (std::size_t m = 0; m < kFours; m++) put(row + first + 4 * m, four(row + first + 4 * m) + sum[m]);
+    }
+
+    // Entries from `first` on of the row that begins at `row`, `kFours` times four: of M₀, and of the first `count` that move it.
+    template <std::size_t kFours>
     GAINROOM_INLINE void add(std::size_t row, std::size_t first, std::size_t count, Complex f0, double* real, double* imaginary) const {
-        Four re[fours], im[fours];
-        for (std::size_t m = 0; m < fours; m++) {
+        Four re[kFours], im[kFours];
+        for (std::size_t m = 0; m < kFours; m++) {
             const Four x = four(&rigid_real_[row + first + 4 * m]), y = four(&rigid_imaginary_[row + first + 4 * m]);
             re[m] = f0.real() * x - f0.imag() * y;
             im[m] = f0.imag() * x + f0.real() * y;
@@ -233,20 +249,20 @@ class ModeSum {
         const double *all_a = a_.data() + first, *all_b = b_.data() + first;
         if (real_) {
             for (std::size_t t = 0; t < count; t++)
-                for (std::size_t m = 0; m < fours; m++) {
+                for (std::size_t m = 0; m < kFours; m++) {
                     const Four a = four(all_a + moving[t].at + 4 * m);
                     re[m] += moving[t].p_re * a;
                     im[m] += moving[t].p_im * a;
                 }
         } else {
             for (std::size_t t = 0; t < count; t++)
-                for (std::size_t m = 0; m < fours; m++) {
+                for (std::size_t m = 0; m < kFours; m++) {
                     const Four a = four(all_a + moving[t].at + 4 * m), b = four(all_b + moving[t].at + 4 * m);
                     re[m] += moving[t].p_re * a + moving[t].q_re * b;
                     im[m] += moving[t].p_im * a + moving[t].q_im * b;
                 }
         }
-        for (std::size_t m = 0; m < fours; m++) {
+        for (std::size_t m = 0; m < kFours; m++) {
             put(real + row + first + 4 * m, re[m]);
             put(imaginary + row + first + 4 * m, im[m]);
         }
