@@ -6,7 +6,7 @@ Known for gains of joints or of directions, with encoders on the motors' side (n
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -97,11 +97,11 @@ class ModalLoop:
             modes, gains = plant.along(torque.T), {powers: gain[acting] for powers, gain in gains.items()}
             drives = tuple(drive for drive, acts in zip(drives, acting, strict=True) if acts)
         channels = parts.controller.apart(gains, step)
-        shared = channels[0].poles  # by all of them
-        if np.any((growth(shared, step) >= 0) & (shared != 0)):
-            return None
-        if np.any(shared == 0):
-            channels = [law.reduced for law in channels]
+        if len(shared := channels[0].poles):  # by all of them
+            if np.any((growth(shared, step) >= 0) & (shared != 0)):
+                return None
+            if np.any(shared == 0):
+                channels = [law.reduced for law in channels]
         behind: list[Factored] = []
         if step is None:
             currents = {drive: current_loop(drive) for drive in set(drives)}
@@ -307,19 +307,20 @@ class Laws:
     @classmethod
     def of(cls, laws: Sequence[Factored], factor: float, behind: Sequence[Factored]) -> "Laws":
         """With all gains times `factor`; `behind`: what follows each law, or nothing."""
-        gains, parts = factor * np.array([law.gain for law in laws]), [(law,) for law in laws]
-        if behind:
-            gains, parts = gains * np.array([one.gain for one in behind]), list(zip(laws, behind, strict=True))
+        parts = [laws, behind] if behind else [laws]
+        in_turn = [one for of_one in zip(*parts, strict=True) for one in of_one]
         return cls(
-            np.concatenate([one.zeros for part in parts for one in part]).astype(complex, copy=False),
-            np.concatenate([one.poles for part in parts for one in part]).astype(complex, copy=False),
-            np.array([[sum(len(one.zeros) for one in part), sum(len(one.poles) for one in part)] for part in parts]),
-            gains,
+            np.concatenate([one.zeros for one in in_turn]).astype(complex, copy=False),
+            np.concatenate([one.poles for one in in_turn]).astype(complex, copy=False),
+            np.sum([[[len(one.zeros), len(one.poles)] for one in part] for part in parts], axis=0),
+            reduce(np.multiply, [[one.gain for one in part] for part in parts], factor),
         )
 
     def turns(self) -> tuple[Floats, Floats]:
         """(n,) d arg/dω at ω = 0 [s], and the same with all zeros and poles of one sign; infinite where one is there."""
         leads, turns = self.finite_turns()
+        if self.zeros.all() and self.poles.all():
+            return leads, turns
         none = self._sum(1.0 * (self.zeros == 0), 1.0 * (self.poles == 0), 1) > 0
         return np.where(none, -np.inf, leads), np.where(none, np.inf, turns)
 

@@ -164,7 +164,7 @@ class Controller:
     def apart(self, terms: Terms, sample_time: float | None) -> list[Factored]:
         """With this controller's filters, D of each of m channels whose gains are `terms`, each (m,)."""
         parts, denominator = self._polynomials(terms, sample_time)
-        numerators = sum((np.outer(gain, part) for gain, part in zip(terms.values(), parts, strict=True)), np.zeros((1, 1)))
+        numerators = sum((np.multiply.outer(gain, part) for gain, part in zip(terms.values(), parts, strict=True)), np.zeros((1, 1)))
         shared = self.shaping(sample_time) * ratio([1.0], denominator, sample_time)
         return polynomials_times(numerators, shared)
 

@@ -135,6 +135,8 @@ def _without_leading_zeros(coefficients: ArrayLike) -> list[float]:
 
 def _begun(poly: list[float]) -> list[float]:
     """From the first coefficient on that is not 0."""
+    if poly and poly[0] != 0:
+        return poly
     first = next((k for k, one in enumerate(poly) if one != 0), len(poly))
     return poly[first:]
 
@@ -156,8 +158,9 @@ def ratio(numerator: ArrayLike, denominator: ArrayLike, sample_time: float | Non
 
 def polynomials_times(numerators: Floats, shared: Factored) -> list[Factored]:
     """Each of the polynomials `numerators` (m, k) in v, highest power first, times `shared`, whose poles none of them has to make anew."""
-    found = []
+    found, poles, later = [], shared.poles, shared.zeros
     for num in map(_begun, numerators.tolist()):
-        zeros = np.concatenate([_roots(num) if num else _NO_ROOTS, shared.zeros])
-        found.append(Factored(zeros, shared.poles, num[0] * shared.gain if num else 0.0, shared.delay, shared.sample_time))
+        zeros = _roots(num) if num else _NO_ROOTS
+        zeros = np.concatenate([zeros, later]) if len(later) else zeros
+        found.append(Factored(zeros, poles, num[0] * shared.gain if num else 0.0, shared.delay, shared.sample_time))
     return found
