@@ -83,7 +83,8 @@ class ModalLoop:
             return None
         modes = plant
         gains = {powers: np.diagonal(gain) for powers, gain in terms.items()}
-        if any(np.count_nonzero(terms[powers]) != np.count_nonzero(own) for powers, own in gains.items()):
+        counts = {powers: np.count_nonzero(own) for powers, own in gains.items()}
+        if any(np.count_nonzero(terms[powers]) != count for powers, count in counts.items()):
             directions = gain_directions(terms)
             if directions is None or any(drive != drives[0] for drive in drives):
                 return None
@@ -92,7 +93,7 @@ class ModalLoop:
                 return None
             modes = modes.twofold(directions.measured, directions.torque) if twofold else modes.along(directions.measured)
             torque, drives = directions.torque, (drives[0],) * len(modes.rigid)
-        elif 0 < np.count_nonzero(acting := np.any(list(gains.values()), axis=0)) < loop.size:
+        elif max(counts.values()) < loop.size and 0 < np.count_nonzero(acting := np.any(list(gains.values()), axis=0)) < loop.size:
             torque = np.eye(loop.size)[:, acting]
             modes, gains = plant.along(torque.T), {powers: gain[acting] for powers, gain in gains.items()}
             drives = tuple(drive for drive, acts in zip(drives, acting, strict=True) if acts)
