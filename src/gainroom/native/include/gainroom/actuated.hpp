@@ -41,6 +41,7 @@ struct Actuated {
 
     struct Workspace {
         Dense system, links;
+        std::vector<Complex> drives;
     };
 
     // out (n, n); false where s is a pole.
@@ -50,14 +51,19 @@ struct Actuated {
         } else if (!(step > 0 ? held(variable(s, step), work, out) : plant(s, work, out))) {
             return false;
         }
-        for (std::size_t j = 0; j < size; j++) {
-            const Complex factor = times(lag(j, s), std::exp(-s * delay[j]));
-            for (std::size_t i = 0; i < size; i++) out[i * size + j] = times(out[i * size + j], factor);
-        }
+        work.drives.resize(size);
+        for (std::size_t j = 0; j < size; j++)
+            work.drives[j] = j > 0 && same_drive(j, j - 1) ? work.drives[j - 1] : times(lag(j, s), std::exp(-s * delay[j]));
+        for (std::size_t i = 0; i < size; i++)
+            for (std::size_t j = 0; j < size; j++) out[i * size + j] = times(out[i * size + j], work.drives[j]);
         return true;
     }
 
 private:
+    bool same_drive(std::size_t j, std::size_t k) const {
+        return delay[j] == delay[k] && (step > 0 || (bandwidth[j] == bandwidth[k] && damping_ratio[j] == damping_ratio[k]));
+    }
+
     Complex lag(std::size_t j, Complex s) const {
         if (step > 0) return 1.0;
         const Complex x = s / bandwidth[j];  // 0 where the current loop is ideal

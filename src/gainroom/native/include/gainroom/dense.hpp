@@ -8,6 +8,7 @@
 
 #include "block.hpp"
 #include "complex.hpp"
+#include "four.hpp"
 
 namespace gainroom {
 
@@ -45,7 +46,13 @@ struct Dense {
     GAINROOM_INLINE void subtract(std::size_t to, std::size_t from, Complex factor, std::size_t first) {
         double *tr = &re[to * columns], *ti = &im[to * columns];
         const double *fr = &re[from * columns], *fi = &im[from * columns], a = factor.real(), b = factor.imag();
-        for (std::size_t c = first; c < columns; c++) {
+        std::size_t c = first;
+        for (; c + 4 <= columns; c += 4) {
+            const Four x = four(fr + c), y = four(fi + c);
+            put(tr + c, four(tr + c) - (a * x - b * y));
+            put(ti + c, four(ti + c) - (a * y + b * x));
+        }
+        for (; c < columns; c++) {
             tr[c] -= a * fr[c] - b * fi[c];
             ti[c] -= a * fi[c] + b * fr[c];
         }
