@@ -50,6 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     finally:
         leave_quietly()
+        gc.freeze()  # at its end Python looks for garbage in all that it holds, which takes a tenth of a short command: the system takes it
 
 
 def _run(arguments: Sequence[str] | None) -> int:

@@ -7,6 +7,8 @@ that other threads of its process do. The numbers of the jobs stand in a pipe, o
 import ctypes
 import itertools
 import os
+import pickle
+import select
 import signal
 import struct
 import sys
@@ -15,10 +17,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
-
-if TYPE_CHECKING:
-    from multiprocessing.connection import Connection
+from typing import Any, BinaryIO, TypeVar
 
 Result = TypeVar("Result")
 Job = Callable[[Callable[[], None]], Result]
@@ -67,8 +66,6 @@ def in_processes(jobs: Sequence[Job[Any]], progress: Callable[[], None], count: 
     stopped, and have no outcome. What a process leaves that was killed from outside, or cannot be begun, or has a result that pickle does
     not take, is done here.
     """
-    from multiprocessing.connection import wait
-
     numbers, (ticks, tick) = _queue(range(1, len(jobs))), os.pipe()
     for end in (ticks, tick):
         os.set_blocking(end, False)
@@ -98,14 +95,14 @@ def in_processes(jobs: Sequence[Job[Any]], progress: Callable[[], None], count: 
                 children.append(_forked(jobs, numbers, tick))
         _do(jobs, itertools.chain([0], _taken(numbers)), checkpoint, found)
         while (left := [child for child in children if child.working]) and not _failed(found):
-            ready = wait([ticks, *(child.answer for child in left)])
+            ready = _readable([ticks, *(child.answer.fileno() for child in left)])
             try:
                 heard()
             except StoppedError as stop:  # what failed comes as an answer
                 if stop.those is not found:
                     raise
             for child in left:
-                if child.answer in ready:
+                if child.answer.fileno() in ready:
                     found.update(child.outcomes())
         if not _failed(found):
             _do(jobs, [number for number in range(len(jobs)) if number not in found], checkpoint, found)
@@ -121,6 +118,14 @@ def in_processes(jobs: Sequence[Job[Any]], progress: Callable[[], None], count: 
 
 def _failed(found: Outcomes) -> bool:
     return not all(done for done, _ in found.values())
+
+
+def _readable(ends: Iterable[int]) -> set[int]:
+    """Those of the pipes in which something stands, or that have ended; once there is one."""
+    every = select.poll()
+    for end in ends:
+        every.register(end, select.POLLIN)
+    return {end for end, _ in every.poll()}
 
 
 def _queue(numbers: Sequence[int]) -> int:
@@ -155,14 +160,14 @@ class _Child:
     """A process that works, and our end of the pipe through which its outcomes come."""
 
     number: int
-    answer: "Connection[Any, Any]"
+    answer: BinaryIO
     working: bool = True
 
     def outcomes(self) -> Outcomes:
         """All of them, at its end; none of one that was killed, or whose answer cannot be read."""
         self.working = False
         try:
-            return self.answer.recv()
+            return pickle.load(self.answer)
         except Exception:  # noqa: BLE001 - whatever a result or an error does as it is unpacked
             return {}
 
@@ -175,22 +180,20 @@ class _Child:
 
 
 def _forked(jobs: Sequence[Job[Any]], numbers: int, tick: int) -> _Child:
-    from multiprocessing.connection import Pipe
-
-    here, there = Pipe(duplex=False)
+    here, there = os.pipe()
     own = os.getpid()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ASKED)  # the copy would take them as this process does
     try:
         number = os.fork()
     except OSError:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        here.close()
-        there.close()
+        os.close(here)
+        os.close(there)
         raise
     if number:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        there.close()
-        return _Child(number, here)
+        os.close(there)
+        return _Child(number, open(here, "rb"))
     try:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # it ends with the process that it is a copy of
         if os.getppid() != own:
@@ -211,6 +214,7 @@ def _forked(jobs: Sequence[Job[Any]], numbers: int, tick: int) -> _Child:
                 os.write(tick, FAILED)
         for error in (error for done, error in found.values() if not done):
             error.add_note("".join(traceback.format_exception(error)))  # pickle leaves it out
-        there.send(found)
+        with open(there, "wb") as answer:
+            answer.write(pickle.dumps(found))  # all of it or nothing
     finally:
         os._exit(0)  # nothing else of this process is the copy's to end
