@@ -15,6 +15,7 @@ void bind_boxes(nb::module_& m);
 void bind_programme(nb::module_& m);
 
 NB_MODULE(_core, m) {
+    nb::set_leak_warnings(false);  // a command leaves all that it holds to the system as it ends (cli/__init__.py): that is no leak
     m.doc() = "gainroom's C++ core; see src/gainroom/native/include/gainroom.";
     bind_scan(m);
     bind_simulation(m);

@@ -37,6 +37,7 @@ inline std::vector<std::size_t> assigned(const double* cost, std::size_t n) {
             const double* own = cost + row * n;
             const double so_far = distance[column] - row_price[row];
             std::size_t next = reached;
+            double nearest = infinite;
             for (std::size_t k = reached; k < n; k++) {
                 const std::size_t j = columns[k];
                 const double through = so_far + own[j] - column_price[j];
@@ -44,7 +45,10 @@ inline std::vector<std::size_t> assigned(const double* cost, std::size_t n) {
                     distance[j] = through;
                     before[j] = column;
                 }
-                if (distance[j] < distance[columns[next]]) next = k;
+                if (distance[j] < nearest) {
+                    nearest = distance[j];
+                    next = k;
+                }
             }
             std::swap(columns[reached], columns[next]);
             column = columns[reached++];

@@ -9,12 +9,12 @@
 #include "block.hpp"
 #include "dense.hpp"
 #include "directed_loop.hpp"
+#include "loop_sample.hpp"
 
 namespace gainroom {
 
 inline double log_size(Complex value) { return std::log(std::max(size_of_any(value), 1e-300)); }
 inline Complex log_of_minus(Complex value) { return {log_size(value), std::arg(-value)}; }
-inline Complex return_ratio(Complex sensitivity) { return over(1.0, sensitivity == 0.0 ? Complex(1e-300) : sensitivity) - 1.0; }
 
 class CurveValue {
 public:
@@ -97,7 +97,8 @@ private:
     // The eigenvalue of Q with its vectors x (right) and y (left), by Rayleigh quotients (Ostrowski 1959).
     bool follow(Complex guess, Complex& value) {
         loop_matrix_.resize(m_ * m_);
-        for (std::size_t k = 0; k < m_ * m_; k++) loop_matrix_[k] = times(point_.seen[k], law_[k % m_]);
+        for (std::size_t i = 0; i < m_; i++)
+            for (std::size_t j = 0; j < m_; j++) loop_matrix_[i * m_ + j] = times(point_.seen[i * m_ + j], law_[j]);
         const bool begun = !follow_.empty();
         follow_.resize(2 * m_);
         Complex* x = follow_.data();

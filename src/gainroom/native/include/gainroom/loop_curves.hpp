@@ -39,25 +39,15 @@ public:
         std::vector<CurveStep> found;
         if (!samples_.ok()) return found;  // of what is lost the samples are not in order, nor their loci paired
         const auto& all = samples_.samples();
-        std::vector<Complex> ratios, ratios_after;  // of the loops, at both ends of an interval
-        const auto fill = [this](std::vector<Complex>& to, const LoopSample& at) {
-            to.resize(n_);
-            for (std::size_t i = 0; i < n_; i++) to[i] = return_ratio(at.sensitivity[i]);
-        };
         for (std::size_t k = 0; k + 1 < all.size(); k++) {
             const LoopSample &low = *all[k], &high = *all[k + 1];
             if (locus && !samples_.near(low, high)) continue;
-            if (!locus) {
-                if (k == 0) fill(ratios_after, low);
-                ratios.swap(ratios_after);
-                fill(ratios_after, high);
-            }
             double noise = 0.0;  // of loci: more directions than motions leave some at 0, where round-off moves them about
             if (locus)
                 for (const Complex& value : low.loci.values) noise = std::max(noise, kNoise * kNoise * std::norm(value));
             for (std::size_t i = 0; i < (locus ? m_ : n_); i++) {
-                const Complex start = locus ? low.loci.values[i] : ratios[i];
-                const Complex end = locus ? high.loci.values[low.pairs[i]] : ratios_after[i];
+                const Complex start = locus ? low.loci.values[i] : low.ratios[i];
+                const Complex end = locus ? high.loci.values[low.pairs[i]] : high.ratios[i];
                 if (std::norm(start) < noise) continue;
                 CurveStep step{locus, i, low.omega(), high.omega(), 0.0, start, 0.0};
                 if (axis) {

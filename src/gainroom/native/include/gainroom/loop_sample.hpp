@@ -10,9 +10,11 @@
 
 namespace gainroom {
 
+inline Complex return_ratio(Complex sensitivity) { return over(1.0, sensitivity == 0.0 ? Complex(1e-300) : sensitivity) - 1.0; }
+
 struct LoopSample {
     std::shared_ptr<const LoopPoint> point;
-    std::vector<Complex> law, sensitivity;  // d (m), S_ii (n)
+    std::vector<Complex> law, sensitivity, ratios;  // d (m), S_ii (n), return ratios (n)
     std::vector<Complex> inverse;           // (I + L)⁻¹ (m, m), or empty: of what is kept only where it is not `near`
     Loci loci;                              // (m)
     Complex log_determinant;
@@ -22,6 +24,12 @@ struct LoopSample {
     double turned = 0.0;               // by arg det(I + L) over it
 
     double omega() const { return point->omega; }
+
+    // Of S_ii.
+    void find_ratios() {
+        ratios.resize(sensitivity.size());
+        for (std::size_t i = 0; i < sensitivity.size(); i++) ratios[i] = return_ratio(sensitivity[i]);
+    }
 };
 
 }  // namespace gainroom

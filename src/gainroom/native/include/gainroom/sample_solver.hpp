@@ -43,6 +43,7 @@ public:
         sample.sensitivity.resize(loop_.size());
         for (std::size_t i = 0; i < loop_.size(); i++)
             sample.sensitivity[i] = loop_.joints() ? sample.inverse[i * m_ + i] : own_sensitivity(sample, i);
+        sample.find_ratios();
         return true;
     }
 
@@ -61,6 +62,7 @@ public:
         sample.log_determinant = determinant.value();
         sample.sensitivity.resize(m_);
         factor_.inverse_diagonal(work_.data(), sample.sensitivity.data());
+        sample.find_ratios();
         return true;
     }
 

@@ -32,11 +32,14 @@ public:
         if (!samples_.ok()) return found;
         const auto& all = samples_.samples();
         const auto own = [&](std::size_t k, std::size_t i) { return slope * all[k]->sensitivity[i] + offset; };
+        std::vector<double> squares(all.size() * n_);  // of heights
+        for (std::size_t k = 0; k < all.size(); k++)
+            for (std::size_t i = 0; i < n_; i++) squares[k * n_ + i] = std::norm(own(k, i));
         std::vector<std::pair<std::size_t, std::size_t>> peaks;  // sample and joint
         for (std::size_t k = 1; k + 1 < all.size(); k++)
             for (std::size_t i = 0; i < n_; i++) {
-                const double square = std::norm(own(k, i));
-                if (square > least * least && square >= std::norm(own(k - 1, i)) && square >= std::norm(own(k + 1, i))) peaks.emplace_back(k, i);
+                const double* square = &squares[k * n_ + i];
+                if (*square > least * least && *square >= *(square - n_) && *square >= *(square + n_)) peaks.emplace_back(k, i);
             }
         if (until < kNever)
             std::stable_sort(peaks.begin(), peaks.end(), [&](const auto& a, const auto& b) {
