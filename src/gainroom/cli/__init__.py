@@ -21,8 +21,10 @@ for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 # pydantic would look through every installed package for plug-ins, which takes as long as a joint's margins.
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-M_ARENA_MAX = -8
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 """glibc's malloc.h."""
+KEPT = 1 << 25
+"""Bytes that are freed and not given back to the system."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -37,9 +39,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     open_closed()
     gc.set_threshold(200_000)  # modules and schemas are no garbage: looking for it every 700 objects takes a tenth of a short command
     # Threads of a search take and free large arrays: with a heap for each, what one has freed another does not get, which is a quarter of
-    # the memory of a humanoid's study. Only glibc knows this setting.
+    # the memory of a humanoid's study; and what the system gives anew each time it clears each time. Only glibc knows these settings.
     with suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
+        for setting, value in ((M_ARENA_MAX, 1), (M_MMAP_THRESHOLD, KEPT), (M_TRIM_THRESHOLD, 2 * KEPT)):
+            ctypes.CDLL(None).mallopt(setting, value)
     from ..design.forked import own_process
 
     try:
@@ -50,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     finally:
         leave_quietly()
-        gc.freeze()  # at its end Python looks for garbage in all that it holds, which takes a tenth of a short command: the system takes it
+        gc.freeze()  # or Python looks for garbage in all that it holds before it ends, which takes a twentieth of a short command
 
 
 def _run(arguments: Sequence[str] | None) -> int:
