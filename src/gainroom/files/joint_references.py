@@ -17,7 +17,6 @@ from ..system.actuator_entry import ActuatorEntry
 from ..system.elastic_joint import ElasticJoint
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
-from .joint_yaml import load_joint
 
 IN_ACTUATORS = ("delay", "stiffness", "motor_inertia", "damping")
 """What of a joint's uncertainty a robot's may hold."""
@@ -25,6 +24,8 @@ IN_ACTUATORS = ("delay", "stiffness", "motor_inertia", "damping")
 
 def entry_of_file(name: str, folder: Path, owner: str) -> ActuatorEntry:
     """What the joint.yaml `name` in `folder` says, with its intervals. Raises GainroomError that names `owner`, or the file."""
+    from .joint_yaml import load_joint  # few robots refer to one
+
     path = folder / name
     try:
         inside = path.resolve().is_relative_to(folder.resolve())
