@@ -47,7 +47,7 @@ def provable(loop: Loop) -> ModalLoop | None:
         return None
     poles = np.concatenate([modal.plant.poles, modal.plant.partners])
     undamped = UNDAMPED if modal.passive and modal.laws.poles.all() else BESIDE
-    if np.any(np.abs(poles.real) <= undamped * np.abs(poles)) or np.count_nonzero(poles.real > 0) != loop.unstable_poles:
+    if np.any(np.abs(np.real(poles)) <= undamped * np.abs(poles)) or np.count_nonzero(np.real(poles) > 0) != loop.unstable_poles:
         return None
     return modal
 
