@@ -50,7 +50,19 @@ def endless(checkpoint: Checkpoint) -> None:
 
 
 def children() -> list[int]:
-    return [int(number) for number in Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split()]
+    """Processes of this one that were not there before the test."""
+    numbers = map(int, Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split())
+    return [number for number in numbers if number not in OTHERS]
+
+
+OTHERS: set[int] = set()
+
+
+@pytest.fixture(autouse=True)
+def of_other_tests() -> None:
+    """Such as a server of processes that another test has begun."""
+    OTHERS.clear()
+    OTHERS.update(children())
 
 
 def intervals(checkpoint: Checkpoint) -> list[float]:
