@@ -86,7 +86,7 @@ def no_collection() -> Iterator[None]:
         gc.enable()
 
 
-def replayed(lengths: np.ndarray) -> np.ndarray:
+def waited(lengths: np.ndarray) -> np.ndarray:
     """What waits of `lengths` [s], doing nothing but looking at the clock, take [s]: longer by what the machine adds to any work."""
     taken = np.empty_like(lengths)
     with no_collection():

@@ -14,7 +14,7 @@ import pinocchio
 import gainroom as gr
 from gainroom.robot.linearize import linearize
 
-from .measure import no_collection, replayed
+from .measure import no_collection, waited
 from .table import Table
 from .talos import talos
 
@@ -68,7 +68,7 @@ def run(seed: int) -> Table:
             ("median [µs]", 1e6 * np.median(taken[0]), median),
             ("p99.9 [µs]", 1e6 * np.quantile(taken[0], 0.999), tail),
             (f"p99.9 of each tick's least in {RUNS} runs [µs]", 1e6 * np.quantile(least, 0.999), tail),
-            ("p99.9 of waits as long as each tick's least [µs]", 1e6 * np.quantile(replayed(least), 0.999), None),
+            ("p99.9 of waits as long as each tick's least [µs]", 1e6 * np.quantile(waited(least), 0.999), None),
             ("after other work, median [µs]", 1e6 * np.median(beside), None),
             ("called from Python, median [µs]", 1e6 * np.median(called), None),
             ("called from Python, p99.9 [µs]", 1e6 * np.quantile(called, 0.999), None),

@@ -3,7 +3,7 @@
 // The class has the shape of a ros2_control controller, `on_configure` and `update(time, period)`, and needs no ROS to build:
 //
 //     headers=$(python -c 'import gainroom.native; print(gainroom.native.include_dir())')
-//     c++ -std=c++17 -O2 -I"$headers" examples/control_loop.cpp -o build/control_loop && build/control_loop
+//     mkdir -p build && c++ -std=c++17 -O2 -I"$headers" examples/control_loop.cpp -o build/control_loop && build/control_loop
 //
 // On a robot, Dynamics is what computes M and J already (Pinocchio, RBDL, KDL), contact comes from its estimator, and positions and efforts
 // are the hardware interfaces'. With the argument `trace` every tick's inputs and limits are printed in hexadecimal.

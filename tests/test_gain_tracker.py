@@ -1,6 +1,7 @@
 """The gain limit at every tick: rigid-body terms, crossings, counts and misuse, against linearize, the loop's response and gain_limit."""
 
 import itertools
+import threading
 from dataclasses import replace
 from importlib.resources import files
 
@@ -205,16 +206,29 @@ def test_a_motion_at_once_is_its_ticks(biped, sample_time):
     assert tracker.replay(q[:2], "right").gain.tolist() == [other.update(tick, "right").gain for tick in q[:2]]  # goes on from there
 
 
+def test_threads_that_share_a_tracker_wait_for_each_other(biped):
+    """One tick at a time: each is what it would be if all were done in one thread, whatever their order."""
+    tracker, q = gr.GainTracker(biped), biped.body.configuration(dict(next(iter(biped.postures.values())).angles))
+    asked = threading.Thread(target=lambda: tracker.replay(np.tile(q, (20_000, 1)), "double"))
+    limit = gr.GainTracker(biped).update(q, "left").gain
+    asked.start()
+    while asked.is_alive():
+        assert tracker.update(q, "left").gain == pytest.approx(limit, rel=1e-9)
+        assert len(tracker.crossings("double")) > 0
+
+
 @pytest.mark.parametrize(
     ("q", "contacts", "words"),
     [
         (np.zeros(20), "double", r"q of shape \(20,\) must have the shape \(ticks, 19\)"),
         (np.zeros((3, 12)), "double", r"q of shape \(3, 12\)"),
-        (np.full((3, 19), np.nan), "double", "q .* must be finite"),
-        ("q", "double", "q 'q' must be a real number"),
+        (np.array([[0.0] * 19, [np.nan] * 19]), "double", "q of tick 1 must be finite"),
+        ("q", "double", "q must be an array of real numbers"),
+        (1j * np.zeros((3, 19)), "double", "q must be an array of real numbers"),
+        (np.zeros((3, 19)), None, "contacts must be the name of a contact state or one name for each posture"),
         (np.zeros((3, 19)), ["double"] * 2, "2 contact states for 3 postures"),
         (np.zeros((3, 19)), ["double", "duble", "left"], "contact 'duble' is not one of those tracked; did you mean 'double'"),
-        (np.zeros((3, 19)), [5, 5, 5], "contact '5' is not one of those tracked"),
+        (np.zeros((3, 19)), ["double", None, "left"], "contacts must be the name"),
     ],
 )
 def test_a_motion_that_is_none_is_refused(biped, q, contacts, words):

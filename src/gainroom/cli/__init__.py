@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     open_closed()
     gc.set_threshold(200_000)  # modules and schemas are no garbage: looking for it every 700 objects takes a tenth of a short command
     # Threads of a search take and free large arrays: with a heap for each, what one has freed another does not get, which is a quarter of
-    # the memory of a humanoid's study; and what the system gives anew each time it clears each time. Only glibc knows these settings.
+    # the memory of a humanoid's study. What goes back to the system is cleared before it comes again. Only glibc knows these settings.
     with suppress(OSError, AttributeError, TypeError):
         for setting, value in ((M_ARENA_MAX, 1), (M_MMAP_THRESHOLD, KEPT), (M_TRIM_THRESHOLD, 2 * KEPT)):
             ctypes.CDLL(None).mallopt(setting, value)

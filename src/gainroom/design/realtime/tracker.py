@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...analysis.gain_limit import gain_limit
-from ...errors import GainroomError, first_of_many, nearest, require_finite
+from ...errors import GainroomError, first_of_many, nearest
 from ...native import _core
 from ...robot.rigid_tree import held_frames, rigid_tree, tree_tasks
 from ...robot.tasks import MOVABLE
@@ -41,6 +41,8 @@ FLAGS = ("", "posture", "contact", "too few constraints")
 WEAK = 0.05
 """Factors on the gains of tasks below which directions may act on each other so slowly that nobody minds."""
 DOUBLE = np.dtype(float)
+PIECE = 1000
+"""Ticks of a motion after which Python hears of signals, and other threads get their turn."""
 
 
 class TrackedLimit(NamedTuple):
@@ -169,19 +171,27 @@ class GainTracker:
     def replay(self, q: ArrayLike, contacts: str | Sequence[str]) -> TrackedMotion:
         """The ticks of a motion that was planned or recorded: `update` at each of q (T, nq), in one contact state or in one for each tick.
 
-        Goes on from where the tracker is. Raises GainroomError for arrays of other shapes, numbers that are not finite, and contact states
-        that are not tracked.
+        Goes on from where the tracker is; postures that are none, as quaternions of another size, are flagged. Raises GainroomError for
+        arrays of other shapes, numbers that are not finite, and contact states that are not tracked.
         """
-        postures = require_finite("gain tracker", "q", q)
+        postures = np.asarray(q)
+        if postures.dtype.kind not in "fiu":
+            raise GainroomError("gain tracker: q must be an array of real numbers")
         if postures.ndim != 2 or postures.shape[1:] != self._shape:
             raise GainroomError(f"gain tracker: q of shape {postures.shape} must have the shape (ticks, {self._shape[0]})")
-        names = [contacts] * len(postures) if isinstance(contacts, str) else [str(name) for name in contacts]
+        if len(wrong := np.flatnonzero(~np.isfinite(postures).all(axis=1))):
+            raise GainroomError(f"gain tracker: q of tick {wrong[0]} must be finite")
+        if not (isinstance(contacts, str | Sequence | np.ndarray) and all(isinstance(name, str) for name in contacts)):
+            raise GainroomError("gain tracker: contacts must be the name of a contact state or one name for each posture")
+        names = [contacts] * len(postures) if isinstance(contacts, str) else list(contacts)
         if len(names) != len(postures):
             raise GainroomError(f"gain tracker: {len(names)} contact states for {len(postures)} postures; there must be one for each")
         for name in dict.fromkeys(names):
             if name not in self._states:
                 raise GainroomError(f"gain tracker: contact {name!r} is not one of those tracked{nearest(name, self.contacts, 'contact')}")
-        gain, frequency, certified, age, safe, flag, seconds = self._core.replay(postures, [self._states[name] for name in names]).T
+        states = [self._states[name] for name in names]
+        pieces = [self._core.replay(postures[k : k + PIECE], states[k : k + PIECE]) for k in range(0, len(states), PIECE)]
+        gain, frequency, certified, age, safe, flag, seconds = np.concatenate(pieces or [np.empty((0, 7))]).T.copy()
         allowed = safe * self._share
         return TrackedMotion(gain, frequency, certified > 0, age.astype(int), safe, allowed, np.array(FLAGS)[flag.astype(int)], seconds)
 

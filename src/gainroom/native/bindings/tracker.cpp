@@ -4,6 +4,7 @@
 #include <nanobind/stl/vector.h>
 
 #include <chrono>
+#include <mutex>
 #include <optional>
 
 #include "trees.hpp"
@@ -11,8 +12,16 @@
 using gainroom::JointData;
 using Strided = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;
 
-// A tracker with space for the matrices of its ticks, which come in any order of entries.
+// A tracker with space for the matrices of its ticks, which come in any order of entries. Threads that use it wait for each other.
 class GainTracker {
+    // What `work` gives, while no other thread uses this tracker and Python's other threads go on.
+    template <class Work>
+    auto alone(Work work) const {
+        nb::gil_scoped_release release;
+        const std::lock_guard<std::mutex> lock(busy_);
+        return work();
+    }
+
 public:
     GainTracker(const Matrix& joints, double sample_time, std::size_t velocities, std::size_t rows, std::size_t contacts, double slices,
                 double urgent)
@@ -29,18 +38,15 @@ public:
 
     // `mass` (N, N), `jacobians`: contact Jacobians one below the other, `tasks` those of tasks; a negative contact: an unknown one.
     nb::tuple update(const Strided& mass, const std::vector<Strided>& jacobians, std::int64_t contact, const std::vector<Strided>& tasks) {
-        const std::size_t size = robot_.links().velocities();
-        require(mass.shape(0) == size && mass.shape(1) == size, "mass has the shape (N, N)");
-        for (std::size_t i = 0; i < size; i++)
-            for (std::size_t j = i; j < size; j++) mass_[i * size + j] = mass(i, j);
-        const std::size_t count = copy_rows(jacobians, rows_);
-        require(copy_rows(tasks, tasks_) == robot_.directions(), "tasks have m rows");
-        gainroom::Limit limit;
-        {
-            nb::gil_scoped_release release;
-            limit = robot_.update(mass_.data(), rows_.data(), count, std::size_t(contact), tasks_.data());
-        }
-        return answer(limit);
+        return answer(alone([&] {
+            const std::size_t size = robot_.links().velocities();
+            require(mass.shape(0) == size && mass.shape(1) == size, "mass has the shape (N, N)");
+            for (std::size_t i = 0; i < size; i++)
+                for (std::size_t j = i; j < size; j++) mass_[i * size + j] = mass(i, j);
+            const std::size_t count = copy_rows(jacobians, rows_);
+            require(copy_rows(tasks, tasks_) == robot_.directions(), "tasks have m rows");
+            return robot_.update(mass_.data(), rows_.data(), count, std::size_t(contact), tasks_.data());
+        }));
     }
 
     // From now on update_posture: `contacts` with frames (c, 13) and held (c, 6) each; `switches`: those that are kept ready; tasks (k, 14).
@@ -65,12 +71,7 @@ public:
 
     nb::tuple update_posture(const Vector& q, std::int64_t contact) {
         require(posture_ && q.shape(0) == posture_->tree().positions(), "there is a body, and q has the shape (nq,)");
-        gainroom::Limit limit;
-        {
-            nb::gil_scoped_release release;
-            limit = posture_->update(q.data(), std::size_t(contact));
-        }
-        return answer(limit);
+        return answer(alone([&] { return posture_->update(q.data(), std::size_t(contact)); }));
     }
 
     // Ticks at postures q (T, nq) in `contacts` (T), one after the other: of each what update_posture answers, and how long it took [s].
@@ -78,8 +79,7 @@ public:
         const std::size_t ticks = q.shape(0), width = q.shape(1);
         require(posture_ && width == posture_->tree().positions() && contacts.size() == ticks, "there is a body, and q has the shape (T, nq)");
         std::vector<double> found(7 * ticks);
-        {
-            nb::gil_scoped_release release;
+        alone([&] {
             double* to = found.data();
             for (std::size_t k = 0; k < ticks; k++) {
                 const auto begun = std::chrono::steady_clock::now();
@@ -89,22 +89,25 @@ public:
                                            double(limit.flag), taken})
                     *to++ = value;
             }
-        }
+        });
         return owned(found.data(), ticks, 7);
     }
 
     void prepare(const std::vector<Strided>& jacobians, std::int64_t contact) {
-        const std::size_t count = copy_rows(jacobians, rows_);
-        nb::gil_scoped_release release;
-        robot_.prepare(rows_.data(), count, std::size_t(contact));
+        alone([&] {
+            const std::size_t count = copy_rows(jacobians, rows_);
+            robot_.prepare(rows_.data(), count, std::size_t(contact));
+        });
     }
 
     nb::tuple update_inverse(const Matrix& w, std::int64_t contact) {
         require(has_shape(w, joints_.size(), joints_.size()) && !robot_.directions(), "w has the shape (n, n), and there are no tasks");
-        return answer(tracker().update(w.data(), std::size_t(contact)));
+        return answer(alone([&] { return tracker().update(w.data(), std::size_t(contact)); }));
     }
 
-    nb::tuple lost(int flag, std::int64_t contact) { return answer(tracker().lost(static_cast<gainroom::Flag>(flag), std::size_t(contact))); }
+    nb::tuple lost(int flag, std::int64_t contact) {
+        return answer(alone([&] { return tracker().lost(static_cast<gainroom::Flag>(flag), std::size_t(contact)); }));
+    }
     nb::object inverse() const { return owned(robot_.posture(), joints_.size(), joints_.size()); }
     double passive_frequency() const { return tracker().passive_frequency(); }
     double alias_left(const Matrix& w, double omega) const {
@@ -120,10 +123,12 @@ public:
     nb::object crossings(std::size_t contact) const {
         require(contact < tracker().contacts(), "contact is from 0 to contacts − 1");
         std::vector<double> values;
-        for (std::size_t k = 0; k < tracker().crossings(contact); k++) {
-            const auto& one = tracker().crossing(contact, k);
-            values.insert(values.end(), {one.gain, one.omega, one.rising > 0.0 ? 1.0 : -1.0, one.spread});
-        }
+        alone([&] {
+            for (std::size_t k = 0; k < tracker().crossings(contact); k++) {
+                const auto& one = tracker().crossing(contact, k);
+                values.insert(values.end(), {one.gain, one.omega, one.rising > 0.0 ? 1.0 : -1.0, one.spread});
+            }
+        });
         return owned(values.data(), values.size() / 4, 4);
     }
 
@@ -165,6 +170,7 @@ private:
         return nb::make_tuple(limit.gain, limit.frequency, limit.certified, limit.age, limit.safe_gain, static_cast<int>(limit.flag));
     }
 
+    mutable std::mutex busy_;
     std::vector<JointData> joints_;
     gainroom::RobotTracker robot_;
     std::vector<double> mass_, rows_, tasks_;

@@ -14,11 +14,17 @@
 #include <sys/mman.h>
 #endif
 
+#if defined(__GNUC__)
+#define GAINROOM_HIDDEN __attribute__((visibility("hidden")))
+#else
+#define GAINROOM_HIDDEN
+#endif
+
 namespace gainroom {
 
 constexpr std::size_t kLine = 64;  // bytes of a line of the cache
 
-// Whether an address sanitizer looks on: it sees where an array ends on the heap alone.
+// Whether an address sanitizer looks on: it sees where an array ends on the heap alone, so that Vectors lie there then.
 #if defined(__SANITIZE_ADDRESS__)
 constexpr bool kWatched = true;
 #elif defined(__has_feature)
@@ -59,7 +65,8 @@ public:
         return sum;
     }
 
-    static Block*& filled() {
+    // Hidden: each library has its own, and can be unloaded.
+    GAINROOM_HIDDEN static Block*& filled() {
         thread_local Block* block = nullptr;
         return block;
     }

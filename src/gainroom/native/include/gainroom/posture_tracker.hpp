@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -12,7 +13,7 @@
 
 namespace gainroom {
 
-// For one thread at a time. All space is taken here, in the block of `robot`, which has to outlive it.
+// For one thread at a time. All space is taken here, in one block. `robot` has to outlive it.
 class PostureTracker {
 public:
     // contacts   the frames that each contact state of `robot` holds
@@ -20,7 +21,12 @@ public:
     // tasks      in the order of the robot's task gains; none in joint space
     PostureTracker(RobotTracker& robot, const RigidTree& tree, const std::vector<std::vector<HeldFrame>>& contacts,
                    const std::vector<std::size_t>& switches, const std::vector<TaskReading>& tasks)
-        : PostureTracker(Block::Filling(robot.block()), robot, tree, contacts, switches, tasks) {}
+        : filling_(std::in_place, block_), robot_(robot), dynamics_(tree), switches_(switches.begin(), switches.end()),
+          tasks_(tasks.begin(), tasks.end()), mass_(tree.velocities() * tree.velocities()), rows_(robot.links().most_rows() * tree.velocities()),
+          task_rows_(robot.directions() * tree.velocities()), q_(tree.positions()), every_(tasks_.empty() ? kPrepared : kPreparedTasks) {
+        for (const auto& one : contacts) contacts_.emplace_back(one.begin(), one.end());
+        filling_.reset();
+    }
 
     const RigidTree& tree() const { return dynamics_.tree(); }
 
@@ -39,14 +45,6 @@ public:
     }
 
 private:
-    PostureTracker(const Block::Filling&, RobotTracker& robot, const RigidTree& tree, const std::vector<std::vector<HeldFrame>>& contacts,
-                   const std::vector<std::size_t>& switches, const std::vector<TaskReading>& tasks)
-        : robot_(robot), dynamics_(tree), switches_(switches.begin(), switches.end()), tasks_(tasks.begin(), tasks.end()),
-          mass_(tree.velocities() * tree.velocities()), rows_(robot.links().most_rows() * tree.velocities()),
-          task_rows_(robot.directions() * tree.velocities()), q_(tree.positions()), every_(tasks_.empty() ? kPrepared : kPreparedTasks) {
-        for (const auto& one : contacts) contacts_.emplace_back(one.begin(), one.end());
-    }
-
     // Ticks after which another contact state is made ready, in a quiet one; kLate times as many, in any. From farther away crossings of tasks take
     // longer to follow than a tick has.
     static constexpr std::size_t kPrepared = 8, kPreparedTasks = 3, kLate = 3;
@@ -99,6 +97,8 @@ private:
         }
     }
 
+    Block block_;
+    std::optional<Block::Filling> filling_;  // until all that follows is made
     RobotTracker& robot_;
     TreeDynamics dynamics_;
     Vector<Vector<HeldFrame>> contacts_;

@@ -2,8 +2,9 @@
 #pragma once
 
 // Loops over entries, as many at a time as the processor has room for. Products and sums stay apart: all processors have the same digits.
-// What such a loop calls has to be inlined: a call would leave these wide registers for every number.
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__)
+// What such a loop calls has to be inlined: a call would leave these wide registers for every number. A choice that is made as a program is loaded
+// comes too early for the thread sanitizer.
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__SANITIZE_THREAD__)
 #define GAINROOM_WIDE __attribute__((target_clones("avx2", "default")))
 #else
 #define GAINROOM_WIDE

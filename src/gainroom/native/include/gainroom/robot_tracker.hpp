@@ -40,7 +40,7 @@ public:
     // allocation.
     Limit update(const double* mass, const double* rows, std::size_t count, std::size_t contact, const double* tasks = nullptr) {
         if (contact >= tracker_->contacts()) return tracker_->lost(Flag::bad_contact);
-        if (!links_->compute(mass, rows, count, posture_.data())) return tracker_->lost(Flag::bad_posture, contact);
+        if (laws_->size() == 0 || !links_->compute(mass, rows, count, posture_.data())) return tracker_->lost(Flag::bad_posture, contact);
         if (gains_ && (!tasks || !gains_->compute(*links_, mass, rows, count, tasks, posture_.data() + square())))
             return tracker_->lost(Flag::bad_posture, contact);
         return tracker_->update(posture_.data(), contact);

@@ -51,9 +51,9 @@ class SampledForm {
     bool mixed() const { return !crossing_.empty(); }
     bool whole() const { return crossing_.size() == n_ * n_; }
 
-    // to_j += factor from_j for first <= j < end.
-    static void add_scaled(double factor, const double* __restrict from, double* __restrict to, std::size_t first, std::size_t end) {
-        for (std::size_t j = first; j < end; j++) to[j] += factor * from[j];
+    // to_j += factor from_j.
+    static void add_scaled(double factor, const double* __restrict from, double* __restrict to, std::size_t count) {
+        for (std::size_t j = 0; j < count; j++) to[j] += factor * from[j];
     }
 
     // Units in which every d_i has size 1 in the middle, and as much of a common phase as is asked for: a congruence.
@@ -114,8 +114,8 @@ class SampledForm {
                     node.law_imaginary[i * stride_ + j] += value.imag();
                 }
             }
-        add_scaled(v_, node.law_real.data(), node.real.data(), 0, n_ * stride_);
-        add_scaled(v_, node.law_imaginary.data(), node.imaginary.data(), 0, n_ * stride_);
+        add_scaled(v_, node.law_real.data(), node.real.data(), n_ * stride_);
+        add_scaled(v_, node.law_imaginary.data(), node.imaginary.data(), n_ * stride_);
     }
 
     // Σ arg(e^{jθ} p_i)

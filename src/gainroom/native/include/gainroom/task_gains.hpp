@@ -28,7 +28,8 @@ struct TaskStack {
 class TaskGains {
 public:
     TaskGains(const JointLaws& laws, std::size_t velocities, std::size_t rows, const TaskStack& tasks)
-        : laws_(laws), kp_(tasks.kp.begin(), tasks.kp.end()), kd_(tasks.kd.begin(), tasks.kd.end()), rotors_(tasks.rotors), motion_(velocities, laws.size(), tasks.sizes, tasks.movable),
+        : laws_(laws), kp_(tasks.kp.begin(), tasks.kp.end()), kd_(tasks.kd.begin(), tasks.kd.end()), rotors_(tasks.rotors),
+          motion_(velocities, laws.size(), tasks.sizes, tasks.movable),
           own_(tasks.rotors ? velocities : 0, tasks.rotors ? laws.size() : 0, tasks.rotors ? rows : 0), mass_(tasks.rotors ? velocities * velocities : 0),
           unused_(tasks.rotors ? laws.size() * laws.size() : 0), jacobians_(motion_.directions() * velocities), rank_(rank(laws.size(), tasks)),
           shares_(2 * rank_ * motion_.directions()), column_(laws.size()) {
