@@ -224,6 +224,7 @@ def test_threads_that_share_a_tracker_wait_for_each_other(biped):
         (np.zeros((3, 12)), "double", r"q of shape \(3, 12\)"),
         (np.array([[0.0] * 19, [np.nan] * 19]), "double", "q of tick 1 must be finite"),
         ("q", "double", "q must be an array of real numbers"),
+        ([[0.0] * 19, [0.0]], "double", "q must be an array of real numbers"),
         (1j * np.zeros((3, 19)), "double", "q must be an array of real numbers"),
         (np.zeros((3, 19)), None, "contacts must be the name of a contact state or one name for each posture"),
         (np.zeros((3, 19)), ["double"] * 2, "2 contact states for 3 postures"),

@@ -174,7 +174,10 @@ class GainTracker:
         Goes on from where the tracker is; postures that are none, as quaternions of another size, are flagged. Raises GainroomError for
         arrays of other shapes, numbers that are not finite, and contact states that are not tracked.
         """
-        postures = np.asarray(q)
+        try:
+            postures = np.asarray(q)
+        except (TypeError, ValueError):  # rows of different lengths
+            postures = np.array(None)
         if postures.dtype.kind not in "fiu":
             raise GainroomError("gain tracker: q must be an array of real numbers")
         if postures.ndim != 2 or postures.shape[1:] != self._shape:
