@@ -47,11 +47,7 @@ struct Dense {
         double *tr = &re[to * columns], *ti = &im[to * columns];
         const double *fr = &re[from * columns], *fi = &im[from * columns], a = factor.real(), b = factor.imag();
         std::size_t c = first;
-        for (; c + 4 <= columns; c += 4) {
-            const Four x = four(fr + c), y = four(fi + c);
-            put(tr + c, four(tr + c) - (a * x - b * y));
-            put(ti + c, four(ti + c) - (a * y + b * x));
-        }
+        for (; c + 4 <= columns; c += 4) subtract_complex(tr + c, ti + c, a, b, fr + c, fi + c);
         for (; c < columns; c++) {
             tr[c] -= a * fr[c] - b * fi[c];
             ti[c] -= a * fi[c] + b * fr[c];

@@ -85,4 +85,11 @@ GAINROOM_INLINE void subtract_fours(double* from, double factor, const double* w
     for (std::size_t k = 0; k < count; k += 4) put(from + k, four(from + k) - factor * four(what + k));
 }
 
+// Four complex numbers take a + jb times others.
+GAINROOM_INLINE void subtract_complex(double* to_re, double* to_im, double a, double b, const double* re, const double* im) {
+    const Four x = four(re), y = four(im);
+    put(to_re, four(to_re) - (a * x - b * y));
+    put(to_im, four(to_im) - (a * y + b * x));
+}
+
 }  // namespace gainroom

@@ -213,12 +213,8 @@ private:
     // Entries from `first` to before `end` of a row, and others with them up to whole fours: take `factor` times another row.
     GAINROOM_INLINE static void subtract(double* to_re, double* to_im, const double* re, const double* im, Complex factor, std::size_t first,
                                 std::size_t end) {
-        const double a = factor.real(), b = factor.imag();
-        for (std::size_t j = first / 4 * 4; j < end; j += 4) {
-            const Four x = four(re + j), y = four(im + j);
-            put(to_re + j, four(to_re + j) - (a * x - b * y));
-            put(to_im + j, four(to_im + j) - (a * y + b * x));
-        }
+        for (std::size_t j = first / 4 * 4; j < end; j += 4)
+            subtract_complex(to_re + j, to_im + j, factor.real(), factor.imag(), re + j, im + j);
     }
 
     GAINROOM_INLINE static void scale(double* re, double* im, Complex factor, std::size_t first, std::size_t end) {
