@@ -290,8 +290,9 @@ def _columns(group: list[Rough]) -> tuple[Floats, Complexes]:
 
 
 def slope(value: Complexes) -> Floats:
-    """Zero where λ is real; steep enough for secants however small λ is."""
-    return value.imag / value.real
+    """Zero where λ is real; steep enough for secants however small λ is; on the imaginary axis as large as beside it, not infinite."""
+    real = np.where(value.real == 0, np.finfo(float).eps * np.abs(value.imag), value.real)
+    return np.divide(value.imag, real, out=np.zeros(len(value)), where=real != 0)
 
 
 def _lag(value: Complexes) -> Floats:

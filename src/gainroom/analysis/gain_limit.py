@@ -115,7 +115,7 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
         raise GainroomError("gain_limit: all gains are zero")
     family, stable = gains(sweep), sweep.unstable(1.0) == 0
     inside = 1.0 if stable else _inside_below(sweep)
-    if inside is None:
+    if inside is None or sweep.full:
         if sweep.full or not has_growing_root(sweep.loop):
             raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
         return _no_limit(sweep.loop, False, 0.0, math.nan)
@@ -134,6 +134,9 @@ def _why_not(sweep: Sweep) -> str:
     longest = 0.0 if sweep.loop.delays is None else float(sweep.loop.delays.max(initial=0.0))
     if sweep.undamped:
         return "a resonance has no damping at all; give its gearbox some"
+    at_rest = np.abs(sweep.at_rest())
+    if np.any(np.finfo(float).eps * np.abs(sweep.loci[0]).max() > SEARCH.nudge * at_rest):
+        return "gravity moves links so much less in one direction than in others that round-off hides where the gains hold them"
     if sweep.full:
         return f"they need over {len(sweep.omega) - 1} samples, as with very light damping or a very long delay (here {1e3 * longest:g} ms)"
     return "the loop is as good as marginal at any gain (kd 0?), or gains lie many orders of magnitude apart"
@@ -150,7 +153,9 @@ def _lower_end(sweep: Sweep, family: Family, inside: float) -> End | None:
 
 
 def _inside_below(sweep: Sweep) -> float | None:
-    """The highest factor below 1 that is found to be stable; None where there is none."""
+    """The highest factor below 1 that is found to be stable; None where there is none, and where the loci cannot be followed."""
+    if sweep.full:  # with thousands of crossings
+        return None
     edges = sorted({SEARCH.lowest, 1.0, *(one.at for one in gains(sweep).crossings() if one.at < 1)})
     factors = [*JUST_BELOW.tolist(), *(math.sqrt(low * high) for low, high in pairwise(edges))]
     return next((factor for factor in sorted(factors, reverse=True) if sweep.unstable(factor) == 0), None)

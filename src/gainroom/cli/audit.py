@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import named
 from ..io.as_typed import as_typed
 from ..report.number_format import model_facts, model_text
 from .model_options import ModelCall, audited_text
@@ -114,7 +115,7 @@ def audit(
     besides = ("simulator", *asked, "workspace", "write_robot")
     call = typed_command(context, *besides, "report")
     with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:
-        with progress_bar("audit:") as progress:
+        with progress_bar("audit:") as progress, named(model):
             result = run_audit(found.system, required, progress, options.damping_ratio, found.gearboxes)
         simulated = None
         if training is not None:

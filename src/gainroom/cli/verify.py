@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import named
 from .options import AsJson, Report, command_line, kind_of, report_stream, typed_command
 from .output import closing, column_table, do_this, render, show
 from .progress import progress_bar
@@ -37,7 +38,7 @@ def verify(
     with report_stream(report) as page:
         from ..studies.verification import verify as verified
 
-        with progress_bar("verify:") as progress:
+        with progress_bar("verify:") as progress, named(str(file)):
             result = verified(system, progress, effects)
         study_call = command_line("robot" if result.of_robot else "joint", file)
         show(as_json, lambda: _facts(result), lambda: _terminal(result, study_call, report))

@@ -239,9 +239,8 @@ class State:
             if not movable[k]:
                 limits[k] = math.inf
                 continue
-            loop = loop_of(k, own)
             try:
-                limit = limit_of(loop)
+                limit = limit_of(loop := loop_of(k, own))
             except GainroomError:  # not known
                 continue
             limits[k] = limit.gain if loop.kd_path is None or not limit.stable else min(limit.gain, path_margins(loop).headroom)
