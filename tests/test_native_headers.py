@@ -196,7 +196,8 @@ def test_hostile_loops_end(program: Path):
 
 
 @pytest.mark.slow
-def test_trees_and_matrices_of_any_rank_end():
+@pytest.mark.parametrize("options", [SANITIZED, ("-O3", "-march=native")], ids=["sanitized", "O3"])
+def test_trees_and_matrices_of_any_rank_end(options):
     """Joints of every kind, quaternions of any size, masses of 0; pseudo-inverses of any rank solve A A⁺ A = A; trackers of any posture."""
-    ordinary, wrong = output(compiled("trees")).split()
+    ordinary, wrong = output(native_programs.compiled(SOURCES / "trees.cpp", *options)).split()
     assert (int(ordinary) > 1000, int(wrong)) == (True, 0)

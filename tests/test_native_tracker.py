@@ -18,9 +18,10 @@ def example_joints():
 
 
 @pytest.mark.slow
-def test_control_loop():
+@pytest.mark.parametrize("options", [(), ("-O3", "-march=native")], ids=["Og", "O3"])
+def test_control_loop(options):
     """Every tick of the example gives what Python gives for its matrices, and some of its limits are compared with gain_limit."""
-    program = compiled(TESTS.parent / "examples" / "control_loop.cpp")
+    program = compiled(TESTS.parent / "examples" / "control_loop.cpp", *options)
     table = example_joints()
     tracker = _core.GainTracker(table, PERIOD, 7, 4, 4, 0.0, 0.0)
     drive, pd = gr.Drive(4000.0, 0.9, 2e-3), gr.PD(table[:, 8], table[:, 9])

@@ -76,8 +76,9 @@ private:
             // with all six, to second order; free directions may have turned far
             const bool all = std::find(held.begin(), held.end(), false) == held.end();
             const Triple linear = all ? linear_logarithm(angular, left.origin) : left.origin;
+            const Six away = six(linear, angular);
             for (std::size_t k = 0; k < kTwist; k++)
-                if (held[k]) *out++ = k < 3 ? linear[k] : angular[k - 3];
+                if (held[k]) *out++ = away[k];
         }
     }
 

@@ -41,11 +41,12 @@ public:
         const std::size_t size = tree_.velocities(), base = tree_.base_velocities();
         std::fill(a, a + size * size, 0.0);
         for (std::size_t i = 0; i < base; i++) {
-            const Twist momentum = carried_[0].momentum(unit(i));
-            for (std::size_t j = i; j < base; j++) a[i * size + j] = part(momentum, j);
+            const Six momentum = row(carried_[0].momentum(unit(i)));
+            for (std::size_t j = i; j < base; j++) a[i * size + j] = momentum[j];
         }
         for (std::size_t k = 0; k < tree_.joints(); k++) {
-            for (std::size_t i = 0; i < base; i++) a[i * size + base + k] = part(momenta_[k], i);
+            const Six momentum = row(momenta_[k]);
+            for (std::size_t i = 0; i < base; i++) a[i * size + base + k] = momentum[i];
             for (std::size_t link = k + 1; link > 0; link = tree_.joint(link - 1).parent)
                 a[(base + link - 1) * size + base + k] = product(motions_[link - 1], momenta_[k]);
         }
@@ -98,11 +99,11 @@ private:
     }
 
     static Twist unit(std::size_t k) {
-        Twist found{};
-        (k < 3 ? found.linear[k] : found.angular[k - 3]) = 1.0;
-        return found;
+        Six one{};
+        one[k] = 1.0;
+        return {{one[0], one[1], one[2]}, {one[3], one[4], one[5]}};
     }
-    static double part(const Twist& twist, std::size_t k) { return k < 3 ? twist.linear[k] : twist.angular[k - 3]; }
+    static Six row(const Twist& twist) { return six(twist.linear, twist.angular); }
     static double product(const Twist& a, const Twist& b) { return dot(a.linear, b.linear) + dot(a.angular, b.angular); }
 
     // The same along `axes`.
@@ -112,10 +113,10 @@ private:
         double* end = rows + size * held.rows();
         std::fill(rows, end, 0.0);
         const auto column = [&](std::size_t number, const Twist& motion) {
-            const Twist seen{turned(axes, motion.linear + cross(motion.angular, point)), turned(axes, motion.angular)};
+            const Six seen = six(turned(axes, motion.linear + cross(motion.angular, point)), turned(axes, motion.angular));
             double* entry = rows + number;
             for (std::size_t k = 0; k < kTwist; k++)
-                if (held.held[k]) *entry = part(seen, k), entry += size;
+                if (held.held[k]) *entry = seen[k], entry += size;
         };
         for (std::size_t i = 0; i < base; i++) column(i, unit(i));
         for (std::size_t link = held.frame.link; link > 0; link = tree_.joint(link - 1).parent) column(base + link - 1, motions_[link - 1]);
