@@ -266,7 +266,7 @@ class GainTracker:
         """After `update`: the same mass matrix, were the robot in another contact state."""
 
     def update_inverse(self, w: Floats, contact: int) -> tuple[float, float, bool, int, float, int]: ...
-    def lost(self, flag: int, contact: int) -> tuple[float, float, bool, int, float, int]:
+    def lost(self, flag: int, contact: int, most: float) -> tuple[float, float, bool, int, float, int]:
         """The answer to a tick of which nothing is known but its contact state; a negative one: nor that."""
 
     def crossings(self, contact: int) -> Floats: ...

@@ -1,6 +1,7 @@
 """A body's tree for the native core, which places it at every tick of a controller; its frames, contacts and tasks there."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,28 @@ READINGS: tuple[TaskKind, ...] = ("com", "posture", "position", "orientation")
 """In the order of the core's numbers."""
 
 
+class TreeRows(NamedTuple):
+    """A tree in numbers, as the core's RigidTree takes them; poses are (12,).
+
+    joints    (n, 17) of each the link that it is on (0: the base, k + 1: what joint k moves), its pose there, its axis, and 1 where it
+              is prismatic, 2 where its posture is cosine and sine
+    masses    (n + 1, 13) of the base, then of what each joint moves: mass, centre, inertia about it
+    """
+
+    floating: bool
+    root: Floats
+    joints: Floats
+    masses: Floats
+    gravity: Floats
+
+
 def rigid_tree(body: RigidBody, owner: str = "simulation") -> RigidTree:
     """Of Pinocchio's model. Raises GainroomError, which begins with `owner`, for closed loops and passive joints."""
+    return RigidTree(*tree_rows(body, owner))
+
+
+def tree_rows(body: RigidBody, owner: str) -> TreeRows:
+    """The same in numbers."""
     body.require_tree(owner)
     model, first = body.model, body.model.njoints - body.size  # the world, then a floating base, then the joints
     rows = []
@@ -31,7 +52,7 @@ def rigid_tree(body: RigidBody, owner: str = "simulation") -> RigidTree:
     if body.base == "fixed":
         masses.insert(0, [0.0] * 13)
     root = pose(model.jointPlacements[first - 1])
-    return RigidTree(body.base == "floating", root, np.array(rows).reshape(-1, 17), np.array(masses), np.array(model.gravity.linear))
+    return TreeRows(body.base == "floating", root, np.array(rows).reshape(-1, 17), np.array(masses), np.array(model.gravity.linear))
 
 
 def tree_frame(body: RigidBody, frame: str) -> Floats:

@@ -6,6 +6,7 @@ digits, `_`, `-`, `.` and blanks as an octal escape: no name ends a string, a li
 
 import re
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -140,11 +141,23 @@ def header_text(name: str, sizes: Mapping[str, int], constants: Sequence[Constan
 
     Raises GainroomError where `name` is no identifier of C.
     """
-    if not isinstance(name, str) or len(name) > LONGEST_NAME or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
-        raise GainroomError(f"C header: name {name!r} must be a letter, then up to {LONGEST_NAME - 1} letters, digits and _")
+    require_identifier("C header", name)
     text = re.sub(rf"(?<![A-Z_])({'|'.join(sizes)})(?![A-Z_])", lambda found: str(sizes[found[0]]), TEMPLATE)
     text = text.replace("GUARD", name.upper()).replace("NAME", name)
     return text.replace("DATA\n", "".join(_definition(name, one) for one in constants))  # last: names in it are not looked at
+
+
+def provenance(model: str, date: str | None) -> tuple[str, str, str]:
+    """What a header says of itself: the model's file, gainroom's version, and the day that it was made; None: today."""
+    from ... import __version__
+
+    return model, __version__, datetime.now(UTC).strftime("%Y-%m-%d") if date is None else str(date)
+
+
+def require_identifier(owner: str, name: object) -> None:
+    """Raise GainroomError, which begins with `owner`, where a name is no identifier of C, or begins with _."""
+    if not isinstance(name, str) or len(name) > LONGEST_NAME or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+        raise GainroomError(f"{owner}: name {name!r} must be a letter, then up to {LONGEST_NAME - 1} letters, digits and _")
 
 
 def string(text: str) -> str:

@@ -15,7 +15,6 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -27,7 +26,7 @@ from ...errors import GainroomError, first_of_many, nearest, require_count, requ
 from ...io.atomic import write_text
 from ...system.controller import PD
 from ...system.linear.arrays import Floats
-from .c_header import Constant, header_text
+from .c_header import Constant, header_text, provenance
 from .scheduler import GainTable
 
 if TYPE_CHECKING:
@@ -185,17 +184,12 @@ class PostureTable:
         not there.
         """
         sizes = {"JOINTS": len(self.joints), "FEATURES": len(self.features), "CONTACTS": len(self.contacts), "POINTS": self.limits[0].size}
-        day = datetime.now(UTC).strftime("%Y-%m-%d") if date is None else date
-        write_text(Path(path), header_text(name, sizes, self._constants(day)))
+        write_text(Path(path), header_text(name, sizes, self._constants(date)))
 
-    def _constants(self, day: str) -> list[Constant]:
-        from ... import __version__
-
-        rows = len(self.contacts)
+    def _constants(self, date: str | None) -> list[Constant]:
+        rows, about = len(self.contacts), provenance(self.model, date)
         return [
-            Constant("char *const", "model", self.model),
-            Constant("char *const", "version", __version__),
-            Constant("char *const", "date", day),
+            *(Constant("char *const", what, text) for what, text in zip(("model", "version", "date"), about, strict=True)),
             Constant("char *const", "joints", self.joints),
             Constant("char *const", "contacts", self.contacts),
             Constant("char *const", "features", [one.name for one in self.features]),

@@ -7,6 +7,7 @@ become the core's numbers.
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,14 +15,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...analysis.gain_limit import gain_limit
 from ...errors import GainroomError, first_of_many, nearest
+from ...io.atomic import write_text
 from ...native import _core
-from ...robot.rigid_tree import held_frames, rigid_tree, tree_tasks
+from ...robot.rigid_tree import held_frames, tree_rows, tree_tasks
 from ...robot.tasks import MOVABLE
 from ...system.controller import PD, Controller
 from ...system.linear.arrays import Floats
 from ...system.requirements import Requirements
 from ...system.system import Control, System
+from .c_header import provenance
 from .carried import joint_gains, joint_table, require_carried, require_leads
+from .cpp_header import Tracked, tracked_header
 
 if TYPE_CHECKING:
     from ...robot.robot import Robot
@@ -35,6 +39,8 @@ Limits are off by less than that; beside a sharp resonance 12 times as much was 
 """
 AGREED = 1e-6
 """Of the first limits, with those of gain_limit."""
+SHRUNK = 0.9
+"""Of the limit in another posture."""
 HOLDING = 6
 """Directions that have to be held for a floating base to stand."""
 FLAGS = ("", "posture", "contact", "too few constraints")
@@ -55,7 +61,7 @@ class TrackedLimit(NamedTuple):
     safe_gain   1e-6 below `gain` where that is certified. Else what was certified last in this contact state, or in joint space the
                 lowest of all states where there is none, 10 % below it and more the farther the robot is from there, with tasks
                 the more it has moved since: no proof; 0 where nothing is known. Never above `gain`, and where `flag` is set never
-                above the last answer's
+                above the last answer's; in a contact state with too few constraints also 10 % below its limit at the first posture
     allowed     safe_gain over the gain margin that the limits ask for
     flag        what was wrong with the call, one of FLAGS; "": nothing
     """
@@ -133,24 +139,30 @@ class GainTracker:
         """(2, n) kp and kd that the limits are factors on; (2, m) K'p and K'v of the directions of tasks."""
         self._shape, self._floating = (body.nq,), body.base == "floating"
         self._share = 1.0 / ((system.requirements if limits is None else limits).gain_margin or 1.0)
-        held = [robot.contacts[name] for name in names]
-        rows = [sum(len(contact.rows) for contact in state) for state in held]
-        machine = joint_table(robot, system), system.control.sample_time or 0.0, body.nv, max(rows, default=0), len(names)
+        stack = () if tasks is None else tasks.tasks
+        tracked = Tracked(
+            robot.joint_names,
+            joint_table(robot, system),
+            system.control.sample_time or 0.0,
+            tree_rows(body, "gain tracker"),
+            {name: held_frames(body, robot.contacts[name]) for name in names},
+            [len(task.directions(robot.joint_names)) for task in stack],
+            tree_tasks(body, stack),
+            self.gains.copy(),
+            rotors,
+        )
+        rows = [int(np.count_nonzero(held)) for _, held in tracked.contacts.values()]
+        machine = tracked.joints, tracked.sample_time, body.nv, max(rows, default=0), len(names)
         if tasks is None:
             self._core = _core.GainTracker(*machine, 0.0, 0.0)
         else:
-            sizes = [len(task.directions(robot.joint_names)) for task in tasks.tasks]
-            self._core = _core.GainTracker(*machine, sizes, self.gains, rotors, MOVABLE)
+            self._core = _core.GainTracker(*machine, tracked.sizes, tracked.gains, rotors, MOVABLE)
         self._states = {name: index for index, name in enumerate(names) if not self._falls(rows[index])}
-        self._loose = frozenset(names) - frozenset(self._states)
-        stack = () if tasks is None else tasks.tasks
-        self._core.set_body(
-            rigid_tree(body, "gain tracker"),
-            [held_frames(body, state) for state in held],
-            list(self._states.values()),
-            tree_tasks(body, stack),
-        )
-        self._settle(robot, system)
+        self._core.set_body(_core.RigidTree(*tracked.tree), list(tracked.contacts.values()), list(self._states.values()), tracked.tasks)
+        self._loose = {name: _limit_at_first(robot, system, name) for name in names if name not in self._states}
+        limits = self._loose | self._settle(robot, system)
+        posture = body.configuration(dict(next(iter(robot.postures.values())).angles))
+        self._written = tracked, [(name, name in self._states, limits[name]) for name in names], posture, Path(robot.name).name
 
     def update(self, q: ArrayLike, contact: str) -> TrackedLimit:
         """One tick at posture `q` (nq,), as body.configuration gives it, in contact state `contact`. Raises nothing: see `flag`."""
@@ -238,11 +250,24 @@ class GainTracker:
         """Contact states that are tracked; floating bases held in fewer than 6 directions are not."""
         return tuple(self._states)
 
+    def to_header(self, path: str | Path, name: str, date: str | None = None) -> None:
+        """Write what is tracked as a C++17 header for a controller: links, actuators, drives, gains, contact states and tasks, as numbers.
+
+        Its one function is called `name`_robot. Of what that returns `gainroom::GainTracker` (native/include/gainroom/gain_tracker.hpp)
+        makes a tracker like this one. Its `settle` finds the first limits and compares them with those of gain_limit, which are in the
+        header. `date`: as it shall say, None: today.
+
+        Raises GainroomError where `name` is no identifier, or `path` cannot be written: the file is whole or not there.
+        """
+        tracked, limits, posture, model = self._written
+        write_text(Path(path), tracked_header(name, provenance(model, date), tracked, 1.0 / self._share, limits, posture))
+
     def warmup(self) -> None:
         """Nothing is left to do after construction."""
 
-    def _settle(self, robot: "Robot", system: System) -> None:
-        """The first certificate of every contact state, in the first posture."""
+    def _settle(self, robot: "Robot", system: System) -> dict[str, float]:
+        """Of every contact state that is tracked the limit in the first posture, by gain_limit, once the core has found it too."""
+        limits = {}
         for name, state in self._states.items():
             model = robot.linearize(next(iter(robot.postures)), name)
             if self.space == "task" and not robot.tasks(model, system.control.rotors).movable.any():
@@ -277,6 +302,8 @@ class GainTracker:
                 found = self._core.update(*here)
             if not abs(found[0] - limit.gain) <= AGREED * limit.gain:
                 raise GainroomError(f"gain tracker: contact {name!r}: {found[0]:.7g} was found as gain limit, not {limit.gain:.7g}")
+            limits[name] = limit.gain
+        return limits
 
     def _answer(self, found: "tuple[float, float, bool, int, float, int]") -> TrackedLimit:
         gain, frequency, certified, age, safe, flag = found
@@ -292,10 +319,11 @@ class GainTracker:
 
     def _without(self, contact: str) -> TrackedLimit:
         """The answer for a contact state that is not tracked."""
-        return self._lost(3 if isinstance(contact, str) and contact in self._loose else 2)
+        loose = self._loose.get(contact) if isinstance(contact, str) else None
+        return self._lost(2) if loose is None else self._lost(3, most=SHRUNK * loose)
 
-    def _lost(self, flag: int, state: int = -1) -> TrackedLimit:
-        return self._answer(self._core.lost(flag, state))
+    def _lost(self, flag: int, state: int = -1, most: float = np.inf) -> TrackedLimit:
+        return self._answer(self._core.lost(flag, state, most))
 
 
 def _system(robot: "Robot", control: Control | PD | None) -> System:
@@ -309,6 +337,15 @@ def _system(robot: "Robot", control: Control | PD | None) -> System:
     if control is not None and not isinstance(control, Control):
         raise GainroomError(f"gain tracker: control of type {type(control).__name__} must be a Control or a PD")
     return system if control is None else replace(system, control=control)
+
+
+def _limit_at_first(robot: "Robot", system: System, contact: str) -> float:
+    """The gain limit of a contact state in the first posture; 0 where none is known, or lower gains are not stable."""
+    try:
+        limit = gain_limit(system.loop(robot.linearize(next(iter(robot.postures)), contact)))
+    except GainroomError:
+        return 0.0
+    return limit.gain if np.isfinite(limit.gain) and limit.lower_gain == 0 else 0.0
 
 
 def _contact_names(robot: "Robot", names: Sequence[str] | None) -> tuple[str, ...]:

@@ -105,8 +105,8 @@ public:
         return answer(alone([&] { return tracker().update(w.data(), std::size_t(contact)); }));
     }
 
-    nb::tuple lost(int flag, std::int64_t contact) {
-        return answer(alone([&] { return tracker().lost(static_cast<gainroom::Flag>(flag), std::size_t(contact)); }));
+    nb::tuple lost(int flag, std::int64_t contact, double most) {
+        return answer(alone([&] { return tracker().lost(static_cast<gainroom::Flag>(flag), std::size_t(contact), most); }));
     }
     nb::object inverse() const { return owned(robot_.posture(), joints_.size(), joints_.size()); }
     double passive_frequency() const { return tracker().passive_frequency(); }
@@ -202,7 +202,7 @@ void bind_tracker(nb::module_& m) {
         .def("replay", &GainTracker::replay, nb::arg("q"), nb::arg("contacts"))
         .def("prepare", &GainTracker::prepare, nb::arg("jacobians"), nb::arg("contact"))
         .def("update_inverse", &GainTracker::update_inverse, nb::arg("w"), nb::arg("contact"))
-        .def("lost", &GainTracker::lost, nb::arg("flag"), nb::arg("contact"))
+        .def("lost", &GainTracker::lost, nb::arg("flag"), nb::arg("contact"), nb::arg("most"))
         .def("crossings", &GainTracker::crossings, nb::arg("contact"))
         .def("counted_gain", &GainTracker::counted_gain, nb::arg("contact"))
         .def("alias_left", &GainTracker::alias_left, nb::arg("w"), nb::arg("omega"))

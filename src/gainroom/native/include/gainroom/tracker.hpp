@@ -30,7 +30,7 @@ struct TrackerSettings {
     double highest = 1e3;      // factors that are looked for
 };
 
-enum class Flag { fine = 0, bad_posture = 1, bad_contact = 2 };
+enum class Flag { fine = 0, bad_posture = 1, bad_contact = 2, too_few_constraints = 3, not_settled = 4 };
 
 // gain, frequency [rad/s]  of the lowest known crossing; NaN: none known
 // certified                the gain is the loop's limit, see docs/realtime.md
@@ -47,6 +47,7 @@ struct Limit {
 class Tracker {
 public:
     static constexpr double kCertain = 1e-6;  // of the gain that safe_gain stays below it
+    static constexpr double kShrunk = 0.9;    // of what was certified, or computed in another posture
 
     Tracker(CrossingSet& known, CrossingSearch& search, std::size_t contacts, const TrackerSettings& settings)
         : settings_(settings), loop_(known.loop()), known_(known), search_(search) {
@@ -104,19 +105,19 @@ public:
     }
 
     // The answer to a tick of which nothing is known, or its contact state alone: what is left of what was certified there, or the least of all
-    // contact states, were the robot to move on as fast as it did; and no more than the last answer.
-    Limit lost(Flag flag, std::size_t contact = std::size_t(-1)) {
+    // contact states, were the robot to move on as fast as it did; and no more than the last answer, and than `most`.
+    Limit lost(Flag flag, std::size_t contact = std::size_t(-1), double most = std::numeric_limits<double>::infinity()) {
         tick_++;
         moved_ += last_rate();
         Limit limit;
         limit.flag = flag;
-        limit.safe_gain = answered_ = std::min(answered_, contact < states_.size() ? remembered(states_[contact]) : least_remembered());
+        limit.safe_gain = answered_ = std::min({answered_, most, contact < states_.size() ? remembered(states_[contact]) : least_remembered()});
         return limit;
     }
 
 private:
     using State = ContactState;
-    static constexpr double kShrunk = 0.9, kForgets = 0.95;  // see answer; of the rate, per tick
+    static constexpr double kForgets = 0.95;                 // of the rate, per tick
     static constexpr double kOneSided = 0.7, kUneven = 0.2;  // gains that are counted closer, and as often as there is time
     static constexpr double kBeside = 0.1;                   // of a factor
     static constexpr int kFirst = 4;                         // counts above the lowest crossing before one below it
