@@ -53,9 +53,12 @@ class Walk:
         limit = gr.gain_limit(self.loop(tick).scaled(gain * (1 - 1e-6)))
         return limit.stable and limit.lower_gain * gain < WEAK
 
-    def run(self, ticks: int, checks: int) -> tuple[float, float]:
-        """The share of ticks that are certified, and by how much a certified gain is above the limit at most, relative."""
+    def run(self, ticks: int, checks: int | None) -> tuple[float, float]:
+        """The share of ticks that are certified, and by how much a certified gain is above the limit at most, relative.
+
+        checks   how many certified ticks are looked at, or so; None: all
+        """
         answers = [self.tracker.update(self.posture(tick), self.contact(tick)) for tick in range(ticks)]
         certified = [tick for tick, answer in enumerate(answers) if answer.certified]
-        checked = certified[:: max(1, len(certified) // checks)]
+        checked = certified[:: max(1, len(certified) // checks) if checks else 1]
         return len(certified) / ticks, max(answers[tick].gain / max(self.truth(tick), 1e-9) - 1 for tick in checked)

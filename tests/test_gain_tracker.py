@@ -10,6 +10,7 @@ import pytest
 
 import gainroom as gr
 import machines
+from benchmarks.talos import talos
 from gainroom.native import _core
 from gainroom.robot.contact import Contact
 from gainroom.robot.linearize import linearize
@@ -417,22 +418,34 @@ def test_what_is_not_carried_is_refused(biped, words: str):
 @pytest.mark.population
 @pytest.mark.parametrize("seed", range(20))
 def test_population_of_walks(biped, seed: int, capsys: pytest.CaptureFixture[str]):
-    share, worst = walked(biped, seed)
+    """Of 100,000 ticks in all, every one that is certified is checked."""
+    share, worst = walked(biped, seed, 5000, None)
     with capsys.disabled():
-        print(f"\nwalk {seed}: {100 * share:.1f} % of ticks certified; above the limit by {worst:.1e} at most")
+        print(f"\nwalk {seed}: {100 * share:.2f} % of ticks certified; above the limit by {worst:.1e} at most")
+
+
+@pytest.mark.population
+@pytest.mark.parametrize("seed", range(10))
+def test_population_of_walks_of_talos(tmp_path, seed: int, capsys: pytest.CaptureFixture[str]):
+    """Of 20,000 ticks in all, every one that is certified is checked."""
+    file = tmp_path / "talos.yaml"
+    file.write_text(talos("{double: [left_sole_link, right_sole_link], left: [left_sole_link], right: [right_sole_link], flight: []}"))
+    share, worst = walked(gr.load_robot(str(file)), seed, 2000, None)
+    with capsys.disabled():
+        print(f"\nTALOS, walk {seed}: {100 * share:.2f} % of ticks certified; above the limit by {worst:.1e} at most")
 
 
 @pytest.mark.parametrize("seed", [2, 7])
 def test_a_share_of_the_walks(biped, seed: int):
-    share, _ = walked(biped, seed)
+    share, _ = walked(biped, seed, 5000, 100)
     assert share > 0.98
 
 
-def walked(biped, seed: int) -> tuple[float, float]:
+def walked(robot, seed: int, ticks: int, checks: int | None) -> tuple[float, float]:
     """Every certified gain that is looked up is the limit: continuous and sampled, with equal limbs (symmetric walks) among them."""
     walk = Walk(
-        biped, (None, TICK)[seed % 2], 100 + seed, symmetric=seed % 4 > 1, speed=(0.3, 1.0)[seed % 3 > 0], stance=(800, 333)[seed % 5 == 4]
+        robot, (None, TICK)[seed % 2], 100 + seed, symmetric=seed % 4 > 1, speed=(0.3, 1.0)[seed % 3 > 0], stance=(800, 333)[seed % 5 == 4]
     )
-    share, worst = walk.run(ticks=5000, checks=100)
+    share, worst = walk.run(ticks, checks)
     assert worst < 1e-6
     return share, worst
