@@ -160,9 +160,9 @@ class GainTracker:
         self._states = {name: index for index, name in enumerate(names) if not self._falls(rows[index])}
         self._core.set_body(_core.RigidTree(*tracked.tree), list(tracked.contacts.values()), list(self._states.values()), tracked.tasks)
         self._loose = {name: _limit_at_first(robot, system, name) for name in names if name not in self._states}
-        limits = self._loose | self._settle(robot, system)
+        first = self._loose | self._settle(robot, system)
         posture = body.configuration(dict(next(iter(robot.postures.values())).angles))
-        self._written = tracked, [(name, name in self._states, limits[name]) for name in names], posture, Path(robot.name).name
+        self._written = tracked, [(name, name in self._states, first[name]) for name in names], posture, Path(robot.name).name
 
     def update(self, q: ArrayLike, contact: str) -> TrackedLimit:
         """One tick at posture `q` (nq,), as body.configuration gives it, in contact state `contact`. Raises nothing: see `flag`."""
