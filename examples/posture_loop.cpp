@@ -23,7 +23,7 @@ int main() {
     }
     gainroom::GainTracker tracker(robot);  // all memory is taken here
     if (!tracker.settle()) {
-        std::fprintf(stderr, "%s: no first limit of contact state %s\n", robot.model, tracker.unsettled() ? tracker.unsettled() : "(none)");
+        std::fprintf(stderr, "%s: in contact state %s the first limit is not that of gain_limit\n", robot.model, tracker.unsettled() ? tracker.unsettled() : "(none)");
         return 1;
     }
     const std::size_t walk[] = {robot.contact("double"), robot.contact("left"), robot.contact("double"), robot.contact("right")};

@@ -183,6 +183,15 @@ int main() {
         [](Robot& robot) { robot.gain_margin = 0.0; },
         [](Robot& robot) { robot.stack.sizes.push_back(3); },
         [](Robot& robot) { robot.tasks.push_back({gainroom::Reading::center, {0, {}}}); },
+        [](Robot& robot) { robot.gain_margin = infinite; },
+        [](Robot& robot) { robot.tree = {true, {}, {}, {{1.0, {}, {}}}, {}}; },
+        [](Robot& robot) { robot.tree = {true, {}, {{1000, {}, {0, 0, 1}, false, false}}, {{1.0, {}, {}}, {1.0, {}, {}}}, {}}; },
+        [](Robot& robot) { robot.tree = {true, {}, {{0, {}, {0, 0, 1}, false, false}}, {{1.0, {}, {}}}, {}}; },
+        [](Robot& robot) {  // sizes whose sum is right
+            robot.tasks.assign(2, {gainroom::Reading::center, {0, {}}});
+            robot.stack.sizes = {4, 2};
+            robot.stack.kp.assign(6, 1.0), robot.stack.kd.assign(6, 1.0);
+        },
     };
     const std::vector<double> q = my_robot().posture;
     for (const auto& edit : edits) {
@@ -206,7 +215,7 @@ def test_what_is_not_as_it_was_written_is_never_settled(tmp_path: Path):
     first, other, *rest = [words.split() for words in output(compiled(source, *SANITIZED)).splitlines()]
     assert (first[:2], first[3:]) == (["1", "1"], ["0", "-"])
     assert other == ["0", "0", "0x0p+0", "4", "left"]
-    assert len(rest) == 15
+    assert len(rest) == 20
     assert all(words == ["0", "0", "0x0p+0", "4", "-"] for words in rest)
 
 

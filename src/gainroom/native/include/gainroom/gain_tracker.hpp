@@ -49,9 +49,10 @@ struct TrackedRobot {
     bool sound() const {
         const auto on_link = [this](const Frame& frame) { return frame.link <= tree.joints(); };
         std::size_t directions = 0, tracked = 0;
-        for (const TaskReading& task : tasks) {
-            if (!on_link(task.frame)) return false;
-            directions += task.directions(tree);
+        if (!tree.sound() || stack.sizes.size() != tasks.size()) return false;
+        for (std::size_t k = 0; k < tasks.size(); k++) {
+            if (!on_link(tasks[k].frame) || stack.sizes[k] != tasks[k].directions(tree)) return false;
+            directions += stack.sizes[k];
         }
         for (const Contact& one : contacts) {
             for (const HeldFrame& frame : one.held)
@@ -59,11 +60,9 @@ struct TrackedRobot {
             if (!(one.limit >= 0.0 && std::isfinite(one.limit)) || (one.tracked && one.limit == 0.0)) return false;
             tracked += one.tracked;
         }
-        std::size_t gains = 0;
-        for (const std::size_t size : stack.sizes) gains += size;
-        const bool whole = gains == directions && stack.sizes.size() == tasks.size() && stack.kp.size() == gains && stack.kd.size() == gains;
-        return tracked && whole && sample_time >= 0.0 && std::isfinite(sample_time) && gain_margin >= 1.0 && tree.joints() > 0 &&
-               joints.size() == tree.joints() && joint_names.size() == joints.size() && posture.size() == tree.positions();
+        return tracked && stack.kp.size() == directions && stack.kd.size() == directions && sample_time >= 0.0 && std::isfinite(sample_time) &&
+               gain_margin >= 1.0 && std::isfinite(gain_margin) && tree.joints() > 0 && joints.size() == tree.joints() &&
+               joint_names.size() == joints.size() && posture.size() == tree.positions();
     }
 };
 
@@ -107,11 +106,12 @@ public:
         }
         return settled_ = true;
     }
-    // The name of the contact state at which settle() ended; nullptr: there is none, or the robot is not sound().
+    // After settle(): the name of the contact state at which it ended; nullptr: all are settled, or the robot is not sound().
     const char* unsettled() const { return posture_ && unsettled_ < contacts_.size() ? contacts_[unsettled_].name : nullptr; }
 
-    // One tick at posture q (nq) in a contact state by its number. Without tasks it does not matter where the base is and how it is turned. In a contact
-    // state that is not tracked safe_gain is at most kShrunk of its limit at the first posture. No exceptions, no allocation.
+    // One tick at posture q (nq) in a contact state by its number. Without tasks it does not matter where the base is and how it is turned; its quaternion
+    // has unit size. In a contact state that is not tracked safe_gain is at most kShrunk of its limit at the first posture. No exceptions, no
+    // allocation.
     Limit update(const double* q, std::size_t contact) {
         if (!settled_) {
             Limit nothing;

@@ -17,8 +17,8 @@ inline Triple cross(const Triple& a, const Triple& b) {
     return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
-// Linear before angular. Not a choice by index between two triples: where gcc 12 has AVX it turns that into loads of which some are 0 (-O3, or -O2
-// with -ftree-vectorize; tests/test_tracked_header.py).
+// Linear before angular. Not a choice by index between two triples: in a loop that writes them one after the other gcc 12 with AVX leaves some out (-O3,
+// or -O2 with -ftree-vectorize; tests/test_tracked_header.py).
 using Six = std::array<double, 6>;
 inline Six six(const Triple& linear, const Triple& angular) { return {linear[0], linear[1], linear[2], angular[0], angular[1], angular[2]}; }
 

@@ -51,6 +51,12 @@ public:
     std::size_t positions() const { return positions_; }                            // nq
     std::size_t base_velocities() const { return floating_ ? 6 : 0; }
     std::size_t velocities() const { return base_velocities() + joints_.size(); }  // N
+    // Whether parents come before their children, and every link has its mass.
+    bool sound() const {
+        for (std::size_t k = 0; k < joints_.size(); k++)
+            if (joints_[k].parent > k) return false;
+        return masses_.size() == joints_.size() + 1;
+    }
 
     const TreeJoint& joint(std::size_t k) const { return joints_[k]; }
     const Mass& mass(std::size_t link) const { return masses_[link]; }
