@@ -51,6 +51,29 @@ def test_no_eigenvalue_is_negative_where_it_is_passive(seed):
         values = np.linalg.eigvals(loop.response(omega))
         values = values[np.abs(values) > 1e-9 * np.abs(values).max(axis=1, keepdims=True)]  # zeros come with the sign of round-off
         assert np.all(np.abs(np.angle(-values[values.real < 0])) > 1e-9)
+        assert np.angle(values).max(initial=0.0) < np.pi / 2 + 1e-6  # up to 90°, which a locus without resistance reaches: passive_angle
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_round_off_near_rest_is_no_turn(seed):
+    """Without friction loci of PD lie below the negative real axis there by less than digits tell; put above it, they have not turned."""
+    rng = np.random.default_rng([42, seed])
+    size = int(rng.integers(2, 6))
+    root = rng.normal(size=(size, size))
+    plant = gr.Plant(root @ root.T, log_uniform(rng, 0.1, 2.0), log_uniform(rng, 1e3, 1e5), 1.0)
+    kd = 10 ** rng.uniform(-0.5, 1.5, size)
+    drive = gr.Drive(log_uniform(rng, 500, 6000), rng.uniform(0.2, 1.1), log_uniform(rng, 1e-4, 5e-3))
+    sweep = Sweep(gr.build_loop(plant, drive, gr.PD(5 * kd, kd)), for_limit=True)
+    counts = [sweep.unstable(gain) for gain in (0.1, 1.0)]
+    assert sweep.passive[0]
+    assert near_the_axis(sweep).any()
+    sweep.loci[:1] = np.where(near_the_axis(sweep), sweep.loci[:1].conj(), sweep.loci[:1])
+    assert [sweep.unstable(gain) for gain in (0.1, 1.0)] == counts
+
+
+def near_the_axis(sweep: Sweep):
+    """Loci of the lowest sample that are, to 0.05 rad, on the negative real axis."""
+    return np.abs(np.angle(-sweep.loci[:1])) < 0.05
 
 
 @pytest.mark.slow

@@ -192,9 +192,9 @@ class Sweep:
         self._refine(doubtful)
         factor, steps = _factor(self.omega, gain, phase, delay), self.steps()
         before, after = 1 + steps.start * factor[:-1, None], 1 + steps.end * factor[1:, None]
-        # 1 + gλ stays off the negative real axis where λ does: its principal angles may be subtracted.
+        # 1 + gλ stays off the negative real axis where λ does: its angles there may be subtracted.
         passive = self.passive[:, None]
-        turned = float(np.sum(np.where(passive, np.angle(after) - np.angle(before), np.angle(after * before.conj()))))
+        turned = float(np.sum(np.where(passive, passive_angle(after) - passive_angle(before), np.angle(after * before.conj()))))
         # From ω = 0+ to the first sample: integrators point along their own value there, times e^{−j phase}/jᵏ; what settles is real.
         orders = np.maximum(np.round(self._falls()), 0.0)
         own = self.loci[0] * 1j**orders
@@ -361,3 +361,13 @@ def first_grid(loop: Loop, last: float | None) -> Floats:
     omega = distinct(np.concatenate(grid))
     omega = omega[(omega >= low) & (omega <= high)]
     return omega[np.append(True, np.diff(omega) > 1e-7 * omega[1:])]
+
+
+def passive_angle(value: Complexes) -> Floats:
+    """Of 1 + gλ in a passive interval, [rad] within ±π or, by round-off alone, just below −π.
+
+    arg λ is at most 90° + max ψ there, and ψ = arg D − 90° less what lags is not positive (passive_intervals.py). As ω → 0 λ comes near the
+    negative real axis from below, and round-off may put it above.
+    """
+    angle = np.angle(value)
+    return np.where(angle > 0.75 * math.pi, angle - 2 * math.pi, angle)
