@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import gainroom as gr
 from gainroom.cli import main
@@ -77,6 +78,42 @@ def test_closed_chains_hold_what_contacts_hold():
     loop = gr.build_loop(HELD, DRIVE, gains([200, 100], [20, 10]))
     assert gr.is_stable(loop)
     assert not len(gr.rightmost_roots(loop).unmoved)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_round_off_of_what_contacts_hold_limits_no_joint(seed):
+    """Tasks on legs closed by the ground: zero eigenvalues of W are round-off, of either sign; largest gains know nothing of it."""
+    random = np.random.default_rng(seed)
+    held, joints = 3, 6
+    reached = random.normal(size=(joints, joints - held))
+    task, kp, kd = np.linalg.pinv(reached).T, np.diag([300.0, 200.0, 100.0]), np.diag([30.0, 20.0, 15.0])
+    inertia, stiffness, damping = np.full(joints, 0.6), np.full(joints, 1e4), np.full(joints, 2.0)
+
+    def curve(omega):
+        """δ c_i of each joint i, by the textbook's formulas, from W = X Xᵀ: 1 + δ c_i = 0 where kd_i + δ lets the loop vibrate."""
+        s = 1j * np.atleast_1d(omega)[:, None, None]
+        compliant = reached @ reached.T + s**2 * np.diag(1 / stiffness) / (1 + s * damping[0] / stiffness[0])
+        moved = compliant @ np.linalg.inv(np.eye(joints) + np.diag(inertia) @ compliant) / s**2
+        moved = moved * 4000.0**2 / (s**2 + 2 * 0.9 * 4000.0 * s + 4000.0**2) * np.exp(-2e-3 * s)
+        closed = np.linalg.solve(np.eye(joints) + moved @ (task @ (kp + s * kd) @ task.T), moved)
+        return s[:, 0] * np.diagonal(closed, axis1=1, axis2=2)
+
+    omega = np.geomspace(0.05, 2e4, 100_000)
+    values = curve(omega)
+    expected = np.full(joints, np.inf)
+    for row, joint in zip(*np.nonzero((values.imag[1:] * values.imag[:-1] < 0) & (values.real[1:] < 0)), strict=True):
+        place = brentq(lambda at, joint=joint: curve(at)[0, joint].imag, omega[row], omega[row + 1], xtol=1e-13)
+        expected[joint] = min(expected[joint], -1 / curve(place)[0, joint].real)
+    assert np.all(np.isfinite(expected))
+    for digit in range(4):
+        noise = random.normal(size=(joints, joints)) * 2e-16
+        plant = gr.Plant(reached @ reached.T * (1 + 0.5 * (noise + noise.T)), inertia, stiffness, damping)
+        controller = gr.PD(task @ kp @ task.T, task @ kd @ task.T)
+        found = gr.joint_margins(gr.build_loop(plant, DRIVE, controller))
+        assert found.stable
+        assert found.certified, digit
+        largest = np.diagonal(controller.kd) + expected
+        assert found.one_loop.largest_kd == pytest.approx(largest, rel=1e-8)  # of brentq's place, 1e-13 rad/s
 
 
 HOLDS_OR_DRIFTS = [

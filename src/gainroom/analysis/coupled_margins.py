@@ -9,7 +9,7 @@ from ..system.controller import gain_matrix
 from ..system.linear.apart import inverses
 from ..system.linear.arrays import Complexes, Floats
 from ..system.loop import Loop
-from .curve_distances import distances
+from .curve_distances import Summed, distances
 from .disk_margin import MultiLoopDisk, disk_margin
 from .first_crossing import End, delays, phases
 from .gain_limit import coupled_limit
@@ -117,20 +117,22 @@ def one_loop_margins(sweep: Sweep, largest: bool = True) -> OneLoop:
     controller, size, sample_time = loop.parts.controller, loop.size, loop.sample_time
     units = controller.units()
 
-    def curves(omega: Floats) -> Complexes:
+    def curves(omega: Floats) -> Summed:
         s = sweep.boundary.points(omega)
         v = loop.variable(s)
         actuated = loop.actuated_at(s)
         returned = controller.after(loop.gain * actuated, s, v, sample_time)
         sensitive = sensitivity(loop, returned)
-        own = np.einsum("kij,kji->ki", sensitive, actuated)
-        alone = [own * unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units.values()]
+        own, terms = _diagonal(sensitive, actuated)
+        alone = [unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units.values()]
         closed = 1 - np.diagonal(sensitive, axis1=1, axis2=2)
         # The product keeps the digits of a small T_ii, but where its terms, as large as integrators make them, cancel to it
-        spread = np.einsum("kij,kji->ki", np.abs(sensitive), np.abs(returned))
-        product = np.einsum("kij,kji->ki", sensitive, returned)
+        product, spread = _diagonal(sensitive, returned)
         closed = np.where((np.abs(closed) > 1e-3) | (spread > 1), closed, product)
-        return np.hstack([closed, -closed, *alone])
+        return Summed(
+            np.hstack([closed, -closed, *(own * one for one in alone)]),
+            np.hstack([spread, spread, *(terms * np.abs(one) for one in alone)]),
+        )
 
     # The curves of largest gains are sampled anyway: samples, and with them the last digits of factors, do not depend on what is asked for.
     farthest = np.repeat([math.inf, 1 - LEAST_FACTOR, *(math.inf if largest else 0.0 for _ in units)], size)
@@ -140,6 +142,11 @@ def one_loop_margins(sweep: Sweep, largest: bool = True) -> OneLoop:
     now = {name: np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain for name in units if largest}
     gains = {f"largest_{name}": gain + more for (name, gain), more in zip(now.items(), found[2:], strict=largest)}
     return OneLoop(1 + found[0], smallest, np.full(size, math.nan), certified, **gains)
+
+
+def _diagonal(left: Complexes, right: Complexes) -> tuple[Complexes, Floats]:
+    """(k, n) that of the products of matrices (k, n, n), and the size of the terms of which it is the sum."""
+    return np.einsum("kij,kji->ki", left, right), np.einsum("kij,kji->ki", np.abs(left), np.abs(right))
 
 
 def sensitivity(loop: Loop, returned: Complexes) -> Complexes:

@@ -5,6 +5,7 @@ on both sides of what is found.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -34,6 +35,8 @@ class CurveTolerances:
     settled: float = 1e-2  # of a curve's value at rest: what it moves by, at most, further down
     # of a curve's size without resonances: where it is smaller it is not followed, and what it would limit counts as without limit
     faintest: float = 1e-6
+    # times the round-off of the largest terms that cancel to a curve's value: what is smaller is round-off; that of W is a few such
+    cancelled: float = 30.0
     steepest: int = 6  # power of 1/ω with which a curve rises towards rest: what rises faster rises from a 0 that round-off has made
     within: float = 0.5  # of where it crosses for sure: likewise, as what it does there limits nothing first
 
@@ -41,7 +44,14 @@ class CurveTolerances:
 CURVES = CurveTolerances()
 
 
-def distances(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> tuple[Floats, Booleans]:
+class Summed(NamedTuple):
+    """m curves at k frequencies: `values` (k, m), and the size (k, m) of the `terms` of which each is the sum."""
+
+    values: Complexes
+    terms: Floats
+
+
+def distances(sweep: Sweep, curves: Callable[[Floats], Summed], farthest: Floats | float = math.inf) -> tuple[Floats, Booleans]:
     """(m,) the smallest δ > 0 with 1 + δ c(jω) = 0 for each curve c of a stable loop, inf where none is; and where that is certified.
 
     c is analytic wherever the loop is stable, so 1 + δ c turns about 0 by as many turns as δ brings unstable roots. What lies beyond
@@ -75,15 +85,16 @@ class _Curves:
     settled   (m,) True where that has been found
     """
 
-    def __init__(self, sweep: Sweep, curves: Curves) -> None:
+    def __init__(self, sweep: Sweep, curves: Callable[[Floats], Summed]) -> None:
         self._sweep = sweep
-        self._given: Curves = lambda omega: in_blocks(curves, omega, sweep.loop.size)
+        self._given: Curves = lambda omega: in_blocks(lambda part: curves(part).values, omega, sweep.loop.size)
         levels, below = self._halved(sweep.first)
+        drowned = CURVES.cancelled * sweep.loop.round_off(levels)[:, None] * curves(levels).terms
         omega = distinct(np.concatenate([levels, sweep.omega]))
         values = self._given(omega)
         self.size = values.shape[1]
         least = 1e-3 * np.abs(values).max(axis=0)
-        self._rest = [_at_rest(levels, below[:, :, joint], least[joint]) for joint in range(self.size)]
+        self._rest = [_at_rest(levels, below[:, :, joint], least[joint], drowned[:, joint]) for joint in range(self.size)]
         self.settled = np.array([one.settled for one in self._rest])
         rows = np.array([one.row for one in self._rest])
         self._lowest, self._held = levels[rows], below[rows, 0, np.arange(self.size)]
@@ -199,14 +210,17 @@ class _Rest(NamedTuple):
     settled: bool
 
 
-def _at_rest(levels: Floats, curve: Complexes, least: float) -> _Rest:
+def _at_rest(levels: Floats, curve: Complexes, least: float, drowned: Floats) -> _Rest:
     """From samples at `levels` (k,) that halve, and 1 and 2 % above: curve (k, 3).
 
     Slow closed-loop modes move a curve far below all else, and round-off hides what is still lower: so the lowest stretch is looked for
-    on which it moves no more, where it is smooth. `least`: smaller values are as good as 0.
+    on which it moves no more, where it is smooth. `least`: smaller values are as good as 0. `drowned` (k,): smaller ones are round-off,
+    smooth as they may be: what round-off leaves of motions that contacts hold drifts as if it were free.
     """
     size = np.maximum(np.abs(curve), max(least, 1e-300))
     smooth = np.abs(curve[:, 0] - 2 * curve[:, 1] + curve[:, 2]) <= CURVES.smooth * size[:, 0]
+    known = np.abs(curve[:, 0]) > drowned
+    smooth &= known | ~known.any()
     lowest = np.flatnonzero(smooth[:-2] & smooth[1:-1] & smooth[2:])
     if not len(lowest):
         return _Rest(0, 0, float(curve[0, 0].real), math.inf, False)

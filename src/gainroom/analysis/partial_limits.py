@@ -10,10 +10,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ..system.controller import gain_matrix
-from ..system.linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Floats
 from ..system.loop import NO_GAIN, Loop
 from .coupled_margins import inverted
-from .curve_distances import distances
+from .curve_distances import Summed, distances
 from .loci import Sweep
 
 
@@ -29,14 +29,15 @@ def part_limits(loop: Loop, parts: Sequence[Loop]) -> Floats:
     own, sweep = loop.parts.controller, Sweep(loop)
     seen = _row_space(gain_matrix("gain", gain, loop.size) for one in (own, *controllers) for gain in one.terms().values())
 
-    def traces(omega: Floats) -> Complexes:
+    def traces(omega: Floats) -> Summed:
         s = sweep.boundary.points(omega)
         v = loop.variable(s)
         actuated = loop.actuated_at(s)
         reached = seen.T @ actuated
         core, *cores = (reached @ (one.matrix(s, v, loop.size, loop.sample_time) @ seen) for one in (own, *controllers))
         inverse = inverted(np.eye(seen.shape[1]) + loop.gain * core)
-        return np.stack([np.einsum("kij,kji->k", inverse, one) for one in cores], axis=1)
+        terms = [np.einsum("kij,kji->k", np.abs(inverse), np.abs(one)) for one in cores]
+        return Summed(np.stack([np.einsum("kij,kji->k", inverse, one) for one in cores], axis=1), np.stack(terms, axis=1))
 
     return 1 + distances(sweep, traces)[0]
 
