@@ -7,6 +7,7 @@ Delay margin   of one joint in margins; of coupled loops in coupled_margins, by 
 Gain limits    gain_limit; proved: proved_limit, by modal_loop and proof_at_rest; followed: first_crossing, along loci; of a part of the
                gains: partial_limits, gain_directions; passive_intervals, limbs
 Stability      stability (roots), stability_boundary (where s or z runs along it)
+Modes          equal_modes (of limbs that vibrate at the same limit)
 Frequencies    crossings (of one joint, certified between points), sampled_scan (of callables), sampled_curves, loci
 Gain regions   gain_region of one joint, from gain_plane and excluded_region; of a part of coupled gains: part_plane, part_requirements,
                other_loops, common_phase_plane, every_loop

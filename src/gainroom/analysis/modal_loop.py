@@ -20,6 +20,7 @@ from ..system.linear.transfer_function import Factored, growth
 from ..system.loop import Loop
 from ..system.mode_functions import mode_functions
 from ..system.modes import Modes
+from .equal_modes import SHIFT, common_mode, null_vectors
 from .gain_directions import gain_directions
 
 NARROWEST = 1e-4  # relative width of an interval that is not halved further
@@ -169,21 +170,28 @@ class ModalLoop:
         return Crossings(found, turned / self.folds, turns[1] / self.folds, turns[2])
 
     def mode(self, crossing: "Crossing", loop: Loop) -> Complexes:
-        """The measured positions (n,) there, of the loop that this is; the largest is 1."""
-        vector = crossing.vector
+        """The measured positions (n,) there, of the loop that this is, the largest part 1; of all that vibrates at that factor."""
+        (mobility,), (laws,) = self._unfolded(np.array([crossing.omega]))
+        size, root = len(laws), np.sqrt(np.abs(laws))
+        there = np.diag(laws / np.abs(laws)) + crossing.gain * (1 - SHIFT) * mobility / (root[:, None] * root)
+        vectors = null_vectors(there) / root[:, None]
+        if vectors.shape[1] < 2:  # the one that was found is known to more digits
+            vectors = crossing.vector.reshape(self.folds, size).T @ np.array([[1.0], [1j]])[: self.folds]
         if self.torque is None:
-            mode = vector * self.core.responses(np.array([crossing.omega]))[1][0]
-        else:
-            size = len(vector) // self.folds
-            vector = vector if self.folds == 1 else vector[:size] + 1j * vector[size:]
-            mode = loop.actuated_at(np.array([1j * crossing.omega]))[0] @ (self.torque @ vector)
-        return mode / mode[np.argmax(np.abs(mode))]
+            return common_mode(vectors * laws[:, None])
+        return common_mode(loop.actuated_at(np.array([1j * crossing.omega]))[0] @ (self.torque @ vectors))
 
     def response(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """x P (k, n, n) and d = x/c (k, n) at omega (k,), as in modal_loop.hpp."""
         functions, laws = self.core.responses(omega)
         shapes = self.modes.shapes
         return functions[:, :1, None] * self.modes.rigid + (shapes.T * functions[:, None, 1:]) @ shapes, laws
+
+    def _unfolded(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        """The same with every channel once, also where F is not symmetric."""
+        mobility, laws = self.response(omega)
+        size = laws.shape[1] // self.folds
+        return mobility if self.folds == 1 else mobility[:, :size, :size] - 1j * mobility[:, :size, size:], laws[:, :size]
 
     def _excluded(self, undecided: Floats, start: float, stop: float, counting: bool) -> float | None:
         """How far arg det F turns where factors on the way put no root at jω in the intervals (k, 2); None: not decided.
@@ -213,10 +221,7 @@ class ModalLoop:
 
         They are turned so that x P + diag(d)/g lies about the real axis for both ends g.
         """
-        mobility, laws = self.response(omega)
-        size = laws.shape[1] // self.folds
-        laws = laws[:, :size]
-        mobility = mobility if self.folds == 1 else mobility[:, :size, :size] - 1j * mobility[:, :size, size:]
+        mobility, laws = self._unfolded(omega)
         root = 1 / np.sqrt(laws)
         values, right = np.linalg.eig(-root[:, :, None] * mobility * root[:, None])
         right = _apart(right) if self.folds == 1 else right

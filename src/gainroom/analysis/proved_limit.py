@@ -150,7 +150,9 @@ def _end(modal: ModalLoop, loop: Loop, found: Crossings, way: int) -> End | None
     """At the first of the crossings; None where the root there does not go the wrong way."""
     first = found.crossings[0]
     level = sum(way * (one.gain - first.gain) <= first.gain * SEARCH.nudge and way * one.growth > 0 for one in found.crossings)
-    return End(first.gain, first.omega, modal.mode(first, loop), Certificate(0, 2 * level)) if way * first.growth > 0 else None
+    if way * first.growth <= 0:
+        return None
+    return End(first.gain, first.omega, modal.mode(first, loop), Certificate(0, 2 * level))
 
 
 def _limit(loop: Loop, upper: End | None, lower: End | None) -> GainLimit:

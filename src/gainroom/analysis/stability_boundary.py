@@ -8,6 +8,7 @@ import numpy as np
 
 from ..system.linear.arrays import Complexes, Floats, distinct
 from ..system.loop import Loop
+from .equal_modes import EQUAL, common_mode
 
 
 @dataclass(frozen=True)
@@ -83,10 +84,11 @@ class Boundary:
         return values[place], vectors[place]
 
     def mode(self, omega: float, value: complex) -> Complexes:
-        """The measured positions (n,) of the locus that is at `value` at `omega`, the largest part 1."""
-        values, vectors = self.eigen(np.array([omega]))
-        mode = self.loop.lifted(self._ray * omega, vectors[0][:, np.argmin(np.abs(values[0] - value))])
-        return mode / mode[np.argmax(np.abs(mode))]
+        """The measured positions (n,) of the locus that is at `value` at `omega`, and of those that are equal; the largest part 1."""
+        (values,), (vectors,) = self.eigen(np.array([omega]))
+        nearest = values[np.argmin(np.abs(values - value))]
+        equal = np.flatnonzero(np.abs(values - nearest) <= EQUAL * abs(nearest))
+        return common_mode(np.column_stack([self.loop.lifted(self._ray * omega, vectors[:, k]) for k in equal]))
 
     def crossings(self, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats]) -> tuple[Floats, Complexes]:
         """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω and λ.

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import apart, at_frequency, listed
 from ..studies.audit import Audit
+from ..system.linear.arrays import first_least
 from ..system.requirement import Requirement, enough
 from ..system.requirements import REQUIREMENTS
 from .audit_advice import what_to_do
@@ -105,7 +106,7 @@ def _reasons(result: Audit) -> list[Section]:
 def _gain_margin_text(result: Audit) -> str:
     """The row with the least headroom, in its state."""
     row = row_of_verdict(result, headroom_rows(result))
-    state = result.states[int(np.nanargmin(row.factors))] if math.isfinite(row.least) else result.tightest
+    state = result.states[first_least(row.factors)] if math.isfinite(row.least) else result.tightest
     where = f" in {state.contact}" if len(result.states) > 1 else ""
     return f"{REQUIREMENTS['gain_margin'].text(row.least)} ({digits(row.least, '×', apart(row.least, 1, 3))}), {row.title}{where}"
 
@@ -182,7 +183,7 @@ def _gearboxes(result: Audit) -> Card:
     revolute = units["kp"].partition(";")[0]
     if result.needed is not None and result.needed.least is not None:
         least = np.where(result.needed.unknown, result.needed.least.stiffness, 0.0)
-        name = result.joints[int(np.argmax(least))].name
+        name = result.joints[first_least(-least)].name
         return Card("gearboxes must have", digits(rounded_up(float(least.max()))), revolute, "not known", note=f"{name}, the stiffest")
     if rigid.all():
         return Card("gearboxes", "rigid", "", "assumed", note="optimistic; give yours with --stiffness and --damping")

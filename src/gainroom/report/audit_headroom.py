@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from ..studies.audit import Audit
-from ..system.linear.arrays import Floats
+from ..system.linear.arrays import Floats, first_least, rank
 from ..system.margin_units import to_db
 from . import style
 from .number_format import digits
@@ -65,13 +65,13 @@ def headroom_rows(result: Audit) -> list[Row]:
         else:
             joints[twin] = Row(rest, (*joints[twin].sides, side), np.fmin(joints[twin].factors, factors))
     single = [Row(row.title, (), row.factors) if len(row.sides) == 1 else row for row in joints]
-    return rows + sorted(single, key=lambda row: row.least)
+    return rows + sorted(single, key=lambda row: rank(row.least))
 
 
 def row_of_verdict(result: Audit, rows: list[Row]) -> Row:
     """Of `rows` the one that the verdict is about: of all joints together, unless one of a stable robot has too little, and less."""
     short = result.stable and "gain_margin" in result.missed
-    return min([row for row in rows if short or row.name in WHOLE], key=lambda row: row.least)
+    return min([row for row in rows if short or row.name in WHOLE], key=lambda row: rank(row.least))
 
 
 def _is_named(result: Audit) -> bool:
@@ -91,7 +91,7 @@ def headroom(result: Audit) -> Html:
     edge = (right / left) ** 0.02
     traces, numbers = [], []
     for place, row in enumerate(rows):
-        worst = int(np.nanargmin(row.factors)) if not np.isnan(row.factors).all() else -1
+        worst = first_least(row.factors) if not np.isnan(row.factors).all() else -1
         for k, value in enumerate(row.factors.tolist()):
             if math.isnan(value) or (k != worst and value < row.least * (1 + ALIKE)):
                 continue  # under the worst one's mark

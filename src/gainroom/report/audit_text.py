@@ -11,6 +11,7 @@ from ..studies.deciding_joints import joints_that_miss
 from ..studies.factors import typed_factor
 from ..studies.state import HELD
 from ..system.excluded_sets import ROUND_OFF
+from ..system.linear.arrays import first_least
 from ..system.margin_units import to_db
 from ..system.plausibility import doubts_first
 from ..system.requirement import Requirement
@@ -116,7 +117,7 @@ def _short_of_gain(result: Audit) -> str:
         return f"{short}{at_frequency(found.limit.frequency)}{_mainly(result)}"
     if found.gain_headroom <= least:
         return f"{short}{where} as all gains fall"
-    name = result.system.source.joint_names[int(np.argmin(found.one_loop_gain_margins))]
+    name = result.system.source.joint_names[first_least(found.one_loop_gain_margins)]
     return f"{short}{where} of {name}, all other loops closed"
 
 

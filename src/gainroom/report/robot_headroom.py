@@ -10,7 +10,7 @@ from ..analysis.margin_record import GainLimit
 from ..errors import listed
 from ..studies.analysis import Analysis
 from ..studies.state import State, limit_headroom
-from ..system.linear.arrays import Floats
+from ..system.linear.arrays import Floats, first_least
 from . import style
 from .number_format import digits
 from .page import Html, figure
@@ -191,7 +191,7 @@ def _map_caption(factors: Factors, total: int, what: str) -> str:
     tightest = factors.tightest
     closed = factors.other_loops_closed[tightest]
     if factors.stable[tightest] and np.any(np.isfinite(closed)):
-        k = int(np.nanargmin(closed))
+        k = first_least(closed)
         words += f" Least headroom of one {what} in {factors.states[tightest].title}: {factors.parts[k]}, {digits(closed[k], '', 3)}."
     if _no_gains(factors):
         words += f" A dash: no gain acts on that {what} in that state."

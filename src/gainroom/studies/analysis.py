@@ -99,7 +99,7 @@ class Analysis:
         def left(state: State, name: str) -> float:
             one, value = REQUIREMENTS[name], self.least(state, name)
             value = one.value(state.margins) if math.isnan(value) and name not in self.system.requirements.asked else value
-            return float(f"{unknown_first(-value if one.at_most else value):.9g}")
+            return unknown_first(-value if one.at_most else value)
 
         return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in REQUIREMENTS}
 

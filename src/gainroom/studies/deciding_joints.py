@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 
+from ..analysis.equal_modes import EQUAL, common_mode
 from ..analysis.margin_record import Margins
 from ..system.excluded_sets import ROUND_OFF
-from ..system.linear.arrays import Complexes
+from ..system.linear.arrays import Complexes, first_least
 from ..system.loop import Loop
 from ..system.requirement import Requirement
-from .state import STRONG, State, limiting_joints
+from .state import STRONG, State, limiting_joints, strongest_first
 
 
 def joints_that_miss(state: State, one: Requirement, needed: float) -> tuple[str, ...]:
@@ -32,11 +33,11 @@ def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: st
     loops together.
     """
     if name == "gain_margin" and found.least_gain_margin < found.gain_headroom * (1 - ROUND_OFF) and loop.kd_path is None:
-        return (names[int(np.argmin(found.one_loop_gain_margins))],)
+        return (names[first_least(found.one_loop_gain_margins)],)
     if name == "gain_margin" or loop.kd_path is not None:
         return limiting_joints(found.limit, names)
     if name == "phase_margin" and found.one_loop_phase_margin < found.common_phase_margin:
-        return (names[int(np.argmin(found.one_loop.phase_margin))],)
+        return (names[first_least(found.one_loop.phase_margin)],)
     omega = {"delay_margin": found.delay_crossover, "phase_margin": found.gain_crossover}.get(name, found.peak_sensitivity_frequency)
     if not (math.isfinite(omega) and omega > 0):
         return limiting_joints(found.limit, names)
@@ -44,11 +45,12 @@ def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: st
     if name == "peak_sensitivity":
         return (names[most_sensitive(response)[1]],)
     values, vectors = np.linalg.eig(response)
-    parts = np.abs(vectors[:, int(np.argmin(np.abs(np.abs(values) - 1)))])
-    return tuple(names[k] for k in np.argsort(-parts, kind="stable") if parts[k] >= STRONG * parts.max())
+    nearest = values[np.argmin(np.abs(np.abs(values) - 1))]
+    mode = common_mode(vectors[:, np.abs(values - nearest) <= EQUAL * abs(nearest)])
+    return tuple(names[k] for k in strongest_first(mode) if np.abs(mode[k]) >= STRONG)
 
 
 def most_sensitive(response: Complexes) -> tuple[Complexes, int]:
     """S = (I + L)⁻¹ of a response L (n, n), and the loop whose sensitivity |S_ii| is the largest."""
     found = np.linalg.inv(np.eye(len(response)) + response)
-    return found, int(np.argmax(np.abs(np.diagonal(found))))
+    return found, first_least(-np.abs(np.diagonal(found)))

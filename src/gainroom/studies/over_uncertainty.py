@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from ..analysis.margin_record import Margins, worst_of
+from ..system.linear.arrays import rank
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
 from ..system.system import StateCase, System
@@ -47,8 +48,8 @@ class Worst:
 
 
 def unknown_first(margin: float) -> float:
-    """Sorts margins: one that is not known (NaN) comes before the least."""
-    return -math.inf if math.isnan(margin) else margin
+    """Sorts margins: one that is not known (NaN) comes before the least; of those that differ by round-off alone the first."""
+    return -math.inf if math.isnan(margin) else rank(margin)
 
 
 def uncertain_cases(system: System, posture: str, contact: str, extra: "ExtraDelays | None") -> Iterator[StateCase]:

@@ -17,7 +17,7 @@ from ..design.gain_cases import bounded_margins
 from ..design.starting_gains import IMMOBILE, joints_that_move
 from ..errors import GainroomError, computable
 from ..system.controller import Controller, own_gain
-from ..system.linear.arrays import Complexes, Floats, Integers
+from ..system.linear.arrays import Complexes, Floats, Integers, rank
 from ..system.loop import Loop, build_loop
 from ..system.plant import Compliance, Plant
 from ..system.system import StateCase, System
@@ -350,8 +350,8 @@ def _at_least_zero(entry: Floats, whole: Floats) -> Floats:
 
 
 def limit_headroom(limit: GainLimit) -> tuple[bool, float]:
-    """Sorts limits: unstable ones first, then the one with the least headroom. One that is not known (NaN) counts as far away."""
-    return limit.stable, math.inf if math.isnan(limit.gain) else limit.gain
+    """Sorts limits: unstable ones first, then the one with the least headroom, of mirrored states the first. NaN counts as far away."""
+    return limit.stable, math.inf if math.isnan(limit.gain) else rank(limit.gain)
 
 
 def path_headroom(margins: Margins) -> tuple[bool, float]:

@@ -11,6 +11,16 @@ Integers: TypeAlias = NDArray[Any]
 Booleans: TypeAlias = NDArray[Any]
 
 
+def rank(value: float) -> float:
+    """For sorting: numbers that differ by round-off alone, as those of mirrored joints do, are equal, and stay in their order."""
+    return float(f"{value:.9g}")
+
+
+def first_least(values: Floats) -> int:
+    """The index of the least of `values` (n,), of those that differ by round-off alone the first; NaN is none."""
+    return int(np.nanargmin([rank(value) for value in values.tolist()]))
+
+
 def distinct(values: Floats) -> Floats:
     """The different ones of `values`, sorted: np.unique without numpy.ma, whose import takes as long as half of numpy."""
     ordered = np.sort(values, axis=None)

@@ -1,0 +1,52 @@
+"""The mode of eigenvalues that are equal, such as those of limbs that do not feel each other.
+
+Any vectors that they span serve as eigenvectors: round-off decides which an algorithm finds, and with that which of two legs it names.
+"""
+
+import numpy as np
+
+from ..system.linear.arrays import Complexes, Floats
+
+EQUAL = 1e-9
+"""Relative distance of eigenvalues, and of crossings, that count as equal: eigenvectors of others are known to 1e-7."""
+SHIFT = 1e-10
+"""Relative: how far from an eigenvalue a matrix is solved with, so that it is not singular."""
+SAME = 1e-6  # relative sizes of parts that count as equal, and what is left of a vector that others span
+
+
+def common_mode(vectors: Complexes) -> Complexes:
+    """(n,) of the space that `vectors` (n, r) span: that in which every joint moves which moves in any, the largest part 1.
+
+    The sum of vectors of which each has part 1 at the joint that moves most in what the ones before leave still, of equal ones the first.
+    """
+    lengths = np.linalg.norm(vectors, axis=0)
+    basis, sizes, _ = np.linalg.svd(vectors / np.maximum(lengths, SAME * lengths.max()), full_matrices=False)
+    basis = basis[:, sizes > SAME * sizes[0]]
+    total = np.zeros(len(vectors), dtype=complex)
+    while basis.shape[1]:
+        pivot = _largest(np.linalg.norm(basis, axis=1))
+        row = basis[pivot]
+        total += basis @ row.conj() / np.vdot(row, row)
+        basis = basis @ np.linalg.svd(row[None, :])[2][1:].conj().T
+    return total / total[_largest(np.abs(total))]
+
+
+def null_vectors(matrix: Complexes) -> Complexes:
+    """(n, r) orthonormal: for which a matrix (n, n) with a diagonal about 1, nearly singular, gives no more than EQUAL.
+
+    By inverse iteration, which costs less than all eigenvectors: from two vectors, and from more where none of these is left over.
+    """
+    count, size = 1, len(matrix)
+    while True:
+        count = min(2 * count, size)
+        found = np.exp(1j * np.outer(np.arange(1, size + 1) ** 2, np.arange(1, count + 1)))
+        for _ in range(2):
+            found = np.linalg.svd(np.linalg.solve(matrix, found), full_matrices=False)[0]
+        null = np.linalg.norm(matrix @ found, axis=0) <= EQUAL
+        if count == size or not null.all():
+            return found[:, null]
+
+
+def _largest(sizes: Floats) -> int:
+    """The first of the largest."""
+    return int(np.argmax(sizes >= sizes.max() * (1 - SAME)))
