@@ -8,6 +8,8 @@ Blocks are run in order, in an empty folder of their own per file:
 - ```console: every line after `$ ` is a command; what follows it is its output. `gainroom` means this checkout's, $EXAMPLES its examples.
 - ```python: run in one namespace per file; a ```text block right after it is what it prints. A picture that it saves under the name of one
   in docs/images replaces that.
+- the block after <!-- within: PERCENT --> shows what a search found, which the last digits of a processor lead to an end of its own: it
+  stays as it is while the same words stand there, and each number is that near.
 - a block after <!-- file: NAME --> is not run, but written to NAME; <!-- run: COMMAND --> is a command that readers do not see.
 """
 
@@ -30,6 +32,7 @@ IMAGES = ROOT / "docs" / "images"
 BLOCK = re.compile(
     r"^<!-- file: (?P<file>\S+) -->\n+```\w*\n(?P<text>.*?)^```\n"
     r"|^<!-- run: (?P<command>.*?) -->\n"
+    r"|^<!-- within: (?P<percent>\d+) -->\n"
     r"|^```(?P<kind>console|python)\n(?P<content>.*?)^```\n(?:\n*^```text\n(?P<printed>.*?)^```\n)?",
     re.MULTILINE | re.DOTALL,
 )
@@ -46,16 +49,20 @@ def renewed(text: str, images: Path | None = None, fresh: bool = False) -> str:
     fresh   every command starts from nothing, as a reader's does; else from a process that has imported the package
     """
     namespace: dict[str, object] = {}
+    percent = 0
     with tempfile.TemporaryDirectory() as folder:
 
         def renew(match: re.Match[str]) -> str:
+            nonlocal percent
+            within, percent = percent, int(match["percent"] or 0)
             if match["file"]:
                 (Path(folder) / match["file"]).write_text(match["text"], "utf-8")
             elif match["command"]:
                 _output(match["command"], folder, fresh)
             elif match["kind"] == "console":
-                return f"```console\n{_session(match['content'], folder, fresh)}```\n"
-            else:
+                now = _session(match["content"], folder, fresh)
+                return f"```console\n{match['content'] if _alike(match['content'], now, within) else now}```\n"
+            elif match["kind"]:
                 output = _printed(match["content"], namespace, folder)
                 if match["printed"] is not None:
                     return f"```python\n{match['content']}```\n\n```text\n{output}```\n"
@@ -66,6 +73,20 @@ def renewed(text: str, images: Path | None = None, fresh: bool = False) -> str:
             if (Path(folder) / name).exists():
                 shutil.copy(Path(folder) / name, images)
     return result
+
+
+def _alike(old: str, new: str, percent: int) -> bool:
+    """Whether two texts have the same words, however they are laid out, and numbers that differ by no more than `percent` of them."""
+    numbers, words = zip(*(_parted(text) for text in (old, new)), strict=True)
+    near = (abs(one - other) <= percent / 100 * abs(one) for one, other in zip(*numbers, strict=False))
+    return words[0] == words[1] and all(near)
+
+
+def _parted(text: str) -> tuple[list[float], list[str]]:
+    """Its numbers, and its words with a # in place of each."""
+    number = re.compile(r"\d+(?:\u202f\d{3})*(?:\.\d+)?")
+    found = [float(each.replace("\u202f", "")) for each in number.findall(text)]
+    return found, re.sub("─+", "─", number.sub("#", text)).split()
 
 
 def _session(content: str, folder: str, fresh: bool) -> str:

@@ -56,6 +56,18 @@ def test_a_named_block_is_a_file_and_a_hidden_command_runs_without_a_trace():
     assert docs_output.renewed(text) == text.replace("old\n", "x: 1\ny\n")
 
 
+NEAR = [("z  1\u202f100   0.5 Hz", True), ("z  1\u202f120   0.5 Hz", False), ("y  1\u202f100   0.5 Hz", False)]
+
+
+@pytest.mark.parametrize(("found", "near"), NEAR)
+def test_what_a_search_finds_stays_while_it_is_near(found, near):
+    """And nothing else does: the next block is exact."""
+    shown = "z 1\u202f000 0.5 Hz"
+    text = f"<!-- within: 10 -->\n```console\n$ echo '{found}'\n{shown}\n```\n```console\n$ echo 1.1\n1.0\n```\n"
+    expected = text.replace("1.0\n```", "1.1\n```")
+    assert docs_output.renewed(text) == (expected if near else expected.replace(shown, found))
+
+
 def test_a_picture_that_a_block_makes_is_put_where_the_page_shows_it(tmp_path: Path):
     docs_output.renewed("![a](images/a.svg) ![b](images/b.svg)\n```python\nopen('a.svg', 'w').write('<svg/>')\n```\n", tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["a.svg"]
