@@ -253,6 +253,9 @@ class GainTracker:
     ) -> tuple[float, float, bool, int, float, int]:
         """`tasks`: their Jacobians, m rows in all."""
 
+    def settle(self, mass: Floats, jacobians: list[Floats], contact: int, tasks: list[Floats], gain: float) -> tuple[bool, float]:
+        """Whether such ticks lead to the limit `gain`, and to which they lead."""
+
     def set_body(self, tree: RigidTree, contacts: list[tuple[Floats, Floats]], switches: list[int], tasks: Floats) -> None:
         """For update_posture: frames (c, 13) and held (c, 6) of each contact state; those that are kept ready; tasks (k, 14)."""
 
@@ -266,8 +269,8 @@ class GainTracker:
         """After `update`: the same mass matrix, were the robot in another contact state."""
 
     def update_inverse(self, w: Floats, contact: int) -> tuple[float, float, bool, int, float, int]: ...
-    def lost(self, flag: int, contact: int, most: float) -> tuple[float, float, bool, int, float, int]:
-        """The answer to a tick of which nothing is known but its contact state; a negative one: nor that."""
+    def lost(self, flag: int, contact: int, limit: float) -> tuple[float, float, bool, int, float, int]:
+        """The answer to a tick of which only the contact state is known, or not even that (negative); `limit`: one in another posture."""
 
     def crossings(self, contact: int) -> Floats: ...
     def counted_gain(self, contact: int) -> float: ...

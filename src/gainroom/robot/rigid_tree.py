@@ -31,14 +31,13 @@ class TreeRows(NamedTuple):
     gravity: Floats
 
 
-def rigid_tree(body: RigidBody, owner: str = "simulation") -> RigidTree:
-    """Of Pinocchio's model. Raises GainroomError, which begins with `owner`, for closed loops and passive joints."""
-    return RigidTree(*tree_rows(body, owner))
+def rigid_tree(body: RigidBody) -> RigidTree:
+    """Of Pinocchio's model of a body without closed loops and passive joints (RigidBody.require_tree)."""
+    return RigidTree(*tree_rows(body))
 
 
-def tree_rows(body: RigidBody, owner: str) -> TreeRows:
+def tree_rows(body: RigidBody) -> TreeRows:
     """The same in numbers."""
-    body.require_tree(owner)
     model, first = body.model, body.model.njoints - body.size  # the world, then a floating base, then the joints
     rows = []
     for index, joint in enumerate(body.joints, start=first):

@@ -30,17 +30,11 @@ from .cpp_header import Tracked, tracked_header
 if TYPE_CHECKING:
     from ...robot.robot import Robot
 
-SETTLING, WIDENING = 20_000, 1000
-"""Ticks within which the first certificate of a contact state has to come, at construction, and after it."""
 ALIASED = 5e-8
 """Of the motors' mobility, what aliases of other motion may add.
 
 Limits are off by less than that; beside a sharp resonance 12 times as much was seen, which is less than safe_gain stays below them.
 """
-AGREED = 1e-6
-"""Of the first limits, with those of gain_limit."""
-SHRUNK = 0.9
-"""Of the limit in another posture."""
 HOLDING = 6
 """Directions that have to be held for a floating base to stand."""
 FLAGS = ("", "posture", "contact", "too few constraints")
@@ -144,7 +138,7 @@ class GainTracker:
             robot.joint_names,
             joint_table(robot, system),
             system.control.sample_time or 0.0,
-            tree_rows(body, "gain tracker"),
+            tree_rows(body),
             {name: held_frames(body, robot.contacts[name]) for name in names},
             [len(task.directions(robot.joint_names)) for task in stack],
             tree_tasks(body, stack),
@@ -293,15 +287,9 @@ class GainTracker:
                     f"gain tracker: contact {name!r}: the loop is stable from a gain factor of {limit.lower_gain:g} to {limit.gain:g}; "
                     "it has to be stable from 0 to a finite one"
                 )
-            found = self._core.update(*here)
-            for _ in range(SETTLING):
-                if found[2]:
-                    break
-                found = self._core.update(*here)
-            for _ in range(WIDENING):  # other crossings above it
-                found = self._core.update(*here)
-            if not abs(found[0] - limit.gain) <= AGREED * limit.gain:
-                raise GainroomError(f"gain tracker: contact {name!r}: {found[0]:.7g} was found as gain limit, not {limit.gain:.7g}")
+            settled, found = self._core.settle(*here, limit.gain)
+            if not settled:
+                raise GainroomError(f"gain tracker: contact {name!r}: {found:.7g} was found as gain limit, not {limit.gain:.7g}")
             limits[name] = limit.gain
         return limits
 
@@ -319,11 +307,11 @@ class GainTracker:
 
     def _without(self, contact: str) -> TrackedLimit:
         """The answer for a contact state that is not tracked."""
-        loose = self._loose.get(contact) if isinstance(contact, str) else None
-        return self._lost(2) if loose is None else self._lost(3, most=SHRUNK * loose)
+        limit = self._loose.get(contact) if isinstance(contact, str) else None
+        return self._lost(2) if limit is None else self._lost(3, limit=limit)
 
-    def _lost(self, flag: int, state: int = -1, most: float = np.inf) -> TrackedLimit:
-        return self._answer(self._core.lost(flag, state, most))
+    def _lost(self, flag: int, state: int = -1, limit: float = np.inf) -> TrackedLimit:
+        return self._answer(self._core.lost(flag, state, limit))
 
 
 def _system(robot: "Robot", control: Control | PD | None) -> System:

@@ -1,4 +1,5 @@
 #include "gainroom/posture_tracker.hpp"
+#include "gainroom/settling.hpp"
 
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
@@ -38,15 +39,22 @@ public:
 
     // `mass` (N, N), `jacobians`: contact Jacobians one below the other, `tasks` those of tasks; a negative contact: an unknown one.
     nb::tuple update(const Strided& mass, const std::vector<Strided>& jacobians, std::int64_t contact, const std::vector<Strided>& tasks) {
-        return answer(alone([&] {
-            const std::size_t size = robot_.links().velocities();
-            require(mass.shape(0) == size && mass.shape(1) == size, "mass has the shape (N, N)");
-            for (std::size_t i = 0; i < size; i++)
-                for (std::size_t j = i; j < size; j++) mass_[i * size + j] = mass(i, j);
-            const std::size_t count = copy_rows(jacobians, rows_);
-            require(copy_rows(tasks, tasks_) == robot_.directions(), "tasks have m rows");
-            return robot_.update(mass_.data(), rows_.data(), count, std::size_t(contact), tasks_.data());
-        }));
+        return answer(alone([&] { return robot_.update(mass_.data(), rows_.data(), copied(mass, jacobians, tasks), std::size_t(contact), tasks_.data()); }));
+    }
+
+    // The gain that such ticks, all the same, lead to, and whether it is `gain`.
+    std::pair<bool, double> settle(const Strided& mass, const std::vector<Strided>& jacobians, std::int64_t contact,
+                                   const std::vector<Strided>& tasks, double gain) {
+        return alone([&] {
+            const std::size_t count = copied(mass, jacobians, tasks);
+            gainroom::Limit found;
+            const auto tick = [&, k = 0]() mutable {
+                if (++k % 1000 == 0) stop_at_signals();
+                return robot_.update(mass_.data(), rows_.data(), count, std::size_t(contact), tasks_.data());
+            };
+            const bool settled = gainroom::settles(tick, gain, found);
+            return std::pair(settled, found.gain);
+        });
     }
 
     // From now on update_posture: `contacts` with frames (c, 13) and held (c, 6) each; `switches`: those that are kept ready; tasks (k, 14).
@@ -105,8 +113,8 @@ public:
         return answer(alone([&] { return tracker().update(w.data(), std::size_t(contact)); }));
     }
 
-    nb::tuple lost(int flag, std::int64_t contact, double most) {
-        return answer(alone([&] { return tracker().lost(static_cast<gainroom::Flag>(flag), std::size_t(contact), most); }));
+    nb::tuple lost(int flag, std::int64_t contact, double limit) {
+        return answer(alone([&] { return tracker().lost(static_cast<gainroom::Flag>(flag), std::size_t(contact), limit); }));
     }
     nb::object inverse() const { return owned(robot_.posture(), joints_.size(), joints_.size()); }
     double passive_frequency() const { return tracker().passive_frequency(); }
@@ -143,6 +151,21 @@ private:
                 for (std::size_t j = 0; j < size; j++) rows[count * size + j] = one(r, j);
         }
         return count;
+    }
+
+    // Takes what a tick is given into the space for it; the number of contact rows.
+    std::size_t copied(const Strided& mass, const std::vector<Strided>& jacobians, const std::vector<Strided>& tasks) {
+        const std::size_t size = robot_.links().velocities();
+        require(mass.shape(0) == size && mass.shape(1) == size, "mass has the shape (N, N)");
+        for (std::size_t i = 0; i < size; i++)
+            for (std::size_t j = i; j < size; j++) mass_[i * size + j] = mass(i, j);
+        require(copy_rows(tasks, tasks_) == robot_.directions(), "tasks have m rows");
+        return copy_rows(jacobians, rows_);
+    }
+
+    static void stop_at_signals() {
+        nb::gil_scoped_acquire held;
+        if (PyErr_CheckSignals()) throw nb::python_error();
     }
 
     gainroom::Tracker& tracker() { return robot_.tracker(); }
@@ -197,12 +220,13 @@ void bind_tracker(nb::module_& m) {
              nb::arg("joints"), nb::arg("sample_time"), nb::arg("velocities"), nb::arg("rows"), nb::arg("contacts"), nb::arg("sizes"),
              nb::arg("gains"), nb::arg("rotors"), nb::arg("movable"))
         .def("update", &GainTracker::update, nb::arg("mass"), nb::arg("jacobians"), nb::arg("contact"), nb::arg("tasks") = std::vector<Strided>())
+        .def("settle", &GainTracker::settle, nb::arg("mass"), nb::arg("jacobians"), nb::arg("contact"), nb::arg("tasks"), nb::arg("gain"))
         .def("set_body", &GainTracker::set_body, nb::arg("tree"), nb::arg("contacts"), nb::arg("switches"), nb::arg("tasks"))
         .def("update_posture", &GainTracker::update_posture, nb::arg("q"), nb::arg("contact"))
         .def("replay", &GainTracker::replay, nb::arg("q"), nb::arg("contacts"))
         .def("prepare", &GainTracker::prepare, nb::arg("jacobians"), nb::arg("contact"))
         .def("update_inverse", &GainTracker::update_inverse, nb::arg("w"), nb::arg("contact"))
-        .def("lost", &GainTracker::lost, nb::arg("flag"), nb::arg("contact"), nb::arg("most"))
+        .def("lost", &GainTracker::lost, nb::arg("flag"), nb::arg("contact"), nb::arg("limit"))
         .def("crossings", &GainTracker::crossings, nb::arg("contact"))
         .def("counted_gain", &GainTracker::counted_gain, nb::arg("contact"))
         .def("alias_left", &GainTracker::alias_left, nb::arg("w"), nb::arg("omega"))

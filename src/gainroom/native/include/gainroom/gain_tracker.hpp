@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "posture_tracker.hpp"
+#include "settling.hpp"
 
 namespace gainroom {
 
@@ -100,9 +101,7 @@ public:
             const auto& contact = contacts_[unsettled_];
             if (!contact.tracked) continue;
             Limit found;
-            for (int tick = 0; tick < kSettling && !found.certified; tick++) found = posture_->update(start_.data(), unsettled_);
-            for (int tick = 0; tick < kWidening; tick++) found = posture_->update(start_.data(), unsettled_);
-            if (!(std::fabs(found.gain - contact.limit) <= kAgreed * contact.limit)) return false;
+            if (!settles([&] { return posture_->update(start_.data(), unsettled_); }, contact.limit, found)) return false;
         }
         return settled_ = true;
     }
@@ -110,8 +109,7 @@ public:
     const char* unsettled() const { return posture_ && unsettled_ < contacts_.size() ? contacts_[unsettled_].name : nullptr; }
 
     // One tick at posture q (nq) in a contact state by its number. Without tasks it does not matter where the base is and how it is turned; its quaternion
-    // has unit size. In a contact state that is not tracked safe_gain is at most kShrunk of its limit at the first posture. No exceptions, no
-    // allocation.
+    // has unit size. In a contact state that is not tracked safe_gain is less than its limit at the first posture. No exceptions, no allocation.
     Limit update(const double* q, std::size_t contact) {
         if (!settled_) {
             Limit nothing;
@@ -119,14 +117,11 @@ public:
             return nothing;
         }
         if (contact < contacts_.size() && !contacts_[contact].tracked)
-            return robot_->tracker().lost(Flag::too_few_constraints, contacts_.size(), Tracker::kShrunk * contacts_[contact].limit);
+            return robot_->tracker().lost(Flag::too_few_constraints, contacts_.size(), contacts_[contact].limit);
         return posture_->update(q, contact);
     }
 
 private:
-    static constexpr int kSettling = 20000, kWidening = 1000;  // as SETTLING, WIDENING and AGREED of design/realtime/tracker.py
-    static constexpr double kAgreed = 1e-6;
-
     std::vector<double> start_;
     std::vector<TrackedRobot::Contact> contacts_;
     std::optional<RobotTracker> robot_;

@@ -105,14 +105,16 @@ public:
     }
 
     // The answer to a tick of which nothing is known, or its contact state alone: what is left of what was certified there, or the least of all
-    // contact states, were the robot to move on as fast as it did; and no more than the last answer, and than `most`.
-    Limit lost(Flag flag, std::size_t contact = std::size_t(-1), double most = std::numeric_limits<double>::infinity()) {
+    // contact states, were the robot to move on as fast as it did; and no more than the last answer, nor than is left of `limit`, a limit in another
+    // posture.
+    Limit lost(Flag flag, std::size_t contact = std::size_t(-1), double limit = std::numeric_limits<double>::infinity()) {
         tick_++;
         moved_ += last_rate();
-        Limit limit;
-        limit.flag = flag;
-        limit.safe_gain = answered_ = std::min({answered_, most, contact < states_.size() ? remembered(states_[contact]) : least_remembered()});
-        return limit;
+        Limit answer;
+        answer.flag = flag;
+        answered_ = std::min({answered_, kShrunk * limit, contact < states_.size() ? remembered(states_[contact]) : least_remembered()});
+        answer.safe_gain = answered_;
+        return answer;
     }
 
 private:
