@@ -3,6 +3,8 @@
 Any vectors that they span serve as eigenvectors: round-off decides which an algorithm finds, and with that which of two legs it names.
 """
 
+import math
+
 import numpy as np
 
 from ..system.linear.arrays import Complexes, Floats
@@ -11,6 +13,7 @@ EQUAL = 1e-9
 """Relative distance of eigenvalues, and of crossings, that count as equal: eigenvectors of others are known to 1e-7."""
 SHIFT = 1e-10
 """Relative: how far from an eigenvalue a matrix is solved with, so that it is not singular."""
+SINGLE = 1e-4  # of a vector's length
 SAME = 1e-6  # relative sizes of parts that count as equal, and what is left of a vector that others span
 
 
@@ -19,6 +22,8 @@ def common_mode(vectors: Complexes) -> Complexes:
 
     The sum of vectors of which each has part 1 at the joint that moves most in what the ones before leave still, of equal ones the first.
     """
+    if vectors.shape[1] == 1:
+        return vectors[:, 0] / vectors[_largest(np.abs(vectors[:, 0])), 0]
     lengths = np.linalg.norm(vectors, axis=0)
     basis, sizes, _ = np.linalg.svd(vectors / np.maximum(lengths, SAME * lengths.max()), full_matrices=False)
     basis = basis[:, sizes > SAME * sizes[0]]
@@ -34,17 +39,23 @@ def common_mode(vectors: Complexes) -> Complexes:
 def null_vectors(matrix: Complexes) -> Complexes:
     """(n, r) orthonormal: for which a matrix (n, n) with a diagonal about 1, nearly singular, gives no more than EQUAL.
 
-    By inverse iteration, which costs less than all eigenvectors: from two vectors, and from more where none of these is left over.
+    By inverse iteration, which costs less than all eigenvectors: from two vectors, and from more where none of these is left over. Where
+    both become the same there is but one, known to SINGLE.
     """
-    count, size = 1, len(matrix)
+    count, size = min(2, len(matrix)), len(matrix)
     while True:
-        count = min(2 * count, size)
-        found = np.exp(1j * np.outer(np.arange(1, size + 1) ** 2, np.arange(1, count + 1)))
-        for _ in range(2):
-            found = np.linalg.svd(np.linalg.solve(matrix, found), full_matrices=False)[0]
+        starts = np.exp(1j * np.outer(np.arange(1, size + 1) ** 2, np.arange(1, count + 1)))
+        found = np.linalg.solve(matrix, starts)
+        first, other = found[:, 0], found[:, -1]
+        own = np.vdot(first, first).real
+        across = other - first * (np.vdot(first, other) / own)
+        if count == 2 and np.vdot(across, across).real <= SINGLE**2 * np.vdot(other, other).real:
+            return first[:, None] / math.sqrt(own)
+        found = np.linalg.svd(np.linalg.solve(matrix, np.linalg.qr(found)[0]), full_matrices=False)[0]
         null = np.linalg.norm(matrix @ found, axis=0) <= EQUAL
         if count == size or not null.all():
             return found[:, null]
+        count = min(2 * count, size)
 
 
 def _largest(sizes: Floats) -> int:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .linear.apart import eigensystem
-from .linear.arrays import Complexes, Floats
+from .linear.arrays import Complexes, Floats, diagonals
 
 AT_REST = 1e-13  # of the largest squared natural frequency: smaller ones may be motions without a spring, off 0 by round-off
 ALONE = 1e-12  # of the dampers: less coupling between modes is round-off
@@ -233,19 +233,21 @@ def _polished(squares: Floats, damping: Floats, poles: Complexes, vectors: Compl
 
     Beside modes that are a thousand times faster, a slow swing and a gearbox, eigenvectors are known to 1e-5 of themselves.
     """
-    one = np.eye(len(squares))
 
-    def forms(values: Complexes) -> tuple[Complexes, Complexes]:
-        """T(λ) = λ² + λ D + Ω² and T'(λ), (k, m, m) each."""
-        each = values[:, None, None]
-        return each**2 * one + each * damping + np.diag(squares), 2 * each * one + damping
+    def slopes(values: Complexes) -> Complexes:
+        """T'(λ) (k, m, m), of T(λ) = λ² + λ D + Ω²."""
+        found = np.empty((len(values), *damping.shape), dtype=complex)
+        found[:] = damping
+        diagonals(found)[:] += 2 * values[:, None]
+        return found
 
-    (form, slope), x = forms(poles), vectors.T
+    form, slope, x = poles[:, None, None] * damping, slopes(poles), vectors.T
+    diagonals(form)[:] = poles[:, None] ** 2 + diagonals(form) + squares
     with suppress(np.linalg.LinAlgError):  # of a pole that is exact already
         x = np.linalg.solve(form, slope @ x[:, :, None])[:, :, 0]
         x /= np.abs(x).max(axis=1)[:, None]
     poles = poles - np.einsum("ki,kij,kj->k", x, form, x) / np.einsum("ki,kij,kj->k", x, slope, x)
-    x /= np.sqrt(np.einsum("ki,kij,kj->k", x, forms(poles)[1], x))[:, None]
+    x /= np.sqrt(np.einsum("ki,kij,kj->k", x, slopes(poles), x))[:, None]
     return poles, np.concatenate([x, poles[:, None] * x], axis=1).T
 
 

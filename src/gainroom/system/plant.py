@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
 from .linear.apart import eigensystem
-from .linear.arrays import Booleans, Complexes, Floats, Integers, distinct
+from .linear.arrays import Booleans, Complexes, Floats, Integers, diagonals, distinct
 from .modes import AT_REST, Corners, Modes, modes_of, rough_poles, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
@@ -165,8 +165,7 @@ class Plant:
         points = np.atleast_1d(np.asarray(s, dtype=complex))[:, None, None]
         if self._unsprung is not None:
             return self._unsprung * (1 / points**2)
-        eye = np.eye(self.size)
-        links = np.broadcast_to(self.link_inverse_inertia.astype(complex), (len(points), self.size, self.size))
+        links = np.broadcast_to(self.link_inverse_inertia, (len(points), self.size, self.size))
         load = np.diag(self.link_viscous) / points
         if self.gravity_stiffness is not None:
             load = load + self.gravity_stiffness / points**2
@@ -179,11 +178,13 @@ class Plant:
                 held = held + hung.T @ (springs[:, :, None] * hung)
             links = root @ np.linalg.solve(held, np.broadcast_to(root.T, (len(points), *root.T.shape)))
         gearbox = 1 / np.where(self.elastic, self.stiffness + points[:, 0] * self.damping, np.inf)  # 0 where rigid
-        admittance = links + points**2 * (gearbox[:, :, None] * eye)
+        admittance = np.array(links, dtype=complex, order="C")
+        diagonals(admittance)[:] += points[:, 0] ** 2 * gearbox
         motors = self.motor_inertia + self.motor_viscous / points[:, 0]
         moved = admittance if side == "motor" else links
         # X (I + J Z)⁻¹ = ((I + J Z)ᵀ \ Xᵀ)ᵀ
-        feedback = eye + motors[:, :, None] * admittance
+        feedback = motors[:, :, None] * admittance
+        diagonals(feedback)[:] += 1
         return np.linalg.solve(feedback.swapaxes(1, 2), moved.swapaxes(1, 2)).swapaxes(1, 2) / points**2
 
     @cached_property

@@ -21,6 +21,11 @@ def first_least(values: Floats) -> int:
     return int(np.nanargmin([rank(value) for value in values.tolist()]))
 
 
+def diagonals(matrices: Complexes) -> Complexes:
+    """Those (k, n) of matrices (k, n, n) that lie one after the other in memory: a view, to be written to."""
+    return matrices.reshape(len(matrices), -1)[:, :: matrices.shape[-1] + 1]
+
+
 def distinct(values: Floats) -> Floats:
     """The different ones of `values`, sorted: np.unique without numpy.ma, whose import takes as long as half of numpy."""
     ordered = np.sort(values, axis=None)
