@@ -78,3 +78,15 @@ def test_the_first_of_the_least_but_for_round_off():
     assert first_least(np.array([np.nan, 2.0, 1.0 + 1e-13, 1.0])) == 2
     assert first_least(np.array([2.0, 1.0 + 1e-7, 1.0])) == 2
     assert rank(1.0 + 1e-13) == rank(1.0) < rank(1.0 + 1e-7)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_limbs_of_which_every_mode_has_equals(count: int):
+    """Each limb's limit by itself, whatever the others do."""
+
+    def limit(limbs: int) -> float:
+        inverse = np.kron(np.eye(limbs), [[0.9, -0.4], [-0.4, 0.5]])
+        plant = gr.Plant(inverse, np.tile([0.6, 0.4], limbs), np.full(2 * limbs, 1e4), np.tile([2.0, 7.0], limbs))
+        return gr.gain_limit(gr.build_loop(plant, DRIVE, gr.PD(np.full(2 * limbs, 200.0), np.full(2 * limbs, 20.0)))).gain
+
+    assert limit(count) == pytest.approx(limit(1), rel=1e-9)

@@ -23,7 +23,8 @@ def first_least(values: Floats) -> int:
 
 def diagonals(matrices: Complexes) -> Complexes:
     """Those (k, n) of matrices (k, n, n) that lie one after the other in memory: a view, to be written to."""
-    return matrices.reshape(len(matrices), -1)[:, :: matrices.shape[-1] + 1]
+    size = matrices.shape[-1]
+    return matrices.reshape(len(matrices), size**2)[:, :: size + 1]
 
 
 def distinct(values: Floats) -> Floats:
