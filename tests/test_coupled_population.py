@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 
 import gainroom as gr
 from gainroom.analysis.disk_margin import disk_margin
+from gainroom.analysis.margin_record import OneLoop
 from independent.machine import SLOW, Machine, topples, turns, unstable
 from machines import Pair, chain, limbs
 
@@ -23,6 +24,7 @@ SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
 LIMBS, CHAINS, BATCHES = 1000, 2000, 20
 SHARE = 8  # of each, in every run
 INSIDE = 1e-5  # relative distance from a limit at which roots are counted: ten times the certificate's own
+NEAR = 1e-3  # likewise, of what is left of one gain: loops that it hardly moves are unstable so slowly that nearer counts do not tell
 TOPPLING = 0.03  # likewise from limits at rest, where the root that passes is slower than counts tell from 0 any nearer
 LONGEST = 10.0  # [s] of processor time for all margins of a loop: longer ones are counted and printed
 REFUSED = 0.01  # of the loops may be refused in one line
@@ -126,12 +128,36 @@ def look_at_margins(pair: Pair, margins: gr.Margins, found: Found) -> None:
                     [turns(machine, way * phase * (1 + side * 1e-4), margins.gain_crossover, lowest) for way in (-1, 1)] for side in (-1, 1)
                 ]
         found.ends("phase margin", *(sum(abs(one) for one in both) for both in counts))
+    if margins.one_loop.largest_kp is not None:
+        look_at_largest_gains(pair, margins.one_loop, found)
     for joint in range(0, machine.size, max(1, machine.size // 4)):
         found["not certified, one loop at a time"] += not margins.one_loop.certified[joint]
         for end, way in ((margins.one_loop.gain_margin[joint], 1), (margins.one_loop.lower_gain_margin[joint], -1)):
             if 1e-3 < end < 1e3 and margins.one_loop.certified[joint]:
                 what = "one loop at a time, " + ("upper" if way > 0 else "lower")
                 end_of(found, what, lambda factor, joint=joint: machine.with_joint_scaled(joint, factor), end, way)
+
+
+def look_at_largest_gains(pair: Pair, one_loop: OneLoop, found: Found) -> None:
+    """Largest kp and kd of single joints, from what these have now: no unstable root a thousandth of the way inside, some outside."""
+    for powers, largest in (((0, 0), one_loop.largest_kp), ((1, 0), one_loop.largest_kd)):
+        for joint in range(0, pair.machine.size, max(1, pair.machine.size // 4)):
+            if largest is None or powers not in pair.machine.gains or not one_loop.certified[joint]:
+                continue
+
+            def unstable_with(more: float, joint: int = joint, powers: tuple[int, int] = powers) -> int:
+                return unstable(pair.machine.with_joint_raised(powers, joint, more))
+
+            now = pair.machine.gains[powers][joint, joint]
+            room, what = largest[joint] - now, f"largest {('kp', 'kd')[powers[0]]}"
+            if room == math.inf:
+                found[f"no {what}"] += 1
+                farther = [share * max(now, pair.machine.motor_inertia[joint]) for share in (1.0, 30.0, 1e3, 3e4)]
+                found.wrong += [f"no {what}: unstable {more:g} above {now:g}" for more in farther if unstable_with(more)]
+            elif room > 1e-3 * now:  # else what is lost is too slow to be seen
+                found[what] += 1
+                if inside := unstable_with(room * (1 - NEAR)):
+                    found.wrong.append(f"{what} {largest[joint]:g} of joint {joint}, {now:g} now: {inside} unstable roots inside")
 
 
 def look_just_above(pair: Pair, found: Found, name: str) -> None:

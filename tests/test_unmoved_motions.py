@@ -1,6 +1,7 @@
 """Motions that no gain moves: left out of verdict, limit and roots alike, and listed apart; where they grow, they count."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,44 @@ def test_round_off_of_what_contacts_hold_limits_no_joint(seed):
         assert found.certified, digit
         largest = np.diagonal(controller.kd) + expected
         assert found.one_loop.largest_kd == pytest.approx(largest, rel=1e-8)  # of brentq's place, 1e-13 rad/s
+
+
+def raised(controller, joint, which, more):
+    """`more` of one joint's gain on itself."""
+    gain = np.diag(getattr(controller, which)) if np.ndim(getattr(controller, which)) < 2 else getattr(controller, which).copy()
+    gain[joint, joint] += more
+    return replace(controller, **{which: gain})
+
+
+@pytest.mark.parametrize("sample_time", [None, 1e-3])
+@pytest.mark.parametrize("friction", [0.3, 1e-3])
+@pytest.mark.parametrize("side", ["motor_viscous", "link_viscous"])
+def test_a_joint_that_drifts_has_a_largest_kp(side, friction, sample_time):
+    """Without gains, and braked by friction: its curve rises without bound towards rest, beside which the crossing is small."""
+    plant, controller = replace(TWO, **{side: np.full(2, friction)}), gains([200, 0], [20, 0])
+    found = gr.joint_margins(gr.build_loop(plant, DRIVE, controller, sample_time=sample_time)).one_loop
+    for share, stable in ((0.99, True), (1.01, False)):
+        changed = raised(controller, 1, "kp", share * found.largest_kp[1])
+        assert gr.is_stable(gr.build_loop(plant, DRIVE, changed, sample_time=sample_time)) is stable
+
+
+@pytest.mark.parametrize("sample_time", [None, 1e-3])
+@pytest.mark.parametrize("joint", [0, 1])
+def test_kp_of_one_joint_beside_a_task_that_leaves_it_adrift(joint, sample_time):
+    """What the task does not move swings on that kp alone, and on the delay: hardly any is stable, and kd has its limit far above."""
+    controller = gr.PD(100 * PUSH @ PUSH.T, 10 * PUSH @ PUSH.T)
+    one = gr.joint_margins(gr.build_loop(TWO, DRIVE, controller, sample_time=sample_time)).one_loop
+
+    def stable(which, more):
+        return gr.is_stable(gr.build_loop(TWO, DRIVE, raised(controller, joint, which, more), sample_time=sample_time))
+
+    if one.certified[joint]:
+        room = one.largest_kp[joint] - 100
+        assert room == pytest.approx(0, abs=1e-6) or (stable("kp", 0.99 * room) and not stable("kp", 1.01 * room))
+        room = one.largest_kd[joint] - 10
+        assert stable("kd", 0.99 * room)
+        assert not stable("kd", 1.01 * room)
+    assert np.all(np.isfinite(one.largest_kp))
 
 
 HOLDS_OR_DRIFTS = [

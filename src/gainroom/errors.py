@@ -137,14 +137,17 @@ class GainroomError(ValueError):
 
 @contextlib.contextmanager
 def computable(owner: str) -> Iterator[None]:
-    """Turns a failure of linear algebra into a GainroomError that names `owner`: numbers that doubles cannot hold apart."""
+    """Turns a failure of linear algebra into a GainroomError that names `owner`, the outermost: numbers that doubles cannot hold apart."""
     import numpy as np
 
     try:
         yield
-    except np.linalg.LinAlgError as error:
-        problem = one_line(error).rstrip(".").lower()
-        raise GainroomError(f"{owner}: cannot be computed ({problem}): look for values that are many orders of magnitude off") from error
+    except (np.linalg.LinAlgError, GainroomError) as error:
+        cause = error.__cause__ if isinstance(error, GainroomError) else error
+        if not isinstance(cause, np.linalg.LinAlgError):
+            raise
+        problem = one_line(cause).rstrip(".").lower()
+        raise GainroomError(f"{owner}: cannot be computed ({problem}): look for values that are many orders of magnitude off") from cause
 
 
 @contextlib.contextmanager

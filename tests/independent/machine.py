@@ -99,6 +99,12 @@ class Machine:
         columns[joint] = factor
         return replace(self, gains={powers: gain * columns for powers, gain in self.gains.items()})
 
+    def with_joint_raised(self, powers: tuple[int, int], joint: int, more: float) -> "Machine":
+        """`more` of the gain of that kind by which this joint acts on itself."""
+        gain = self.gains[powers].copy()
+        gain[joint, joint] += more
+        return replace(self, gains={**self.gains, powers: gain})
+
     def delayed(self, more: float) -> "Machine":
         return replace(self, delay=self.delay + more)
 

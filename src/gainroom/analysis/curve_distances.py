@@ -35,8 +35,9 @@ class CurveTolerances:
     settled: float = 1e-2  # of a curve's value at rest: what it moves by, at most, further down
     # of a curve's size without resonances: where it is smaller it is not followed, and what it would limit counts as without limit
     faintest: float = 1e-6
-    # times the round-off of the largest terms that cancel to a curve's value: what is smaller is round-off; that of W is a few such
-    cancelled: float = 30.0
+    quick: float = 0.1  # [rad] of lag from which on that size is looked at,
+    top: float = 0.01  # or from so much of the highest frequency, where that is lower
+    cancelled: float = 30 * np.finfo(float).eps  # of the terms of which a curve's value is the sum: W is off by a few last digits
     steepest: int = 6  # power of 1/ω with which a curve rises towards rest: what rises faster rises from a 0 that round-off has made
     within: float = 0.5  # of where it crosses for sure: likewise, as what it does there limits nothing first
 
@@ -89,7 +90,7 @@ class _Curves:
         self._sweep = sweep
         self._given: Curves = lambda omega: in_blocks(lambda part: curves(part).values, omega, sweep.loop.size)
         levels, below = self._halved(sweep.first)
-        drowned = CURVES.cancelled * sweep.loop.round_off(levels)[:, None] * curves(levels).terms
+        drowned = CURVES.cancelled * in_blocks(lambda part: curves(part).terms, levels, sweep.loop.size)
         omega = distinct(np.concatenate([levels, sweep.omega]))
         values = self._given(omega)
         self.size = values.shape[1]
@@ -99,16 +100,25 @@ class _Curves:
         rows = np.array([one.row for one in self._rest])
         self._lowest, self._held = levels[rows], below[rows, 0, np.arange(self.size)]
         values = self._holding(omega, values)
-        self._faint = np.maximum(CURVES.faintest * _level(omega, values), 1e-300)
-        omega, values = refined(omega, values, self._at, partial(_rough, self._faint), 12, LOCI.most)
+        # Of the curve where the loop is too quick for its lags: further down one that drifts is larger without bound.
+        quick = omega >= min(CURVES.quick / max(sweep.lag, 1e-300), CURVES.top * omega[-1])
+        self._faint = np.maximum(CURVES.faintest * _level(omega[quick], values[quick]), 1e-300)
+        omega, values = refined(omega, values, self._at, lambda _, values: np.any(_rough(self._faint, values), axis=1), 30, LOCI.most)
         self.omega, self.values = refined(omega, values, self._at, partial(_unseen, self._faint), 60, LOCI.most)
+        self.settled &= ~_rough(self._faint, self.values).any(axis=0)  # what is not smooth however near samples lie is round-off
 
     def _halved(self, highest: float) -> tuple[Floats, Complexes]:
         """Frequencies (k,) from `highest` down, and the curves there and 1 and 2 % above (k, 3, m), as far as they can be computed."""
         levels = highest * 0.5 ** np.arange(CURVES.halved)
-        blurred = self._sweep.boundary.blurred(levels) > CURVES.blurred
-        levels = levels[: max(3, int(np.argmax(np.append(blurred, True))))]
-        return levels, self._given((levels[:, None] * [1.0, 1.01, 1.02]).ravel()).reshape(len(levels), 3, -1)
+        while True:
+            try:
+                blurred = self._sweep.boundary.blurred(levels) > CURVES.blurred
+                levels = levels[: max(3, int(np.argmax(np.append(blurred, True))))]
+                return levels, self._given((levels[:, None] * [1.0, 1.01, 1.02]).ravel()).reshape(len(levels), 3, -1)
+            except np.linalg.LinAlgError:  # weight that hangs on one motion alone drowns the rest there, to the last digit
+                if len(levels) <= 3:
+                    raise
+                levels = levels[:-1]
 
     def _at(self, omega: Floats) -> Complexes:
         return self._holding(omega, self._given(omega))
@@ -266,8 +276,8 @@ def _level(omega: Floats, values: Complexes) -> Floats:
     return np.minimum.reduceat(np.abs(values), first, axis=0).max(axis=0)
 
 
-def _rough(faint: Floats, omega: Floats, values: Complexes) -> Booleans:
-    """Where samples of the curves are too far apart as they come near the negative real axis.
+def _rough(faint: Floats, values: Complexes) -> Booleans:
+    """(k − 1, m) where samples of a curve are too far apart as it comes near the negative real axis.
 
     Up to a change δ at which a curve c meets −1/δ, 1 + δ c cannot turn about 0 where c is smaller than that.
     """
@@ -276,7 +286,7 @@ def _rough(faint: Floats, omega: Floats, values: Complexes) -> Booleans:
     moves = _moves(values)
     near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
     followed = size > np.maximum(faint, -CURVES.within * surely)
-    return np.any(near & moves & followed, axis=1)
+    return near & moves & followed
 
 
 def _moves(values: Complexes) -> Booleans:

@@ -83,6 +83,12 @@ class Sweep:
         return found
 
     @property
+    def lag(self) -> float:
+        """[s] of the slowest joint's delay, hold and current loop together."""
+        drives = [] if self.loop.parts is None else self.loop.parts.drives
+        return self._longest + max((2 * drive.damping_ratio / drive.bandwidth for drive in drives), default=0.0)
+
+    @property
     def full(self) -> bool:
         """No more samples are taken: the loci of this loop cannot be followed."""
         return len(self.omega) > max(LOCI.most, 30 * LOCI.most // self.loop.size**2)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import GainroomError
+from ..errors import GainroomError, computable
 from ..native import _core
 from ..system.loop import Loop, require_loop
 from .coupled_margins import coupled_margins, one_loop_margins
@@ -32,7 +32,8 @@ def margins(loop: Loop) -> Margins:
     if loop.kd_path is not None:
         return TwoPaths(loop).margins()
     if loop.size > 1:
-        return coupled_margins(loop, largest=False)
+        with computable("margins"):
+            return coupled_margins(loop, largest=False)
     found = margins_from_scan(loop, scan_loop(loop))
     if not found.stable:
         with suppress(GainroomError):
@@ -54,7 +55,8 @@ def joint_margins(loop: Loop) -> Margins:
         one_loop = replace(found.one_loop, certified=gains.certified, largest_kp=gains.largest_kp, largest_kd=gains.largest_kd)
         found = replace(found, limit=limit, one_loop=one_loop)
     else:
-        found = coupled_margins(loop) if loop.kd_path is None else margins(loop)
+        with computable("joint_margins"):
+            found = coupled_margins(loop) if loop.kd_path is None else margins(loop)
     return replace(found, phase_margin=abs(found.phase_margin))
 
 
