@@ -220,30 +220,71 @@ def test_gain_matrices_have_directions(symmetric: bool):
         rank = int(rng.integers(1, size + 1))
         torque = rng.normal(size=(size, rank))
         measured = torque.T if symmetric else rng.normal(size=(rank, size))
+        unit = 10 ** rng.uniform(-5, 5, size)  # of each joint
+        torque, measured = unit[:, None] * torque, measured * unit
         terms = {}
         for powers in ((0, 0), (1, 0), (0, 1))[: 2 + seed % 2]:
             gains = rng.uniform(0.5, 2.0, rank)
             gains[: rank // 2] = gains[0]
             terms[powers] = torque @ (gains[:, None] * measured)
-        found = gain_directions(terms)
+        found = gain_directions(terms, unit)
         assert found is not None
         assert found.symmetric == (symmetric or size == 1)
         assert found.torque.shape == (size, rank)
         for powers, gain in terms.items():
-            assert np.allclose(found.torque @ (found.gains[powers][:, None] * found.measured), gain, atol=1e-10 * np.abs(gain).max())
+            product = found.torque @ (found.gains[powers][:, None] * found.measured)
+            alike, right = (each / (unit[:, None] * unit) for each in (product, gain))
+            assert np.allclose(alike, right, atol=1e-10 * np.abs(right).max())
 
 
 def test_gain_matrices_without_common_directions_have_none():
     rng = np.random.default_rng(SEED)
     one, two, three = (root @ root.T for root in rng.normal(size=(3, 4, 4)))
-    assert gain_directions({(0, 0): one, (1, 0): two}) is not None
-    assert gain_directions({(0, 0): one, (1, 0): two, (0, 1): three}) is None
+    assert gain_directions({(0, 0): one, (1, 0): two}, np.ones(4)) is not None
+    assert gain_directions({(0, 0): one, (1, 0): two, (0, 1): three}, np.ones(4)) is None
     turning = np.array([[1.0, -1.0], [1.0, 1.0]])
-    assert gain_directions({(0, 0): turning, (1, 0): np.eye(2)}) is None
-    idle = gain_directions({(0, 0): one, (1, 0): two, (0, 1): np.zeros_like(one)})  # as a P/PI cascade without ki has it
+    assert gain_directions({(0, 0): turning, (1, 0): np.eye(2)}, np.ones(2)) is None
+    idle = gain_directions({(0, 0): one, (1, 0): two, (0, 1): np.zeros_like(one)}, np.ones(4))  # as a P/PI cascade without ki has it
     assert idle is not None
     assert not idle.gains[0, 1].any()
-    assert gain_directions({(0, 0): np.zeros_like(one)}) is None
+    assert gain_directions({(0, 0): np.zeros_like(one)}, np.ones(4)) is None
+
+
+@pytest.mark.parametrize("sample_time", [None, 1e-3])
+@pytest.mark.parametrize("rank", [2, 4])
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_gain_matrices_in_any_units(symmetric: bool, rank: int, sample_time: float | None):
+    """The same robot with joints in units that are up to 1e4 apart has the same limit and verdict; tasks of fewer directions, too."""
+    for seed in range(4):
+        rng = np.random.default_rng([SEED, seed])
+        root, task = rng.normal(size=(2, 4, 4))
+        torque = task[:, :rank]
+        measured = torque.T if symmetric else torque.T + 0.1 * rng.normal(size=(rank, 4))
+        kd = torque @ np.diag(rng.uniform(5.0, 15.0, rank)) @ measured
+        kp = 10 * torque @ np.diag(rng.uniform(5.0, 15.0, rank)) @ measured
+        own = np.linalg.inv(root @ root.T / 4 + np.eye(4)), rng.uniform(0.5, 2.0, 4), rng.uniform(7e3, 15e3, 4), rng.uniform(1.0, 2.0, 4)
+        limits = []
+        for unit in (np.ones(4), 10 ** rng.uniform(-2, 2, 4)):
+            inverse, *diagonal = own
+            plant = gr.Plant(inverse / (unit[:, None] * unit), *(unit**2 * one for one in diagonal))
+            controller = gr.PD(kp * (unit[:, None] * unit), kd * (unit[:, None] * unit))
+            limits.append(gr.gain_limit(gr.build_loop(plant, gr.Drive(4000.0, 0.9, 1.5e-3), controller, sample_time=sample_time)))
+        assert limits[1].stable == limits[0].stable
+        assert limits[1].gain == pytest.approx(limits[0].gain, rel=1e-8)
+        assert limits[1].frequency == pytest.approx(limits[0].frequency, rel=1e-8, nan_ok=True)
+
+
+def test_gain_matrices_of_joints_too_far_apart_are_refused():
+    """Their limits were certified, and wrong by up to a fifth; each joint's own gains in any units are fine."""
+    unit = np.array([1.0, 3e6])
+    plant = gr.Plant(np.eye(2) / unit**2, 0.5 * unit**2, 1e4 * unit**2, 2.0 * unit**2)
+    coupled = np.array([[2.0, 0.5], [0.5, 2.0]]) * (unit[:, None] * unit)
+    drive = gr.Drive(4000.0, 0.9, 2e-3)
+    with pytest.raises(gr.GainroomError, match=r"gain matrices: joints with inertias from 0\.5 to 4\.5e\+12 .* at most 1e\+10 apart"):
+        gr.build_loop(plant, drive, gr.PD(100 * coupled, 10 * coupled))
+    own = gr.gain_limit(gr.build_loop(plant, drive, gr.PD(200 * unit**2, 20 * unit**2)))
+    alike = gr.Plant(np.eye(2), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
+    assert own.gain == pytest.approx(gr.gain_limit(gr.build_loop(alike, drive, gr.PD(200.0, 20.0))).gain, rel=1e-9)
 
 
 def test_a_pendulum_that_topples():

@@ -26,8 +26,16 @@ class Directions(NamedTuple):
     symmetric: bool
 
 
-def gain_directions(terms: Mapping[tuple[int, int], Floats]) -> Directions | None:
-    """Of gain matrices (n, n) by term; None where there is none such, or it is not known."""
+def gain_directions(terms: Mapping[tuple[int, int], Floats], unit: Floats) -> Directions | None:
+    """Of gain matrices (n, n) by term; None where there is none such, or it is not known.
+
+    unit   (n,) in which joints are alike (Plant.units), as else round-off of one's gains hides another's
+    """
+    alike = _directions({powers: gain / (unit[:, None] * unit) for powers, gain in terms.items()})
+    return alike and alike._replace(torque=unit[:, None] * alike.torque, measured=alike.measured * unit)
+
+
+def _directions(terms: Mapping[tuple[int, int], Floats]) -> Directions | None:
     sizes = {powers: size for powers, gain in terms.items() if (size := float(np.linalg.norm(gain)))}
     if not sizes:
         return None

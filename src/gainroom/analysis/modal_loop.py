@@ -86,7 +86,7 @@ class ModalLoop:
         gains = {powers: np.diagonal(gain) for powers, gain in terms.items()}
         counts = {powers: np.count_nonzero(own) for powers, own in gains.items()}
         if any(np.count_nonzero(terms[powers]) != count for powers, count in counts.items()):
-            directions = gain_directions(terms)
+            directions = gain_directions(terms, parts.plant.units)
             if directions is None or any(drive != drives[0] for drive in drives):
                 return None
             gains, twofold = directions.gains, not directions.symmetric

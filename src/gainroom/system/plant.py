@@ -150,6 +150,13 @@ class Plant:
         """(n,) True where the gearbox is elastic."""
         return np.isfinite(self.stiffness)
 
+    @cached_property
+    def units(self) -> Floats:
+        """(n,) [√(kg m²)] in which joints are alike, whatever theirs are: by each motor's inertia, or where it has none by its links'."""
+        own = np.diagonal(self.link_inverse_inertia)
+        links = np.divide(1.0, own, out=np.ones(self.size), where=own > 0)
+        return np.sqrt(np.where(self.motor_inertia > 0, self.motor_inertia, links))
+
     def regeared(self, stiffness: Floats, damping: Floats) -> "Plant":
         """The same links and motors with other gearboxes, (n,) each."""
         found = replace(self, stiffness=stiffness, damping=damping)
