@@ -225,7 +225,8 @@ def _at_rest(levels: Floats, curve: Complexes, least: float, drowned: Floats) ->
 
     Slow closed-loop modes move a curve far below all else, and round-off hides what is still lower: so the lowest stretch is looked for
     on which it moves no more, where it is smooth. `least`: smaller values are as good as 0. `drowned` (k,): smaller ones are round-off,
-    smooth as they may be: what round-off leaves of motions that contacts hold drifts as if it were free.
+    smooth as they may be: what round-off leaves of motions that contacts hold drifts as if it were free. Where all are, as of a joint that
+    nothing moves, they are what there is.
     """
     size = np.maximum(np.abs(curve), max(least, 1e-300))
     smooth = np.abs(curve[:, 0] - 2 * curve[:, 1] + curve[:, 2]) <= CURVES.smooth * size[:, 0]

@@ -18,7 +18,7 @@ SAME = 1e-6  # relative sizes of parts that count as equal, and what is left of 
 
 
 def common_mode(vectors: Complexes) -> Complexes:
-    """(n,) of the space that `vectors` (n, r) span: that in which every joint moves which moves in any, the largest part 1.
+    """(n,) of the space that `vectors` (n, r) span: that in which, as a rule, every joint moves which moves in any; the largest part 1.
 
     The sum of vectors of which each has part 1 at the joint that moves most in what the ones before leave still, of equal ones the first.
     """

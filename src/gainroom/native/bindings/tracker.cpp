@@ -39,7 +39,10 @@ public:
 
     // `mass` (N, N), `jacobians`: contact Jacobians one below the other, `tasks` those of tasks; a negative contact: an unknown one.
     nb::tuple update(const Strided& mass, const std::vector<Strided>& jacobians, std::int64_t contact, const std::vector<Strided>& tasks) {
-        return answer(alone([&] { return robot_.update(mass_.data(), rows_.data(), copied(mass, jacobians, tasks), std::size_t(contact), tasks_.data()); }));
+        return answer(alone([&] {
+            const std::size_t count = copied(mass, jacobians, tasks);
+            return robot_.update(mass_.data(), rows_.data(), count, std::size_t(contact), tasks_.data());
+        }));
     }
 
     // The gain that such ticks, all the same, lead to, and whether it is `gain`.
