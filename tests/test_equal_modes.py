@@ -77,6 +77,7 @@ def test_legs_apart_move_alike():
 def test_the_first_of_the_least_but_for_round_off():
     assert first_least(np.array([np.nan, 2.0, 1.0 + 1e-13, 1.0])) == 2
     assert first_least(np.array([2.0, 1.0 + 1e-7, 1.0])) == 2
+    assert first_least(np.array([np.nan, np.inf])) == first_least(np.full(2, np.nan)) == 0  # nothing is known: any, without an error
     assert rank(1.0 + 1e-13) == rank(1.0) < rank(1.0 + 1e-7)
 
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from ..system.linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Booleans, Complexes, Floats
 
 EQUAL = 1e-9
 """Relative distance of eigenvalues, and of crossings, that count as equal: eigenvectors of others are known to 1e-7."""
@@ -15,6 +15,11 @@ SHIFT = 1e-10
 """Relative: how far from an eigenvalue a matrix is solved with, so that it is not singular."""
 SINGLE = 1e-4  # of a vector's length
 SAME = 1e-6  # relative sizes of parts that count as equal, and what is left of a vector that others span
+
+
+def equal_to(value: complex, values: Complexes) -> Booleans:
+    """Which of eigenvalues (r,) are as good as one of them."""
+    return np.abs(values - value) <= EQUAL * abs(value)
 
 
 def common_mode(vectors: Complexes) -> Complexes:

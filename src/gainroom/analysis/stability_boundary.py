@@ -8,7 +8,7 @@ import numpy as np
 
 from ..system.linear.arrays import Complexes, Floats, distinct
 from ..system.loop import Loop
-from .equal_modes import EQUAL, common_mode
+from .equal_modes import common_mode, equal_to
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,8 @@ class Boundary:
     def mode(self, omega: float, value: complex) -> Complexes:
         """The measured positions (n,) of the locus that is at `value` at `omega`, and of those that are equal; the largest part 1."""
         (values,), (vectors,) = self.eigen(np.array([omega]))
-        nearest = values[np.argmin(np.abs(values - value))]
-        equal = np.flatnonzero(np.abs(values - nearest) <= EQUAL * abs(nearest))
-        return common_mode(np.column_stack([self.loop.lifted(self._ray * omega, vectors[:, k]) for k in equal]))
+        equal = vectors[:, equal_to(values[np.argmin(np.abs(values - value))], values)]
+        return common_mode(self.loop.lifted(self._ray * omega, equal))
 
     def crossings(self, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats]) -> tuple[Floats, Complexes]:
         """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω and λ.

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..analysis.equal_modes import EQUAL, common_mode
+from ..analysis.equal_modes import common_mode, equal_to
 from ..analysis.margin_record import Margins
 from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Complexes, first_least
@@ -45,8 +45,7 @@ def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: st
     if name == "peak_sensitivity":
         return (names[most_sensitive(response)[1]],)
     values, vectors = np.linalg.eig(response)
-    nearest = values[np.argmin(np.abs(np.abs(values) - 1))]
-    mode = common_mode(vectors[:, np.abs(values - nearest) <= EQUAL * abs(nearest)])
+    mode = common_mode(vectors[:, equal_to(values[np.argmin(np.abs(np.abs(values) - 1))], values)])
     return tuple(names[k] for k in strongest_first(mode) if np.abs(mode[k]) >= STRONG)
 
 

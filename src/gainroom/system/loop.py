@@ -164,9 +164,9 @@ class Loop:
             return self.at(s).reshape(len(s), self.size, self.size)
         return self._controlled[1].T @ self._partly(s)
 
-    def lifted(self, s: complex, vector: Complexes) -> Complexes:
-        """The measured positions (n,) that belong to an eigenvector of `core`."""
-        return vector if self._controlled is None else self._partly(np.array([s]))[0] @ vector
+    def lifted(self, s: complex, vectors: Complexes) -> Complexes:
+        """The measured positions (n, m) that belong to eigenvectors (r, m) of `core`."""
+        return vectors if self._controlled is None else self._partly(np.array([s]))[0] @ vectors
 
     def _partly(self, s: Complexes) -> Complexes:
         """P C e^{−sT} D V (k, n, r)."""

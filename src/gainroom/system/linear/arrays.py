@@ -17,8 +17,8 @@ def rank(value: float) -> float:
 
 
 def first_least(values: Floats) -> int:
-    """The index of the least of `values` (n,), of those that differ by round-off alone the first; NaN is none."""
-    return int(np.nanargmin([rank(value) for value in values.tolist()]))
+    """The index of the least of `values` (n,), of those that differ by round-off alone the first; what is not known (NaN) comes last."""
+    return int(np.argmin([rank(value) for value in np.where(np.isnan(values), np.inf, values).tolist()]))
 
 
 def diagonals(matrices: Complexes) -> Complexes:
