@@ -5,6 +5,7 @@
 is linear in the gains; behind a current loop the lag is that of a delay and C(s) together, both of which are fitted. All signals pass the
 same zero-phase band, which leaves the equation true and keeps out the frequencies at which a
 position is mostly its encoder's steps: noise in a regressor would make the gains look smaller than they are (errors in variables).
+Rows in which the torque was limited are no rows of that law: they are left out of both sides before the band, row by row.
 """
 
 import math
@@ -13,8 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import GainroomError
-from ..system.linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Booleans, Complexes, Floats
+from .clipping import Limited, limited_rows, limited_text
 from .estimate import FREEDOM, Estimate, covariance, interval, quantile
+from .excited_part import most_excited
 from .record import Record, resolution, slow_rows
 
 DAMPING_RATIO = 0.8  # of a current loop
@@ -28,6 +31,9 @@ MOST_EXPLAINED, LEAST_EXPLAINED = 0.98, 0.5  # of the torque's power in the band
 MOST_RELATIVE = 0.1  # half-width of kp's interval that still names a factor
 SAME_FACTOR = 0.04  # of a factor: two gains this near are the same
 LEAST_STEPS = 20
+MOST_LIMITED = 0.9  # share of rows with a limited torque: more, and too few rows are left
+LIMITED_ROWS = 30_000  # of a long record with a limited torque, the most excited: every lag that is tried takes its spectra
+SETTLES = 3e-3  # [s] behind limited rows in which a current loop still settles
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,7 @@ class GainsFit:
     explained       share of the torque's power in the band
     band            [rad/s] up to which signals were used
     unit_errors     gains that are a known factor from those asked for
+    limited         rows in which the torque was limited, which were left out
     warnings        what the reader should know
     """
 
@@ -67,6 +74,7 @@ class GainsFit:
     torque: str
     explained: float
     band: float
+    limited: Limited
     unit_errors: tuple[UnitError, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -93,7 +101,15 @@ def identify_gains(record: Record, kp: float | None = None, kd: float | None = N
             f"gains: set-point and position differ by {np.ptp(reference - position):.3g} rad, {LEAST_STEPS} steps of the encoder "
             f"({step:.3g} rad) are needed: record larger and faster motion"
         )
-    spectra = _Spectra(record, reference, position, torque, name)
+    limited = limited_rows(record, name)
+    if limited.share > MOST_LIMITED:
+        raise GainroomError(
+            f"gains: {name} is limited in {100 * limited.share:.0f} % of the rows, which tell no gains: record smaller or slower motion"
+        )
+    if limited.kinds and len(record.time) > LIMITED_ROWS:
+        record = most_excited(record, LIMITED_ROWS)
+        limited = limited_rows(record, name)
+    spectra = _Spectra(record, side, name, limited)
     fits = [
         _fitted(spectra, velocity, follows, name == "actual_torque")
         for velocity in spectra.velocities
@@ -112,12 +128,14 @@ def identify_gains(record: Record, kp: float | None = None, kd: float | None = N
 class _Spectra:
     """Signals in the frequency domain, and how to come back."""
 
-    def __init__(self, record: Record, reference: Floats, position: Floats, torque: Floats, name: str) -> None:
-        self.tick, self.count = record.sample_time, len(position)
+    def __init__(self, record: Record, side: str, name: str, limited: Limited) -> None:
+        reference, position, torque = record.channels["reference"], record.channels[side], record.channels[name]
+        self.tick, self.count, self.limited = record.sample_time, len(position), limited
         ends = max(int(TAPER * self.count), 4)
         ramp = 0.5 - 0.5 * np.cos(np.pi * np.arange(ends) / ends)
         self.window = np.ones(self.count)
         self.window[:ends], self.window[-ends:] = ramp, ramp[::-1]
+        self.window[_with_settling(limited.rows, 0 if name != "actual_torque" else math.ceil(SETTLES / self.tick))] = 0.0
         # Operations that must see the whole signal (differences) come before the window, band and lag after it.
         pad = np.diff(position, prepend=2 * position[0] - position[1]) / self.tick
         middle = np.gradient(position, self.tick)
@@ -148,8 +166,22 @@ class _Spectra:
 
     def passed(self, values: Floats, lag: float = 0.0, slow: float = 0.0) -> Floats:
         """(m,) through window and band, `lag` [s] later and through a current loop of bandwidth 1/`slow` [s]."""
-        spectrum: Complexes = np.fft.rfft((values - values.mean()) * self.window)
-        return np.fft.irfft(spectrum * late(self.omega, lag, slow) / (1 + (self.omega / self.band) ** 8), self.count)
+        return np.fft.irfft(self.spectrum(values, lag, slow) / (1 + (self.omega / self.band) ** 8), self.count)
+
+    def spectrum(self, values: Floats, lag: float = 0.0, slow: float = 0.0) -> Complexes:
+        """(k,) of (m,) `values`, late, through the window, without their mean in it."""
+        if not self.limited.kinds:  # a window without gaps is as good before as behind what is late
+            return np.fft.rfft((values - values.mean()) * self.window) * late(self.omega, lag, slow)
+        if lag or slow:
+            padded = np.concatenate([values, np.linspace(values[-1], values[0], self.count)])
+            omega = 2 * np.pi * np.fft.rfftfreq(len(padded), self.tick)
+            values = np.fft.irfft(np.fft.rfft(padded) * late(omega, lag, slow), len(padded))[: self.count]
+        return np.fft.rfft((values - np.average(values, weights=self.window)) * self.window)
+
+
+def _with_settling(rows: Booleans, behind: int) -> Booleans:
+    """(m,) the rows and `behind` more behind each."""
+    return np.convolve(rows, np.ones(behind + 1))[: len(rows)] > 0.5
 
 
 def late(omega: Floats, lag: float, slow: float) -> Complexes:
@@ -167,10 +199,14 @@ class _Fit:
     cost: float
 
 
-def _columns(spectra: _Spectra, velocity: str, follows: bool, lag: float, slow: float) -> Floats:
+def _law(spectra: _Spectra, velocity: str, follows: bool) -> tuple[Floats, Floats]:
+    """(m,) what kp and kd act on."""
     measured, wanted = spectra.velocities[velocity]
-    rate = wanted - measured if follows else -measured
-    return np.column_stack([spectra.passed(spectra.error, lag, slow), spectra.passed(rate, lag, slow)])
+    return spectra.error, (wanted - measured if follows else -measured)
+
+
+def _columns(spectra: _Spectra, velocity: str, follows: bool, lag: float, slow: float) -> Floats:
+    return np.column_stack([spectra.passed(values, lag, slow) for values in _law(spectra, velocity, follows)])
 
 
 def _fitted(spectra: _Spectra, velocity: str, follows: bool, behind: bool) -> _Fit:
@@ -182,11 +218,20 @@ def _fitted(spectra: _Spectra, velocity: str, follows: bool, behind: bool) -> _F
     omega, weight = spectra.omega[used], np.where(spectra.omega[used] > 0, 2.0, 1.0)
     wanted, given = np.fft.rfft(torque)[used], np.fft.rfft(columns, axis=0)[used]
     power = float(weight @ np.abs(wanted) ** 2)
-    cross = weight[:, None] * given.conj() * wanted[:, None]
-    products = weight * np.stack([np.abs(given[:, 0]) ** 2, np.real(given[:, 0].conj() * given[:, 1]), np.abs(given[:, 1]) ** 2])
+    band, law, gaps = 1 / (1 + (omega / spectra.band) ** 8), _law(spectra, velocity, follows), bool(spectra.limited.kinds)
+
+    def moments(given: Complexes) -> tuple[Floats, Complexes]:
+        """Sums (3, k) of the columns' products, and (k, 2) of those with the torque, by frequency."""
+        products = np.stack([np.abs(given[:, 0]) ** 2, np.real(given[:, 0].conj() * given[:, 1]), np.abs(given[:, 1]) ** 2])
+        return weight * products, weight[:, None] * given.conj() * wanted[:, None]
+
+    whole = moments(given)
 
     def solved(lag: float, slow: float) -> tuple[Floats, float]:
-        response = late(omega, lag, slow)
+        products, cross, response = *whole, late(omega, lag, slow)
+        if gaps:
+            there = [spectra.spectrum(values, lag, slow)[used] * band for values in law]
+            products, cross, response = *moments(np.column_stack(there)), np.ones(len(omega), dtype=complex)
         first, both, second = products @ np.abs(response) ** 2
         right = np.real(response.conj() @ cross)
         gains = np.linalg.lstsq(np.array([[first, both], [both, second]]), right, rcond=None)[0]
@@ -241,10 +286,11 @@ def _result(spectra: _Spectra, best: _Fit, name: str, asked: tuple[float | None,
             warnings.append(
                 f"the record does not tell {label} from 0: record motion with more {'deflection' if label == 'kp' else 'velocity'}"
             )
-    offset = float(np.mean(spectra.torque) - best.gains[0] * np.mean(spectra.error))
+    warnings += limited_text(spectra.limited, "tell no gains and are left out")
+    offset = float(np.average(spectra.torque - best.gains[0] * spectra.error, weights=spectra.window > 0))
     follows = best.follows if spectra.reference_moves else None
     return GainsFit(
-        kp, kd, lag, follows, best.velocity, offset, name, explained, spectra.band,
+        kp, kd, lag, follows, best.velocity, offset, name, explained, spectra.band, spectra.limited,
         _unit_errors(kp, kd, *asked), tuple(warnings),
     )  # fmt: skip
 
