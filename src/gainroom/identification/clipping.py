@@ -23,7 +23,8 @@ TOP, MOVED_LEVEL, SAME_LEVEL = 0.01, 0.1, 1e-4  # of the torque's range: above a
 HELD = 0.3  # of the rows in runs beside those at a bound: more, and commands are held, whose levels are then to be the same
 LONG = 10  # rows: a single run this long is a bound
 LEAST_SHARE = 0.003  # of the rows at a bound
-LEAST_STEPS = 2.0  # of the encoder that the joint moves in a run: at rest a torque stands of itself
+PASSES = 4  # of a dead zone
+LEAST_STEPS = 4.0  # of the encoder that the joint moves in a run: at rest a torque stands of itself
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,8 @@ def limited_text(limited: Limited, consequence: str) -> list[str]:
     if not limited.kinds:
         return []
     bounds = [f"{value:.3g}" for value in (limited.low, limited.high) if math.isfinite(value)]
-    names = {"bound": f"stands at its limit of {' and '.join(bounds)} N·m", "rate": "changes at its largest rate", "dead zone": "is 0 in a dead zone"}
+    at = f"stands at its limit of {' and '.join(bounds)} N·m"
+    names = {"bound": at, "rate": "changes at its largest rate", "dead zone": "is 0 in a dead zone"}
     kinds = " or ".join(names[kind] for kind in limited.kinds)
     return [f"{limited.channel} {kinds} in {100 * limited.share:.2g} % of the rows, which {consequence}"]
 
@@ -146,7 +148,7 @@ def _dead(values: Floats, moved: Floats) -> Booleans:
     """(m,) rows in which `values` are 0 while the joint moves, and have to get there by a bend: a dead zone."""
     rows = np.zeros(len(values), dtype=bool)
     runs = [(a, b) for a, b in _runs(values)[0] if abs(float(np.median(values[a:b]))) <= 1e-6 * float(np.ptp(values))]
-    runs = [(a, b) for a, b in runs if np.ptp(moved[a:b]) >= LEAST_STEPS]
-    for first, last in runs if len(runs) > 1 else ():
+    runs = [(a, b) for a, b in runs if a > 0 and b < len(values) and np.ptp(moved[a:b]) >= LEAST_STEPS]
+    for first, last in runs if len(runs) >= PASSES else ():
         rows[first:last] = True
     return rows

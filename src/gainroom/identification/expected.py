@@ -26,7 +26,7 @@ from .joint import DELAY_FLOOR, MODEL_ERROR, MODEL_ERROR_EXPLAINED, ROUGH_ROWS, 
 from .joint_model import JointModel, Prior
 from .motion import motion_of
 from .prediction import Signals
-from .residuals import residual_tests
+from .residuals import explained_share
 
 FASTEST = 20.0  # radians per tick: a current loop beyond it is over within the tick
 MOVED = 1e-3  # of a tick, or of a logarithm, for differences
@@ -121,8 +121,8 @@ def _law_error(model: JointModel, signals: Signals, joint: ElasticJoint, point: 
     best = likeliest(model, part, point, prior, SETTLED)
     difference = likeliest(model, other.rows(rows), best.parameters, prior, 1).parameters - best.parameters
     measured = frequency_response(part.torque, part.positions[:, 0], part.sample_time)
-    tests = residual_tests(best.errors, best.variances, part, measured)
-    return np.outer(difference, difference) + model.law_error(point, MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained)
+    explained = explained_share(best.errors, best.variances, part, measured)
+    return np.outer(difference, difference) + model.law_error(point, MODEL_ERROR + MODEL_ERROR_EXPLAINED * explained)
 
 
 def delay_error(target: Floats, speed: float, damping: float, delay: float, noise: float) -> float:

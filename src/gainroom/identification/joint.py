@@ -15,6 +15,7 @@ from ..errors import GainroomError
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
 from ..system.linear.arrays import Complexes, Floats
+from .clipping import Limited, limited_rows, limited_text
 from .contradictions import encoders_apart
 from .delay import TorqueDelay, identify_delay
 from .estimate import FREEDOM, Estimate, log_interval, quantile
@@ -27,6 +28,7 @@ from .motion import motion_of
 from .prediction import Signals, prediction_errors
 from .record import Record, resolution
 from .residuals import Residuals, residual_tests
+from .torque_balance import Spectra, through_drive, torque_balance
 
 FITTED_ROWS = 60_000  # of a long log, the most excited: what is left is then friction's law, not noise
 ROUGH_ROWS = 10_000  # of a long log, on which the search begins and models are compared
@@ -40,6 +42,8 @@ DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay a
 # the residual that the torque explains shows how much is left. Sized on virtual joints with Stribeck friction on both sides (tests).
 MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
 USUAL_LAG = 1.5  # ticks of a hold and a current loop
+MOST_DIFFERENT = 0.003  # of the torque's power, in which the command is not the torque: inertias would be some 5 % off
+SETTLES = 0.02  # [s] that the first commands take to arrive
 UNUSED = 0.1  # of its motion: an encoder's noise from which on it tells nothing
 HELD = 1e12  # information: as good as known
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
@@ -80,7 +84,7 @@ class JointFit:
 
     @property
     def adequate(self) -> bool:
-        """True where the torque explains little of the residuals (residuals.py)."""
+        """True where little of the torque is left, and nothing of weight in what is left is explained (residuals.py)."""
         return self.residuals.adequate
 
     def response(self, omega: Floats) -> Complexes:
@@ -132,6 +136,7 @@ class _Source:
     prior          mean and deviation of the delay [ticks]; None: fixed
     delays         (d,) [s] from torque to motion that the rough search tries
     torques        what they say of the delay
+    known          drive between command and torque, where the torque itself drives the fit and its command is logged, too
     """
 
     name: str
@@ -141,6 +146,7 @@ class _Source:
     prior: tuple[float, float] | None
     delays: Floats
     torques: TorqueDelay | None
+    known: Drive | None = None
 
 
 def _source(record: Record, drive: Drive | None, warnings: list[str]) -> _Source:
@@ -148,28 +154,55 @@ def _source(record: Record, drive: Drive | None, warnings: list[str]) -> _Source
     if not record.has("target_torque"):
         return _Source("actual_torque", record.channels["actual_torque"], True, Drive(), None, np.zeros(1), None)
     target = record.channels["target_torque"]
+    limited = limited_rows(record, "actual_torque" if record.has("actual_torque") else "target_torque")
+    torques = _torques(record, limited, warnings) if drive is None and record.has("actual_torque") else None
+    known = _drive_of(torques) if torques is not None and torques.lag is not None else drive
+    if record.has("actual_torque") and (bool(limited.kinds) if known is None else _differs(record, known, torques)):
+        what = "actual_torque is not what a delay and a current loop make of target_torque: the joint is fitted to actual_torque"
+        warnings.extend(limited_text(limited, "is what the joint is fitted to") or [what])
+        return _Source("actual_torque", record.channels["actual_torque"], True, Drive(), None, np.zeros(1), torques, known)
+    warnings.extend(limited_text(limited, "is taken for what the joint got"))
     if drive is not None:
         lag = drive.delay + (0.0 if drive.is_ideal else 2 * drive.damping_ratio / drive.bandwidth) + tick / 2
         return _Source("target_torque", target, False, drive, None, np.array([lag]), None)
-    torques = None
-    if record.has("actual_torque"):
-        try:
-            torques = identify_delay(record)
-        except GainroomError as error:
-            warnings.append(f"{error}; the delay is fitted to the motion")
-    if torques is None or torques.lag is None:
+    if torques is None or torques.lag is None or known is None:
         warnings.append("no torque log tells the current loop: it is fitted to the motion, which hardly tells it from a delay")
         prior = (SEARCHED / 4, math.inf)
         return _Source("target_torque", target, False, Drive(), prior, tick * (0.5 + np.arange(0.0, SEARCHED, 0.5)), None)
     warnings.extend(torques.warnings)
+    prior = known.delay / tick, math.hypot(torques.lag.standard_error / tick, DELAY_FLOOR)
+    return _Source("target_torque", target, False, known, prior, np.array([torques.lag.value + tick / 2]), torques)
+
+
+def _torques(record: Record, limited: Limited, warnings: list[str]) -> TorqueDelay | None:
+    """What the torques say of the delay, of the command as far as it was not cut; None where they say nothing, with a warning."""
+    low, high = (bound if math.isfinite(bound) else far for bound, far in ((limited.low, -math.inf), (limited.high, math.inf)))
+    target = np.clip(record.channels["target_torque"], low, high)
+    try:
+        return identify_delay(Record(record.time, {**record.channels, "target_torque": target}, record.sample_time))
+    except GainroomError as error:
+        warnings.append(str(error) if limited.kinds else f"{error}; the delay is fitted to the motion")
+        return None
+
+
+def _drive_of(torques: TorqueDelay) -> Drive:
+    """Delay and current loop as a joint feels them."""
+    assert torques.lag is not None
     assert torques.bandwidth is not None
     assert torques.damping_ratio is not None
     delay = torques.effective.value
     if math.isinf(torques.bandwidth.high):  # any of a tick: the one that with this bandwidth has the lag that is measured
         delay = max(delay - torques.delay.value + torques.lag.value - 2 * torques.damping_ratio.value / torques.bandwidth.value, 0.0)
-    found = Drive(torques.bandwidth.value, torques.damping_ratio.value, delay)
-    prior = delay / tick, math.hypot(torques.lag.standard_error / tick, DELAY_FLOOR)
-    return _Source("target_torque", target, False, found, prior, np.array([torques.lag.value + tick / 2]), torques)
+    return Drive(torques.bandwidth.value, torques.damping_ratio.value, delay)
+
+
+def _differs(record: Record, drive: Drive, torques: TorqueDelay | None) -> bool:
+    """Whether actual_torque is another torque than `drive` makes of target_torque, by more than its noise."""
+    target, actual = record.channels["target_torque"], record.channels["actual_torque"]
+    rest = actual - through_drive(target, drive, record.sample_time)
+    noise = 0.0 if torques is None or torques.noise is None else torques.noise
+    settled = slice(math.ceil(2 * SETTLES / record.sample_time), None)
+    return float(np.var(rest[settled])) - noise**2 > MOST_DIFFERENT * float(np.var(actual[settled]))
 
 
 def _require_motion(record: Record, torque: Floats) -> None:
@@ -272,12 +305,13 @@ class _Fitting:
         joint, *_ = self.model.parts(best.parameters)
         self.signals = self._signals(joint, cautious=False)
         best = likeliest(self.model, self.signals, best.parameters, self.prior, 30)
-        joint, drive, _, noise, _ = self.model.parts(best.parameters)
+        joint, drive, friction, noise, between = self.model.parts(best.parameters)
         # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
         other = likeliest(self.model, self._signals(joint, cautious=True), best.parameters, self.prior, 1)
         difference = other.parameters - best.parameters
         variance = best.variance + np.outer(difference, difference)
-        tests = residual_tests(best.errors, best.variances, self.signals, measured)
+        balance = torque_balance(Spectra(self.signals, measured), joint, drive, between, noise, friction[:2])
+        tests = residual_tests(best.errors, best.variances, self.signals, measured, balance)
         variance = variance + self.model.law_error(best.parameters, MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained)
         physical = self.model.physical
         errors = np.sqrt(np.diag(variance))
@@ -289,15 +323,16 @@ class _Fitting:
         if name != "rigid":
             parameters |= resonances(best.parameters, variance)
         _refuse_impossible(parameters, self.record.sample_time)
-        if tests.adequate:  # a wrong model's friction holds whatever else it does not explain
+        if not (tests.follows or tests.repeats):  # a wrong model's friction holds whatever else it does not explain
             self._require_over_friction(parameters)
         scale = self.model.slopes(best.parameters)
         covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
-        if self.source.torques is not None:
+        if self.source.torques is not None and self.source.torques.lag is not None:
             delay = parameters["delay"] = self.source.torques.effective  # the fit's: what remains of it beside a held current loop
-            place = physical.index("delay")
-            covariance[place] = covariance[:, place] = 0.0
-            covariance[place, place] = (delay.half_width / quantile(FREEDOM)) ** 2
+            if "delay" in physical:
+                place = physical.index("delay")
+                covariance[place] = covariance[:, place] = 0.0
+                covariance[place, place] = (delay.half_width / quantile(FREEDOM)) ** 2
         if not best.converged and tests.explained:
             warnings = [*warnings, "the search has not settled: values may be off by more than their intervals; look at the log's columns"]
         if self.model.elastic and self.model.friction:
@@ -307,7 +342,7 @@ class _Fitting:
             parameters["damping"], warnings = beside, [*warnings, *note]
         parameters, note = friction_not_below_zero(parameters)
         return JointFit(
-            name, parameters, physical, covariance, joint, drive, self.source.name, seen, tests, self.source.torques,
+            name, parameters, physical, covariance, joint, self.source.known or drive, self.source.name, seen, tests, self.source.torques,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), (*warnings, *note),
         )  # fmt: skip
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..errors import frequency_text, listed
+from ..identification.clipping import limited_text
 from ..identification.recorded_oscillation import POSITIONS, RecordedOscillation
 from ..studies.diagnosis import Diagnosis
 from ..studies.vibration_causes import UNKNOWN, Cause, Evidence
@@ -230,6 +231,8 @@ def warnings(found: Diagnosis) -> list[str]:
     if found.search.excited is not None:
         texts.append(f"from {_band(found)} the excitation may hide a vibration: record without it to see one there")
     predicted, seen = found.predicted, found.oscillation
+    if predicted is not None and predicted.limited is not None and found.vibrates:
+        texts += limited_text(predicted.limited, "tell no gains and are left out where gains are compared")
     if predicted is not None and predicted.applied != 1:
         texts.append(f"the gains in the log are {digits(predicted.applied, '', 3)} times those of the file; the model here has them")
     if predicted is not None and seen is not None and found.vibrates and abs(_log(predicted.control)) > 0.3 and not seen.irregular:

@@ -9,7 +9,7 @@ import numpy as np
 from ..identification import GainsFit, JointFit, Record, StiffnessFit, TorqueDelay
 from ..identification.frequency_response import SEGMENTS
 from ..identification.gains import predicted_torque
-from ..identification.residuals import MOST_EXPLAINED
+from ..identification.residuals import MOST_EXPLAINED, MOST_LEFT
 from ..system.linear.arrays import Floats
 from . import style
 from .curves import Curve, Panel, stacked, thinned
@@ -222,6 +222,7 @@ def autocorrelation(fit: JointFit) -> Html:
     )
     inside = float(np.mean(np.abs(tests.autocorrelation) <= tests.chance))
     share, most = digits(100 * tests.explained, "%", 2), digits(100 * MOST_EXPLAINED, "%", 2)
+    missed, allowed = digits(100 * tests.balance.most, "%", 2), digits(100 * MOST_LEFT, "%", 2)
     said = (
         "the model misses nothing that the torque does"
         if tests.adequate
@@ -230,7 +231,8 @@ def autocorrelation(fit: JointFit) -> Html:
     caption = (
         "Of the errors of predictions one tick ahead; white noise stays within the band in 95 of 100 lags, "
         f"here {digits(100 * inside, '%', 2)} do. "
-        f"What counts is the share of the residual that follows the torque: {share}, with at most {most} allowed: {said}."
+        f"What counts is the torque that the model misses in a third octave, {missed} of its power, with at most {allowed} allowed, and "
+        f"the share of the residual that follows the torque: {share}, with at most {most}, unless next to no torque is missed: {said}."
     )
     return figure({"data": traces, "layout": layout}, "Residuals", caption, 320, style.NARROW)
 

@@ -8,6 +8,7 @@ from typing import Any
 from ..identification import Estimate, GainsFit, JointFit, StiffnessFit
 from ..identification.estimate import PARAMETERS
 from ..identification.gains import MOST_EXPLAINED
+from ..identification.residuals import MOST_LEFT
 from .columns import Column
 from .estimates import Answer, estimated, interval_text
 from .number_format import digits, hertz
@@ -70,10 +71,22 @@ def joint_answer(fit: JointFit) -> Answer:
     """Whether the model is adequate, and what it is."""
     first = ""
     if not fit.adequate:
-        share = f"{digits(100 * fit.residuals.explained, '%', 2)} of "
-        what = f"{share}what the model leaves follows the torque" if fit.residuals.follows else "what the model leaves repeats itself"
-        first = f"Not adequate: {what}: something in the joint is not in the model, and the intervals do not allow for it. "
+        first = f"Not adequate: {_left_text(fit)}: something in the joint is not in the model, and the intervals do not allow for it. "
     return Answer("Joint", first + _model_text(fit), JOINT_COLUMNS, fit, fit.warnings, PARAMETER_COLUMNS)
+
+
+def _left_text(fit: JointFit) -> str:
+    """Which of the tests of a fit's residuals failed."""
+    tests, balance = fit.residuals, fit.residuals.balance
+    if tests.alternates:
+        return "what the model leaves alternates from row to row, as where rows are copies of others"
+    if balance.most >= MOST_LEFT:
+        low, high = balance.edges[balance.worst]
+        share = "more than all" if balance.most > 1 else digits(100 * balance.most, "%", 2)
+        return f"the model misses {share} of the torque's power from {hertz(low)} to {hertz(high)}"
+    if tests.follows:
+        return f"{digits(100 * tests.explained, '%', 2)} of what the model leaves follows the torque"
+    return "what the model leaves repeats itself"
 
 
 def _model_text(fit: JointFit) -> str:

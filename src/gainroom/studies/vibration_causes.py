@@ -22,6 +22,7 @@ from ..analysis.gain_limit import gain_limit
 from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import margins
 from ..analysis.stability import rightmost_roots
+from ..identification.clipping import Limited, limited_rows
 from ..identification.record import Record
 from ..identification.recorded_oscillation import TORQUES, RecordedOscillation
 from ..simulation.oscillation import FEWEST_SAMPLES
@@ -33,6 +34,8 @@ APPLIED = TORQUES[::-1]
 """Which torque is compared with the motion: the nearest to the joint, behind any limit."""
 FEW_STEPS, MANY_STEPS = 3.0, 8.0  # of the encoder: amplitudes that quantisation makes, and none that it does
 SAME_PHASE = 0.15  # [rad] between the torque in the log and the file's controller where they differ by a factor only
+LAW_LEFT = 0.1  # of the torque's power, that a factor on the file's controller may leave
+ENDS = 0.05  # of the rows of a vibration at either end, where a filter's ends are felt
 FACTORS, SAME_GAINS = (0.05, 20.0), 0.03  # factors on the file's gains that are believed; nearer to 1 they are the file's
 
 
@@ -50,6 +53,7 @@ class Prediction:
     control     measured torque over position error there, over the controller's; likewise
     applied     gains of the log over those of the file, which the loop here has
     moved       [rad] amplitude of the position that the torque makes by the model; NaN likewise
+    limited     rows in which the target torque was limited, which tell nothing of the gains; None without a target torque
     """
 
     loop: Loop
@@ -63,6 +67,7 @@ class Prediction:
     control: complex = complex(math.nan)
     moved: float = math.nan
     applied: float = 1.0
+    limited: Limited | None = None
 
 
 def predicted_vibration(system: System, record: Record, seen: RecordedOscillation | None) -> Prediction:
@@ -72,10 +77,11 @@ def predicted_vibration(system: System, record: Record, seen: RecordedOscillatio
     loop = system.loop(system.source.linearize())
     if seen is None:
         return _predicted(loop)
-    control, applied = _control(loop, seen), 1.0
+    limited = limited_rows(record, "target_torque") if record.has("target_torque") else None
+    control, applied = _control(loop, seen) if limited is None or not limited.kinds else _control_of(loop, record, seen, limited), 1.0
     if seen.steps > MANY_STEPS and not seen.irregular and abs(np.angle(control)) < SAME_PHASE and FACTORS[0] < abs(control) < FACTORS[1]:
         applied = abs(control) if abs(abs(control) - 1) > SAME_GAINS else 1.0
-    found = replace(_predicted(loop.scaled(applied)), applied=applied, control=control / applied)
+    found = replace(_predicted(loop.scaled(applied)), applied=applied, control=control / applied, limited=limited)
     return _compared(found, record, seen)
 
 
@@ -104,6 +110,33 @@ def _control(loop: Loop, seen: RecordedOscillation) -> complex:
     error = parts.get("reference", 0j) - parts[side]
     own = loop.gain * complex(loop.control.at(_point(seen))[0])
     return parts["target_torque"] / error / own if error and own else complex(math.nan)
+
+
+def _control_of(loop: Loop, record: Record, seen: RecordedOscillation, limited: Limited) -> complex:
+    """The same ratio from the rows of the vibration whose torque was not limited, by least squares against the file's controller."""
+    assert loop.parts is not None
+    side = f"{loop.parts.feedback}_position"
+    if not record.has(side) or loop.control is None:
+        return complex(math.nan)
+    torque, position = record.channels["target_torque"][seen.rows], record.channels[side][seen.rows]
+    error = record.channels["reference"][seen.rows] - position if record.has("reference") else -position
+    count = len(error)
+    omega = 2 * np.pi * np.fft.rfftfreq(2 * count, record.sample_time)
+    response = np.zeros(len(omega), dtype=complex)
+    response[1:] = loop.gain * loop.control.at(1j * omega[1:])
+    padded = np.concatenate([error, np.linspace(error[-1], error[0], count)])
+    law = np.fft.irfft(np.fft.rfft(padded) * response, 2 * count)[:count]
+    free = ~limited.rows[seen.rows]
+    ends = round(ENDS * count)
+    free[:ends], free[count - ends :] = False, False
+    if np.count_nonzero(free) < FEWEST_SAMPLES:
+        return complex(math.nan)
+    turned = np.fft.irfft(-1j * np.sign(omega) * np.fft.rfft(padded) * response, 2 * count)[:count]  # a quarter period late
+    columns, wanted = np.column_stack([law, -turned, np.ones(count)])[free], torque[free]
+    factors = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    if np.var(wanted - columns @ factors) > LAW_LEFT * np.var(wanted):  # an integrator that the limit holds, or another law
+        return complex(math.nan)
+    return complex(factors[0], factors[1])
 
 
 def _point(seen: RecordedOscillation) -> Complexes:
