@@ -6,7 +6,7 @@ controller did is in the torque, and the error of a prediction is independent of
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,10 +25,11 @@ from .friction_estimates import damping_beside_friction, friction_not_below_zero
 from .joint_model import JointModel, Prior
 from .likelihood import Maximum, maximize
 from .motion import motion_of
-from .prediction import Signals, prediction_errors
+from .prediction import Between, Signals, prediction_errors
 from .record import Record, resolution
 from .residuals import Residuals, residual_tests
-from .torque_balance import Spectra, through_drive, torque_balance
+from .rivals import Rival, rivals_of, rivals_text
+from .torque_balance import Spectra, acting_torque, through_drive, torque_balance
 
 FITTED_ROWS = 60_000  # of a long log, the most excited: what is left is then friction's law, not noise
 ROUGH_ROWS = 10_000  # of a long log, on which the search begins and models are compared
@@ -65,6 +66,7 @@ class JointFit:
     delay        what the torques say of the delay; None where they say nothing
     sample_time  [s]
     used         first and last moment of the part of the log that was fitted [s]
+    rivals       models that explain the log much better, the best first; looked for where the fit is not adequate
     warnings     what the reader should know
     """
 
@@ -80,6 +82,7 @@ class JointFit:
     delay: TorqueDelay | None
     sample_time: float
     used: tuple[float, float]
+    rivals: tuple[Rival, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
@@ -312,10 +315,12 @@ class _Fitting:
         variance = best.variance + np.outer(difference, difference)
         balance = torque_balance(Spectra(self.signals, measured), joint, drive, between, noise, friction[:2])
         tests = residual_tests(best.errors, best.variances, self.signals, measured, balance)
+        rivals = () if tests.adequate else self._rivals(drive, between, measured)
+        warnings = [*warnings, *([rivals_text(rivals)] if rivals else [])]
         variance = variance + self.model.law_error(best.parameters, MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained)
         physical = self.model.physical
         errors = np.sqrt(np.diag(variance))
-        self._require_told(float(errors[0] if name == "rigid" else np.hypot(errors[0], errors[1])), tests)
+        self._require_told(float(errors[0] if name == "rigid" else np.hypot(errors[0], errors[1])), tests, rivals)
         apart = encoders_apart(self.positions)
         if apart and noise.readings[-1] > UNUSED * np.std(self.positions[:, -1]):
             warnings = [*warnings, f"the fit makes no use of link_position: {apart[0].lower()}{apart[1:]}"]
@@ -343,17 +348,29 @@ class _Fitting:
         parameters, note = friction_not_below_zero(parameters)
         return JointFit(
             name, parameters, physical, covariance, joint, self.source.known or drive, self.source.name, seen, tests, self.source.torques,
-            self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), (*warnings, *note),
+            self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), rivals, (*warnings, *note),
         )  # fmt: skip
 
-    def _require_told(self, inertia: float, tests: Residuals) -> None:
+    def _rivals(self, drive: Drive, between: Between, measured: FrequencyResponse) -> tuple[Rival, ...]:
+        """Models that explain the middle of the log better."""
+        middle = self._middle
+        first = max(len(self.source.torque) - ROUGH_ROWS, 0) // 2
+        made = None if middle.sampled else lambda command: through_drive(command, drive, middle.sample_time)
+        begin = float(self.record.time[first])
+        return tuple(rivals_of(Spectra(middle, measured), acting_torque(middle, drive, between), made, begin))
+
+    def _require_told(self, inertia: float, tests: Residuals, rivals: Sequence[Rival]) -> None:
         """Raise GainroomError where the log does not tell the whole inertia, of relative error `inertia`, or its channels disagree."""
         apart = encoders_apart(self.positions)
         if inertia > 2 * MOST_INERTIA and not tests.adequate:
             raise GainroomError(
                 f"joint: neither a rigid nor a two-mass joint with a linear spring explains the motion: {self.source.name} still explains "
                 f"{100 * tests.explained:.0f} % of what is left; "
-                + (apart or "look whether the position is that of the motor, and record without limits on the torque")
+                + (
+                    rivals_text(rivals)
+                    or apart
+                    or "look whether the position is that of the motor, and record without limits on the torque"
+                )
             )
         if apart and not tests.adequate:
             raise GainroomError(f"joint: {apart}")

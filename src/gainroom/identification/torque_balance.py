@@ -21,7 +21,11 @@ from .prediction import Between, Noise, Signals
 TAPER = 0.05  # of the record, at either end
 OCTAVE = 2 ** (1 / 3)  # a band's highest over its lowest frequency
 LINES = 8  # of the spectrum in a band, at least
-LEAST_POWER = 0.003  # of the torque's in a band that counts: with less, friction and noise rule it
+LEAST_POWER = 0.01  # of the torque's in a band that counts: with less, friction and noise rule it
+LAW, MOST_DRY = (
+    0.1,
+    0.3,
+)  # of dry friction's power, no law of which is known to better than a third, and of how much of the torque's at most
 MARGIN = 0.8, 1.1  # times the lowest and the highest excited frequency: what is looked at
 HIGHEST = 0.45  # of the tick rate
 SURE = 3.0  # standard errors of a band's noise power, which is that of as many exponential variables as it has lines
@@ -32,7 +36,7 @@ class Balance:
     """What is left, by bands.
 
     edges   (b, 2) lowest and highest frequency [rad/s]
-    left    (b,) share of the torque's power, without what the encoder's noise makes; may be above 1
+    left    (b,) share of the torque's power, without what the encoder's noise and an unknown law of friction make; may be above 1
     power   (b,) share of the whole torque's power that is in the band
     dry     (b,) power of the fitted Coulomb friction over the torque's
     """
@@ -148,7 +152,8 @@ def balance_of(spectra: Spectra, rest: Complexes, torque: Complexes, noise: Floa
     left = np.add.reduceat(np.abs(rest) ** 2, starts) - scatter * np.add.reduceat(noise, starts)
     edges = np.column_stack([spectra.lines[starts], spectra.lines[spectra.bands[1:] - 1]])
     shares = [np.maximum(part, 0.0) / np.maximum(powers, 1e-300) for part in (left, np.add.reduceat(np.abs(dry) ** 2, starts))]
-    return Balance(edges, shares[0], powers / powers.sum(), shares[1])
+    left = np.maximum(shares[0] - LAW * np.minimum(shares[1], MOST_DRY), 0.0)
+    return Balance(edges, left, powers / powers.sum(), shares[1])
 
 
 def without(values: Complexes, columns: Complexes) -> Complexes:

@@ -56,6 +56,7 @@ JOINT_COLUMNS = (
         shown=lambda fit: digits(100 * fit.residuals.explained, "%", 2),
     ),
     Column("", "torque", lambda fit: fit.torque),
+    Column("", "rivals", lambda fit: [asdict(rival) for rival in fit.rivals]),
 )
 STIFFNESS_COLUMNS = (
     estimated("stiffness K", "stiffness", lambda fit: fit.stiffness, "N·m/rad", definition="slope of torque over deflection"),
