@@ -20,6 +20,7 @@ BEND = 15.0  # times a run's span that the torque changes by over its length bes
 BESIDE = 10.0  # lengths of a run, either side, that nothing may exceed it in
 TOP, MOVED_LEVEL, SAME_LEVEL = 0.01, 0.1, 1e-4  # of the torque's range: above a run that nothing exceeds; from run to run at a bound that
 # moves, as with temperature; and at one among commands that are held, of which some are alike by chance
+AGREE = 2  # other runs that are at a bound among commands that are held
 HELD = 0.3  # of the rows in runs beside those at a bound: more, and commands are held, whose levels are then to be the same
 LONG = 10  # rows: a single run this long is a bound
 LEAST_SHARE = 0.003  # of the rows at a bound
@@ -134,8 +135,9 @@ def _at_bound(values: Floats, moved: Floats) -> tuple[Booleans, float]:
     levels = np.array([level for *_, level in at])
     bounds = []
     for k, (first, last, level) in enumerate(at):
-        near = np.delete(levels, k)[max(k - 2, 0) : k + 2]
-        if (last - first >= LONG and not held) or (len(near) and np.abs(near - level).min() <= same * size):
+        near = np.delete(levels, k) if held else np.delete(levels, k)[max(k - 2, 0) : k + 2]
+        alike = int(np.count_nonzero(np.abs(near - level) <= same * size))
+        if (last - first >= LONG and not held) or alike >= (AGREE if held else 1):
             rows[first:last] = True
             bounds.append(((first + last) / 2, level))
     if rows.mean() <= LEAST_SHARE:
@@ -147,8 +149,11 @@ def _at_bound(values: Floats, moved: Floats) -> tuple[Booleans, float]:
 def _dead(values: Floats, moved: Floats) -> Booleans:
     """(m,) rows in which `values` are 0 while the joint moves, and have to get there by a bend: a dead zone."""
     rows = np.zeros(len(values), dtype=bool)
-    runs = [(a, b) for a, b in _runs(values)[0] if abs(float(np.median(values[a:b]))) <= 1e-6 * float(np.ptp(values))]
-    runs = [(a, b) for a, b in runs if a > 0 and b < len(values) and np.ptp(moved[a:b]) >= LEAST_STEPS]
-    for first, last in runs if len(runs) >= PASSES else ():
+    size = float(np.ptp(values))
+    inner = [(a, b, float(np.median(values[a:b]))) for a, b in _runs(values)[0] if a > 0 and b < len(values)]
+    others = sum(b - a for a, b, level in inner if 1e-6 * size < abs(level) < 0.5 * np.abs(values).max())
+    runs = [(a, b) for a, b, level in inner if abs(level) <= 1e-6 * size and np.ptp(moved[a:b]) >= LEAST_STEPS]
+    rounded = others > sum(b - a for a, b in runs)
+    for first, last in runs if len(runs) >= PASSES and not rounded else ():
         rows[first:last] = True
     return rows

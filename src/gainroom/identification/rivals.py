@@ -25,6 +25,7 @@ from .torque_balance import Spectra
 EXPLAINS = 0.75  # of the residual's power, in the geometric mean over frequencies: a rival that leaves more is not named
 NEARLY = 0.8  # of the logarithm of what the best rival explains: another that explains as much is named beside it
 HIGHEST = 2.5  # times the highest excited frequency: up to there a twist's harmonics are taken
+LOW = 1.0, 0.5  # times the lowest excited frequency: from there on a twist is taken; what friction and weight make below it is none
 REFITS = 3  # of the noise spectrum
 SEARCHED = np.geomspace(0.2, 3.0, 21)  # times the torque over the acceleration of slow motion, which is about the whole inertia
 LOWEST = 1 / 3  # of the lines, which are taken for slow motion
@@ -59,7 +60,7 @@ class Rival:
         """What it is, for a sentence."""
         v = self.values
         if self.name == "backlash":
-            return f"backlash of ± {1e3 * v['gap']:.2g} mrad"
+            return f"backlash of about ± {1e3 * v['gap']:.2g} mrad"
         if self.name == "stiffening":
             return f"a gear that stiffens, by {100 * v['growth']:.2g} % at a twist of {1e3 * v['twist']:.2g} mrad"
         if self.name == "load change":
@@ -84,7 +85,7 @@ NONE = _Found(math.inf, (), np.zeros(0))
 class _Log:
     """A log, and what columns leave of its torque."""
 
-    def __init__(self, spectra: Spectra, torque: Floats) -> None:
+    def __init__(self, spectra: Spectra, torque: Floats, lowest: float = 1.0) -> None:
         self.spectra, self.torque = spectra, torque
         self.acceleration, self.dry = spectra.accelerated(1.0), np.zeros(spectra.count)
         self.fixed = spectra.seen(np.vstack([self.acceleration, spectra.signals.motion.along.T[FRICTION]]))
@@ -92,7 +93,7 @@ class _Log:
         slow = slice(0, max(int(LOWEST * len(spectra.lines)), 1))
         self.whole = float(np.linalg.norm(spectra.seen(torque)[slow]) / np.linalg.norm(self.fixed[0, slow]))
         omega = spectra.omega
-        square = np.where(omega >= spectra.lines[0], -(omega**2), -np.inf)
+        square = np.where(omega >= lowest * spectra.lines[0], -(omega**2), -np.inf)
         self.integrated = 1 / square / (1 + (omega / (HIGHEST * spectra.lines[-1])) ** 8)
 
     @staticmethod
@@ -148,24 +149,23 @@ def rivals_of(spectra: Spectra, torque: Floats, commanded: Callable[[Floats], Fl
     commanded   from a command (m,) to the torque that acts; None: the torque itself was measured
     begin       [s] the first row's moment
     """
+    found: list[tuple[Rival, float]] = []
+    for lowest in LOW:
+        log = _Log(spectra, torque, lowest)
+        inertias = (log.whole * SEARCHED).tolist()
+        base = _linear(log, inertias)
+        log.dry = max(float(base.factors[1]), 0.0) * spectra.signals.motion.along[:, 0]  # which pushes the centre of mass, too
+        base = _linear(log, inertias)
+        kinds = [_backlash(log, inertias), _stiffening(log, inertias)]
+        if lowest == LOW[0]:
+            kinds += [_load_change(log, base, begin), None if commanded is None else _torque_limit(log, inertias, commanded)]
+        found += [(rival, rival.left - base.cost) for rival in kinds if rival is not None]
     log = _Log(spectra, torque)
-    inertias = (log.whole * SEARCHED).tolist()
-
-    def linear(inertia: float) -> _Found:
-        moved = log.moved(inertia)
-        return log.fitted(log.sprung(moved, moved), (inertia,))
-
-    base = _searched(linear, [(inertia,) for inertia in inertias], (0.1,))
-    log.dry = max(float(base.factors[1]), 0.0) * spectra.signals.motion.along[:, 0]  # which pushes the centre of mass, too
-    base = _searched(linear, [(inertia,) for inertia in inertias], (0.1,))
-    kinds = _backlash(log, inertias), _stiffening(log, inertias), _load_change(log, base, begin)
-    found = [(rival, rival.left - base.cost) for rival in kinds if rival is not None]
-    if commanded is not None and (rival := _torque_limit(log, inertias, commanded)) is not None:
-        found.append((rival, rival.left - base.cost))
     if (rival := _second_mode(log)) is not None:
         found.append((rival, rival.left))
     named = [Rival(rival.name, math.exp(gained), rival.values) for rival, gained in found if gained < math.log(EXPLAINS)]
     named = sorted(named, key=lambda rival: rival.left)
+    named = [rival for k, rival in enumerate(named) if rival.name not in [better.name for better in named[:k]]]
     return [rival for rival in named if math.log(rival.left) < NEARLY * math.log(named[0].left)]
 
 
@@ -175,6 +175,16 @@ def rivals_text(rivals: Sequence[Rival]) -> str:
         return ""
     less = 100 * (1 - rivals[0].left)
     return f"{' or '.join(rival.text for rival in rivals)} explains the log better: {less:.2g} % less is left"
+
+
+def _linear(log: _Log, inertias: list[float]) -> _Found:
+    """Two masses and a spring."""
+
+    def model(inertia: float) -> _Found:
+        moved = log.moved(inertia)
+        return log.fitted(log.sprung(moved, moved), (inertia,))
+
+    return _searched(model, [(inertia,) for inertia in inertias], (0.1,))
 
 
 def _backlash(log: _Log, inertias: list[float]) -> Rival | None:
