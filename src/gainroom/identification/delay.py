@@ -120,7 +120,13 @@ def identify_delay(record: Record, longest: float = LONGEST) -> TorqueDelay:
             raise GainroomError("delay: demand_torque does not repeat target_torque, and there is no actual_torque: record actual_torque")
         return _from_demand(record, seen, warnings)
     _require_no_limit(target, record.channels["actual_torque"])
-    return _from_actual(record, seen, most, warnings)
+    try:
+        return _from_actual(record, seen, most, warnings)
+    except np.linalg.LinAlgError as error:
+        raise GainroomError(
+            "delay: no delay and current loop make actual_torque of target_torque: look for a limit on the torque or on its rate, and at "
+            "signs, units and joint of the columns"
+        ) from error
 
 
 def _require_no_limit(target: Floats, actual: Floats) -> None:

@@ -56,12 +56,16 @@ def quantile(freedom: float) -> float:
     return float(ndtri(tail) if math.isinf(freedom) else stdtrit(max(freedom, 1.0), tail))
 
 
-def covariance(influence: Floats, clusters: Integers | None = None) -> Floats:
-    """(p, p) of the sum of influences (m, p): from sums over blocks of time, or from sums over `clusters` (m,), numbers from 0 on."""
+def covariance(influence: Floats, clusters: Integers | None = None, blocks: int = BLOCKS) -> Floats:
+    """(p, p) of the sum of influences (m, p): from sums over `blocks` of time, or from sums over `clusters` (m,), numbers from 0 on.
+
+    Of fewer blocks than BLOCKS it is larger by what Student's t of so few asks for, so that FREEDOM holds for it.
+    """
     if clusters is None:
-        blocks = max(2, min(BLOCKS, len(influence) // 4))
+        blocks = max(2, min(blocks, len(influence) // 4))
+        few = (quantile(blocks - 1) / quantile(FREEDOM)) ** 2 if blocks < BLOCKS and len(influence) >= 4 * BLOCKS else 1.0
         edges = np.linspace(0, len(influence), blocks + 1).astype(int)[:-1]
-        sums = np.add.reduceat(influence, edges, axis=0)
+        sums = few**0.5 * np.add.reduceat(influence, edges, axis=0)
     else:
         sums = np.zeros((int(clusters.max()) + 1, influence.shape[1]))
         np.add.at(sums, clusters, influence)

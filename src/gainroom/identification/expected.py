@@ -24,7 +24,7 @@ from .frequency_response import frequency_response
 from .friction_estimates import damping_beside_friction
 from .joint import DELAY_FLOOR, MODEL_ERROR, MODEL_ERROR_EXPLAINED, ROUGH_ROWS, likeliest, resonances
 from .joint_model import JointModel, Prior
-from .motion import motion_of
+from .motion import STRIBECK_VELOCITIES, motion_of
 from .prediction import Signals
 from .residuals import explained_share
 
@@ -116,7 +116,7 @@ def _law_error(model: JointModel, signals: Signals, joint: ElasticJoint, point: 
     """(p, p) of what friction leaves, as identification finds it: residuals that follow the torque, and what another law would give."""
     first = max(len(signals.torque) - ROUGH_ROWS, 0) // 2
     rows = slice(first, first + ROUGH_ROWS)
-    other = replace(signals, motion=motion_of(signals.positions, False, signals.sample_time, joint, cautious=True))
+    other = replace(signals, motion=motion_of(signals.positions, False, signals.sample_time, joint, cautious=STRIBECK_VELOCITIES[0]))
     part = signals.rows(rows)
     best = likeliest(model, part, point, prior, SETTLED)
     difference = likeliest(model, other.rows(rows), best.parameters, prior, 1).parameters - best.parameters

@@ -18,13 +18,13 @@ from ..system.linear.arrays import Complexes, Floats
 from .clipping import Limited, limited_rows, limited_text
 from .contradictions import encoders_apart
 from .delay import TorqueDelay, identify_delay
-from .estimate import FREEDOM, Estimate, log_interval, quantile
+from .estimate import BLOCKS, FREEDOM, Estimate, log_interval, quantile
 from .excited_part import most_excited
 from .frequency_response import FrequencyResponse, Rough, fitted_response, frequency_response, given_torque, rough_joint
 from .friction_estimates import damping_beside_friction, friction_not_below_zero
 from .joint_model import JointModel, Prior
 from .likelihood import Maximum, maximize
-from .motion import motion_of
+from .motion import STRIBECK_VELOCITIES, motion_of
 from .prediction import Between, Signals, prediction_errors
 from .record import Record, resolution
 from .residuals import Residuals, residual_tests
@@ -44,9 +44,13 @@ DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay a
 MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
 USUAL_LAG = 1.5  # ticks of a hold and a current loop
 MOST_DIFFERENT = 0.003  # of the torque's power, in which the command is not the torque: inertias would be some 5 % off
-SETTLES = 0.02  # [s] that the first commands take to arrive
+MOST_GAIN = 0.03  # from 1, of a drive: more moves inertias by as much
+CUT_DELAY = 0.2  # ticks: what the corners of a command that is cut know of the delay; 0.15 off in simulated logs
+SETTLES, MOST_TAPS = 0.02, 40  # [s] and rows in which a command arrives
 UNUSED = 0.1  # of its motion: an encoder's noise from which on it tells nothing
+INERTIAL = "motor_inertia", "link_inertia", "inertia", "stiffness"
 HELD = 1e12  # information: as good as known
+MEMORY, FEWEST_BLOCKS = 3.0, 10  # periods that a residual remembers, and blocks of them
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
 
@@ -160,7 +164,7 @@ def _source(record: Record, drive: Drive | None, warnings: list[str]) -> _Source
     limited = limited_rows(record, "actual_torque" if record.has("actual_torque") else "target_torque")
     torques = _torques(record, limited, warnings) if drive is None and record.has("actual_torque") else None
     known = _drive_of(torques) if torques is not None and torques.lag is not None else drive
-    if record.has("actual_torque") and (bool(limited.kinds) if known is None else _differs(record, known, torques)):
+    if record.has("actual_torque") and _differs(record):
         what = "actual_torque is not what a delay and a current loop make of target_torque: the joint is fitted to actual_torque"
         warnings.extend(limited_text(limited, "is what the joint is fitted to") or [what])
         return _Source("actual_torque", record.channels["actual_torque"], True, Drive(), None, np.zeros(1), torques, known)
@@ -184,7 +188,7 @@ def _torques(record: Record, limited: Limited, warnings: list[str]) -> TorqueDel
     try:
         return identify_delay(Record(record.time, {**record.channels, "target_torque": target}, record.sample_time))
     except GainroomError as error:
-        warnings.append(str(error) if limited.kinds else f"{error}; the delay is fitted to the motion")
+        warnings.append(str(error) if _differs(record) else f"{error}; the delay is fitted to the motion")
         return None
 
 
@@ -199,13 +203,16 @@ def _drive_of(torques: TorqueDelay) -> Drive:
     return Drive(torques.bandwidth.value, torques.damping_ratio.value, delay)
 
 
-def _differs(record: Record, drive: Drive, torques: TorqueDelay | None) -> bool:
-    """Whether actual_torque is another torque than `drive` makes of target_torque, by more than its noise."""
+def _differs(record: Record) -> bool:
+    """Whether actual_torque is another torque than any delay and filter of gain 1 make of target_torque, by more than white noise."""
     target, actual = record.channels["target_torque"], record.channels["actual_torque"]
-    rest = actual - through_drive(target, drive, record.sample_time)
-    noise = 0.0 if torques is None or torques.noise is None else torques.noise
-    settled = slice(math.ceil(2 * SETTLES / record.sample_time), None)
-    return float(np.var(rest[settled])) - noise**2 > MOST_DIFFERENT * float(np.var(actual[settled]))
+    taps = min(math.ceil(SETTLES / record.sample_time), MOST_TAPS)
+    columns = np.column_stack([np.lib.stride_tricks.sliding_window_view(target, taps), np.ones(len(target) - taps + 1)])
+    factors = np.linalg.lstsq(columns, actual[taps - 1 :], rcond=1e-10)[0]
+    rest = actual[taps - 1 :] - columns @ factors
+    noise = float(np.mean(np.diff(rest, 3) ** 2)) / 20  # third differences of white noise have 20 times its power
+    gain = abs(float(factors[:-1].sum()) - 1) if np.mean(target) ** 2 < np.var(target) else 0.0
+    return float(np.var(rest)) - noise > MOST_DIFFERENT * float(np.var(actual)) or gain > MOST_GAIN
 
 
 def _require_motion(record: Record, torque: Floats) -> None:
@@ -264,14 +271,14 @@ class _Fitting:
             source.torque, self.positions, source.drive, record.sample_time, elastic, friction,
             (source.prior is not None, source.prior is not None and source.torques is None, source.sampled),
         )  # fmt: skip
-        self.signals = self._signals(rough.joint, cautious=False)
+        self.signals = self._signals(rough.joint)
         searched = source.prior is not None and len(source.delays) > 1
         start = rough.delay - USUAL_LAG * record.sample_time if searched else source.drive.delay
         self.start = self.model.start(rough.joint, max(start, 0.0), self.signals)
         self.prior = self.model.prior(self.start, source.prior)
         self._short: Maximum | None = None
 
-    def _signals(self, joint: ElasticJoint, cautious: bool) -> Signals:
+    def _signals(self, joint: ElasticJoint, cautious: float = 0.0) -> Signals:
         linked = self.positions.shape[1] == 2
         motion = motion_of(self.positions, linked, self.record.sample_time, joint, cautious)
         return Signals(self.source.torque, self.source.sampled, self.positions, motion, self.record.sample_time)
@@ -296,7 +303,7 @@ class _Fitting:
     def again(self) -> Maximum:
         """From noise and friction that suit the rough joint, where the search from the least noise that there can be has not settled."""
         mean, information = self.prior
-        held = np.where(np.isin(self.model.names, ("motor_inertia", "link_inertia", "stiffness")), HELD, information)
+        held = np.where(np.isin(self.model.names, INERTIAL), HELD, information)
         first = likeliest(self.model, self._middle, self.start, (mean, held), 25)
         found = likeliest(self.model, self._middle, first.parameters, self.prior, 25)
         self._short = min(self.short(), found, key=lambda fit: fit.cost)
@@ -306,13 +313,17 @@ class _Fitting:
         """On the whole log; `measured` by the torque, `seen` by what of it feedback did not make."""
         best = self.short()
         joint, *_ = self.model.parts(best.parameters)
-        self.signals = self._signals(joint, cautious=False)
+        self.signals = self._signals(joint)
         best = likeliest(self.model, self.signals, best.parameters, self.prior, 30)
         joint, drive, friction, noise, between = self.model.parts(best.parameters)
         # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
-        other = likeliest(self.model, self._signals(joint, cautious=True), best.parameters, self.prior, 1)
-        difference = other.parameters - best.parameters
-        variance = best.variance + np.outer(difference, difference)
+        # The wider law is one that the fitted friction stands for, so that it says nothing of the friction's own numbers.
+        variance, inertial = best.variance_of(self._blocks(joint)), np.isin(self.model.names, INERTIAL)
+        for velocity in STRIBECK_VELOCITIES:
+            other = likeliest(self.model, self._signals(joint, velocity), best.parameters, self.prior, 1)
+            difference = np.where(inertial | (velocity == STRIBECK_VELOCITIES[0]), other.parameters - best.parameters, 0.0)
+            variance = variance + np.outer(difference, difference)
+        variance = variance + self.model.weight_error(best.parameters, best.variance, float(np.std(self.positions[:, 0])))
         balance = torque_balance(Spectra(self.signals, measured), joint, drive, between, noise, friction[:2])
         tests = residual_tests(best.errors, best.variances, self.signals, measured, balance)
         rivals = () if tests.adequate else self._rivals(drive, between, measured)
@@ -333,7 +344,11 @@ class _Fitting:
         scale = self.model.slopes(best.parameters)
         covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
         if self.source.torques is not None and self.source.torques.lag is not None:
-            delay = parameters["delay"] = self.source.torques.effective  # the fit's: what remains of it beside a held current loop
+            delay = self.source.torques.effective  # the fit's: what remains of it beside a held current loop
+            if self.source.sampled:
+                rough = CUT_DELAY * self.record.sample_time
+                delay = Estimate(delay.value, max(delay.low - rough, 0.0), delay.high + rough, math.hypot(delay.standard_error, rough / 2))
+            parameters["delay"] = delay
             if "delay" in physical:
                 place = physical.index("delay")
                 covariance[place] = covariance[:, place] = 0.0
@@ -350,6 +365,13 @@ class _Fitting:
             name, parameters, physical, covariance, joint, self.source.known or drive, self.source.name, seen, tests, self.source.torques,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), rivals, (*warnings, *note),
         )  # fmt: skip
+
+    def _blocks(self, joint: ElasticJoint) -> int:
+        """Blocks of time that are MEMORY periods of the slower resonance at least, as long as the residual remembers."""
+        if not math.isfinite(joint.stiffness):
+            return BLOCKS
+        periods = len(self.source.torque) * self.record.sample_time * joint.antiresonance / (2 * math.pi)
+        return int(np.clip(periods / MEMORY, FEWEST_BLOCKS, BLOCKS))
 
     def _rivals(self, drive: Drive, between: Between, measured: FrequencyResponse) -> tuple[Rival, ...]:
         """Models that explain the middle of the log better."""

@@ -32,6 +32,10 @@ BEFOREHAND = {
     "curved": (-1 / 12, 0.2),
 }
 """Mean and deviation, of what is a torque in units of the torque, of log ω_c T: they decide only where the log says nothing."""
+WEIGHT, WEIGHT_ALONE = {"motor_inertia": -0.2, "link_inertia": -1.9, "stiffness": -0.9}, 0.4
+"""What the logarithms change by per W/K of a weight that is not in the model, as simulated joints of 8 to 26 Hz did, and what of the
+stiffness changes by itself."""
+TELLS, MOST_WEIGHT = 0.1, 0.02  # [rad] deviation of the angle from which on a weight's change is told; of W/K: more would be seen
 DAMPING_RATIO = 0.8  # of a current loop whose bandwidth is fitted to the motion
 DAMPING_DEVIATION, READING_DEVIATION = 2.0, 1.5  # of the logarithms, about their start
 
@@ -147,6 +151,22 @@ class JointModel:
             alone["link_coulomb"] = LAW_FRICTION * abs(float(point[self.names.index("coulomb")]))
         others = np.diag([alone.get(name, 0.0) ** 2 for name in self.names])
         return LAW_COMMON * np.outer(scaled, scaled) + (1 - LAW_COMMON) * np.diag(scaled**2) + others
+
+    def weight_error(self, point: Floats, variance: Floats, swing: float) -> Floats:
+        """(p, p) covariance of the point from a weight that pulls the link back as a spring to the ground, W of a stiffness K + W.
+
+        A joint that swings by little (`swing`, deviation [rad]) tells its weight's torque and not how that changes with the angle: W is
+        known to the size of that torque. It is taken for stiffness, K/J_L = (K + W)/J_L: link inertia and stiffness are off by 2 and 1 W/K.
+        """
+        if not self.elastic:
+            return np.zeros_like(variance)
+        places = [self.names.index(name) for name in ("weight_sine", "weight_cosine")]
+        size = float(np.sqrt(np.sum(point[places] ** 2))) / (1 + (swing / TELLS) ** 2)
+        unknown = self.torque * math.hypot(size, float(variance[places[0], places[0]] ** 0.5))
+        share = min(unknown / math.exp(point[self.names.index("stiffness")]), MOST_WEIGHT)
+        common = np.array([WEIGHT.get(name, 0.0) for name in self.names])
+        alone = np.array([WEIGHT_ALONE if name == "stiffness" else 0.0 for name in self.names])
+        return share**2 * (np.outer(common, common) + np.diag(alone**2))
 
     def slopes(self, point: Floats) -> Floats:
         """(p,) of the physical parameters in SI by the point."""

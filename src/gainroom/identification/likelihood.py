@@ -48,6 +48,10 @@ class Maximum:
     converged: bool
     prior: Floats
 
+    def variance_of(self, blocks: int) -> Floats:
+        """(p, p) the variance from so many blocks of time."""
+        return covariance(self.influence, blocks=blocks) + self.prior
+
     def variance_by(self, clusters: Integers) -> Floats:
         """(p, p) the variance where rows of one cluster (m,) may share their error, as roundings of a signal that repeats do."""
         return covariance(self.influence, clusters) + self.prior

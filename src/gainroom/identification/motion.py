@@ -13,7 +13,8 @@ TURNING = 0.15  # of the root mean square velocity: slower, a side turns round, 
 AFTER = 3.0  # radians of the resonance that a predictor takes to find back
 PASSED = 4.0  # times the resonance: faster motion is the encoder's noise
 LEAST_DAMPING = 0.02  # of critical, when the link's motion is reckoned from the motor's: noise at the antiresonance is not to ring on
-STRIBECK, STRIBECK_VELOCITY = 0.3, 0.2  # of Coulomb friction, and of the velocity: another law that friction may have
+STRIBECK = 0.3  # of Coulomb friction: another law that friction may have
+STRIBECK_VELOCITIES = 0.2, 1.0  # times the velocity's deviation, up to which it may be larger
 PADDING = 4096  # rows over which a signal returns to its start
 
 
@@ -35,10 +36,11 @@ class Motion:
         return float(np.sqrt(np.mean(self.along[:, 2] ** 2)))
 
 
-def motion_of(positions: Floats, linked: bool, sample_time: float, joint: ElasticJoint, cautious: bool = False) -> Motion:
+def motion_of(positions: Floats, linked: bool, sample_time: float, joint: ElasticJoint, cautious: float = 0.0) -> Motion:
     """From the motor's position, and where `linked` the link's in the second column (m, o) [rad]; `joint` is roughly right.
 
-    cautious   under another law: friction that is larger near rest, and a wider range of velocities that counts as turning round
+    cautious   above 0 under another law: friction that is larger near rest, up to so many times the velocity's deviation, and a wider range
+               of velocities that counts as turning round
     """
     resonance = joint.resonance if math.isfinite(joint.resonance) else 0.2 / sample_time
     count = len(positions)
@@ -66,7 +68,7 @@ def motion_of(positions: Floats, linked: bool, sample_time: float, joint: Elasti
     turning = (np.convolve(near, np.ones(after + 2))[1 : count + 1] > 0).astype(np.int64)
     along = [np.clip(velocity / least, -1, 1) for velocity in (motor, link)]
     if cautious:
-        rest = STRIBECK_VELOCITY * float(np.std(motor))
+        rest = cautious * float(np.std(motor))
         along = [way * (1 + STRIBECK * np.exp(-((speed / rest) ** 2))) for way, speed in zip(along, (motor, link), strict=True)]
     return Motion(np.column_stack([*along, motor, np.sin(resting), np.cos(resting)]), turning)
 

@@ -13,6 +13,7 @@ LAGS = 60  # ticks of autocorrelation
 MOST_REPEATED = 0.8  # correlation of the residual with itself some ticks before: more, and rows are copies of others
 NOTHING_LEFT = 1e-4  # of the motion left: a simulated log without noise, in which round-off follows the torque
 MOST_EXPLAINED = 0.3  # of the residual's power, by the torque: more, and the model misses what the torque does
+COPIED, LONGEST_COPIES = 0.05, 10  # of the largest step of other rows; rows from copy to copy
 # Of the torque's power in a third octave, that is left: right models left 0.9 % at most, with friction of a third of the torque, and wrong
 # ones that moved a parameter by a fifth 1.4 % at least (simulations of two kinds, resonances of 5 to 60 Hz).
 MOST_LEFT, LITTLE_LEFT = 0.012, 0.003
@@ -29,6 +30,7 @@ class Residuals:
     explained         share of the residual's power, over the frequencies that the torque excites, that is coherent with the torque: what
                       the model should have explained; 0 to 1, near 0 for the right model
     balance           share of the torque's power that the joint's motion does not take, by third octaves (torque_balance.py)
+    copies            every second to tenth position is a copy of the one before, which no small residual excuses
     """
 
     values: Floats
@@ -37,6 +39,7 @@ class Residuals:
     left: float
     explained: float
     balance: Balance
+    copies: bool = False
 
     @property
     def adequate(self) -> bool:
@@ -45,17 +48,12 @@ class Residuals:
         Of a residual that is small beside the torque (LITTLE_LEFT), anything may be explained: it moves no parameter.
         """
         small = self.balance.most < LITTLE_LEFT
-        return not self.alternates and (small or (self.balance.most < MOST_LEFT and not self.follows and not self.repeats))
+        return not self.copies and (small or (self.balance.most < MOST_LEFT and not self.follows and not self.repeats))
 
     @property
     def follows(self) -> bool:
         """True where more of it than MOST_EXPLAINED follows the torque."""
         return self.explained >= MOST_EXPLAINED
-
-    @property
-    def alternates(self) -> bool:
-        """True where the residual changes its sign from row to row: rows are copies of those before, which no small residual excuses."""
-        return float(self.autocorrelation.min()) <= -MOST_REPEATED
 
     @property
     def repeats(self) -> bool:
@@ -75,7 +73,17 @@ def residual_tests(errors: Floats, variances: Floats, signals: Signals, measured
     left = float(np.std(errors[::outputs][skipped:]) / np.std(np.diff(signals.positions[:, 0], 2)))
     if left < NOTHING_LEFT:
         explained, lags = 0.0, 0.0 * lags
-    return Residuals(values, lags, 2 / len(centred) ** 0.5, left, explained, balance)
+    return Residuals(values, lags, 2 / len(centred) ** 0.5, left, explained, balance, _copied(signals.positions[:, 0]))
+
+
+def _copied(position: Floats) -> bool:
+    """Whether (m,) `position` stands still at every second, …, or tenth row while it moves at the others."""
+    steps = np.abs(np.diff(position))
+    for period in range(2, LONGEST_COPIES + 1):
+        sizes = steps[: len(steps) // period * period].reshape(-1, period).mean(axis=0)
+        if sizes.min() < COPIED * sizes.max():
+            return True
+    return False
 
 
 def explained_share(errors: Floats, variances: Floats, signals: Signals, measured: FrequencyResponse) -> float:

@@ -79,8 +79,8 @@ def joint_answer(fit: JointFit) -> Answer:
 def _left_text(fit: JointFit) -> str:
     """Which of the tests of a fit's residuals failed."""
     tests, balance = fit.residuals, fit.residuals.balance
-    if tests.alternates:
-        return "what the model leaves alternates from row to row, as where rows are copies of others"
+    if tests.copies:
+        return "positions are copies of those a row before, again and again: log what was measured in each row"
     if balance.most >= MOST_LEFT:
         low, high = balance.edges[balance.worst]
         share = "more than all" if balance.most > 1 else digits(100 * balance.most, "%", 2)
