@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from gainroom.files.joint_yaml import parse_joint
 from gainroom.identification import Record, identify_gains
 from gainroom.identification.clipping import limited_rows
+from gainroom.report.diagnosis_text import warnings
+from gainroom.studies.diagnosis import diagnose
 from refusals import assert_refused
 
 TICK, COUNT, STEP = 1e-3, 6000, 2e-5
@@ -112,3 +115,38 @@ def test_a_joint_at_rest_is_not_at_a_limit():
 def test_torque_at_its_limit_all_the_time_tells_no_gains():
     torque = np.clip(LAW, -0.05 * SIZE, 0.05 * SIZE)
     assert_refused(lambda: identify_gains(record(torque)), ["target_torque is limited in", "record smaller or slower motion"])
+
+
+def limit_cycle(kp: float, kd: float, low: float, high: float) -> Record:
+    """A sampled PD on an inertia of 0.5 kg m² with viscous friction, moved exactly from tick to tick, its cut torque 4 ticks late."""
+    inertia, friction, count = 0.5, 0.8, 3000
+    decay, x, v, before = np.exp(-friction / inertia * TICK), 1e-3, 0.0, 0.0
+    position, torque = np.zeros(count), np.zeros(count)
+    for row in range(count):
+        position[row] = STEP * np.round(x / STEP)
+        error = -position[row]
+        torque[row] = np.clip(kp * error + kd * (error - before) / TICK, low, high)
+        before, ahead = error, (torque[row - 4] if row >= 4 else 0.0) / friction
+        x, v = x + ahead * TICK + (v - ahead) * (1 - decay) * inertia / friction, ahead + (v - ahead) * decay
+    rows = slice(count // 4, None)
+    channels = {"reference": np.zeros(count), "motor_position": position, "target_torque": torque}
+    return Record(TICK * np.arange(count)[rows], {name: values[rows] for name, values in channels.items()}, TICK)
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5, 1.6])
+@pytest.mark.parametrize(("low", "high"), [(-6.0, 6.0), (-4.0, 9.0)])
+def test_a_vibration_at_the_torque_limit_tells_the_gains_as_they_are(low: float, high: float, factor: float):
+    """The log's gains over the file's, of which a limited swing shows less: to a thousandth."""
+    kp, kd = 9000.0, 220.0
+    record = limit_cycle(kp, kd, low, high)
+    text = (
+        "joint: {motor_inertia: 0.25, link_inertia: 0.25, stiffness: rigid}\n"
+        "drive: {bandwidth: .inf, delay_ms: 4}\n"
+        f"control: {{type: pd, kp: {kp / factor}, kd: {kd / factor}, feedback: motor, sample_rate_hz: 1000}}\n"
+        "limits: {gain_margin_db: 6}\n"
+    )
+    found = diagnose(record, parse_joint(text, "joint.yaml"))
+    assert found.vibrates
+    assert found.predicted is not None
+    assert found.predicted.applied == pytest.approx(factor, rel=1e-3)
+    assert [line for line in warnings(found) if "tell no gains" in line]

@@ -24,7 +24,8 @@ AGREE = 2  # other runs that are at a bound among commands that are held
 HELD = 0.3  # of the rows in runs beside those at a bound: more, and commands are held, whose levels are then to be the same
 LONG = 10  # rows: a single run this long is a bound
 LEAST_SHARE = 0.003  # of the rows at a bound
-PASSES = 4  # of a dead zone
+PASSES = 4  # of a dead zone, or of a bound that is touched shortly
+MOST_VALUES = 30  # of a signal that goes to and fro between a few steps
 LEAST_STEPS = 4.0  # of the encoder that the joint moves in a run: at rest a torque stands of itself
 
 
@@ -61,6 +62,12 @@ def limited_rows(record: Record, channel: str) -> Limited:
     moved = _moved(record)
     upper, high = _at_bound(torque, moved)
     lower, low = _at_bound(-torque, moved)
+    if upper.any() != lower.any():  # of a torque that one bound cuts, rows at its other end are taken for cut where they are many
+        side, end = (lower, -float(torque.min())) if upper.any() else (upper, float(torque.max()))
+        ends = (-torque if side is lower else torque) >= end - 1e-9 * float(np.ptp(torque))
+        if ends.sum() >= PASSES and ends.mean() > LEAST_SHARE:
+            upper, lower = upper | (ends if side is upper else False), lower | (ends if side is lower else False)
+            high, low = (end, low) if side is upper else (high, end)
     faster, _ = _at_bound(np.diff(torque, prepend=torque[0]), moved)
     slower, _ = _at_bound(-np.diff(torque, prepend=torque[0]), moved)
     dead = _dead(torque, moved)
@@ -141,9 +148,22 @@ def _at_bound(values: Floats, moved: Floats) -> tuple[Booleans, float]:
             rows[first:last] = True
             bounds.append(((first + last) / 2, level))
     if rows.mean() <= LEAST_SHARE:
-        return np.zeros_like(rows), math.nan
+        return _at_top(values)
     bound = np.interp(np.arange(len(values)), *np.transpose(bounds))
     return rows | (values >= bound - noise), float(np.median(values[rows]))  # shorter runs, too
+
+
+def _at_top(values: Floats) -> tuple[Booleans, float]:
+    """The same for runs too short to be looked at by themselves, of a fast vibration: many rows are exactly at the largest value.
+
+    A smooth signal has more rows just below its largest value than at it, and one of few steps is at any value often.
+    """
+    top, size = float(values.max()), float(np.ptp(values))
+    rows = values >= top - 1e-9 * size
+    runs = int(np.count_nonzero(np.diff(rows.astype(int), prepend=0) == 1))
+    below = int(np.count_nonzero(values > top - TOP * size)) - int(rows.sum())
+    cut = runs >= PASSES and rows.sum() >= 2 * runs and below < rows.sum() / 3 and rows.mean() > LEAST_SHARE
+    return (rows, top) if cut and len(np.unique(values)) > MOST_VALUES else (np.zeros_like(rows), math.nan)
 
 
 def _dead(values: Floats, moved: Floats) -> Booleans:
