@@ -274,9 +274,11 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
 def _with_rate_and_posture(options: AuditOptions, found: JointGains, source: Path) -> tuple[AuditOptions, list[str]]:
     """The options with the rate and the posture that the file of gains names, where none is given; and what was so read.
 
-    Raises GainroomError where a rate is needed and nobody gives one.
+    Raises GainroomError where a rate is needed and nobody gives one, and where the file's posture is not understood and none is given.
     """
     read = []
+    if not options.posture and not found.postures and found.unread_postures:
+        raise GainroomError(f"{next(iter(found.unread_postures.values()))}; give --posture")
     if options.rate_hz is None and found.rate_hz is not None and options.gains_run != "drive":
         options = replace(options, rate_hz=found.rate_hz)
         read.append(f"the controller runs at {found.rate_hz:g} Hz, as {source} has it: --rate-hz says another")

@@ -45,6 +45,7 @@ class JointGains:
     actuators   of each joint what the file names of motor_inertia, stiffness, damping and link_viscous
     rate_hz     of the controller, where the file names it
     postures    that the file names: by name, angles by joint
+    unread_postures   those that are not understood: by name, why
     """
 
     kp: Floats
@@ -54,6 +55,7 @@ class JointGains:
     notes: tuple[str, ...] = ()
     rate_hz: float | None = None
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    unread_postures: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def given(self) -> Booleans:
@@ -76,7 +78,7 @@ def read_gains(path: Path, contact: str = "", to_use: bool = False) -> GainFile:
     """
     file, _, name = str(path).rpartition(":")
     if Path(file).suffix.lower() in PYTHON:
-        return read_actuator_configs(read_text(Path(file)), file, name)
+        return read_actuator_configs(read_text(Path(file)), file, name, Path(file).parent)
     ending = path.suffix.lower()
     if ending == ".onnx":
         return read_onnx(path)
@@ -92,7 +94,7 @@ def parse_file(text: str, path: Path, contact: str = "", to_use: bool = False) -
     if ending in XML:
         return read_mjcf(path, text)
     if ending in PYTHON:
-        return read_actuator_configs(text, str(path))
+        return read_actuator_configs(text, str(path), folder=path.parent)
     answer = answer_in(text)
     if answer is not None:
         return read_answer(answer, str(path), contact, to_use)
@@ -147,6 +149,7 @@ def gains_of(file: GainFile, joint_names: Sequence[str]) -> JointGains:
         notes=file.notes_for(joint_names),
         rate_hz=file.origin.sample_rate_hz,
         postures=file.postures_for(joint_names),
+        unread_postures=file.unread_postures,
     )
     if not np.any(found.given):
         raise GainroomError(f"{file.source}: all gains are zero")

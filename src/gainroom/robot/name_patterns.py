@@ -85,15 +85,20 @@ def select(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
 
     Raises GainroomError, naming `owner`, where the pattern is malformed or matches none.
     """
+    found = _matches(pattern, names, owner)
+    if not found:
+        raise GainroomError(f"{_about(pattern, owner)} matches no joint; {_instead(pattern, names)}")
+    return found
+
+
+def _matches(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
+    """As select, and none where it matches none."""
     if pattern in names:
         return (names.index(pattern),)
     matcher = compile_pattern(pattern, owner, _length(names))
     if any(len(name) > LONGEST for name in names):
         raise GainroomError(f"{owner}: a joint's name must have at most {LONGEST} characters to be matched with patterns")
-    found = tuple(index for index, name in enumerate(names) if matcher.fullmatch(name))
-    if not found:
-        raise GainroomError(f"{_about(pattern, owner)} matches no joint; {_instead(pattern, names)}")
-    return found
+    return tuple(index for index, name in enumerate(names) if matcher.fullmatch(name))
 
 
 def _instead(pattern: str, names: Sequence[str]) -> str:
@@ -116,12 +121,15 @@ def _length(names: Sequence[str]) -> int:
 
 
 def select_all(
-    patterns: Iterable[str], names: Sequence[str], owner: str, each: Callable[[str], str] | None = None
+    patterns: Iterable[str], names: Sequence[str], owner: str, each: Callable[[str], str] | None = None, all_match: bool = True
 ) -> list[tuple[int, ...]]:
-    """As select, for every pattern; `each` makes the owner of one pattern's message. Raises GainroomError where they would take long."""
+    """As select, for every pattern; `each` makes the owner of one pattern's message. Raises GainroomError where they would take long.
+
+    all_match   whether every pattern must match; or else one that matches nothing has no index
+    """
     found, tries, length = [], 0.0, _length(names)
     for pattern in patterns:
-        found.append(select(pattern, names, owner if each is None else each(pattern)))
+        found.append((select if all_match else _matches)(pattern, names, owner if each is None else each(pattern)))
         tries += 0.0 if pattern in names else len(names) * _ways(pattern, length)
         if tries > MOST_TRIES:
             raise GainroomError(f"{owner}: these patterns can match in too many ways together; use fewer, or fewer * in them")

@@ -5,21 +5,22 @@ A configuration is a call, or a class, with names of joints (`target_names_expr`
 """
 
 import ast
-import contextlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from ...errors import GainroomError, first_of_many
 from ...io.validation import checked, number
 from ...io.yaml_text import shown
 from ...robot.name_patterns import select_all
-from .gain_arrays import ArrayNames, is_gain_array, read_arrays
+from .gain_arrays import INDICES, KD, ORDERS, ArrayNames, is_gain_array, read_arrays
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
 from .legged_gym import legged_gym_robots, read_legged_gym
-from .python_expressions import Record, Unknown, is_number, parts
-from .python_values import SET_UP, PythonValues, one_robot, read_python
+from .python_objects import DEEPEST, REST, Function, Once, Record, Unknown, View, contents, fields_of, is_number, parts
+from .python_undecided import COPIES
+from .python_values import PythonValues, one_robot, read_python
 
 TARGETS = ("target_names_expr", "joint_names_expr", "actuated_names_expr")
 EFFORT_LIMITS = ("effort_limit", "actuator_effort_limit", "joint_effort_limit", "effort_limit_sim")
@@ -59,22 +60,9 @@ class Group:
 
 @dataclass(frozen=True)
 class GroupedGains(GainFile):
-    """Gains by groups of joints, each joint in one of them.
-
-    postures   by name, angles by pattern, of the file's initial states
-    """
+    """Gains by groups of joints, each joint in one of them."""
 
     groups: tuple[Group, ...] = ()
-    postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-    def postures_for(self, joint_names: Sequence[str]) -> Mapping[str, Mapping[str, float]]:
-        found = {}
-        for title, angles in self.postures.items():
-            with contextlib.suppress(GainroomError):  # of another robot, or of more joints than the model has
-                places = select_all(angles, joint_names, f"{self.source}: {title}")
-                pairs = zip(places, angles.values(), strict=True)
-                found[title] = {joint_names[k]: angle for matched, angle in pairs for k in matched}
-        return found
 
     @property
     def own_names(self) -> tuple[str, ...]:
@@ -116,123 +104,262 @@ def _by_joint(value: float | Mapping[str, float] | None, names: Sequence[str], o
     return result
 
 
-def read_actuator_configs(text: str, source: str, chosen: str = "") -> GainFile:
+def read_actuator_configs(text: str, source: str, chosen: str = "", folder: Path | None = None) -> GainFile:
     """The actuators in a Python text that messages call `source`; of several robots in it the one of the name `chosen`.
+
+    folder   in which files lie that the text names; None: none is read
 
     Raises GainroomError, one line that names the file and the line.
     """
-    values = read_python(text, source, GUARDED)
+    values = read_python(text, source, GUARDED, folder)
     robots = _robots(values)
-    if not robots and (classes := legged_gym_robots(values)):
-        return read_legged_gym(classes, source, chosen, values.notes)
-    if not robots and any(is_gain_array(name) and isinstance(value, list | tuple) for name, value in values.names.items()):
-        arrays = {name: value for name, value in values.names.items() if isinstance(value, list | tuple)}
-        return read_arrays(arrays, ArrayNames.of(arrays, {}), source, values.lines)
+    if chosen and chosen not in robots and (value := _named(values, chosen)) is not None:
+        if isinstance(value, Unknown):
+            raise GainroomError(f"{source}: line {value.line}: {chosen}: {value}")
+        robots = {chosen: value} if _actuators(value) else robots
     if not robots:
-        raise GainroomError(f"{source}: holds no actuator configurations of mjlab or Isaac Lab{_inside_functions(values)}")
+        return _without_actuators(values, source, chosen)
     name = one_robot(robots, source, chosen, "actuators", "robot")
-    found = robots[name]
-    made = list(parts(values.names.get(name) if name else found))
-    changed = next((each.fields[SET_UP[0]] for each in made if isinstance(each, Record) and SET_UP[0] in each.fields), None)
-    if changed is not None:
-        raise GainroomError(f"{source}: line {changed.line}: {changed}; write its numbers into the configuration")
+    robot = robots[name]
     groups, notes = [], list(values.notes)
-    for record in found:
-        group = _group(record, source, notes)
+    for record in _actuators(robot):
+        group = _group(_understood(record, source, name), source, notes)
         if group is not None:
             groups.append(group)
     if not groups:
-        raise GainroomError(f"{source}: {name}: {notes[0].removeprefix(source + ': ') if notes else 'has no actuators'}")
-    imported = any(isinstance(value, Unknown) and "mjlab" in value.why for value in values.names.values())
-    form = "mjlab" if imported else "Isaac Lab"
-    return GroupedGains(source, form, {}, groups=tuple(groups), notes=tuple(notes), postures=_postures(values, made, len(robots) == 1))
+        raise GainroomError(f"{source}: {name}: {notes[-1].removeprefix(source + ': ') if notes else 'has no actuators'}")
+    form = "mjlab" if any(isinstance(each, Unknown) and each.path.startswith("mjlab") for each in values.names.values()) else "Isaac Lab"
+    if not chosen:
+        notes += _not_looked_at(values, robots, source)
+    postures, unread = _postures(values, robot, source, len(robots) == 1)
+    return GroupedGains(
+        source, form, {}, groups=tuple(groups), notes=tuple(dict.fromkeys(notes)), postures=postures, unread_postures=unread
+    )
 
 
-def _postures(values: PythonValues, robot: Iterable[Any], alone: bool) -> dict[str, Mapping[str, float]]:
-    """The initial states of the parts of a `robot`, by the name that holds each: those whose angles are all numbers.
+def _without_actuators(values: PythonValues, source: str, chosen: str) -> GainFile:
+    """The gains of a file that has them in another form. Raises GainroomError where it has none."""
+    if classes := legged_gym_robots(values):
+        return read_legged_gym(classes, source, chosen, values.notes)
+    arrays = {name: each for name, each in {"": values.names, **_records(values)}.items() if any(map(is_gain_array, each))}
+    arrays = {name: each for name, each in arrays.items() if _is_array(each)} or arrays
+    if arrays and (chosen or any(map(_is_array, arrays.values()))):
+        name = one_robot(arrays, source, chosen, "gains", "robot")
+        for key, value in arrays[name].items():
+            if isinstance(value, Unknown) and (key.lower() in (*ORDERS, *INDICES, *KD) or is_gain_array(key)):
+                raise GainroomError(f"{source}: line {value.line}: {key}: {value}")
+        lists = {key: value for key, value in arrays[name].items() if isinstance(key, str) and isinstance(value, list | tuple)}
+        return read_arrays(lists, ArrayNames.of(lists, {}), source, values.lines if not name else None)
+    unknown = _named(values, chosen) if chosen else None
+    built = {name: each for name, each in values.names.items() if _is_built_on(each)} if unknown is None else {chosen: unknown}
+    for name, each in built.items():
+        if isinstance(each, Unknown):
+            raise GainroomError(f"{source}: line {each.line}: {name}: {each}")
+    raise GainroomError(f"{source}: holds no actuator configurations of mjlab or Isaac Lab{_inside_functions(values)}")
+
+
+def _records(values: PythonValues) -> dict[str, dict[str, Any]]:
+    """The fields of each configuration of the file, and of each class, by its name."""
+    return {name: fields_of(each) for name, each in values.names.items() if isinstance(each, Record)}
+
+
+def _is_array(fields: Mapping[str, Any]) -> bool:
+    return any(isinstance(key, str) and is_gain_array(key) and isinstance(value, list | tuple | Unknown) for key, value in fields.items())
+
+
+def _is_built_on(value: Any) -> bool:
+    """Whether a value is a copy of a configuration in another file."""
+    return isinstance(value, Unknown) and value.path.rpartition(".")[2] in COPIES and not value.kind
+
+
+def _not_looked_at(values: PythonValues, robots: Mapping[str, Any], source: str) -> list[str]:
+    """Notes of actuators that are in no robot, and of configurations that build on those of another file."""
+    used = {_identity(each) for robot in robots.values() for each in _actuators(robot)}
+    notes = [
+        f"{source}: line {each.line}: {name} is in no robot's actuators, so it does not count"
+        for name, each in values.names.items()
+        if isinstance(each, Record) and _is_actuator(each) and not each.is_class and _identity(each) not in used
+    ]
+    built = [(name, each) for name, each in values.names.items() if _is_built_on(each)]
+    return notes + [f"{source}: line {each.line}: {name} is not looked at: {each}" for name, each in built]
+
+
+def _postures(values: PythonValues, robot: Any, source: str, alone: bool) -> tuple[dict[str, Mapping[str, float]], dict[str, str]]:
+    """The initial states of the parts of a `robot`, by the name that holds each; and those that are not understood, and why.
 
     alone   whether it is the file's only one: without one of its own it has those of the file
     """
-    named = {name: each for name, each in values.names.items() if _is_posture(each)}
+    named = {name: each for name, each in values.names.items() if _has_posture(each)}
     titles = {id(each): name for name, each in named.items()}
-    found = {titles.get(id(each), "init_state"): each for each in robot if _is_posture(each)} or (named if alone else {})
-    return {name: dict(each.fields[POSTURE]) for name, each in found.items()}
+    own = {titles.get(id(each), "init_state"): each for each in parts(robot) if _has_posture(each)}
+    known: dict[str, Mapping[str, float]] = {}
+    unread: dict[str, str] = {}
+    for name, each in (own or (named if alone else {})).items():
+        angles = each.fields[POSTURE]
+        inner = [angles] if not isinstance(angles, dict) else [each for pair in angles.items() for each in pair]
+        unknown = next((value for value in inner if isinstance(value, Unknown)), None)
+        if isinstance(angles, dict) and all(isinstance(key, str) and is_number(value) for key, value in angles.items()):
+            known[name] = dict(angles)
+        else:
+            line = each.line if unknown is None or unknown.source else unknown.line
+            unread[name] = f"{source}: line {line}: {name}: {POSTURE}: {unknown or 'must be angles by joint or pattern'}"
+    return known, unread
 
 
-def _is_posture(value: Any) -> bool:
-    angles = value.fields.get(POSTURE) if isinstance(value, Record) and not value.is_class else None
-    if not isinstance(angles, dict) or not angles:
-        return False
-    return all(isinstance(name, str) and is_number(angle) for name, angle in angles.items())
+def _has_posture(value: Any) -> bool:
+    return isinstance(value, Record) and not value.is_class and bool(value.fields.get(POSTURE))
 
 
-def _is_actuator(record: Record) -> bool:
-    inner = record.fields.get("base_cfg")
-    return any(key in record.fields for key in TARGETS) or (isinstance(inner, Record) and _is_actuator(inner))
+def _is_actuator(value: Any) -> bool:
+    return isinstance(value, Record) and any(key in fields_of(value) for key in (*TARGETS, "base_cfg"))
 
 
-def _actuators(value: Any) -> list[Record]:
-    """The actuators that stand in a value, in order, each once."""
-    return [each for each in parts(value, _is_actuator) if isinstance(each, Record) and _is_actuator(each) and not each.is_class]
-
-
-def _robots(values: PythonValues) -> dict[str, list[Record]]:
-    """By the name that holds them, the actuators of each robot; "" where they stand by themselves.
-
-    Of names that hold the same ones the first counts, and none that holds only some of another's.
-    """
-    alone: dict[int, Record] = {}
-    held: dict[str, list[Record]] = {}
-    for name, value in values.names.items():
-        found = _actuators(value)
-        if isinstance(value, Record) and _is_actuator(value):
-            alone |= {id(record): record for record in found}
-        elif found:
-            held[name] = found
-    if not held:
-        return {"": list(alone.values())} if alone else {}
-    result: dict[str, list[Record]] = {}
-    keys = {name: frozenset(map(_identity, found)) for name, found in held.items()}
-    for name, found in held.items():
-        same = any(keys[name] == keys[other] for other in result)
-        if not same and not any(keys[name] < each for each in keys.values()):
-            result[name] = found
+def _actuators(value: Any, depth: int = 0, seen: set[int] | None = None) -> list[Any]:
+    """The actuators that stand in a value, in order; among them whatever else stands where actuators must."""
+    seen = set() if seen is None else seen
+    if id(value) in seen or depth > DEEPEST:
+        return []
+    seen.add(id(value))
+    if isinstance(value, Record) and _is_actuator(value):
+        return [] if value.is_class else [value]
+    fields = fields_of(value) if isinstance(value, Record) else {}
+    if isinstance(value, list | tuple | dict | View | Once) and any(_is_actuator(each) and not each.is_class for each in contents(value)):
+        return contents(value)
+    result: list[Any] = []
+    for key, each in fields.items() if isinstance(value, Record) else enumerate(contents(value)):
+        if key == "actuators" and each is not None:
+            result += contents(each) if isinstance(each, list | tuple | dict | View | Once) else [each]
+        elif key == "articulation" and isinstance(each, Unknown):
+            result.append(each)
+        elif not isinstance(each, Function):
+            result += _actuators(each, depth + 1, seen)
     return result
 
 
-def _identity(record: Record) -> tuple[Any, ...]:
-    """What two copies of an actuator have in common, as long as nothing that matters was changed in one."""
-    return (record.line, *(_plain(record.fields.get(key)) for key in GUARDED))
-
-
-def _plain(value: Any) -> Any:
-    """A value to compare with another: numbers and text, and flat lists and mappings of them; of anything else its identity."""
-    if isinstance(value, dict):
-        return tuple((key, _plain(each) if not isinstance(each, dict | list | tuple) else id(each)) for key, each in value.items())
-    if isinstance(value, list | tuple):
-        return tuple(_plain(each) if not isinstance(each, dict | list | tuple) else id(each) for each in value)
+def _understood(value: Any, source: str, name: str) -> Record:
+    """An actuator. Raises GainroomError for what else stands in its place."""
+    if isinstance(value, Record) and _is_actuator(value) and not value.is_class:
+        return value
+    owner = f"{name}: actuators" if name else "actuators"
+    if isinstance(value, Unknown):
+        raise GainroomError(f"{source}: line {value.line}: {owner}: {value}")
     if isinstance(value, Record):
-        return _identity(value) if not any(isinstance(each, Record) for each in value.fields.values()) else id(value)
+        what = "names no joints: what its class has by default is not known; write joint_names_expr"
+        raise GainroomError(f"{value.source}: line {value.line}: {owner}: {value.name} {what}")
+    raise GainroomError(f"{source}: {owner}: {shown(value)} is no actuator configuration")
+
+
+def _robots(values: PythonValues) -> dict[str, Any]:
+    """By the name that holds it, what holds the actuators of each robot; "" of those that stand by themselves.
+
+    What stands in another one is no robot of its own; of those that hold the same actuators in the same posture the first counts.
+    """
+    alone = [each for each in values.names.values() if isinstance(each, Record) and _is_actuator(each) and not each.is_class]
+    held = {name: each for name, each in _candidates(values.names).items() if _actuators(each)}
+    if not held and (empty := {name: each for name, each in values.names.items() if _records_with(each, "actuators")}):
+        return empty
+    if not held:
+        return {"": tuple({id(each): each for each in alone}.values())} if alone else _made_by_functions(values)
+    inside = {id(each) for robot in held.values() if isinstance(robot, Record) for each in parts(robot) if each is not robot}
+    keys = {name: frozenset(map(_identity, _actuators(each))) for name, each in held.items()}
+    result: dict[str, Any] = {}
+    known: set[Any] = set()
+    for name, each in held.items():
+        bare = not isinstance(each, Record)
+        if id(each) in inside or (bare and any(keys[name] <= keys[other] for other, robot in held.items() if isinstance(robot, Record))):
+            continue
+        if bare and any(keys[name] < keys[other] for other in held):
+            continue
+        key = (keys[name], _plain(next((part.fields[POSTURE] for part in parts(each) if _has_posture(part)), None)))
+        if key not in known:
+            known.add(key)
+            result[name] = each
+    return result
+
+
+def _records_with(value: Any, key: str) -> bool:
+    """Whether a configuration with a field of this name stands in a value."""
+    return any(isinstance(each, Record) and key in each.fields for each in parts(value))
+
+
+def _candidates(names: Mapping[str, Any]) -> dict[str, Any]:
+    """By name what may be a robot: configurations and collections of actuators, also those in a dictionary of them."""
+    result: dict[str, Any] = {}
+    for name, value in names.items():
+        if not isinstance(value, dict | list | tuple) or any(map(_is_actuator, contents(value))):
+            if not _is_actuator(value) and not isinstance(value, Function):
+                result[name] = value
+        else:
+            pairs = value.items() if isinstance(value, dict) else enumerate(value)
+            result |= {f"{name}.{key}": each for key, each in pairs if not _is_actuator(each)}
+    return result
+
+
+def _made_by_functions(values: PythonValues) -> dict[str, Any]:
+    """What the functions of the file return that need no arguments, as far as it holds actuators."""
+    functions = {name: each for name, each in values.names.items() if isinstance(each, Function) and not _needed(each)}
+    made = {name: values.call(each) for name, each in functions.items()}
+    return {name: (each,) if _is_actuator(each) else each for name, each in made.items() if _actuators(each)}
+
+
+def _needed(function: Function) -> bool:
+    arguments = function.node.args
+    return any(each.arg not in function.defaults for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs))
+
+
+def _named(values: PythonValues, chosen: str) -> Any:
+    """What a name of the file holds, and a name in it behind a point; of a function without arguments what it returns."""
+    first, *rest = chosen.split(".")
+    value = values.names.get(first)
+    for name in rest:
+        held = fields_of(value) if isinstance(value, Record) else value if isinstance(value, dict) else {}
+        value = held.get(name)
+    value = values.call(value) if isinstance(value, Function) and not _needed(value) else value
+    return (value,) if isinstance(value, Record) and _is_actuator(value) else value
+
+
+def _identity(value: Any) -> tuple[Any, ...]:
+    """What two copies of an actuator have in common, as long as nothing that matters was changed in one."""
+    if not isinstance(value, Record):
+        return (repr(value)[:200],) if isinstance(value, Unknown) else (id(value),)
+    return (value.source, value.line, *(_plain(value.fields.get(key)) for key in GUARDED))
+
+
+def _plain(value: Any, depth: int = 0) -> Any:
+    """A value to compare with another; what is not made of numbers and text by what it is."""
+    if depth > DEEPEST:
+        return id(value)
+    if isinstance(value, dict):
+        return tuple((str(key), _plain(each, depth + 1)) for key, each in value.items())
+    if isinstance(value, list | tuple):
+        return tuple(_plain(each, depth + 1) for each in value)
+    if isinstance(value, Record):
+        return (value.line, *(_plain(value.fields.get(key), depth + 1) for key in GUARDED))
     return value if isinstance(value, str | int | float | bool | None | Unknown) else id(value)
 
 
 def _inside_functions(values: PythonValues) -> str:
     """Where actuators stand that are not read: the end of a message."""
-    for function in values.functions:
-        for node in ast.walk(function):
+    for function in values.names.values():
+        for node in ast.walk(function.node) if isinstance(function, Function) else []:
             if isinstance(node, ast.keyword) and node.arg in TARGETS:
-                return f" outside functions, which are not run: line {node.value.lineno}; move them to the module"
+                return f" outside functions that need arguments: line {node.value.lineno}; write the call into the file"
     return ""
 
 
 def _group(record: Record, source: str, notes: list[str]) -> Group | None:
     """A record's gains; None, and a note, where it has none."""
+    owner = f"{record.source or source}: line {record.line}: {record.name}"
+    if REST in record.fields:
+        raise GainroomError(f"{owner}: {record.fields[REST]} and may have changed it")
     inner = record.fields.get("base_cfg")
-    if isinstance(inner, Record):
-        _note_lags(record, source, notes)
+    _note_lags(record, owner, notes)
+    if inner is not None:
+        if not (isinstance(inner, Record) and _is_actuator(inner)):
+            raise GainroomError(
+                f"{owner}: base_cfg: {inner if isinstance(inner, Unknown) else shown(inner) + ' is no actuator configuration'}"
+            )
         return _group(inner, source, notes)
-    owner = f"{source}: line {record.line}: {record.name}"
-    _note_lags(record, source, notes)
     joints = _patterns(next((record.fields[key], key) for key in TARGETS if key in record.fields), owner)
     listed = first_of_many(joints)
     reason = next((WITHOUT_GAINS[kind] for kind in record.kinds if kind in WITHOUT_GAINS), None)
@@ -249,9 +376,8 @@ def _group(record: Record, source: str, notes: list[str]) -> Group | None:
     if kp is None or kd is None:
         written = "is None: the value stands in the robot's file" if missing in fields else "is missing, and a default is not known"
         raise GainroomError(f"{owner}: {missing} {written}; write the number")
-    effort = next((key for key in EFFORT_LIMITS if fields.get(key) is not None and not isinstance(fields[key], Unknown)), "effort_limit")
-    limit = None if isinstance(fields.get(effort), Unknown) else _quantity(fields, effort, owner, EFFORT)
-    return Group(owner, joints, kp, kd, _quantity(fields, "armature", owner, ARMATURE), limit)
+    effort = next((key for key in EFFORT_LIMITS if fields.get(key) is not None), "effort_limit")
+    return Group(owner, joints, kp, kd, _quantity(fields, "armature", owner, ARMATURE), _quantity(fields, effort, owner, EFFORT))
 
 
 def _patterns(found: tuple[Any, str], owner: str) -> tuple[str, ...]:
@@ -271,7 +397,9 @@ def _quantity(fields: Mapping[str, Any], key: str, owner: str, check: Any) -> fl
     """A number, or numbers by pattern; None where it is missing or None."""
     value = fields.get(key)
     if isinstance(value, dict):
-        for pattern in value:
+        for pattern, each in value.items():
+            if pattern is REST:
+                raise GainroomError(f"{owner}: {key}: {each}")
             if not isinstance(pattern, str):
                 raise GainroomError(f"{owner}: {key}: {shown(pattern)} must be a joint name or pattern")
         return {pattern: _number(f"{owner}: {key}.{shown(pattern)}", each, check) for pattern, each in value.items()}
@@ -282,17 +410,16 @@ def _number(owner: str, value: Any, check: Any) -> float:
     if isinstance(value, Unknown):
         raise GainroomError(f"{owner}: {value}" + (f" (line {value.line})" if f"line {value.line}:" not in owner else ""))
     if isinstance(value, Record):
-        raise GainroomError(f"{owner}: {shown(value.name + '(…)')} is a call, and no function is run")
+        raise GainroomError(f"{owner}: {shown(value.name + '(…)')} is a configuration, and must be a number")
     return checked(owner, value, check)
 
 
-def _note_lags(record: Record, source: str, notes: list[str]) -> None:
+def _note_lags(record: Record, owner: str, notes: list[str]) -> None:
     """A note of the set-point's delay."""
     for keys in LAGS:
         given = [key for key in keys if key in record.fields]
         if not given:
             continue
-        owner = f"{source}: line {record.line}: {record.name}"
         low, high = (_number(f"{owner}: {key}", record.fields.get(key, 0), LAG) for key in keys)
         if low > high:
             raise GainroomError(f"{owner}: {keys[0]} {low:g} must be at most {keys[1]} {high:g}")

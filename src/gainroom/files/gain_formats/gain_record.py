@@ -7,9 +7,10 @@ from typing import Annotated, ClassVar
 
 from pydantic import BeforeValidator, Field
 
+from ...errors import first_of_many
 from ...io.validation import NotNegative, Positive, Section, number, refusal
 from ...io.yaml_text import shown
-from ...robot.name_patterns import DEFAULT, assign
+from ...robot.name_patterns import DEFAULT, assign, select_all
 from ..system_sections import Stiffness
 
 NOT_NEGATIVE = number(least=0)
@@ -85,12 +86,16 @@ class GainFile:
 
     form    the format's title
     notes   what was left out, or how something was understood
+    postures          that the file names: by name, angles by joint or pattern [rad; m if prismatic]
+    unread_postures   those that are not understood: by name, why
     """
 
     source: str
     form: str
     gains: Mapping[str, Gain]
     notes: tuple[str, ...] = field(default=(), kw_only=True)
+    postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict, kw_only=True)
+    unread_postures: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     origin: Origin = field(default=Origin(), kw_only=True)
 
     @property
@@ -108,9 +113,24 @@ class GainFile:
         return assign(self.gains, joint_names, f"{self.source}: gains")
 
     def postures_for(self, joint_names: Sequence[str]) -> Mapping[str, Mapping[str, float]]:
-        """Postures that the file names, by name: angles of joints of a model [rad; m if prismatic]."""
-        return {}
+        """Postures that the file names, by name: angles of those joints of a model that they name [rad; m if prismatic]."""
+        found = {title: _angles_of(angles, joint_names, f"{self.source}: {title}")[0] for title, angles in self.postures.items()}
+        return {title: angles for title, angles in found.items() if angles}
 
     def notes_for(self, joint_names: Sequence[str]) -> tuple[str, ...]:
         """What is to be said of these gains on this model."""
-        return self.notes
+        notes = []
+        for title, angles in self.postures.items():
+            _, others = _angles_of(angles, joint_names, f"{self.source}: {title}")
+            if others:
+                without = f"{self.source}: {title}: the model has no joint for {first_of_many([shown(name) for name in others])}"
+                notes.append(f"{without}; {'the other angles count' if len(others) < len(angles) else 'no angle counts'}")
+        return (*self.notes, *notes)
+
+
+def _angles_of(angles: Mapping[str, float], joint_names: Sequence[str], owner: str) -> tuple[dict[str, float], list[str]]:
+    """The angles of a model's joints by name, later patterns over earlier ones, and the patterns that match none. Raises GainroomError."""
+    places = select_all(angles, joint_names, owner, all_match=False)  # the file may be of more joints than the model has
+    pairs = zip(places, angles.values(), strict=True)
+    found = {joint_names[k]: angle for matched, angle in pairs for k in matched}
+    return found, [pattern for pattern, matched in zip(angles, places, strict=True) if not matched]

@@ -4,6 +4,7 @@
 and none where no key does. `class init_state` has `default_joint_angles`, the posture about which a policy acts.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,11 +13,12 @@ from ...errors import GainroomError, nearest
 from ...io.validation import checked, dotted, number
 from ...io.yaml_text import shown
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
-from .python_expressions import Record, Unknown
+from .python_objects import Record, Unknown, fields_of
 from .python_values import PythonValues, one_robot
 
 ANGLE = number(least=-1e4, most=1e4)
 POSITION = "P"
+ANGLES = "default_joint_angles"
 
 
 @dataclass(frozen=True)
@@ -38,18 +40,14 @@ class LeggedGymGains(GainFile):
                 )
         return [[gain for key, gain in self.gains.items() if key in name][-1:] for name in joint_names]
 
-    def postures_for(self, joint_names: Sequence[str]) -> Mapping[str, Mapping[str, float]]:
-        found = {name: angle for name, angle in self.angles.items() if name in joint_names}
-        return {"default_joint_angles": found} if found else {}
-
 
 def legged_gym_robots(values: PythonValues) -> dict[str, Record]:
     """By name the classes whose `control` has gains of its own; of those that hold the same gains the first."""
     found: dict[str, Record] = {}
     for name, value in values.names.items():
         if isinstance(value, Record) and value.is_class:
-            control = value.fields.get("control")
-            named = isinstance(control, Record) and control.is_class and {"stiffness", "damping"} & control.fields.keys()
+            control = value.inherited("control")
+            named = isinstance(control, Record) and control.is_class and {"stiffness", "damping"} & fields_of(control).keys()
             if named and not any(_same(value, other) for other in found.values()):
                 found[name] = value
     return found
@@ -60,19 +58,19 @@ def _same(one: Record, other: Record) -> bool:
     return all(_section(one, name).get(key) == _section(other, name).get(key) for name, key in _READ)
 
 
-_READ = (("control", "stiffness"), ("control", "damping"), ("control", "control_type"), ("init_state", "default_joint_angles"))
+_READ = (("control", "stiffness"), ("control", "damping"), ("control", "control_type"), ("init_state", ANGLES))
 
 
 def _section(record: Record, name: str) -> Mapping[str, Any]:
-    found = record.fields.get(name)
-    return found.fields if isinstance(found, Record) else {}
+    found = record.inherited(name)
+    return fields_of(found) if isinstance(found, Record) else {}
 
 
 def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, notes: Sequence[str]) -> LeggedGymGains:
     """The gains of one of legged_gym_robots. Raises GainroomError, one line that names file, line and key."""
     record = robots[one_robot(robots, source, chosen, "gains", "class")]
     control, notes = _section(record, "control"), list(notes)
-    owner = f"{source}: line {record.fields['control'].line}: {record.name}.control"
+    owner = f"{source}: line {record.inherited('control').line}: {record.name}.control"
     kind = control.get("control_type", POSITION)
     if kind != POSITION:
         raise GainroomError(
@@ -84,11 +82,13 @@ def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, note
         raise GainroomError(f"{owner}: damping: names no {shown(missing[0])}, which stiffness has")
     if control.get("use_actuator_network") is True:
         notes.append(f"{owner}: a network stands for the motors in training; these gains are what it was trained with at most")
-    angles = _section(record, "init_state").get("default_joint_angles")
-    where = f"{source}: {record.name}.init_state: default_joint_angles"
+    angles = _section(record, "init_state").get(ANGLES)
+    where = f"{source}: {record.name}.init_state: {ANGLES}"
     found = {} if angles is None or isinstance(angles, Unknown) else _numbers(angles, where, ANGLE)
     gains = {key: Gain(stiffness[key], damping[key]) for key in stiffness}
-    return LeggedGymGains(source, "legged_gym", gains, notes=tuple(notes), angles=found)
+    unread = {ANGLES: f"{where}: {angles}"} if isinstance(angles, Unknown) else {}
+    postures = {ANGLES: {re.escape(name): angle for name, angle in found.items()}} if found else {}
+    return LeggedGymGains(source, "legged_gym", gains, notes=tuple(notes), angles=found, postures=postures, unread_postures=unread)
 
 
 def _numbers(value: Any, owner: str, check: Any) -> dict[str, float]:

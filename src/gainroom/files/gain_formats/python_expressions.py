@@ -1,328 +1,284 @@
-"""What an expression of a Python file is, as far as it is understood; nothing is run, and the work is bounded."""
+"""What an expression of a Python file is, as far as it can be told without running anything; the work is bounded."""
 
 import ast
-import copy
 import itertools
-import math
-import operator
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
-from ...errors import GainroomError
-from ...io.yaml_text import shown
+from . import python_library as library
+from .python_calls import BUILTINS, Calls
+from .python_library import CONSTANTS, OF_MATH, NotKnown
+from .python_objects import (
+    MOST_ITEMS,
+    REST,
+    Array,
+    Builtin,
+    Function,
+    Method,
+    Once,
+    Record,
+    Scope,
+    Unknown,
+    is_key,
+    is_open,
+    text_of,
+    truth,
+)
 
-
-@dataclass
-class Record:
-    """A call with keywords, or a class with fields: the class's name, what it inherits from, its fields, and its line."""
-
-    name: str
-    line: int
-    fields: dict[str, Any]
-    kinds: tuple[str, ...] = ()
-    is_class: bool = False
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """What is not understood, and where; `why` follows the text in messages."""
-
-    line: int
-    text: str
-    why: str = "is not understood: numbers, arithmetic and names of this file are"
-    kind: str = ""
-    """import or function, of a name."""
-
-    def __str__(self) -> str:
-        return f"{shown(self.text)} {self.why}"
-
-
-def parts(value: Any, closed: Callable[[Record], bool] = lambda record: False) -> Iterator[Any]:
-    """A value and all that stands in it, in its order and each once; not what is in records that are `closed`."""
-    seen, waiting = set(), [value]
-    while waiting:
-        each = waiting.pop()
-        if id(each) in seen:
-            continue
-        seen.add(id(each))
-        yield each
-        inner = each
-        if isinstance(each, Record):
-            inner = {} if closed(each) else each.fields
-        waiting += reversed(list(inner.values() if isinstance(inner, dict) else inner if isinstance(inner, list | tuple) else ()))
-
-
-def has_record(value: Any) -> bool:
-    """Whether a configuration stands in a value."""
-    return any(isinstance(each, Record) for each in parts(value))
-
-
-def is_number(value: object) -> bool:
-    """Whether a value is a number of usable size."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
-
-
-def last_name(node: ast.expr) -> str:
-    """The name that a dotted name ends with; empty for anything else."""
-    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
-
-
-def text_of(node: ast.AST) -> str:
-    """The text of an expression."""
-    try:
-        return ast.unparse(node)
-    except (RecursionError, ValueError):
-        return "…"
-
-
-MOST_STEPS = 50_000
-"""Nodes that are evaluated of one file."""
 MOST_DEPTH = 60
-LONGEST_TEXT = 200
-MOST_ITEMS = 2000
-
-ARITHMETIC: dict[type[ast.operator], Callable[[float, float], float]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod,
-    ast.Pow: math.pow,
-}
-MATH = ("math", "np", "numpy", "torch")
-CONSTANTS = {"pi": math.pi, "e": math.e, "tau": math.tau, "inf": math.inf}
-FUNCTIONS: dict[str, Callable[..., float]] = {
-    "sqrt": math.sqrt,
-    "radians": math.radians,
-    "deg2rad": math.radians,
-    "degrees": math.degrees,
-    "rad2deg": math.degrees,
-    "exp": math.exp,
-    "sin": math.sin,
-    "cos": math.cos,
-    "tan": math.tan,
-    "pow": math.pow,
-    "square": lambda x: x * x,
-}
-BUILTINS: dict[str, Callable[..., Any]] = {"abs": abs, "min": min, "max": max, "float": float, "round": round, "pow": math.pow}
+"""Expressions inside each other, those of functions that are called among them."""
+FALSE = ("typing.TYPE_CHECKING", "TYPE_CHECKING")
 
 
-def _two_stage_planetary(rotor_inertia: Any, gear_ratio: Any) -> float:
-    """As mjlab has it: three rotors, of which the first turns through both stages and the second through the last one."""
-    first, second, third = rotor_inertia
-    _, one, two = gear_ratio
-    return first * (one * two) ** 2 + second * two**2 + third
+class Expressions(Calls):
+    """Evaluates expressions in the present scope."""
 
-
-HELPERS: dict[str, Callable[..., float]] = {
-    "reflected_inertia": lambda rotor_inertia, gear_ratio: rotor_inertia * gear_ratio**2,
-    "reflected_inertia_from_two_stage_planetary": _two_stage_planetary,
-    "rpm_to_rad": lambda rpm: rpm * 2 * math.pi / 60,
-}
-"""Functions of mjlab's that make constants."""
-SEQUENCES = ("tuple", "list", "array", "asarray", "tensor")
-COPIES = ("copy", "deepcopy", "replace")
-HARMLESS = (*COPIES, "get", "keys", "values", "items", "index", "count")
-"""Methods that leave alone what they are called on."""
-
-
-class Expressions:
-    """Evaluates expressions with the `names` that are known so far; messages call the file `source`."""
-
-    def __init__(self, source: str, names: dict[str, Any]) -> None:
-        self.source = source
-        self.names = names
-        self.notes: list[str] = []
-        self._steps = 0
-        self._depth = 0
+    _depth = 0
 
     def value(self, node: ast.expr) -> Any:
         self.count(node)
         self._depth += 1
         try:
-            return Unknown(node.lineno, "…", "is nested too deeply") if self._depth > MOST_DEPTH else self._evaluated(node)
+            if self._depth > MOST_DEPTH:
+                return self.undecided(node, [node], "is nested too deeply")
+            return self._evaluated(node)
+        except NotKnown as error:
+            return self.unknown(node, *([error.because] if error.because else []), *self._known_in(node))
         finally:
             self._depth -= 1
+
+    def _known_in(self, node: ast.AST) -> list[Any]:
+        """The values of the names in a node: what an unknown value may be a part of."""
+        names = [self.found(each.id, each) for each in ast.walk(node) if isinstance(each, ast.Name)]
+        self.count(node, 8 * len(names))
+        return [each for each in names if not isinstance(each, Unknown) or not each.is_free]
+
+    def found(self, name: str, node: ast.AST) -> Any:
+        here = self.scope.find(name)
+        if here is not None:
+            return here.value
+        if name in BUILTINS:
+            return Builtin(name)
+        if name == "__name__":
+            return "read"  # by gainroom, and not as __main__
+        return Unknown(getattr(node, "lineno", 0), name, "is no name of this file", "import", name, source=self.told)
 
     def _evaluated(self, node: ast.expr) -> Any:
         match node:
             case ast.Constant(value=value):
                 return value if isinstance(value, str | int | float | bool | None) else self.unknown(node)
             case ast.Name(id=name):
-                return self.names[name] if name in self.names else Unknown(node.lineno, name, "is no name of this file")
-            case ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Set(elts=parts):
-                items = list(itertools.islice(self._items(parts), MOST_ITEMS + 1))
+                return self.found(name, node)
+            case ast.Tuple(elts=elements) | ast.List(elts=elements) | ast.Set(elts=elements):
+                items = list(itertools.islice(self._items(elements), MOST_ITEMS + 1))
                 if len(items) > MOST_ITEMS:
-                    return self.unknown(node)
-                return tuple(items) if isinstance(node, ast.Tuple) else items
+                    return self.undecided(node, [node], f"has more than {MOST_ITEMS} items")
+                self.count(node, len(items))
+                found = tuple(items) if isinstance(node, ast.Tuple) else items
+                return found if not isinstance(node, ast.Set) else self._builtin(node, "set", [found], {})
             case ast.Dict(keys=keys, values=values):
-                return self._dict(node, keys, values)
+                return self._dict(keys, values)
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return not self._decided(self.value(operand))
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
                 found = self.value(operand)
-                return (-found if isinstance(op, ast.USub) else found) if is_number(found) else self.unknown(node, found)
+                if isinstance(found, Array):
+                    return library.arithmetic("Mult", found, -1 if isinstance(op, ast.USub) else 1)
+                library.numbers(found)
+                return -found if isinstance(op, ast.USub) else +found
             case ast.BinOp(left=left, op=op, right=right):
                 return self.arithmetic(node, op, self.value(left), self.value(right))
-            case ast.Attribute():
-                return self._attribute(node)
+            case ast.BoolOp(op=op, values=values):
+                return self._either(node, isinstance(op, ast.Or), values)
+            case ast.Compare(left=left, ops=ops, comparators=others):
+                return self._compared(left, ops, others)
+            case ast.IfExp(test=test, body=body, orelse=orelse):
+                turn = truth(self.value(test))
+                if turn is None:
+                    return self.undecided(node, [body, orelse])
+                return self.value(body if turn else orelse)
+            case ast.NamedExpr(target=target, value=value):
+                found, scope = self.value(value), self.scope
+                while scope.is_comprehension and scope.parent is not None:
+                    scope = scope.parent
+                scope.store(target.id, found)
+                return found
+            case ast.Attribute(value=owner, attr=name):
+                return self.attribute(node, self.value(owner), name)
             case ast.Subscript(value=owner, slice=index):
-                return self._entry(node, self.value(owner), self.value(index))
-            case ast.JoinedStr(values=parts):
-                return self._text(node, parts)
+                return self._entry(self.value(owner), self._index(index))
+            case ast.JoinedStr(values=pieces):
+                return library.bounded("".join(self._piece(each) for each in pieces))
+            case ast.Lambda(args=arguments):
+                return Function("lambda", node, self.scope, self.defaults(arguments), self.source)
+            case (
+                ast.ListComp(elt=made, generators=loops)
+                | ast.SetComp(elt=made, generators=loops)
+                | ast.GeneratorExp(elt=made, generators=loops)
+            ):
+                items = self._comprehended(node, lambda: self.value(made), loops)
+                if isinstance(items, Unknown) or isinstance(node, ast.ListComp):
+                    return items
+                return Once(items) if isinstance(node, ast.GeneratorExp) else self._builtin(node, "set", [items], {})
+            case ast.DictComp(key=key, value=value, generators=loops):
+                items = self._comprehended(node, lambda: (self.value(key), self.value(value)), loops)
+                return items if isinstance(items, Unknown) else self._pairs(node, items)
             case ast.Call():
-                return self._call(node)
-        return self.unknown(node)
+                return self.called(node)
+        return self.undecided(node, [node])
 
-    def _items(self, parts: list[ast.expr]) -> Iterator[Any]:
-        for part in parts:
-            if isinstance(part, ast.Starred):
-                found = self.value(part.value)
-                yield from found if isinstance(found, list | tuple) else [self.unknown(part, found)]
+    def _items(self, elements: list[ast.expr]) -> Iterator[Any]:
+        for each in elements:
+            if isinstance(each, ast.Starred):
+                found = self.value(each.value)
+                inner = self.iterated(each, found)
+                yield from inner if inner is not None else [self.unknown(each.value, found).many()]
             else:
-                yield self.value(part)
+                yield self.value(each)
 
-    def _dict(self, node: ast.Dict, keys: list[ast.expr | None], values: list[ast.expr]) -> Any:
+    def _dict(self, keys: list[ast.expr | None], values: list[ast.expr]) -> dict[Any, Any]:
         result: dict[Any, Any] = {}
         for key, value in zip(keys, values, strict=True):
+            name = self.value(key) if key is not None else None
             found = self.value(value)
-            if key is None:
-                if not isinstance(found, dict):
-                    return self.unknown(node, found)
-                result |= found
-                continue
-            name = self.value(key)
-            if not isinstance(name, str | int | float):
-                return self.unknown(node, name)
-            result[name] = found
+            if key is None and isinstance(found, dict):
+                result = library.arithmetic("BitOr", result, found) if not is_open(found) else result | found
+            elif key is None or not is_key(name):  # it may be any key
+                unknown = self.unknown(value if key is None else key, found if key is None else name).held()
+                result = dict.fromkeys((*result, REST), unknown)
+            else:
+                result[name] = found
+        self.count(values[0] if values else ast.Pass(), len(result))
         return result
 
     def arithmetic(self, node: ast.AST, op: ast.operator, left: Any, right: Any) -> Any:
-        if isinstance(op, ast.Add) and type(left) is type(right) and isinstance(left, str | list | tuple):
-            whole = left + right
-            return whole if len(whole) <= (LONGEST_TEXT if isinstance(whole, str) else MOST_ITEMS) else self.unknown(node)
-        if isinstance(op, ast.BitOr) and isinstance(left, dict) and isinstance(right, dict):
-            return left | right
-        if not (isinstance(left, int | float) and isinstance(right, int | float) and type(op) in ARITHMETIC):
-            return self.unknown(node, left if isinstance(left, Unknown) else right)
+        if isinstance(left, list | tuple | str):
+            self.count(node, len(left))
         try:
-            found = ARITHMETIC[type(op)](float(left), float(right))
-        except (ArithmeticError, ValueError):
-            return self.unknown(node)
-        whole = isinstance(left, int) and isinstance(right, int) and not isinstance(op, ast.Div) and abs(found) < 2**53
-        return int(found) if whole and found == int(found) else found
+            return library.arithmetic(type(op).__name__, left, right)
+        except NotKnown as error:
+            return self.unknown(node, *([error.because] if error.because else []), left, right)
 
-    def _attribute(self, node: ast.Attribute) -> Any:
-        if isinstance(node.value, ast.Name) and node.value.id in MATH and node.attr in CONSTANTS:
-            return CONSTANTS[node.attr]
-        owner = self.value(node.value)
-        if isinstance(owner, Record) and node.attr in owner.fields:
-            return owner.fields[node.attr]
+    def _either(self, node: ast.expr, is_or: bool, values: list[ast.expr]) -> Any:
+        for number, each in enumerate(values):
+            found = self.value(each)
+            if number == len(values) - 1:
+                return found
+            turn = truth(found)
+            if turn is None:
+                return self.undecided(node, values[number + 1 :])
+            if turn == is_or:
+                return found
+        return None
+
+    def _compared(self, left: ast.expr, ops: list[ast.cmpop], others: list[ast.expr]) -> bool:
+        first = self.value(left)
+        for op, other in zip(ops, others, strict=True):
+            second = self.value(other)
+            self.count(other, sum(len(each) for each in (first, second) if isinstance(each, list | tuple | dict)))
+            if not library.compared(type(op).__name__, first, second):
+                return False
+            first = second
+        return True
+
+    def attribute(self, node: ast.AST, owner: Any, name: str, is_called: bool = False) -> Any:
+        match owner:
+            case Unknown(kind="import", path=path):
+                first = library.MODULES.get(path, path)
+                if first in OF_MATH and name in CONSTANTS:
+                    return CONSTANTS[name]
+                return replace(owner, text=f"{owner.text}.{name}"[:80], path=f"{path}.{name}")
+            case Unknown():
+                return owner
+            case Record(fields=fields):
+                return self._of_record(node, owner, fields, name, is_called)
+            case str() | dict() | list() | tuple() if not isinstance(owner, Array) or name == "tolist":
+                return Method(owner, name)
         return self.unknown(node, owner)
 
-    def _entry(self, node: ast.expr, owner: Any, key: Any) -> Any:
+    def _of_record(self, node: ast.AST, owner: Record, fields: dict[Any, Any], name: str, is_called: bool) -> Any:
+        if name == "__dict__":
+            return fields
+        found = fields.get(name)
+        if name not in fields:
+            found = owner.inherited(name) if owner.is_class else owner.method(name)
+        if isinstance(found, Function) and owner.name != "super":
+            if found.kind == "property" and not owner.is_class:
+                return self.call(node, replace(found, this=owner), [], {})
+            bound = found.kind == "classmethod" or (not owner.is_class and name not in fields and found.kind != "staticmethod")
+            return replace(found, this=owner if found.kind != "classmethod" else owner.owner or owner) if bound else found
+        if found is not None or name in fields:
+            return found
+        if owner.is_class and name[:1].isupper():
+            path = f"{'isaaclab.' if owner.is_copied else ''}{owner.name}.{name}"
+            return Unknown(getattr(node, "lineno", 0), text_of(node), "comes with another file", "import", path, source=self.told)
+        if is_called:
+            return Method(owner, name)
+        why = "may have been changed" if REST in fields else "is not written in this file: a default is not known"
+        return self.unknown(node, owner, why=why)
+
+    def _index(self, node: ast.expr) -> Any:
+        if not isinstance(node, ast.Slice):
+            return self.value(node)
+        ends = [None if each is None else self.value(each) for each in (node.lower, node.upper, node.step)]
+        for each in ends:
+            if each is not None and type(each) is not int:
+                raise NotKnown(each if isinstance(each, Unknown) else None)
+        return slice(*ends)
+
+    def _entry(self, owner: Any, key: Any) -> Any:
+        if not isinstance(owner, dict | list | tuple | str) or is_open(owner):
+            if isinstance(owner, dict) and is_key(key) and key in owner:
+                return owner[key]
+            raise NotKnown(owner if isinstance(owner, Unknown) else owner[REST] if isinstance(owner, dict) else None)
+        if not isinstance(key, slice) and not is_key(key):
+            raise NotKnown(key if isinstance(key, Unknown) else None)
         try:
-            return owner[key] if isinstance(owner, dict | list | tuple) else self.unknown(node, owner)
-        except (LookupError, TypeError):
-            return self.unknown(node, key)
+            return owner[key]  # type: ignore[index]
+        except (LookupError, TypeError, ValueError) as error:
+            raise NotKnown from error
 
-    def _text(self, node: ast.expr, parts: list[ast.expr]) -> Any:
-        text = ""
-        for part in parts:
-            plain = isinstance(part, ast.FormattedValue) and part.format_spec is None and part.conversion == -1
-            found = self.value(part.value) if plain else self.value(part) if isinstance(part, ast.Constant) else None  # type: ignore[union-attr]
-            if not isinstance(found, str | int) or len(text) > LONGEST_TEXT:
-                return self.unknown(node, found)
-            text += str(found)
-        return text
+    def _piece(self, part: ast.expr) -> str:
+        if isinstance(part, ast.FormattedValue):
+            form = self.value(part.format_spec) if part.format_spec is not None else ""
+            return library.formatted(self.value(part.value), form if isinstance(form, str) else "?", part.conversion)
+        found = self.value(part)
+        return found if isinstance(found, str) else ""
 
-    def _call(self, node: ast.Call) -> Any:
-        name = last_name(node.func)
-        given = [self.value(arg) for arg in node.args]
-        named: dict[str, Any] = {}
-        for keyword in node.keywords:
-            value = self.value(keyword.value)
-            if keyword.arg is not None:
-                named[keyword.arg] = value
-            elif isinstance(value, dict):
-                named |= {str(key): each for key, each in value.items()}
-            else:
-                return self.unknown(node, value)
-        if isinstance(node.func, ast.Attribute) and name in COPIES and not given:  # cfg.copy(), cfg.replace(…)
-            return self._copied(node, self.value(node.func.value), named)
-        if name in COPIES and given:  # copy.deepcopy(cfg), dataclasses.replace(cfg, …)
-            return self._copied(node, given[0], named)
-        if name in SEQUENCES and len(given) == 1 and isinstance(given[0], list | tuple):
-            return tuple(given[0]) if name == "tuple" else list(given[0])
-        if name == "dict" and not given:
-            return named
-        function = self._function(node.func, name)
-        if function is not None:
-            return self._computed(node, function, given, named)
-        known = self.value(node.func) if isinstance(node.func, ast.Name | ast.Attribute) else None
-        if isinstance(known, Unknown) and known.kind == "function":
-            self._note_passed(node, name, (*given, *named.values()))
-            return Unknown(node.lineno, text_of(node), known.why)
-        self.leaves_alone(node)
-        if given or not name:
-            self._note_passed(node, name, (*given, *named.values()))
-            return self.unknown(node)
-        inherited = known if isinstance(known, Record) else Record(name, node.lineno, {}, (name,))
-        return Record(name, node.lineno, self.deep_copy(node, inherited.fields) | named, inherited.kinds)
+    def defaults(self, arguments: ast.arguments) -> dict[str, Any]:
+        """The values of a function's arguments that have one, as they are where it is defined."""
+        places = [*arguments.posonlyargs, *arguments.args]
+        pairs = list(zip(places[len(places) - len(arguments.defaults) :], arguments.defaults, strict=True))
+        pairs += [(each, value) for each, value in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True) if value is not None]
+        return {each.arg: self.value(value) for each, value in pairs}
 
-    def _note_passed(self, node: ast.Call, name: str, values: tuple[Any, ...]) -> None:
-        """A note where a configuration goes into a function that is not run: it may be another afterwards."""
-        if name != "print" and any(map(has_record, values)):
-            what = f"{name or 'a call'}(…) gets a configuration"
-            self.notes.append(f"{self.source}: line {node.lineno}: {what}: it is not run, and may change it")
-
-    def _function(self, node: ast.expr, name: str) -> Callable[..., float] | None:
-        """One of those that are known by name, unless the file gives the name another meaning."""
-        if isinstance(node, ast.Attribute):
-            of_math = isinstance(node.value, ast.Name) and node.value.id in MATH
-            return FUNCTIONS.get(name) if of_math else HELPERS.get(name)
-        meant = self.names.get(name)
-        if meant is None:
-            return (BUILTINS | HELPERS | FUNCTIONS).get(name)
-        return (HELPERS | FUNCTIONS).get(name) if isinstance(meant, Unknown) and meant.kind == "import" else None
-
-    def _computed(self, node: ast.Call, function: Callable[..., float], given: list[Any], named: dict[str, Any]) -> Any:
-        for value in (*given, *named.values()):
-            flat = value if isinstance(value, list | tuple) else [value]
-            if not all(map(is_number, flat)):
-                return self.unknown(node, next((each for each in flat if isinstance(each, Unknown)), None))
+    def _comprehended(self, node: ast.expr, make: Callable[[], Any], loops: list[ast.comprehension]) -> Any:
+        """The list of what a comprehension makes."""
+        result: list[Any] = []
         try:
-            found = function(*given, **named)
-        except (ArithmeticError, ValueError, TypeError):
-            return self.unknown(node)
-        return found if is_number(found) else self.unknown(node)
+            outer = self.iterated(node, self.value(loops[0].iter))  # is evaluated outside
+            with self.inside(Scope({}, self.scope, is_comprehension=True)):
+                self._looped(node, make, loops, outer, result)
+        except NotKnown as error:
+            unknown = self.undecided(node, [node])
+            return unknown if error.because is None else error.because.held()
+        return result
 
-    def _copied(self, node: ast.Call, value: Any, changes: dict[str, Any]) -> Any:
-        if isinstance(value, Record):
-            result = self.deep_copy(node, value)
-            result.fields |= changes
-            return result
-        return self.deep_copy(node, value) if isinstance(value, dict | list | tuple) and not changes else self.unknown(node, value)
-
-    def deep_copy(self, node: ast.AST, value: Any) -> Any:
-        """A copy, which costs as many steps as it has parts: configurations that hold each other twice double with every copy."""
-        for _ in parts(value):
+    def _looped(self, node: ast.expr, make: Callable[[], Any], loops: list[ast.comprehension], items: Any, result: list[Any]) -> None:
+        loop = loops[0]
+        if items is None or loop.is_async:
+            raise NotKnown
+        for item in items:
             self.count(node)
-        return copy.deepcopy(value)
+            self.assign(loop.target, item)
+            if all(self._decided(self.value(test)) for test in loop.ifs):
+                if len(loops) > 1:
+                    self._looped(node, make, loops[1:], self.iterated(node, self.value(loops[1].iter)), result)
+                else:
+                    result.append(make())
+            if len(result) > MOST_ITEMS:
+                raise NotKnown
 
-    def unknown(self, node: ast.AST, inner: Any = None) -> Unknown:
-        """Unknown; of what is inside it, if that was unknown."""
-        return inner if isinstance(inner, Unknown) else Unknown(getattr(node, "lineno", 0), text_of(node))
-
-    def count(self, node: ast.AST) -> None:
-        self._steps += 1
-        if self._steps > MOST_STEPS:
-            raise self.refusal(node, f"more than {MOST_STEPS} expressions")
-
-    def refusal(self, node: ast.AST, problem: str) -> GainroomError:
-        return GainroomError(f"{self.source}: line {getattr(node, 'lineno', 0)}: {problem}")
-
-    def leaves_alone(self, node: ast.Call) -> None:
-        """Raise GainroomError where a method that may change a configuration is called on one."""
-        if isinstance(node.func, ast.Attribute) and node.func.attr not in HARMLESS and has_record(self.value(node.func.value)):
-            raise self.refusal(node, f"calls {node.func.attr} on a configuration, which is not followed")
+    def assign(self, target: ast.expr, value: Any) -> None:
+        raise NotImplementedError

@@ -1,35 +1,49 @@
 """What the names of a Python file hold, from its syntax tree: the file is read as text, never imported, compiled or run.
 
-Understood are numbers, text, lists and dictionaries of them, arithmetic, names of the same file, a few functions of `math` and numpy,
-and calls with keywords, which become records: configurations are made of these. Whatever else there is becomes Unknown, with its line,
-and is an error only where somebody asks for it.
+Statements are followed in their order, as Python would run them, as long as every turn is known. What is not known becomes Unknown,
+with its line, and is an error only where somebody asks for it; names from other files are read from files beside, where they lie there.
 """
 
 import ast
-import copy
+import sys
 import warnings
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from ...errors import GainroomError, first_of_many, nearest
-from ...io.yaml_text import shown
-from .python_expressions import CONSTANTS, HARMLESS, MATH, Expressions, Record, Unknown, has_record, last_name, text_of
+from ...io.yaml_text import read_text, shown
+from .python_calls import COPYING, Return
+from .python_expressions import FALSE, Expressions
+from .python_library import CONSTANTS, MODULES, OF_MATH, NotKnown
+from .python_objects import REST, Function, Record, Scope, Unknown, is_key, is_open, last_name, spoil, text_of, truth
+from .python_undecided import Budget, TooLong, Undecided, own_nodes
 
-SET_UP = ("__post_init__", "__init__")
-"""Methods that change what a call makes; the first is also the field that says so."""
-NOT_RUN = "may change the configuration, and is not run"
+MOST_FILES = 20
+"""Files beside that are read with one."""
+LEAVES = (ast.Return, ast.Break, ast.Continue, ast.Raise, ast.Yield, ast.YieldFrom)
+MAKES_FIELDS = ("dataclass", "configclass", "define", "frozen")
+"""Decorators of classes whose names are fields; so does the base NamedTuple."""
+
+
+class Break(Exception):  # noqa: N818
+    """Raised where a loop ends."""
+
+
+class Continue(Exception):  # noqa: N818
+    """Raised where a loop goes on."""
 
 
 @dataclass
 class PythonValues:
-    """The names of a Python file and what they hold; `functions` of the file are not run."""
+    """The names of a Python file and what they hold, and where they are set; `call`: of a function without arguments the value."""
 
     source: str
     names: dict[str, Any] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
-    functions: list[ast.AST] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    call: Callable[[Function], Any] = lambda function: None
 
 
 def one_robot(robots: Collection[str], source: str, chosen: str, what: str, kind: str) -> str:
@@ -43,175 +57,405 @@ def one_robot(robots: Collection[str], source: str, chosen: str, what: str, kind
     return chosen or first
 
 
-def read_python(text: str, source: str, guarded: tuple[str, ...]) -> PythonValues:
+def read_python(text: str, source: str, guarded: tuple[str, ...], folder: Path | None = None) -> PythonValues:
     """The module-level names of a Python text that messages call `source`.
 
-    guarded   fields that must not be changed where this cannot follow, as in a loop
+    guarded   fields that must not be changed where it is not known whose they are
+    folder    of the file, in which others that it names are read; None: none is
 
     Raises GainroomError, one line, for text that is no Python, or is too large or too deep.
     """
+    reader = _Reader(source, guarded, _Beside(folder, guarded, source))
+    try:
+        reader.module(parsed(text, source))
+    except RecursionError as error:
+        raise GainroomError(f"{source}: is nested too deeply") from error
+    values = PythonValues(source, reader.scope.names, reader.lines, reader.notes)
+    values.call = reader.without_arguments
+    return values
+
+
+def parsed(text: str, source: str) -> ast.Module:
+    """The syntax tree of a text. Raises GainroomError, one line."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of escapes in text that is no raw string, as regular expressions have them
-            tree = ast.parse(text)
+            return ast.parse(text)
     except SyntaxError as error:
         raise GainroomError(f"{source}: line {error.lineno or 1}: is no Python: {error.msg}") from error
     except (ValueError, RecursionError, MemoryError) as error:
         raise GainroomError(f"{source}: is no Python that can be read here: {type(error).__name__}") from error
-    reader = _Reader(PythonValues(source), guarded)
-    try:
-        reader.block(tree.body)
-    except RecursionError as error:
-        raise GainroomError(f"{source}: is nested too deeply") from error
-    reader.values.notes = reader.notes
-    return reader.values
+
+
+class _Beside:
+    """Files in the folder of the one that is read, each read once, and the steps that all of them may take together."""
+
+    def __init__(self, folder: Path | None, guarded: tuple[str, ...], main: str) -> None:
+        self.folder = folder.resolve() if folder is not None else None
+        self.guarded = guarded
+        self.main = main
+        self.budget = Budget()
+        self._names: dict[Path, dict[str, Any] | str] = {}
+
+    def names(self, module: str, level: int, source: str) -> tuple[dict[str, Any] | str, str]:
+        """What the names of a module hold, or why they are not known; and the file's name."""
+        path = self._path(module, level, source)
+        if path is None:
+            return "and other files are not read", ""
+        shown_as = str(Path(self.main).parent / path.relative_to(self.folder or path))
+        if path not in self._names:
+            self._names[path] = self._read(path, shown_as)
+        return self._names[path], shown_as
+
+    def _read(self, path: Path, source: str) -> dict[str, Any] | str:
+        if len(self._names) >= MOST_FILES:
+            return f"and more than {MOST_FILES} files are not read"
+        self._names[path] = "which is being read: these files name each other"
+        reader = _Reader(source, self.guarded, self)
+        try:
+            reader.module(parsed(read_text(path), source))
+        except GainroomError as error:
+            return f"which cannot be read: {error}"
+        return reader.scope.names
+
+    def _path(self, module: str, level: int, source: str) -> Path | None:
+        """The file of a module inside the folder: named relatively, by itself, or with the folders that the folder lies in."""
+        if self.folder is None:
+            return None
+        words = module.split(".") if module else []
+        here = (self.folder / Path(source).relative_to(Path(self.main).parent)).parent
+        if level:
+            for _ in range(level - 1):
+                here = here.parent
+            if not here.is_relative_to(self.folder):
+                return None
+        elif words and words[0] in sys.stdlib_module_names:
+            return None
+        else:
+            count = next((k for k in range(len(words), 0, -1) if self.folder.parts[-k:] == tuple(words[:k])), 0)
+            words, here = words[count:], self.folder
+        place = here.joinpath(*words)
+        for path in (place / "__init__.py", place.with_suffix(".py") if words else place / "__init__.py"):
+            if path.is_file() and path.resolve().is_relative_to(self.folder):
+                return path
+        return None
 
 
 class _Reader(Expressions):
-    """Evaluates statements in their order, as far as they are understood."""
+    """Evaluates the statements of one file."""
 
-    def __init__(self, values: PythonValues, guarded: tuple[str, ...]) -> None:
-        super().__init__(values.source, values.names)
-        self.values = values
-        self.guarded = guarded
+    def __init__(self, source: str, guarded: tuple[str, ...], beside: _Beside) -> None:
+        super().__init__(source, guarded, beside.main, beside.budget)
+        self.beside = beside
+        self.lines: dict[str, int] = {}
+
+    def module(self, tree: ast.Module) -> None:
+        for statement in tree.body:
+            self.next_statement()
+            try:
+                self._statement(statement)
+            except Undecided as turn:
+                self.spoil_by([statement], turn.unknown)
+            except TooLong:
+                self.next_statement()
+                self.undecided(statement, [statement], "takes too many steps")
+
+    def without_arguments(self, function: Function) -> Any:
+        """The value of a function of the file that needs no arguments."""
+        self.next_statement()
+        try:
+            return self.call(function.node, function, [], {})
+        except (TooLong, RecursionError):
+            return Unknown(function.node.lineno, f"{function.name}()", "takes too many steps")
 
     def block(self, body: list[ast.stmt]) -> None:
         for statement in body:
             self._statement(statement)
 
     def _statement(self, node: ast.stmt) -> None:
+        self.count(node)
+        self._depth += 1
+        try:
+            self._one(node)
+        except NotKnown:
+            self._not_decided(node)
+        finally:
+            self._depth -= 1
+
+    def _one(self, node: ast.stmt) -> None:
         match node:
             case ast.Assign(targets=targets, value=value):
                 found = self.value(value)
                 for target in targets:
-                    self._assign(target, found)
-            case ast.AnnAssign(target=target, value=value) if value is not None:
-                self._assign(target, self.value(value))
+                    self.assign(target, found)
+            case ast.AnnAssign(target=target, value=value):
+                if value is not None:
+                    self.assign(target, self.value(value))
             case ast.AugAssign(target=target, op=op, value=value):
-                before = self.value(ast.copy_location(_loaded(target), target))
-                self._assign(target, self.arithmetic(node, op, before, self.value(value)))
+                self._changed_in_place(node, target, op, value)
             case ast.ClassDef():
-                self.names[node.name] = self._class(node)
-            case ast.FunctionDef() | ast.AsyncFunctionDef():
-                self.names[node.name] = Unknown(node.lineno, f"{node.name}()", "is a function of this file, which is not run", "function")
-                self.values.functions.append(node)
+                self._store(node, self._class(node))
+            case ast.FunctionDef():
+                self._store(node, self._function(node))
+            case ast.AsyncFunctionDef():
+                self._store(node, Unknown(node.lineno, node.name, "is a coroutine, which is not followed", source=self.told))
             case ast.Import() | ast.ImportFrom():
                 self._import(node)
-            case ast.If(test=test) if _is_false(test):
-                self.block(node.orelse)
-            case ast.If() | ast.For() | ast.While() | ast.With() | ast.Try() | ast.Match():
-                self._unfollowed(node)
-            case ast.Expr(value=ast.Call(func=ast.Attribute(value=owner, attr=method), args=args)):
-                self._changed_by_call(node, owner, method, args)
-            case ast.Expr(value=ast.Call() as call):
-                self.value(call)
+            case ast.If(test=test, body=body, orelse=orelse):
+                self._if(node, test, body, orelse)
+            case ast.For() | ast.While():
+                self._loop(node)
+            case ast.With(items=items, body=body):
+                for item in items:
+                    found = self.value(item.context_expr)
+                    if item.optional_vars is not None:
+                        self.assign(item.optional_vars, self.unknown(item.context_expr, found))
+                self.block(body)
+            case ast.Return(value=value):
+                raise Return(None if value is None else self.value(value))
+            case ast.Break():
+                raise Break
+            case ast.Continue():
+                raise Continue
+            case ast.Raise():
+                raise Undecided(Unknown(node.lineno, text_of(node), "ends it with an error", is_free=False, source=self.told))
+            case ast.Expr(value=value):
+                self.discarded = value
+                self.value(value)
             case ast.Delete(targets=targets):
                 for target in targets:
-                    self._assign(target, Unknown(node.lineno, "del"))
+                    self._deleted(target)
+            case ast.Pass() | ast.Global() | ast.Nonlocal() | ast.Assert():
+                pass
+            case _:
+                self._not_decided(node)
+
+    def _not_decided(self, node: ast.stmt) -> None:
+        """A statement that is not followed: what it may change is unknown afterwards, and what follows it may be left out."""
+        unknown = Unknown(node.lineno, text_of(node), "cannot be decided without running the file", is_free=False, source=self.told)
+        unknown = Unknown(node.lineno, unknown.text.partition(":")[0], unknown.why, is_free=False, source=self.told)
+        self.spoil_by([node], unknown)
+        if any(isinstance(each, LEAVES) for each in own_nodes([node])):
+            raise Undecided(unknown)
+
+    def _if(self, node: ast.stmt, test: ast.expr, body: list[ast.stmt], orelse: list[ast.stmt]) -> None:
+        found = self.value(test)
+        turn = False if isinstance(found, Unknown) and found.path in FALSE else truth(found)
+        if turn is None and isinstance(body[-1], ast.Raise):
+            turn = False  # the file is one that can be imported
+        if turn is None:
+            self._not_decided(node)
+        else:
+            self.block(body if turn else orelse)
+
+    def _loop(self, node: ast.For | ast.While) -> None:
+        if isinstance(node, ast.For):
+            items = self.iterated(node, self.value(node.iter))
+            if items is None:
+                raise NotKnown
+        else:
+            items = iter(lambda: self._decided(self.value(node.test)), False)
+        try:
+            for item in items:
+                self.count(node)
+                if isinstance(node, ast.For):
+                    self.assign(node.target, item)
+                try:
+                    self.block(node.body)
+                except Continue:
+                    continue
+            self.block(node.orelse)
+        except Break:
+            pass
 
     def _import(self, node: ast.Import | ast.ImportFrom) -> None:
-        origin = f"from {node.module or '.'}" if isinstance(node, ast.ImportFrom) else "import"
         for alias in node.names:
-            name = (alias.asname or alias.name).partition(".")[0]
-            unread = Unknown(node.lineno, alias.name, f"comes with `{origin[:60]}`, and other files are not read", "import")
-            constant = isinstance(node, ast.ImportFrom) and node.module in MATH and alias.name in CONSTANTS
-            self.names[name] = CONSTANTS[alias.name] if constant else unread
+            if isinstance(node, ast.Import):
+                path = alias.name if alias.asname else alias.name.partition(".")[0]
+                names, _ = self.beside.names(alias.name, 0, self.source)
+                value: Any = self._unread(node, path, f"comes with `import {alias.name[:60]}`", names)
+                if isinstance(names, dict) and (alias.asname or "." not in alias.name):
+                    value = Record(alias.name, node.lineno, names, ("module",), source=self.source)
+                self.scope.store(alias.asname or path, value)
+                continue
+            module = node.module or ""
+            dotted = "." * node.level + module
+            names, file = self.beside.names(module, node.level, self.source)
+            if alias.name == "*":
+                self._import_all(node, dotted, names)
+                continue
+            if isinstance(names, dict) and alias.name not in names:
+                inner, _ = self.beside.names(f"{module}.{alias.name}" if module else alias.name, node.level, self.source)
+                if isinstance(inner, dict):
+                    names = {alias.name: Record(alias.name, node.lineno, inner, ("module",), source=self.source)}
+                else:
+                    names = f"and {file} has no such name"
+            elif isinstance(names, str) and not file and node.level and not module:
+                inner, _ = self.beside.names(alias.name, node.level, self.source)
+                names = (
+                    {alias.name: Record(alias.name, node.lineno, inner, ("module",), source=self.source)}
+                    if isinstance(inner, dict)
+                    else names
+                )
+            if isinstance(names, dict):
+                value = names[alias.name]
+            elif MODULES.get(module, module) in OF_MATH and alias.name in CONSTANTS:
+                value = CONSTANTS[alias.name]
+            else:
+                value = self._unread(node, f"{dotted}.{alias.name}", f"comes with `from {dotted[:60]}`", names)
+            self.scope.store(alias.asname or alias.name, value)
 
-    def _assign(self, target: ast.expr, value: Any) -> None:
+    def _unread(self, node: ast.stmt, path: str, origin: str, names: dict[str, Any] | str) -> Unknown:
+        why = f"{origin}, {names if isinstance(names, str) else 'and other files are not read'}"
+        return Unknown(node.lineno, path.rpartition(".")[2], why, "import", path, source=self.told)
+
+    def _import_all(self, node: ast.stmt, dotted: str, names: dict[str, Any] | str) -> None:
+        """from x import *: all names of a file beside, or any names at all, those that the file has already among them."""
+        if isinstance(names, dict):
+            chosen = names.get("__all__")
+            public = chosen if isinstance(chosen, list | tuple) else [name for name in names if not name.startswith("_")]
+            for name in public:
+                if name in names:
+                    self.scope.store(name, names[name])
+            return
+        for name, value in list(self.scope.names.items()):
+            if not (isinstance(value, Unknown) and value.kind == "import"):
+                self.scope.store(name, self._unread(node, name, f"may come with `from {dotted[:60]} import *`", names))
+
+    def _store(self, node: ast.stmt, value: Any) -> None:
+        self.scope.store(node.name, value)  # type: ignore[attr-defined]
+        self._note_line(node.name, node)  # type: ignore[attr-defined]
+
+    def _note_line(self, name: str, node: ast.AST) -> None:
+        if self.scope.parent is None:
+            self.lines[name] = getattr(node, "lineno", 0)
+
+    def assign(self, target: ast.expr, value: Any) -> None:
         match target:
             case ast.Name(id=name):
-                self.names[name] = value
-                self.values.lines[name] = target.lineno
+                self.scope.store(name, value)
+                self._note_line(name, target)
             case ast.Tuple(elts=targets) | ast.List(elts=targets):
-                fits = isinstance(value, list | tuple) and len(value) == len(targets)
-                whole = list(value) if fits else [_as_unknown(value, target)] * len(targets)
-                for each, found in zip(targets, whole, strict=True):
-                    self._assign(each, found)
+                for each, found in zip(targets, self._unpacked(target, targets, value), strict=True):
+                    self.assign(each.value if isinstance(each, ast.Starred) else each, found)
             case ast.Attribute(value=owner, attr=name):
                 found = self.value(owner)
                 if isinstance(found, Record):
                     found.fields[name] = value
-                elif name in self.guarded:
+                elif isinstance(found, Unknown) and not found.is_free and name in self.guarded:
                     raise self.refusal(target, f"changes {name} of what is not understood here")
             case ast.Subscript(value=owner, slice=index):
-                self._assign_entry(target, self.value(owner), self.value(index), value)
+                self._assign_entry(target, self.value(owner), self._index(index), value)
+
+    def _unpacked(self, node: ast.expr, targets: list[ast.expr], value: Any) -> list[Any]:
+        items = self.iterated(node, value)
+        found = None if items is None else list(items)
+        star = next((k for k, each in enumerate(targets) if isinstance(each, ast.Starred)), None)
+        if found is not None and star is not None and len(found) >= len(targets) - 1:
+            end = len(found) - (len(targets) - 1 - star)
+            found = [*found[:star], found[star:end], *found[end:]]
+        if found is None or len(found) != len(targets):
+            return [self.unknown(node, value)] * len(targets)
+        return found
 
     def _assign_entry(self, node: ast.expr, owner: Any, key: Any, value: Any) -> None:
-        in_list = isinstance(owner, list) and type(key) is int and -len(owner) <= key < len(owner)
-        if in_list or (isinstance(owner, dict) and isinstance(key, str | int | float)):
-            owner[key] = value  # type: ignore[index]
-        elif has_record(owner):
-            raise self.refusal(node, "changes an entry that is not understood here")
+        match owner:
+            case dict() if is_key(key):
+                owner[key] = value
+            case list() if type(key) is int and -len(owner) <= key < len(owner) and not is_open(owner):
+                owner[key] = value
+            case list() if isinstance(key, slice) and isinstance(value, list | tuple) and not is_open(owner):
+                try:
+                    owner[key] = list(value)
+                except ValueError as error:
+                    raise NotKnown from error
+            case _:
+                self.spoil_object(node, owner, self.unknown(node, key, value), "changes an entry of what is not understood here")
 
-    def _unfollowed(self, node: ast.stmt) -> None:
-        """A statement that is not followed: what it may change is unknown afterwards."""
-        for each in ast.walk(node):
-            self.count(each)
-            if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store):
-                self.names[each.id] = Unknown(each.lineno, each.id, "is set inside a block (if, for, with, …), which is not followed")
-            elif isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store) and each.attr in self.guarded:
-                raise self.refusal(each, f"changes {each.attr} inside a block (if, for, with, …), which is not followed")
-            elif isinstance(each, ast.Subscript) and isinstance(each.ctx, ast.Store):
-                if has_record(self.value(each.value)):
-                    raise self.refusal(each, "changes an entry inside a block (if, for, with, …), which is not followed")
-            elif isinstance(each, ast.Call):
-                self.leaves_alone(each)
+    def _changed_in_place(self, node: ast.stmt, target: ast.expr, op: ast.operator, value: ast.expr) -> None:
+        before = self._loaded(target)
+        more = self.value(value)
+        if isinstance(before, list) and isinstance(op, ast.Add):
+            items = self.iterated(node, more)
+            before.extend(list(items) if items is not None else [self.unknown(value, more).many()])
+            more = before
+        elif isinstance(before, dict) and isinstance(op, ast.BitOr):
+            if isinstance(more, dict) and REST not in more:
+                before |= more
+            else:
+                spoil(before, self.unknown(value, more))
+            more = before
+        else:
+            more = self.arithmetic(node, op, before, more)
+        self.assign(target, more)
 
-    def _changed_by_call(self, node: ast.stmt, owner: ast.expr, method: str, args: list[ast.expr]) -> None:
-        """list.append(x), dict.update(x): known; others may change what they are called on."""
-        found = self.value(owner)
-        given = [self.value(arg) for arg in args]
-        if isinstance(found, list) and method == "append" and len(given) == 1:
-            found.append(given[0])
-        elif isinstance(found, list) and method == "extend" and len(given) == 1 and isinstance(given[0], list | tuple):
-            found.extend(given[0])
-        elif isinstance(found, dict) and method == "update" and len(given) == 1 and isinstance(given[0], dict):
-            found.update(given[0])
-        elif method not in HARMLESS and has_record(found):
-            raise self.refusal(node, f"calls {method} on a configuration, which is not followed")
+    def _loaded(self, target: ast.expr) -> Any:
+        match target:
+            case ast.Name(id=name):
+                return self.found(name, target)
+            case ast.Attribute(value=owner, attr=name):
+                return self.attribute(target, self.value(owner), name)
+            case ast.Subscript(value=owner, slice=index):
+                try:
+                    return self._entry(self.value(owner), self._index(index))
+                except NotKnown as error:
+                    return self.unknown(target, *([error.because] if error.because else []))
+        return self.unknown(target)
+
+    def _deleted(self, target: ast.expr) -> None:
+        match target:
+            case ast.Name(id=name):
+                self.scope.names.pop(name, None)
+            case ast.Attribute(value=owner, attr=name):
+                found = self.value(owner)
+                if isinstance(found, Record):
+                    found.fields.pop(name, None)
+                elif isinstance(found, Unknown) and not found.is_free and name in self.guarded:
+                    raise self.refusal(target, f"changes {name} of what is not understood here")
+            case ast.Subscript(value=owner, slice=index):
+                found, key = self.value(owner), self._index(index)
+                known = isinstance(found, dict) and is_key(key) and REST not in found and key in found
+                if known or (
+                    isinstance(found, list) and isinstance(key, int | slice) and not any(isinstance(each, Unknown) for each in found)
+                ):
+                    try:
+                        del found[key]  # type: ignore[arg-type]
+                        return
+                    except LookupError:
+                        pass
+                self.spoil_object(target, found, self.unknown(target), "deletes an entry of what is not understood here")
+
+    def _function(self, node: ast.FunctionDef) -> Any:
+        made = Function(node.name, node, self.scope, self.defaults(node.args), self.source)
+        for each in node.decorator_list:
+            name = last_name(each.func if isinstance(each, ast.Call) else each)
+            if name in ("staticmethod", "classmethod", "property", "cached_property"):
+                made.kind = "property" if name == "cached_property" else name
+            elif name not in ("cache", "lru_cache", "wraps", "override", "overload"):
+                return Unknown(node.lineno, f"@{text_of(each)[:60]}", "is not followed", is_free=False, source=self.told)
+        return made
 
     def _class(self, node: ast.ClassDef) -> Record:
-        """The class's own fields over those of the classes of this file that it inherits from."""
-        record = Record(node.name, node.lineno, {}, (node.name,), True)
-        for base in node.bases:
-            found = self.value(base)
-            if isinstance(found, Record):
-                record.fields |= self.deep_copy(node, found.fields)
-                record.kinds += found.kinds
-            else:
-                record.kinds += (last_name(base),)
-        outer, names = self.names, dict(self.names)
-        self.names = names
-        for statement in node.body:
-            if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef):
-                if statement.name in SET_UP:
-                    record.fields[SET_UP[0]] = Unknown(statement.lineno, f"{node.name}.{statement.name}()", NOT_RUN)
-                continue
-            self._statement(statement)
-            record.fields |= {name: names[name] for name in _stored(statement) if name in names}
-        self.names = outer
+        """The class with its own fields, and with the classes of this file that it inherits from."""
+        bases = [self.value(base) for base in node.bases]
+        known = tuple(base for base in bases if isinstance(base, Record) and base.is_class)
+        decorators = [last_name(each.func if isinstance(each, ast.Call) else each) for each in node.decorator_list]
+        fields_by_name = any(name in MAKES_FIELDS for name in decorators) or "NamedTuple" in map(last_name, node.bases)
+        foreign = [base.path for base in bases if isinstance(base, Unknown)]
+        record = Record(node.name, node.lineno, {}, (node.name,), True, source=self.source, bases=known)
+        for base, written in zip(bases, node.bases, strict=True):
+            record.kinds += base.kinds if isinstance(base, Record) else (last_name(written),)
+        record.is_copied = (
+            "configclass" in decorators or any(each.startswith(COPYING) for each in foreign) or any(base.is_copied for base in known)
+        )
+        record.is_plain = not fields_by_name and all(base.is_plain for base in known) and not foreign
+        order = [name for base in known for name in base.order]
+        if fields_by_name:
+            order += [each.target.id for each in node.body if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)]
+        record.order = tuple(dict.fromkeys(order)) if not foreign or "NamedTuple" in map(last_name, node.bases) else ()
+        with self.inside(Scope(record.fields, self.scope, is_class=True)):
+            self.block(node.body)
+        for value in record.fields.values():
+            if isinstance(value, Function) and value.owner is None:
+                value.owner = record
         return record
-
-
-def _is_false(test: ast.expr) -> bool:
-    """if TYPE_CHECKING, if __name__ == "__main__": what a reader of the module never sees."""
-    if isinstance(test, ast.Compare):
-        return isinstance(test.left, ast.Name) and test.left.id == "__name__"
-    return last_name(test) == "TYPE_CHECKING"
-
-
-def _loaded(target: ast.expr) -> ast.expr:
-    """The target of an assignment, to be read."""
-    result = copy.copy(target)
-    result.ctx = ast.Load()  # type: ignore[attr-defined]
-    return result
-
-
-def _stored(node: ast.stmt) -> list[str]:
-    if isinstance(node, ast.ClassDef):
-        return [node.name]
-    return [each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)]
-
-
-def _as_unknown(value: Any, node: ast.expr) -> Unknown:
-    return value if isinstance(value, Unknown) else Unknown(node.lineno, text_of(node))

@@ -1,0 +1,310 @@
+"""Objects of a Python file that is read as text: configurations, functions of the file, and what is not known.
+
+Numbers, text, lists, tuples and dictionaries stand for themselves, so that what is one object in Python is one here.
+"""
+
+import ast
+import re
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+from ...io.yaml_text import shown
+
+MOST_ITEMS = 2000
+"""Items of one collection, and of one range."""
+LONGEST_TEXT = 400
+"""Characters of text that is put together."""
+DEEPEST = 60
+"""Collections inside each other."""
+
+
+class _Rest:
+    """The key of what else may stand in a dictionary, or among the fields of a configuration."""
+
+    def __repr__(self) -> str:
+        return "…"
+
+
+REST: Final = _Rest()
+
+
+@dataclass
+class Record:
+    """A call with keywords, or a class with fields.
+
+    name      of the class; line, source: where it stands
+    kinds     the class and what it inherits from, by name
+    is_class  or else an object of one
+    owner     the class in this file that an object is of, and `bases` those that a class inherits from
+    order     of the fields that a dataclass takes by place
+    is_copied whether an object takes copies of what it is made with, as Isaac Lab's configclass does
+    """
+
+    name: str
+    line: int
+    fields: dict[Any, Any]
+    kinds: tuple[str, ...] = ()
+    is_class: bool = False
+    source: str = ""
+    owner: "Record | None" = None
+    bases: tuple["Record", ...] = ()
+    order: tuple[str, ...] = ()
+    is_copied: bool = False
+    is_plain: bool = False
+    """Of a class: without a decorator or a base that makes fields of its names."""
+
+    def method(self, name: str) -> Any:
+        """What the object's class in this file has under a name; None without one."""
+        return self.owner.inherited(name) if self.owner is not None else None
+
+    def inherited(self, name: str) -> Any:
+        """What a class or the first of its bases that has it has under a name."""
+        if name in self.fields:
+            return self.fields[name]
+        return next((found for base in self.bases if (found := base.inherited(name)) is not None), None)
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """What is not understood, and where: harmless until somebody asks for its value.
+
+    why      follows the text in messages
+    kind     "import": what comes from another file, of which `path` is the dotted name; "many": any number of items of a list
+    is_free  whether no object of this file can be a part of it, so that what is done to it changes none
+    source   the file, where it is not the one that is read
+    """
+
+    line: int
+    text: str
+    why: str = "is not understood"
+    kind: str = ""
+    path: str = ""
+    is_free: bool = True
+    source: str = ""
+
+    def __str__(self) -> str:
+        return f"{f'{self.source}: line {self.line}: ' if self.source else ''}{shown(self.text)} {self.why}"
+
+    def held(self) -> "Unknown":
+        """The same, of which objects of this file may be parts."""
+        return replace(self, is_free=False, kind="")
+
+    def many(self) -> "Unknown":
+        """Any number of items in its place."""
+        return replace(self, kind="many")
+
+
+@dataclass
+class Scope:
+    """Names of a module, a class or a function, and the scope around it; `module`: the names of the file."""
+
+    names: dict[str, Any]
+    parent: "Scope | None" = None
+    outside: dict[str, "Scope"] = field(default_factory=dict)
+    """Names that are another scope's: global, nonlocal."""
+    is_class: bool = False
+    is_comprehension: bool = False
+
+    def find(self, name: str) -> Any:
+        """The value, or None where nobody has the name."""
+        if name in self.outside:
+            return self.outside[name].find(name)
+        if name in self.names:
+            return _Found(self.names[name])
+        around = self.parent
+        while around is not None and around.is_class:  # a function does not see the names of the class around it
+            around = around.parent
+        return around.find(name) if around is not None else None
+
+    def store(self, name: str, value: Any) -> None:
+        if name in self.outside:
+            self.outside[name].names[name] = value
+        else:
+            self.names[name] = value
+
+    @property
+    def module(self) -> "Scope":
+        return self if self.parent is None else self.parent.module
+
+
+@dataclass(frozen=True)
+class _Found:
+    value: Any
+
+
+@dataclass(eq=False)
+class Function:
+    """A function of the file, or a lambda, with its defaults; `this`: what it is bound to; `owner`: the class it stands in."""
+
+    name: str
+    node: ast.FunctionDef | ast.Lambda
+    scope: Scope
+    defaults: dict[str, Any]
+    source: str = ""
+    kind: str = ""
+    """staticmethod, classmethod or property."""
+    this: Any = None
+    owner: Record | None = None
+
+
+@dataclass(frozen=True)
+class Builtin:
+    """A function of Python's own by its name, or a library's by its dotted name."""
+
+    name: str
+
+
+@dataclass(eq=False)
+class Method:
+    """A method of text, a list, a dictionary or a configuration."""
+
+    this: Any
+    name: str
+
+
+@dataclass(eq=False)
+class Partial:
+    """What functools.partial makes."""
+
+    function: Any
+    given: tuple[Any, ...]
+    named: dict[str, Any]
+
+
+@dataclass(eq=False)
+class View:
+    """keys, values or items of a dictionary, as they are when asked for."""
+
+    mapping: dict[Any, Any]
+    what: str
+
+    def items(self) -> list[Any]:
+        return list({"keys": self.mapping.keys, "values": self.mapping.values, "items": self.mapping.items}[self.what]())
+
+
+@dataclass(eq=False)
+class Once:
+    """A generator, or zip, map, …: its items can be had once."""
+
+    left: list[Any]
+
+    def items(self) -> list[Any]:
+        taken, self.left = self.left, []
+        return taken
+
+
+class Array(list):  # type: ignore[type-arg]
+    """An array of numpy's, whose arithmetic is by element."""
+
+
+def fields_of(record: Record) -> dict[Any, Any]:
+    """The fields of an object; of a class its own over those of its bases, of which the first counts."""
+    result: dict[Any, Any] = {}
+    for base in reversed(record.bases):
+        result |= fields_of(base)
+    return result | record.fields
+
+
+def contents(value: Any) -> list[Any]:
+    """What stands in a value, one level down."""
+    if isinstance(value, Record):
+        return list(value.fields.values())
+    if isinstance(value, View):
+        return list(value.mapping.values())
+    if isinstance(value, Once):
+        return list(value.left)
+    if isinstance(value, Function):
+        return [value.this, *value.defaults.values()]
+    if isinstance(value, Method):
+        return [value.this]
+    if isinstance(value, Partial):
+        return [value.function, *value.given, *value.named.values()]
+    if isinstance(value, dict):
+        return list(value.values())
+    return list(value) if isinstance(value, list | tuple) else []
+
+
+def parts(value: Any, closed: Callable[[Record], bool] = lambda record: False) -> Iterator[Any]:
+    """A value and all that stands in it, in its order and each once; not what is in records that are `closed`."""
+    seen, waiting, kept = set(), [value], []
+    while waiting:
+        each = waiting.pop()
+        if id(each) in seen:
+            continue
+        seen.add(id(each))
+        kept.append(each)  # an id is taken again once its object is gone
+        yield each
+        if not (isinstance(each, Record) and closed(each)):
+            waiting += reversed(contents(each))
+
+
+def has_record(value: Any) -> bool:
+    """Whether a configuration may stand in a value."""
+    return any(isinstance(each, Record) or (isinstance(each, Unknown) and not each.is_free) for each in parts(value))
+
+
+def spoil(value: Any, unknown: Unknown) -> None:
+    """Make all that stands in a value unknown, as something that is not followed may have changed it."""
+    told = unknown.held()
+    for each in list(parts(value)):
+        held = each.fields if isinstance(each, Record) else each.mapping if isinstance(each, View) else each
+        if isinstance(held, dict):
+            held |= dict.fromkeys((*held, REST), told)
+        elif isinstance(held, list):
+            held[:] = [told.many()]
+        elif isinstance(held, Once):
+            held.left[:] = [told.many()]
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a number of usable size."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def is_plain(value: Any, depth: int = 0) -> bool:
+    """Whether a value is numbers, text, None, and collections of them, all of them known."""
+    if value is None or isinstance(value, str | int | float | bool):
+        return True
+    if depth > DEEPEST or isinstance(value, Array):
+        return False
+    if isinstance(value, dict):
+        return REST not in value and all(is_plain(each, depth + 1) for each in value.values())
+    return isinstance(value, list | tuple) and all(is_plain(each, depth + 1) for each in value)
+
+
+def is_open(value: Any) -> bool:
+    """Whether a collection may hold more than what is known of it."""
+    if isinstance(value, dict):
+        return REST in value
+    return isinstance(value, list | tuple) and any(isinstance(each, Unknown) and each.kind == "many" for each in value)
+
+
+def is_key(value: Any) -> bool:
+    """Whether a value can be known as the key of a dictionary."""
+    return is_plain(value) and isinstance(value, Hashable)
+
+
+def truth(value: Any) -> bool | None:
+    """Whether a value counts as true; None where that cannot be known."""
+    if value is None or isinstance(value, str | int | float | bool):
+        return bool(value)
+    if isinstance(value, dict):
+        return None if REST in value else bool(value)
+    if isinstance(value, list | tuple) and not isinstance(value, Array):
+        return None if is_open(value) and all(isinstance(each, Unknown) for each in value) else bool(value)
+    return True if isinstance(value, Function | Builtin) or (isinstance(value, Record) and value.owner is None) else None
+
+
+def last_name(node: ast.expr) -> str:
+    """The name that a dotted name ends with; empty for anything else."""
+    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+
+
+def text_of(node: ast.AST) -> str:
+    """The text of an expression, in one line and not too long."""
+    try:
+        text = ast.unparse(node)
+    except (RecursionError, ValueError):
+        return "…"
+    return re.sub(r"\s+", " ", text[:LONGEST_TEXT])
