@@ -460,10 +460,15 @@ def get():
 
 @pytest.mark.parametrize(
     ("name", "kp", "knee"),
-    [("A", [200, 40], 0.6), ("B", [200, 40], 0.6), ("C", [200, 20], 0.6), ("D", [100, 100], 0.6), ("E", [200, 40], 0.6),
-     ("F", [200, 40], 0.6), ("G", [200, 40], 0.6), ("H", [200, 40], 0.9), ("I", [200, 0], 0.6), ("MORE.small", [200, 40], 0.6), ("MORE.soft", [200, 20], 0.6),
-     ("get", [0, 7], 0.6)],
-)  # fmt: skip
+    [
+        *((name, [200, 40], 0.6) for name in ("A", "B", "E", "F", "G", "MORE.small")),
+        *((name, [200, 20], 0.6) for name in ("C", "MORE.soft")),
+        ("D", [100, 100], 0.6),
+        ("H", [200, 40], 0.9),
+        ("I", [200, 0], 0.6),
+        ("get", [0, 7], 0.6),
+    ],
+)
 def test_every_robot_of_a_file_can_be_chosen(name: str, kp: list[float], knee: float):
     found = gains_of(read_actuator_configs(ROBOTS, "r.py", name), ("knee", "toe"))
     assert found.kp.tolist() == kp
