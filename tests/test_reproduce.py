@@ -1,5 +1,6 @@
 """The paper's numbers, within what issue and paper allow; rows that say what they are; what the command prints of them."""
 
+import cmath
 import html
 import json
 import math
@@ -7,7 +8,9 @@ import re
 import sys
 from collections.abc import Callable
 
+import numpy as np
 import pytest
+import scipy.optimize
 
 from gainroom.cli import main
 from gainroom.paper import FIGURES, Reproduction, eq4, eq10, run_reproduction
@@ -79,6 +82,25 @@ def test_testbed_limit(computed):
     assert computed["testbed.kv_70.stable"] is True
     assert computed["testbed.kv_80.stable"] is False
     assert 2.0 < computed["testbed.delay_ms"] < 3.0  # the paper's "about 2 to 3 ms"
+
+
+def test_the_testbeds_delay_is_not_rounded_before_it_is_used(computed):
+    """T from the printed crossover, and the largest Kv at that T, of a loop written out here; the solver ends within 1e-12."""
+
+    def loop(s: complex, kv: float) -> complex:  # J_M 0.2, J_L 0.8, K 1e4, B 1; current loop 4000 rad/s, 0.9
+        spring, motor, link = 1e4 + 1.0 * s, 0.2 * s * s, 0.8 * s * s
+        return (1600 + kv * s) * (link + spring) / (motor * link + (motor + link) * spring) / (1 + 2 * 0.9 * s / 4000 + (s / 4000) ** 2)
+
+    delay = (math.pi + cmath.phase(loop(494j, 77.0))) / 494
+
+    def from_minus_one(unknown: np.ndarray) -> list[float]:
+        value = loop(1j * unknown[1], unknown[0]) * cmath.exp(-1j * unknown[1] * delay)
+        return [value.real + 1, value.imag]
+
+    largest, _ = scipy.optimize.fsolve(from_minus_one, [78.0, 490.0], xtol=1e-13)
+    assert computed["testbed.delay_ms"] == pytest.approx(1e3 * delay, rel=1e-10)
+    assert computed["testbed.kv_limit"] == pytest.approx(largest, rel=1e-8)
+    assert largest == pytest.approx(78.199, abs=5e-4)  # 78.209 with the delay rounded to 2.674 ms
 
 
 def test_sampled_limits_lie_within_the_step_of_the_grid_that_found_them_first(computed):

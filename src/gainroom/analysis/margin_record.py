@@ -126,8 +126,10 @@ class Margins:
     peak_sensitivity             Ms = max |S_ii|, S = (I + L)⁻¹, at peak_sensitivity_frequency [rad/s]: for n > 1 the largest of one loop,
                                  the other loops closed
     peak_complementary           Mt = max |T_ii|, T = I − S, at peak_complementary_frequency [rad/s], likewise
-    disk_margin                  balanced disk margin, every loop multiplied by its own factor (Seiler, Packard and Gahinet 2020; for
-                                 n = 1 min 2|1+L|/|1−L|), at disk_margin_frequency [rad/s]; disk_certified: proved between frequencies
+    disk_margin                  balanced disk margin (Seiler, Packard and Gahinet 2020; for n = 1 min 2|1+L|/|1−L|), at
+                                 disk_margin_frequency [rad/s]: every motor's torque multiplied by its own factor, the loops opened at the
+                                 torques. With gains per joint the measured positions give the same number, with tasks another;
+                                 disk_certified: proved between frequencies
     one_loop                     (n,) arrays
     certified                    n = 1: nothing between the evaluated frequencies was missed (False for loops given as callables);
                                  n > 1: roots were counted on both sides of every limit, phase, delay and factor on one loop

@@ -1,5 +1,7 @@
 """The joints of the paper. What it prints stands beside the value; "inferred" marks what was recovered by matching its numbers."""
 
+import cmath
+import math
 from dataclasses import replace
 
 from ..analysis.gain_limit import gain_limit
@@ -19,10 +21,19 @@ DRIVE = Drive(bandwidth=4000.0, damping_ratio=0.9, delay=2e-3)  # inferred
 GAINS = PD(kp=1e4, kd=300.0)  # inferred; Sec. IV-C names them for the biped's joints
 
 TESTBED = ElasticJoint.from_motor(rotor_inertia=0.2e-4, gear_ratio=100, link_inertia=4 * 0.2, stiffness=STIFFNESS, damping=DAMPING)
-TESTBED_DRIVE = replace(DRIVE, delay=2.674e-3)  # inferred: 4 to 6 ticks of 0.5 ms are printed
-TESTBED_KP = 1600.0  # [N m/rad] printed
+TESTBED_KP, LARGEST_KV = 1600.0, 77.0  # [N m/rad], [N m s/rad] printed: the edge of stability, Sec. IV-B
+CROSSOVER = 494.0  # [rad/s] printed: the phase crossover there
 STABLE_KV, VIBRATING_KV = 70.0, 80.0  # [N m s/rad] the two trials of Fig. 11, printed
 SAMPLE_TIME = 5e-4  # [s] the 2 kHz of Sec. IV
+
+
+def _delay_of_crossover() -> float:
+    """The delay T [s] that puts the testbed's phase crossover at the printed frequency: arg L₀ − ωT = −π, L₀ the loop without delay."""
+    undelayed = build_loop(TESTBED, replace(DRIVE, delay=0.0), PD(TESTBED_KP, LARGEST_KV))
+    return (math.pi + cmath.phase(complex(undelayed.response([CROSSOVER])[0]))) / CROSSOVER
+
+
+TESTBED_DRIVE = replace(DRIVE, delay=_delay_of_crossover())  # inferred, 2.674 ms: 4 to 6 ticks of 0.5 ms are printed
 
 
 def joint_with_load(ratio: float) -> ElasticJoint:

@@ -81,7 +81,7 @@ def _inputs() -> Html:
         ("Fig. 9: current loop, delay", f"{drive.bandwidth:g} rad/s, ζ {drive.damping_ratio:g}, {1e3 * drive.delay:g} ms", matching),
         ("Fig. 9: gains", f"{gains.kp:g} N·m/rad, {gains.kd:g} N·m·s/rad", f"{matching}; Sec. IV-C names them"),
         ("Testbed: inertias", f"{testbed.motor_inertia:g}, {testbed.link_inertia:g} kg·m²", "printed, behind 100:1"),
-        ("Testbed: delay", f"{1e3 * joints.TESTBED_DRIVE.delay:g} ms", "inferred; printed are 4 to 6 ticks of 0.5 ms"),
+        ("Testbed: delay", f"{1e3 * joints.TESTBED_DRIVE.delay:.4g} ms", "inferred; printed are 4 to 6 ticks of 0.5 ms"),
         ("testbed.sampled: torque held, velocity by backward difference", "2 kHz", "printed; a tick of the continuous model's delay"),
         ("Figs. 6, 11: link", "0.6 m, 3.9 kg", "printed"),
         ("Figs. 6, 11: friction of motor and link, torque limit", "1 and 0.2 N·m, 150 N·m", "assumed, with encoders and the swing"),
