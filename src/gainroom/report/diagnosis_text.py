@@ -6,6 +6,7 @@ from typing import Any
 
 from ..errors import frequency_text, listed
 from ..identification.clipping import limited_text
+from ..identification.outliers import outliers_text
 from ..identification.recorded_oscillation import POSITIONS, RecordedOscillation
 from ..studies.diagnosis import Diagnosis
 from ..studies.vibration_causes import UNKNOWN, Cause, Evidence
@@ -223,7 +224,7 @@ def _to_record(found: Diagnosis) -> list[str]:
 
 def warnings(found: Diagnosis) -> list[str]:
     """What limits the answer."""
-    texts = []
+    texts = outliers_text(found.outliers, found.record.time)
     if "reference" in found.missing:
         texts.append("without the set-point (reference) a commanded oscillation cannot be distinguished from a vibration")
     if found.search.blind > 0:

@@ -73,6 +73,7 @@ def logged_facts(logged: LoggedJoint) -> dict[str, Any]:
         "duration": float(record.time[-1] - record.time[0]),
         "sample_rate_hz": 1 / record.sample_time,
         "gaps": int(record.fresh.sum()) - 1,
+        "outliers": logged.outliers.count,
     }
 
 

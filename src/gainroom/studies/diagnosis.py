@@ -6,6 +6,7 @@ from functools import cached_property
 
 from ..design.joint_gains import Recommendation, recommend_pd
 from ..identification.oscillation_search import Search, find_oscillation
+from ..identification.outliers import Outliers, without_outliers
 from ..identification.record import Record
 from ..identification.recorded_oscillation import RecordedOscillation
 from ..system.system import System
@@ -21,7 +22,8 @@ HIDDEN = 1.2  # steps: more in the readings is true motion
 class Diagnosis:
     """What `gainroom diagnose` finds.
 
-    record      as it was examined, without gaps
+    record      as it was examined, without gaps and outliers
+    outliers    rows of it that were left out
     search      what was found in it
     causes      most likely first; empty where nothing vibrates
     predicted   None without a joint.yaml
@@ -29,6 +31,7 @@ class Diagnosis:
     """
 
     record: Record
+    outliers: Outliers
     system: System | None
     search: Search
     causes: tuple[Cause, ...] = ()
@@ -92,7 +95,7 @@ def diagnose(record: Record, system: System | None = None) -> Diagnosis:
 
     Raises GainroomError where the record holds neither position nor torque.
     """
-    record = record.longest_run()
+    record, outliers = without_outliers(record.longest_run())
     search = find_oscillation(record)
     missing = tuple(
         name
@@ -106,10 +109,10 @@ def diagnose(record: Record, system: System | None = None) -> Diagnosis:
     predicted = None if system is None else predicted_vibration(system, record, search.oscillation)
     oscillation = search.oscillation
     if oscillation is None or not oscillation.vibrates:
-        return Diagnosis(record, system, search, (), predicted, missing=missing)
+        return Diagnosis(record, outliers, system, search, (), predicted, missing=missing)
     toggles = _toggles(oscillation, predicted)
     causes = () if toggles else ranked_causes(oscillation, predicted)
-    return Diagnosis(record, system, search, causes, predicted, toggles, missing)
+    return Diagnosis(record, outliers, system, search, causes, predicted, toggles, missing)
 
 
 def _toggles(oscillation: RecordedOscillation, predicted: Prediction | None) -> bool:

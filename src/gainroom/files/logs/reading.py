@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import GainroomError, first_of_many, named
 from ...identification.excited_part import MostExcited
+from ...identification.outliers import Outliers, outliers_text, without_outliers
 from ...identification.record import Record
 from ...io.validation import LARGEST
 from ...system.linear.arrays import Floats
@@ -247,13 +248,15 @@ class LoggedJoint:
 
     log      where it came from, what was cut, notes
     joint    its rows
-    record   the same on equal ticks
+    record   the same on equal ticks, without outliers
+    outliers the rows of `record` that were left out
     """
 
     path: Path
     log: Log
     joint: JointLog
     record: Record
+    outliers: Outliers
 
     def require_dense(self) -> None:
         """Raises GainroomError where too many ticks of the record were filled in: when a command came is then not known."""
@@ -282,7 +285,9 @@ def read_joint(path: Path, options: LogOptions | None = None) -> LoggedJoint:
             notes = [f"{name} is {joint.channels[name][0]:g} N·m throughout and was left out" for name in constant]
             log = replace(log, notes=(*log.notes, *notes))
             joint = replace(joint, channels={name: values for name, values in joint.channels.items() if name not in constant})
-        return LoggedJoint(path, log, joint, joint.record())
+        record, outliers = without_outliers(joint.record())
+        log = replace(log, notes=(*log.notes, *outliers_text(outliers, record.time)))
+        return LoggedJoint(path, log, joint, record, outliers)
 
 
 def _constant_torques(joint: JointLog) -> list[str]:
