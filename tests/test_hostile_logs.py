@@ -33,7 +33,7 @@ from refusals import assert_refused
 SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
 WHOLE = int(os.environ.get("GAINROOM_POPULATION", "1000"))
 SHARE = min(30, WHOLE)
-SHARES = {"log.h5": 8, "log73.mat": 8}
+SHARES = {"log.h5": 8, "log73.mat": 8, "log.parquet": 8}
 """Of formats for which a process is started."""
 MOST_SECONDS = 10.0
 MOST_MEMORY = 600 << 20

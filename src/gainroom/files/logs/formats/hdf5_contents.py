@@ -4,21 +4,22 @@ The library fails on some damaged files, and takes its process with it. A file m
 virtual data sets), and name filters that the library would load code for: such data sets are left out. What a chunk unpacks to is checked
 before the library unpacks it, to wherever it ends.
 
-Protocol: lines of JSON. The first answer says what there is; then to every request [name, first, last, axis] the answer is a line with type
-and shape, and the numbers.
+Requests are [name, first, last, axis] of a data set, answered by its numbers.
 """
 
-import json
+import contextlib
 import sys
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ....errors import GainroomError, first_of_many, one_line
+from ....errors import GainroomError, first_of_many
 from ....system.linear.arrays import Floats
 from ..table import MOST_COLUMNS, MOST_PIECE, MOST_RATIO, MOST_ROWS, bounded, library
+from .served import Answer, Handler, serve
 
 DEFLATE, SHUFFLE, FLETCHER32, LZF = 1, 2, 3, 32000
 """Filters by HDF5's numbers: those whose output is bounded, and that the library has built in."""
@@ -26,50 +27,24 @@ DEEPEST = 8
 """Groups within groups."""
 MOST_OBJECTS = 10_000
 """Groups and data sets that are looked at."""
-MOST_MEMORY = 3 << 30
-"""Bytes of the process, addresses that are only reserved among them: some pieces, and the library's own."""
-MOST_SECONDS = 600
-"""Of processor time: 30 GB are read in that."""
 LABELS = ("joint_names", "joints", "names", "joint_name", "dof_names")
 """Of a data set with the names of the columns of others."""
 
 
-def serve(path: Path) -> None:
-    """Answer requests on standard input until it ends."""
-    _limit()
-    try:
-        h5py = library("h5py")
-        with h5py.File(path, "r") as file:
-            contents = _Contents(h5py, path, path.stat().st_size)
-            contents.visit(file, "", 0)
-            shapes = {name: [[*rows.shape], unit] for name, (rows, unit) in contents.arrays.items()}
-            _say({"arrays": shapes, "labels": contents.labels, "notes": contents.notes})
-            for line in sys.stdin:
-                name, first, last, axis = json.loads(line)
-                part = np.ascontiguousarray(contents.arrays[name][0](first, last, axis))
-                _say({"type": part.dtype.str, "shape": part.shape}, part)
-    except GainroomError as error:
-        _say({"refused": str(error)})
-    except Exception as error:  # noqa: BLE001 - said to the parent process, which says it to the user
-        _say({"failed": one_line(error, 120) or type(error).__name__})
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[tuple[dict[str, Any], Handler]]:
+    """The data sets of a file."""
+    h5py = library("h5py")
+    with h5py.File(path, "r") as file:
+        contents = _Contents(h5py, path, path.stat().st_size)
+        contents.visit(file, "", 0)
+        shapes = {name: [[*rows.shape], unit] for name, (rows, unit) in contents.arrays.items()}
 
+        def rows_of(request: Any) -> Answer:
+            name, first, last, axis = request
+            return {}, contents.arrays[name][0](first, last, axis)
 
-def _limit() -> None:
-    try:
-        import resource
-    except ImportError:  # Windows has no such bounds
-        return
-    for kind, most in ((resource.RLIMIT_AS, MOST_MEMORY), (resource.RLIMIT_CPU, MOST_SECONDS), (resource.RLIMIT_CORE, 0)):
-        hard = resource.getrlimit(kind)[1]
-        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (most, most))
-
-
-def _say(answer: dict[str, Any], part: Floats | None = None) -> None:
-    sys.stdout.buffer.write(json.dumps(answer).encode() + b"\n")
-    if part is not None:
-        sys.stdout.buffer.write(part.data if part.size else b"")
-    sys.stdout.buffer.flush()
+        yield {"arrays": shapes, "labels": contents.labels, "notes": contents.notes}, rows_of
 
 
 class _Contents:
@@ -175,4 +150,4 @@ def _check_chunks(path: Path, name: str, data: Any) -> None:
 
 
 if __name__ == "__main__":
-    serve(Path(sys.argv[1]))
+    serve(Path(sys.argv[1]), opened)

@@ -1,0 +1,148 @@
+"""What is in a Parquet file, read in a process of its own, started by parquet.py: pyarrow ends its process on some damaged files.
+
+A list of the names of columns is answered by their first rows, {} by the next ones, as (columns, rows), and none after the last.
+A column of lists is several, `action[0]`, `action[1]`, …, as many as the longest of its first lists has.
+"""
+
+import contextlib
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....errors import first_of_many
+from ....system.linear.arrays import Floats
+from ..table import MOST_COLUMNS, MOST_PIECE, MOST_ROWS, bounded, library, whole_numbers
+from .parquet_pages import page_sizes
+from .ros_types import MOST_ENTRIES
+from .served import Answer, Handler, serve
+
+PROBED = 100
+"""Rows that show how long the lists of a column are."""
+
+
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[tuple[dict[str, Any], Handler]]:
+    """The columns of a file."""
+    arrow = library("pyarrow", "pyarrow.parquet", "pyarrow.compute")
+    arrow.set_memory_pool(arrow.system_memory_pool())  # others reserve addresses, which are bounded
+    # A footer may announce any number of strings: each takes a byte at least in what is read of it.
+    limits = {"thrift_string_size_limit": MOST_PIECE, "thrift_container_size_limit": MOST_COLUMNS * 100}
+    with arrow.parquet.ParquetFile(path, pre_buffer=False, page_checksum_verification=True, **limits) as file:
+        contents = _Contents(path, arrow, file)
+        batches: Iterator[Answer] = iter(())
+
+        def rows_of(request: Any) -> Answer:
+            nonlocal batches
+            if request:
+                batches = contents.batches(request["names"], request["rows"])
+            return next(batches, ({}, None))
+
+        yield {"columns": contents.columns, "notes": contents.notes}, rows_of
+
+
+class _Contents:
+    """The columns of numbers of a file, [name, unit] each; others are left out."""
+
+    def __init__(self, path: Path, arrow: Any, file: Any) -> None:
+        self._path, self._arrow, self._file = path, arrow, file
+        schema = file.schema_arrow
+        bounded(path, "number of columns", len(schema), MOST_COLUMNS)
+        bounded(path, "number of rows", file.metadata.num_rows, MOST_ROWS)
+        self.columns: list[tuple[str, str]] = []
+        self._places: dict[str, tuple[str, int | None]] = {}
+        others = []
+        for field in schema:
+            unit = self._unit(field, field.type) if schema.names.count(field.name) == 1 else None
+            for name, place in self._parts(field) if unit is not None else ():
+                if self._places.setdefault(name, (field.name, place)) == (field.name, place):
+                    self.columns.append((name, unit or ""))
+            bounded(path, "number of columns", len(self.columns), MOST_COLUMNS)
+            if field.name not in {own for own, _ in self._places.values()}:
+                others.append(field.name)
+        self.notes = [f"columns without numbers: {first_of_many(others)}"] if others else []
+
+    def _is_list(self, kind: Any) -> bool:
+        types = self._arrow.types
+        return types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+
+    def _unit(self, field: Any, kind: Any) -> str | None:
+        """What the file says of a column of numbers, or of lists of numbers; None for one of something else."""
+        types = self._arrow.types
+        if self._is_list(kind):
+            kind = kind.value_type
+        elif types.is_timestamp(kind) or types.is_duration(kind):
+            return kind.unit
+        if not (types.is_floating(kind) or types.is_integer(kind) or types.is_boolean(kind)):
+            return None
+        said = {key.lower(): value for key, value in (field.metadata or {}).items()}
+        text = said.get(b"unit", said.get(b"units", b"")).decode("utf-8", "replace")
+        with contextlib.suppress(ValueError):
+            text = str(json.loads(text))
+        return text
+
+    def _parts(self, field: Any) -> list[tuple[str, int | None]]:
+        """The columns that a field is, with the place in its lists."""
+        if not self._is_list(field.type):
+            return [(field.name, None)]
+        self._check_pages([field.name])
+        first = next(self._file.iter_batches(batch_size=PROBED, columns=[field.name], use_threads=False), None)
+        length = 0 if first is None else int(np.max(self._lengths(first.column(0)), initial=0))
+        return [(f"{field.name}[{k}]", k) for k in range(length)] if length <= MOST_ENTRIES else []
+
+    def _check_pages(self, fields: Sequence[str]) -> None:
+        metadata = self._file.metadata
+        for group in range(metadata.num_row_groups):
+            for chunk in (metadata.row_group(group).column(k) for k in range(metadata.num_columns)):
+                if chunk.path_in_schema in fields or chunk.path_in_schema.rsplit(".", 2)[0] in fields:  # `action.list.element`
+                    for size in page_sizes(self._path, chunk):
+                        bounded(self._path, f"uncompressed page of column {chunk.path_in_schema}:", size, MOST_PIECE, " bytes")
+
+    def batches(self, names: Sequence[str], rows: int) -> Iterator[Answer]:
+        """The columns, (n, k) at a time."""
+        fields = [*dict.fromkeys(self._places[name][0] for name in names)]
+        self._check_pages(fields)
+        taken_off: dict[str, float] = {}
+        rows = min(rows, MOST_PIECE // (8 * len(names)))
+        for batch in self._file.iter_batches(batch_size=rows, columns=fields, use_threads=False):
+            found: dict[str, Floats] = {}
+            for field in fields:
+                wanted = {name: self._places[name][1] for name in names if self._places[name][0] == field}
+                found |= self._values(field, batch.column(field), wanted, taken_off)
+            yield {"taken_off": taken_off}, np.array([found[name] for name in names])
+
+    def _values(self, field: str, column: Any, wanted: dict[str, int | None], taken_off: dict[str, float]) -> dict[str, Floats]:
+        """By name of the column, of one field."""
+        if self._is_list(column.type):
+            return _entries(self._floats(column.flatten()), self._lengths(column), wanted)
+        if self._arrow.types.is_temporal(column.type):
+            column = column.cast(self._arrow.int64())
+        if self._arrow.types.is_integer(column.type) and not column.null_count and len(column):
+            return {field: whole_numbers(field, column.to_numpy(), taken_off)}
+        return {field: self._floats(column)}
+
+    def _lengths(self, column: Any) -> Any:
+        """(k,) of the lists; 0 where one is missing."""
+        lengths = self._arrow.compute.list_value_length(column)
+        return np.asarray(self._arrow.compute.fill_null(lengths, 0).to_numpy(zero_copy_only=False), dtype=np.int64)
+
+    def _floats(self, column: Any) -> Floats:
+        return np.asarray(column.cast(self._arrow.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=float)
+
+
+def _entries(flat: Floats, lengths: Any, wanted: dict[str, int | None]) -> dict[str, Floats]:
+    """Entry k of lists that stand one behind the other; NaN where a list is shorter."""
+    starts = np.cumsum(lengths) - lengths
+    found = {}
+    for name, place in wanted.items():
+        there = lengths > place
+        found[name] = np.full(len(lengths), np.nan)
+        found[name][there] = flat[starts[there] + place]
+    return found
+
+
+if __name__ == "__main__":
+    serve(Path(sys.argv[1]), opened)
