@@ -127,9 +127,9 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
 
     if file is None:
         raise GainroomError(f"--delay-ms {options.delay_ms:g}: is of a model; name a URDF or MJCF before it")
-    if options.gains_run == "split":
-        raise GainroomError("--gains-run split: the page has one rate and delay for all gains; gainroom audit judges two")
     found = audited(file, given.gains, options)
+    if found.options.gains_run == "split":
+        raise GainroomError("--gains-run split: the page has one rate and delay for all gains; gainroom audit judges two")
     required = required_of(found.system, margin_factor(given.margin_db))
     result = None
     if found.gearboxes is not None:

@@ -16,6 +16,7 @@ from .output import closing, column_table, do_this, folded_parts, headings, rend
 from .progress import progress_bar
 
 if TYPE_CHECKING:
+    from ..files.audit_options import AuditOptions
     from ..studies.audit import Audit
     from ..studies.audited_workspace import AuditedWorkspace
     from ..studies.simulator_audit import SimulatorAudit
@@ -130,8 +131,8 @@ def audit(
                 swept = audited_workspace(result, workspace, progress)
         show(
             as_json,
-            lambda: _facts(result, simulated, swept),
-            lambda: _terminal(result, simulated, swept, call, options.where_gains_run, report, write_robot, verbose),
+            lambda: _facts(result, simulated, swept, found.options),
+            lambda: _terminal(result, simulated, swept, call, found.options.where_gains_run, report, write_robot, verbose),
         )
         if robot is not None and write_robot is not None:
             robot.write(audited_text(found, result, model, result.required, call, write_robot))
@@ -142,7 +143,9 @@ def audit(
     return 0 if result.safe and (simulated is None or simulated.limit.stable) and (swept is None or swept.safe) else 1
 
 
-def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> dict[str, Any]:
+def _facts(
+    result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", options: "AuditOptions"
+) -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
     from ..report.audit_text import audit_scale, audit_sentence, audit_warnings
@@ -173,6 +176,8 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
         "delay_ms": 1e3 * max(drive.delay for drive in result.system.drives),
         "command_delay_ms": 1e3 * result.system.control.command_delay,
         "kd_path": path_facts(result.system.control.kd_path),
+        "gains_run": options.gains_run,
+        "joint_damping": options.joint_damping,
         "margin_db": as_typed(to_db(result.margin)),
         "stable": all(state.limit.stable for state in result.states),
         "gain_limit": result.tightest.limit.gain,

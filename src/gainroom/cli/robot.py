@@ -116,6 +116,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
         "required": required_facts(study.system.requirements),
         "worst": {name: worst_facts(study, name) for name in study.worst},
         **model_facts(study.system.control.sample_time),
+        "command_delay_ms": 1e3 * study.system.control.command_delay,
         "states": [facts(state_columns(), state) for state in study.every],
         "at_usual_rate": None if usual is None else {"sample_rate_hz": USUAL_RATE, **margin_facts(usual), "requirements_met": met},
         "recommended": [recommended_facts(gains) for gains in study.recommended] or None,

@@ -31,6 +31,7 @@ from ..system.system import System
 from .absurd_values import examined
 from .file_types import kind_of_file, wrong_kind
 from .gain_files import JointGains, gains_of, read_gains
+from .gain_formats.gain_record import ANGLE, GAINS_RUN
 from .model_keyframes import model_keyframes
 from .robot_sections import RobotFile
 from .robot_yaml import base_of, robot_spec
@@ -59,12 +60,10 @@ PATHS = {
 JOINT_VALUES = ("stiffness", "damping", "motor_inertia")
 """What may be typed of all joints, or of some."""
 JOINT_DAMPING = ("controller", "friction")
-GAINS_RUN = ("host", "drive", "split")
 GIVEN = "given"
 """The name of a posture whose angles are typed."""
 SLIGHT_DAMPING = 0.01
 """Of kd: the joints' own damping, where it is less, is reported among what is assumed."""
-ANGLE = number(least=-1e4, most=1e4)
 DESCRIPTIONS = (".yaml", ".yml", ".json")
 
 
@@ -207,11 +206,13 @@ class Audited:
     system     the robot with the gains it has
     sections   the robot.yaml that says the same, without requirements; the model's file as it was found
     gearboxes  the ranges of those that were given by type; None: none was
+    options    as they were typed, with what the file of gains says
     """
 
     system: System
     sections: Mapping[str, Any]
-    gearboxes: GearboxRange | None = None
+    gearboxes: GearboxRange | None
+    options: AuditOptions
 
 
 def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
@@ -230,7 +231,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         found = gains_of(read_gains(source).in_order(joint_order(path)), body.every_joint)
         if not np.any(found.given[: body.size]):
             raise GainroomError(f"{path}: no joint that can move has gains")
-        options, read = _with_rate_and_posture(options, found, source)
+        options, read = _as_the_file_says(options, found, source)
         if options.joint_damping == "controller":
             found = replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0))
         sections = options.sections(str(path), body, found)
@@ -268,20 +269,27 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     idle = [name for name, has in zip(body.every_joint, found.given, strict=True) if has and name not in body.joint_names]
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
     warnings = (*found.notes, *idle, *kept, *_damping_asked(warnings, options))
-    return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, ranges)
+    return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, ranges, options)
 
 
-def _with_rate_and_posture(options: AuditOptions, found: JointGains, source: Path) -> tuple[AuditOptions, list[str]]:
-    """The options with the rate and the posture that the file of gains names, where none is given; and what was so read.
+def _as_the_file_says(options: AuditOptions, found: JointGains, source: Path) -> tuple[AuditOptions, list[str]]:
+    """The options with what the file of gains names and nobody typed: where gains run, rate and posture; and what was so read.
 
     Raises GainroomError where a rate is needed and nobody gives one, and where the file's posture is not understood and none is given.
     """
-    read = []
+    read, origin = [], found.origin
     if not options.posture and not found.postures and found.unread_postures:
         raise GainroomError(f"{next(iter(found.unread_postures.values()))}; give --posture")
-    if options.rate_hz is None and found.rate_hz is not None and options.gains_run != "drive":
-        options = replace(options, rate_hz=found.rate_hz)
-        read.append(f"the controller runs at {found.rate_hz:g} Hz, as {source} has it: --rate-hz says another")
+    if options.gains_run is None and origin.gains_run is not None:
+        if origin.gains_run == "drive" and options.rate_hz is not None:
+            raise GainroomError(
+                f"--rate-hz {options.rate_hz:g}: the gains of {source} run on the drive: leave it out, or say where with --gains-run"
+            )
+        options = replace(options, gains_run=origin.gains_run, drive_rate_hz=origin.drive_rate_hz, drive_delay_ms=origin.drive_delay_ms)
+        read.append(f"{options.where_gains_run}, as {source} has it: --gains-run says another")
+    if options.rate_hz is None and (rate := origin.sample_rate_hz) is not None and options.gains_run != "drive":
+        options = replace(options, rate_hz=rate)
+        read.append(f"the controller runs at {rate:g} Hz, as {source} has it: --rate-hz says another")
     if not options.posture and len(found.postures) == 1:
         (name,) = found.postures
         options = replace(options, posture=(name,))

@@ -17,7 +17,7 @@ from .gain_formats.ros2_control import ros2_control_onto
 AGREEMENT = 1e-8
 """Relative, of gains that are read back: written with ten digits, and through MuJoCo's compiler."""
 
-EXTRA = ("ki", "effort_limit", *ACTUATOR)
+EXTRA = ("ki", *ACTUATOR)
 """Fields of Gain beside kp and kd."""
 Written = Callable[[Mapping[str, Gain], Sequence[str], float | None], str]
 

@@ -20,7 +20,7 @@ from .file_types import kind_of, wrong_kind
 from .gain_formats.actuator_configs import read_actuator_configs
 from .gain_formats.array_text import read_array_text
 from .gain_formats.gain_arrays import ArrayNames, has_arrays, read_arrays
-from .gain_formats.gain_record import ACTUATOR, GainFile, GainSection
+from .gain_formats.gain_record import ACTUATOR, GainFile, GainSection, Origin
 from .gain_formats.mjcf_actuators import read_mjcf
 from .gain_formats.moteus import is_dump, read_dump, read_moteus
 from .gain_formats.onnx_metadata import read_onnx
@@ -42,8 +42,8 @@ UNKNOWN = (
 class JointGains:
     """Gains of n joints, each (n,), units as Gain; 0 where a joint has none.
 
-    actuators   of each joint what the file names of motor_inertia, stiffness, damping and link_viscous
-    rate_hz     of the controller, where the file names it
+    actuators   of each joint what the file names of ACTUATOR
+    origin      where the file says that they run, and at which rate
     postures    that the file names: by name, angles by joint
     unread_postures   those that are not understood: by name, why
     """
@@ -53,7 +53,7 @@ class JointGains:
     ki: Floats
     actuators: tuple[Mapping[str, float], ...]
     notes: tuple[str, ...] = ()
-    rate_hz: float | None = None
+    origin: Origin = field(default=Origin())
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     unread_postures: Mapping[str, str] = field(default_factory=dict)
 
@@ -147,7 +147,7 @@ def gains_of(file: GainFile, joint_names: Sequence[str]) -> JointGains:
         **columns,
         actuators=tuple(actuators),
         notes=file.notes_for(joint_names),
-        rate_hz=file.origin.sample_rate_hz,
+        origin=file.origin,
         postures=file.postures_for(joint_names),
         unread_postures=file.unread_postures,
     )

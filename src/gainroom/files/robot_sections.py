@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from ..io.validation import Flag, Name, NotNegative, Section, dotted, number, refusal
+from ..io.validation import Flag, Name, NotNegative, Positive, Section, dotted, number, refusal
 from ..io.yaml_text import shown
 from ..robot.body import Base
 from ..robot.contact import Contact, ContactKind
@@ -42,6 +42,7 @@ class ActuatorSection(GearboxSection):
 
     file: Name | None = None
     stiffness: Stiffness | None = None
+    effort_limit: Positive | None = Field(None, description="the limit of its torque [N m], a number > 0; no margin depends on it")
     bandwidth: Bandwidth | None = None
     damping_ratio: DampingRatio | None = None
     delay_ms: DelayMs | None = None

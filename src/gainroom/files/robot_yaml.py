@@ -85,7 +85,7 @@ def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path(), kn
     actuators, guessed = actuators_of(entries, body.joint_names, body.armature)
     drives = drives_of(entries, file.drive.drive(tick))
     robot = Robot(name, actuators, postures, contacts, _tasks(file, body), file.model.gravity_stiffness)
-    nominal = {"delay": [drive.delay for drive in drives], **vars(actuators)}
+    nominal = {"delay": [drive.delay for drive in drives], **robot.quantities}
     uncertainty, from_files = with_ranges(file.uncertainty.uncertainty(nominal, tick), entries, nominal, body.joint_names)
     return System(
         source=robot,

@@ -233,7 +233,7 @@ AUDITED_JOINT = [
     KD,
     Column("ki", "ki", lambda row: row.ki, shown=lambda row: digits(row.ki or math.nan)),
     Column("motor inertia", "motor_inertia", lambda row: row.motor_inertia, definition="on the joint side"),
-    *(Column("", key, lambda row, key=key: getattr(row, key)) for key in ("stiffness", "damping", "link_viscous")),
+    *(Column("", key, lambda row, key=key: getattr(row, key)) for key in ("effort_limit", "stiffness", "damping", "link_viscous")),
     Column("alone", "gain_limit", lambda row: row.gain_limit, definition="the factor on the joint's gains with the other loops open"),
     CLOSED,
     Column(

@@ -6,7 +6,7 @@ either by its inertia on the joint side or by rotor inertia and gear ratio: J_m 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class Actuators:
     stiffness       of the gearbox [N m/rad], inf: rigid
     damping         of the gearbox [N m s/rad]
     motor_viscous, link_viscous   viscous friction to ground [N m s/rad]
+    effort_limit    of the torque [N m], inf: not known; no margin depends on it, and it goes along with the gains
     """
 
     motor_inertia: Floats
@@ -33,22 +34,30 @@ class Actuators:
     damping: Floats
     motor_viscous: Floats
     link_viscous: Floats
+    effort_limit: Floats = field(default_factory=lambda: np.asarray(math.inf))
 
     def __post_init__(self) -> None:
+        if not np.ndim(self.effort_limit):
+            object.__setattr__(self, "effort_limit", np.full(np.shape(self.stiffness), self.effort_limit))
         shapes = {name: np.shape(value) for name, value in asdict(self).items()}
         if len(set(shapes.values())) != 1 or len(shapes["stiffness"]) != 1:
             raise GainroomError(f"actuators: shapes {shapes} must all be (n,)")
         for name in shapes:
             for value in getattr(self, name):
-                require_positive("actuators", name, value, zero=name != "stiffness", infinite=name == "stiffness")
+                bound = name in ("stiffness", "effort_limit")
+                require_positive("actuators", name, value, zero=not bound, infinite=bound)
         if np.any((self.motor_inertia == 0) & np.isfinite(self.stiffness)):
             raise GainroomError("actuators: motor_inertia 0 kg·m² must be > 0 on an elastic joint")
 
     @property
     def known(self) -> dict[str, Floats]:
-        """Stiffness, damping and link_viscous, (n,) each; NaN where a gearbox is rigid, and where a link has no friction."""
+        """Stiffness, damping, link_viscous and effort_limit, (n,) each.
+
+        NaN where a gearbox is rigid, a link has no friction, and a torque no limit.
+        """
         found = {key: np.where(np.isfinite(self.stiffness), getattr(self, key), math.nan) for key in ("stiffness", "damping")}
-        return found | {"link_viscous": np.where(self.link_viscous > 0, self.link_viscous, math.nan)}
+        limit = np.where(np.isfinite(self.effort_limit), self.effort_limit, math.nan)
+        return found | {"link_viscous": np.where(self.link_viscous > 0, self.link_viscous, math.nan), "effort_limit": limit}
 
 
 def merge_entries(entries: Mapping[str, ActuatorEntry], joint_names: Sequence[str]) -> tuple[ActuatorEntry, ...]:
@@ -105,8 +114,9 @@ def actuators_of(entries: Sequence[ActuatorEntry], joint_names: Sequence[str], a
     if undamped:
         warnings.append(f"elastic joints have no damping, so resonances no width: {first_of_many(undamped)}; measure damping")
     columns = {name: np.array([getattr(entry, name) or 0.0 for entry in entries]) for name in ("damping", "motor_viscous", "link_viscous")}
-    stiffness = np.array([math.inf if entry.stiffness is None else entry.stiffness for entry in entries])
-    return Actuators(motor_inertia=inertia, stiffness=stiffness, **columns), tuple(warnings)
+    for name in ("stiffness", "effort_limit"):
+        columns[name] = np.array([math.inf if (value := getattr(entry, name)) is None else value for entry in entries])
+    return Actuators(motor_inertia=inertia, **columns), tuple(warnings)
 
 
 def drives_of(entries: Sequence[ActuatorEntry], common: Drive) -> tuple[Drive, ...]:

@@ -50,6 +50,7 @@ class AuditedJoint:
     limit_others_closed with the other loops closed; NaN where a state is unstable
     limit               what is judged: the latter, up or down, in stable states, the former in others
     stiffness, damping, link_viscous   of its gearbox [N m/rad], [N m s/rad] and of its link [N m s/rad], where they were given; else NaN
+    effort_limit       of its torque [N m], where it was given; else NaN
     needed_stiffness   of its gearbox, where none is known and the gains are safe on a rigid one [N m/rad]; else NaN
     """
 
@@ -65,6 +66,7 @@ class AuditedJoint:
     stiffness: float = math.nan
     damping: float = math.nan
     link_viscous: float = math.nan
+    effort_limit: float = math.nan
     needed_stiffness: float = math.nan
 
 
@@ -192,10 +194,10 @@ class Audit(Analysis):
 
     @property
     def given_gearboxes(self) -> dict[str, Floats]:
-        """(n,) stiffness, damping and link_viscous of the joints of which they were given; NaN of others, and where they lie in a range."""
+        """(n,) stiffness, damping, link_viscous and effort_limit where they were given; else NaN, as of gearboxes in a range."""
         known = self.system.source.actuators.known
         ranged = np.zeros(len(known["stiffness"]), dtype=bool) if self.over is None else ~np.isnan(self.over.range.softest)
-        return {key: values if key == "link_viscous" else np.where(ranged, math.nan, values) for key, values in known.items()}
+        return {key: np.where(ranged, math.nan, values) if key in ("stiffness", "damping") else values for key, values in known.items()}
 
     def joint_limits_in(self, state: State) -> Floats:
         """(n,) the factor, up or down, on each joint's gains, the other loops closed; switched off in a state that is not stable."""

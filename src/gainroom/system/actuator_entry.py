@@ -21,6 +21,7 @@ class ActuatorEntry:
     damping: float | None = None
     motor_viscous: float | None = None
     link_viscous: float | None = None
+    effort_limit: float | None = None
     bandwidth: float | None = None
     damping_ratio: float | None = None
     delay: float | None = None

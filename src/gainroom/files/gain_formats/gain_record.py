@@ -14,7 +14,9 @@ from ...robot.name_patterns import DEFAULT, assign, select_all
 from ..system_sections import Stiffness
 
 NOT_NEGATIVE = number(least=0)
-ACTUATOR = ("motor_inertia", "stiffness", "damping", "link_viscous")
+ANGLE = number(least=-1e4, most=1e4)
+GAINS_RUN = ("host", "drive", "split")
+ACTUATOR = ("motor_inertia", "effort_limit", "stiffness", "damping", "link_viscous")
 """What a file of gains may say of a joint's actuator, by its key in a robot.yaml."""
 
 
@@ -69,15 +71,20 @@ class Origin:
     """Where gains come from, as far as their file says.
 
     robot            its file
-    delay_ms         the largest of its drives
-    sample_rate_hz   of the controller
+    delay_ms         the largest of its drives; of gains that run on the drive that of set-points
+    sample_rate_hz   of the controller; of gains that run on the drive None
     margins          as text
+    gains_run        where they run: "host", "drive" or "split" (kd on the drive); None: not said
+    drive_rate_hz, drive_delay_ms   of the loop that runs on the drive
     """
 
     robot: str = ""
     delay_ms: float | None = None
     sample_rate_hz: float | None = None
     margins: str = ""
+    gains_run: str | None = None
+    drive_rate_hz: float | None = None
+    drive_delay_ms: float | None = None
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...errors import GainroomError, nearest
-from ...io.validation import checked, dotted, number
+from ...io.validation import checked, dotted
 from ...io.yaml_text import shown
-from .gain_record import NOT_NEGATIVE, Gain, GainFile
+from .gain_record import ANGLE, NOT_NEGATIVE, Gain, GainFile
 from .python_objects import Record, Unknown, fields_of
 from .python_values import PythonValues, one_robot
 
-ANGLE = number(least=-1e4, most=1e4)
 POSITION = "P"
 ANGLES = "default_joint_angles"
 

@@ -2,15 +2,20 @@
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
 from ...errors import GainroomError, first_of_many, listed
-from ...io.validation import checked, number
+from ...io.validation import checked, number, require_one_of
 from ...io.yaml_text import shown
-from .gain_record import ACTUATOR, NOT_NEGATIVE, Gain, GainFile, Origin
+from .gain_record import ACTUATOR, ANGLE, GAINS_RUN, NOT_NEGATIVE, Gain, GainFile, Origin
 
 EVERYWHERE = "everywhere"
+AUDITED = "audited"
+"""The name of an audit's posture."""
+PATH = {"rate_hz": "sample_rate_hz", "delay_ms": "delay_ms"}
+"""Of a kd_path, by an option's name behind drive_."""
 MOST_BYTES = 16 << 20
 NUMBER = number()
 MARGINS = {
@@ -43,7 +48,8 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
 
     Raises GainroomError.
     """
-    with_rate = checked(f"{source}: sample_rate_hz", data["sample_rate_hz"], NUMBER) if data.get("sample_rate_hz") is not None else None
+    postures: dict[str, dict[str, float]] = {}
+    notes = []
     if "recommended" in data:
         gains, margins = _recommended(data, source, contact or EVERYWHERE)
         form = "gainroom robot --json"
@@ -69,15 +75,53 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
             if data.get("rigid_gearboxes"):
                 margins += f"; with rigid gearboxes of {first_of_many(tuple(map(str, data['rigid_gearboxes'])))}: audit them with yours"
         form = "gainroom audit --json"
+        postures, notes = _posture(data, source), _damping_notes(data, source)
     actuators = _named(data, "actuators", source) if "actuators" in data else {}
     delays = [checked(f"{source}: actuators.{shown(name)}.delay_ms", each.get("delay_ms"), NUMBER) for name, each in actuators.items()]
-    if data.get("delay_ms") is not None:
-        delays.append(checked(f"{source}: delay_ms", data["delay_ms"], NUMBER))
+    delays += [] if (delay := _number(data, "delay_ms", source)) is None else [delay]
     for name in gains.keys() & actuators.keys():
         actuator = {key: actuators[name].get(key) for key in ACTUATOR}
         gains[name] = _gain({**vars(gains[name]), **actuator}, f"{source}: actuators.{shown(name)}")
-    origin = Origin(str(data.get("robot") or ""), max(delays, default=None), with_rate, margins)
-    return GainFile(source, form, gains, origin=origin)
+    origin = Origin(str(data.get("robot") or ""), margins=margins, **_place(data, max(delays, default=None), source))
+    return GainFile(source, form, gains, notes=tuple(notes), postures=postures, origin=origin)
+
+
+def _number(data: Mapping[str, Any], key: str, owner: str) -> float | None:
+    """A number of an answer; None where it has none."""
+    return None if data.get(key) is None else checked(f"{owner}: {key}", data[key], NOT_NEGATIVE)
+
+
+def _place(data: Mapping[str, Any], delay: float | None, source: str) -> dict[str, Any]:
+    """Where gains run, with rates and delays, as Origin has them; what an answer does not say of it, its numbers tell."""
+    rate, command = _number(data, "sample_rate_hz", source), _number(data, "command_delay_ms", source)
+    path = data.get("kd_path")
+    told = "split" if isinstance(path, dict) else "drive" if command else None
+    place = data.get("gains_run", told)
+    require_one_of(f"{source}: gains_run {shown(place)}", place, GAINS_RUN)
+    if place == "drive":
+        return {"gains_run": place, "delay_ms": command, "drive_rate_hz": rate, "drive_delay_ms": delay}
+    found = {"gains_run": place, "delay_ms": delay, "sample_rate_hz": rate}
+    if place == "split":
+        own = path if isinstance(path, dict) else {}
+        drive = {f"drive_{name}": _number(own, key, f"{source}: kd_path") for name, key in PATH.items()}
+        return found | drive
+    return found
+
+
+def _posture(data: Mapping[str, Any], source: str) -> dict[str, dict[str, float]]:
+    """The audited posture by joint, where some joint does not stand at 0."""
+    angles = data.get("posture")
+    if not isinstance(angles, dict):
+        return {}
+    found = {re.escape(str(name)): checked(f"{source}: posture.{shown(name)}", angle, ANGLE) for name, angle in angles.items()}
+    return {AUDITED: found} if any(found.values()) else {}
+
+
+def _damping_notes(data: Mapping[str, Any], source: str) -> list[str]:
+    """That kd has the joints' own damping in it already."""
+    if data.get("joint_damping") != "controller":
+        return []
+    return [f"{source}: kd has the joints' own damping of the model in it already: leave --joint-damping out, so that it counts once"]
 
 
 def _required_text(data: Mapping[str, Any]) -> str:
