@@ -196,8 +196,8 @@ def test_a_velocity_loop_is_no_position_gain():
         (TRAJECTORY.replace("l_knee", "l_elbow"), "gains.'l_elbow' matches no joint", ""),
         ("gains: {p: 1, d: 2}", "gains: p, i, d stand under no joint's name", ""),
         ("p: 1", "at the top: p, i, d stand under no joint's name", ""),
-        ("a: &x {kp: 1}\nb: *x", "line 1, column 4: anchors and aliases", ""),
-        ("a: !!python/object/apply:os.getcwd []", "line 1, column 4: tags", ""),
+        ("a: &x {kp: 1}\nb: *y", "line 2, column 4: *y is used before its value has ended", ""),
+        ("a: !!python/object/apply:os.getcwd []", "holds no gains in a known form", "found a: !!python/object/apply:os.getcwd in line 1"),
     ],
 )
 def test_what_is_wrong_is_named(text: str, start: str, contains: str):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GainroomError, first_of_many
+from ..errors import GainroomError
 from ..io.bounded_text import bounded_text
 from ..io.validation import dotted
 from ..io.yaml_text import MAX_BYTES, parse_yaml, read_text, shown
@@ -19,22 +19,22 @@ from ..system.linear.arrays import Booleans, Floats
 from .file_types import kind_of, wrong_kind
 from .gain_formats.actuator_configs import read_actuator_configs
 from .gain_formats.array_text import read_array_text
-from .gain_formats.gain_arrays import ArrayNames, has_arrays, read_arrays
 from .gain_formats.gain_record import ACTUATOR, GainFile, GainSection, Origin
+from .gain_formats.gain_sets import read_set
 from .gain_formats.mjcf_actuators import read_mjcf
-from .gain_formats.moteus import is_dump, read_dump, read_moteus
+from .gain_formats.moteus import is_dump, read_dump
 from .gain_formats.onnx_metadata import read_onnx
 from .gain_formats.own_answers import MOST_BYTES as ANSWER_BYTES, answer_in, read_answer
-from .gain_formats.plain import is_plain, read_plain
-from .gain_formats.ros2_control import read_ros2_control
 
 XML = (".xml", ".mjcf", ".urdf")
 PYTHON = (".py", ".pyi")
+DATA = (".yaml", ".yml", ".json")
 C_CODE = (".h", ".hh", ".hpp", ".hxx", ".c", ".cc", ".cpp", ".cxx", ".ino")
 TEXT = (".txt", ".cfg", ".conf", ".config", ".log")
 UNKNOWN = (
     "holds no gains in a known form: joint or pattern → {kp, kd}, at the top or under gains; or a ros2_control file with p, i, d under "
-    "each joint's name; or an MJCF with position actuators; or kps and kds, one number per joint"
+    "each joint's name; or an MJCF with position actuators; or kps and kds, one number per joint; or "
+    "control: {stiffness, damping} by part of the joints' names"
 )
 
 
@@ -69,7 +69,9 @@ class JointGains:
 
 
 def read_gains(path: Path, contact: str = "", to_use: bool = False) -> GainFile:
-    """The gains in a file: its ending says which language it is in, its content which form. FILE.py:NAME is one robot of several in a file.
+    """The gains in a file: its ending says which language it is in, its content which form. FILE:NAME chooses.
+
+    NAME is one of several robots in a Python file, or the keys that lead to one of several sets in a YAML or JSON file.
 
     contact   of the sets that gainroom robot recommends the one for this contact state, not the one that is safe in all
     to_use    of what gainroom audit wrote of unsafe gains those to use in their place, not those that were audited
@@ -79,6 +81,8 @@ def read_gains(path: Path, contact: str = "", to_use: bool = False) -> GainFile:
     file, _, name = str(path).rpartition(":")
     if Path(file).suffix.lower() in PYTHON:
         return read_actuator_configs(read_text(Path(file)), file, name, Path(file).parent)
+    if name and Path(file).suffix.lower() in DATA and not path.exists():
+        return parse_gains(_as_yaml(bounded_text(Path(file), MAX_BYTES, "a configuration file"), file), file, name)
     ending = path.suffix.lower()
     if ending == ".onnx":
         return read_onnx(path)
@@ -104,30 +108,24 @@ def parse_file(text: str, path: Path, contact: str = "", to_use: bool = False) -
         return read_dump(text, str(path))
     if ending in (*C_CODE, *TEXT):
         return read_array_text(text, str(path), ending in C_CODE)
-    # JSON is YAML but for tabs, and has none inside its strings.
-    return parse_gains(text.replace("\t", " ") if ending == ".json" else text, str(path))
+    return parse_gains(_as_yaml(text, str(path)), str(path))
 
 
-def parse_gains(text: str, source: str) -> GainFile:
+def _as_yaml(text: str, source: str) -> str:
+    """JSON is YAML but for tabs, and has none inside its strings."""
+    return text.replace("\t", " ") if source.lower().endswith(".json") else text
+
+
+def parse_gains(text: str, source: str, chosen: str = "") -> GainFile:
     """As read_gains, for YAML or JSON in a file that messages call `source`."""
-    data = parse_yaml(text, source)
+    data = parse_yaml(text, source, of_others=True)
     if not isinstance(data, dict):
         raise GainroomError(f"{source}: {'is empty' if data is None else UNKNOWN}")
     if "drive" in data and (found := kind_of(data)) != "other":
         raise wrong_kind(source, "file of gains", found)
     if "gains" in data and not data["gains"]:
         raise GainroomError(f"{source}: gains: is empty; must hold joint or pattern → {{kp, kd}}, one or more")
-    if "moteus" in data:
-        return read_moteus(data, source)
-    arrays = {key: each for key, each in {"": data, **data}.items() if isinstance(each, dict) and has_arrays(each)}
-    if len(arrays) > 1:
-        several = first_of_many([key or "at the top" for key in arrays])
-        raise GainroomError(f"{source}: holds arrays of gains in several places: {several}; leave one")
-    for each in arrays.values():
-        return read_arrays(each, ArrayNames.of(data | each, {}), source)
-    if is_plain(data):
-        return read_plain(data, source)
-    return read_ros2_control(data, source, f"{UNKNOWN}{_begins(data)}")
+    return read_set(data, source, chosen, f"{UNKNOWN}{_begins(data)}")
 
 
 def gains_of(file: GainFile, joint_names: Sequence[str]) -> JointGains:

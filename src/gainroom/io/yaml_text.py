@@ -2,12 +2,15 @@
 
 Scalars are read by YAML 1.2's core rules, not PyYAML's 1.1: 1e4 is a number, `on` is a word, 010 and 1:30 are no
 numbers.
-Anchors, aliases, merge keys, duplicate keys and tags have no use in a configuration file and are refused.
+Anchors, aliases, merge keys, duplicate keys and tags have no use in a configuration file of ours and are refused. In the files of others
+(`of_others`) a value may be used again, within the same bounds, and what has a tag that is no plain value's is kept as Tagged: no object is
+made of it.
 """
 
 import math
 import re
 from collections.abc import Hashable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +37,18 @@ LONGEST = 60
 """Characters of a value in a message."""
 
 
+@dataclass(frozen=True)
+class Tagged:
+    """A value whose tag says that it is no plain one: where it stands, and the keys of mappings in it."""
+
+    tag: str
+    line: int
+    keys: frozenset[str] = frozenset()
+
+    def __repr__(self) -> str:
+        return f"{self.tag} in line {self.line}"
+
+
 def shown(value: object) -> str:
     """`value` for a message: printable, on one line, not longer than LONGEST."""
     if value is None or isinstance(value, bool):
@@ -48,14 +63,17 @@ def read_text(path: Path) -> str:
     return bounded_text(path, MAX_BYTES, "a configuration file")
 
 
-def parse_yaml(text: str, source: str) -> Any:
+def parse_yaml(text: str, source: str, of_others: bool = False) -> Any:
     """The plain dicts, lists and scalars of a YAML text; None where it holds nothing.
 
-    `source` is named in messages. Raises GainroomError on anything malformed or out of bounds.
+    source      named in messages
+    of_others   whether values may be used again (&, *, <<) and have tags, as in files that programs write
+
+    Raises GainroomError on anything malformed or out of bounds.
     """
     loader = None
     try:
-        loader = _Loader(text)  # reading the first characters may already fail
+        loader = (_OfOthers if of_others else _Loader)(text)  # reading the first characters may already fail
         return loader.get_single_data()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -84,10 +102,7 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event = self.peek_event()
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            raise self._refusal("anchors and aliases (&, *) are not allowed here", event.start_mark)
-        if getattr(event, "tag", None) is not None:
-            raise self._refusal("tags (!) are not allowed here", event.start_mark)
+        self._check(event)
         self._nodes += 1
         self._depth += 1
         if self._depth > MAX_DEPTH:
@@ -99,17 +114,28 @@ class _Loader(yaml.SafeLoader):
         finally:
             self._depth -= 1
 
+    def _check(self, event: Any) -> None:
+        """Raise what is wrong with a value that begins with this event."""
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise self._refusal("anchors and aliases (&, *) are not allowed here", event.start_mark)
+        if getattr(event, "tag", None) is not None:
+            raise self._refusal("tags (!) are not allowed here", event.start_mark)
+
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: dict[Hashable, Any] = {}
         for key_node, value_node in node.value:
-            key = self.construct_object(key_node, deep=True) if isinstance(key_node, yaml.ScalarNode) else None
-            if not isinstance(key, str):
-                comma = "; a decimal comma is written as a point" if isinstance(key, int) else ""
-                raise self._refusal(f"a key must be a word{comma}", key_node.start_mark)
+            key = self._key(key_node, value_node)
             if key in seen:
                 raise self._refusal(f"key {shown(key)} is given twice", key_node.start_mark)
             seen[key] = self.construct_object(value_node, deep=deep)
         return seen
+
+    def _key(self, node: yaml.Node, value: yaml.Node) -> str:
+        key = self.construct_object(node, deep=True) if isinstance(node, yaml.ScalarNode) else None
+        if not isinstance(key, str):
+            comma = "; a decimal comma is written as a point" if isinstance(key, int) else ""
+            raise self._refusal(f"a key must be a word{comma}", node.start_mark)
+        return key
 
     def construct_number(self, node: yaml.ScalarNode) -> int | float:
         text = self.construct_scalar(node)
@@ -133,3 +159,88 @@ _SCALARS = (
 for _name, _pattern, _first in _SCALARS:
     _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", re.compile(rf"^(?:{_pattern})$"), _first)
 _Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_number)
+
+
+class _OfOthers(_Loader):
+    """With anchors, aliases and merge keys, each use of a value counted as if it were written there, and with tags."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._sizes: dict[str, tuple[int, int]] = {}
+        """By anchor, of a value that has ended: how many values it holds, and how deep they are nested."""
+        self._deepest = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in self._sizes:
+                raise self._refusal(f"*{event.anchor} is used before its value has ended", event.start_mark)
+            count, depth = self._sizes[event.anchor]
+            self._nodes += count
+            self._deepest = max(self._deepest, self._depth + depth)
+            if self._depth + depth > MAX_DEPTH:
+                raise self._refusal(f"nested more than {MAX_DEPTH} deep", event.start_mark)
+            return super().compose_node(parent, index)
+        anchor = getattr(event, "anchor", None)
+        tag, before, around = getattr(event, "tag", None), self._nodes, self._deepest
+        self._deepest = self._depth + 1
+        node = super().compose_node(parent, index)
+        if anchor is not None:
+            self._sizes[anchor] = (self._nodes - before, self._deepest - self._depth)
+        self._deepest = max(self._deepest, around)
+        if tag is not None and node is not None:
+            node.tag = self._plain_tag(node, tag)
+        return node
+
+    def _check(self, event: Any) -> None:
+        pass
+
+    def _plain_tag(self, node: yaml.Node, tag: str) -> str:
+        """The tag of a plain value of the same meaning, else the tag as it is written."""
+        if isinstance(node, yaml.ScalarNode):
+            plain = self.resolve(yaml.ScalarNode, node.value, (True, False))
+            kind = tag.removeprefix(CORE)
+            fits = tag == plain or kind in TEXT_TAGS or (kind in ("int", "float") and plain == f"{CORE}float")
+            return (f"{CORE}str" if kind in TEXT_TAGS else plain) if fits else f"!{tag}"
+        kinds = ("seq", "python/tuple", "python/list") if isinstance(node, yaml.SequenceNode) else ("map", "python/dict")
+        return f"{CORE}{kinds[0]}" if tag.removeprefix(CORE) in kinds and tag.startswith(CORE) else f"!{tag}"
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        merged: dict[Hashable, Any] = {}
+        own = []
+        for key_node, value_node in node.value:
+            if isinstance(key_node, yaml.ScalarNode) and key_node.value == "<<" and key_node.style is None:
+                nodes = value_node.value if isinstance(value_node, yaml.SequenceNode) else [value_node]
+                for each in nodes:
+                    if not isinstance(each, yaml.MappingNode):
+                        raise self._refusal("<< must be a mapping, or a list of them", each.start_mark)
+                    merged = self.construct_object(each, deep=True) | merged
+            else:
+                own.append((key_node, value_node))
+        plain = yaml.MappingNode(node.tag, own, node.start_mark, node.end_mark)
+        return merged | super().construct_mapping(plain, deep)
+
+    def _key(self, node: yaml.Node, value: yaml.Node) -> str:
+        """Also a number, true or null, as it is written, but where it may be the rest of a decimal comma's number."""
+        is_plain = isinstance(node, yaml.ScalarNode) and node.tag.startswith(CORE) and value.tag != f"{CORE}null"
+        return node.value if is_plain else super()._key(node, value)
+
+    def construct_tagged(self, node: yaml.Node) -> Tagged:
+        keys: set[str] = set()
+        waiting, seen = [node], set()
+        while waiting:
+            each = waiting.pop()
+            if id(each) in seen:
+                continue
+            seen.add(id(each))
+            if isinstance(each, yaml.MappingNode):
+                keys |= {key.value for key, _ in each.value if isinstance(key, yaml.ScalarNode)}
+                waiting += [part for pair in each.value for part in pair]
+            elif isinstance(each, yaml.SequenceNode):
+                waiting += each.value
+        return Tagged(node.tag[1:].replace(CORE, "!!"), node.start_mark.line + 1, frozenset(keys))
+
+
+CORE = "tag:yaml.org,2002:"
+TEXT_TAGS = ("str", "python/str", "python/unicode")
+_OfOthers.add_constructor(None, _OfOthers.construct_tagged)  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import GainroomError, first_of_many
-from ...io.validation import checked, number
+from ...io.validation import checked, dotted, number
 from ...io.yaml_text import shown
 from ...robot.name_patterns import select_all
 from .gain_arrays import INDICES, KD, ORDERS, ArrayNames, is_gain_array, read_arrays
@@ -135,6 +135,43 @@ def read_actuator_configs(text: str, source: str, chosen: str = "", folder: Path
     return GroupedGains(
         source, form, {}, groups=tuple(groups), notes=tuple(dict.fromkeys(notes)), postures=postures, unread_postures=unread
     )
+
+
+def has_groups(data: Mapping[str, Any]) -> bool:
+    """Whether a mapping of a YAML file holds actuators, as Isaac Lab and mjlab write what they were trained with."""
+    return any(isinstance(each, dict) and any(key in each for key in (*TARGETS, "base_cfg")) for _, each in _written(data))
+
+
+def _written(data: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """What stands in the place of actuators in a mapping of a YAML file, by where it stands."""
+    held = data.get("articulation", data)
+    held = held.get("actuators", data if held is data else {}) if isinstance(held, dict) else held
+    pairs = held.items() if isinstance(held, dict) else enumerate(held) if isinstance(held, list) else ()
+    return [(dotted("actuators", str(key)) if held is not data else dotted(str(key)), each) for key, each in pairs]
+
+
+def read_actuator_data(data: Mapping[str, Any], source: str) -> GainFile:
+    """The actuators of a mapping that has_groups, in which a class is named by `class_type`. Raises GainroomError."""
+    groups, notes = [], []
+    for name, each in _written(data):
+        if not isinstance(each, dict):
+            raise GainroomError(f"{source}: {name}: {shown(each)} is no actuator configuration")
+        group = _group(_understood(_written_record(name, each, source), source, ""), source, notes)
+        groups += [group] * (group is not None)
+    if not groups:
+        raise GainroomError(notes[-1] if notes else f"{source}: has no actuators")
+    state = data.get("init_state")
+    robot = Record("robot", 0, {"init_state": _written_record("init_state", state, source)} if isinstance(state, dict) else {})
+    postures, unread = _postures(PythonValues(source, {}, {}, []), robot, source, False)
+    return GroupedGains(source, "Isaac Lab", {}, groups=tuple(groups), notes=tuple(notes), postures=postures, unread_postures=unread)
+
+
+def _written_record(name: str, data: Mapping[str, Any], source: str) -> Record:
+    """A configuration as it is written into YAML."""
+    kind = str(data.get("class_type", "")).rpartition(":")[2].rpartition(".")[2]
+    inner = data.get("base_cfg")
+    fields = {**data, "base_cfg": _written_record(f"{name}.base_cfg", inner, source)} if isinstance(inner, dict) else dict(data)
+    return Record(name, 0, fields, (f"{kind.removesuffix('Cfg')}Cfg",), source=source)
 
 
 def _without_actuators(values: PythonValues, source: str, chosen: str) -> GainFile:
@@ -349,7 +386,7 @@ def _inside_functions(values: PythonValues) -> str:
 
 def _group(record: Record, source: str, notes: list[str]) -> Group | None:
     """A record's gains; None, and a note, where it has none."""
-    owner = f"{record.source or source}: line {record.line}: {record.name}"
+    owner = f"{record.source or source}: {f'line {record.line}: ' if record.line else ''}{record.name}"
     if REST in record.fields:
         raise GainroomError(f"{owner}: {record.fields[REST]} and may have changed it")
     inner = record.fields.get("base_cfg")

@@ -1,4 +1,4 @@
-"""Gains of legged_gym, and of what descends from it (unitree_rl_gym): classes in classes, read as text (python_values).
+"""Gains of legged_gym, and of what descends from it (unitree_rl_gym): classes in classes, read as text (python_values); or in YAML.
 
 `class control` has `stiffness` and `damping` by a part of the joints' names: a joint has the gains of the last key that stands in its name,
 and none where no key does. `class init_state` has `default_joint_angles`, the posture about which a policy acts.
@@ -18,6 +18,10 @@ from .python_values import PythonValues, one_robot
 
 POSITION = "P"
 ANGLES = "default_joint_angles"
+CONTROL = "control"
+GAINS = ("stiffness", "damping")
+EVERY_JOINT = "default"
+"""The key of all other joints' angle, in YAML."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +49,8 @@ def legged_gym_robots(values: PythonValues) -> dict[str, Record]:
     found: dict[str, Record] = {}
     for name, value in values.names.items():
         if isinstance(value, Record) and value.is_class:
-            control = value.inherited("control")
-            named = isinstance(control, Record) and control.is_class and {"stiffness", "damping"} & fields_of(control).keys()
+            control = value.inherited(CONTROL)
+            named = isinstance(control, Record) and control.is_class and {*GAINS} & fields_of(control).keys()
             if named and not any(_same(value, other) for other in found.values()):
                 found[name] = value
     return found
@@ -68,26 +72,63 @@ def _section(record: Record, name: str) -> Mapping[str, Any]:
 def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, notes: Sequence[str]) -> LeggedGymGains:
     """The gains of one of legged_gym_robots. Raises GainroomError, one line that names file, line and key."""
     record = robots[one_robot(robots, source, chosen, "gains", "class")]
-    control, notes = _section(record, "control"), list(notes)
-    owner = f"{source}: line {record.inherited('control').line}: {record.name}.control"
+    control = _section(record, CONTROL)
+    gains, told = _gains(control, f"{source}: line {record.inherited(CONTROL).line}: {record.name}.{CONTROL}")
+    angles = _section(record, "init_state").get(ANGLES)
+    where = f"{source}: {record.name}.init_state: {ANGLES}"
+    found = {} if angles is None or isinstance(angles, Unknown) else _numbers(angles, where, ANGLE)
+    unread = {ANGLES: f"{where}: {angles}"} if isinstance(angles, Unknown) else {}
+    postures = {ANGLES: {re.escape(name): angle for name, angle in found.items()}} if found else {}
+    return LeggedGymGains(source, "legged_gym", gains, notes=(*notes, *told), angles=found, postures=postures, unread_postures=unread)
+
+
+def has_parts(data: Mapping[str, Any], key: str) -> bool:
+    """Whether a mapping of a YAML file, behind a `key`, has stiffness and damping by part of joints' names, or for all under `control`."""
+    pair = [data.get(name) for name in GAINS]
+    if all(isinstance(each, dict) for each in pair):
+        return True
+    return key == CONTROL and all(each is not None and not isinstance(each, list) for each in pair)
+
+
+def read_parts(control: Mapping[str, Any], around: Mapping[str, Any], source: str) -> LeggedGymGains:
+    """The gains of a mapping as has_parts finds, and the angles that stand `around` it. Raises GainroomError."""
+    gains, notes = _gains(control, source)
+    state = around.get("init_state")
+    angles = (state if isinstance(state, dict) else around).get(ANGLES, around.get("defaultJointAngles"))
+    try:
+        postures, unread = ({ANGLES: _by_part(angles, f"{source}: {ANGLES}")} if angles else {}), {}
+    except GainroomError as error:
+        postures, unread = {}, {ANGLES: str(error)}
+    return LeggedGymGains(source, "legged_gym", gains, notes=notes, angles={}, postures=postures, unread_postures=unread)
+
+
+def _gains(control: Mapping[str, Any], owner: str) -> tuple[dict[str, Gain], tuple[str, ...]]:
+    """The gains of a `control` by part of joints' names, "" of all; and what is to be said of them."""
     kind = control.get("control_type", POSITION)
     if kind != POSITION:
         raise GainroomError(
             f"{owner}: control_type {kind if isinstance(kind, Unknown) else shown(kind)} must be 'P', a position controller"
         )
-    stiffness, damping = (_numbers(control.get(key), f"{owner}: {key}", NOT_NEGATIVE) for key in ("stiffness", "damping"))
+    pair = [control.get(key) for key in GAINS]
+    if all(isinstance(each, int | float) for each in pair):
+        return {"": Gain(*(checked(f"{owner}: {key}", each, NOT_NEGATIVE) for key, each in zip(GAINS, pair, strict=True)))}, ()
+    stiffness, damping = (_numbers(each, f"{owner}: {key}", NOT_NEGATIVE) for key, each in zip(GAINS, pair, strict=True))
     missing = [key for key in stiffness if key not in damping]
     if missing:
         raise GainroomError(f"{owner}: damping: names no {shown(missing[0])}, which stiffness has")
-    if control.get("use_actuator_network") is True:
-        notes.append(f"{owner}: a network stands for the motors in training; these gains are what it was trained with at most")
-    angles = _section(record, "init_state").get(ANGLES)
-    where = f"{source}: {record.name}.init_state: {ANGLES}"
-    found = {} if angles is None or isinstance(angles, Unknown) else _numbers(angles, where, ANGLE)
-    gains = {key: Gain(stiffness[key], damping[key]) for key in stiffness}
-    unread = {ANGLES: f"{where}: {angles}"} if isinstance(angles, Unknown) else {}
-    postures = {ANGLES: {re.escape(name): angle for name, angle in found.items()}} if found else {}
-    return LeggedGymGains(source, "legged_gym", gains, notes=tuple(notes), angles=found, postures=postures, unread_postures=unread)
+    network = f"{owner}: a network stands for the motors in training; these gains are what it was trained with at most"
+    return {key: Gain(stiffness[key], damping[key]) for key in stiffness}, (network,) * (control.get("use_actuator_network") is True)
+
+
+def _by_part(value: Any, owner: str) -> dict[str, float]:
+    """Angles by pattern, of angles by part of joints' names, as some read them, or by joint, as others do: where both mean the same."""
+    angles = _numbers(value, owner, ANGLE)
+    parts = [key for key in angles if key != EVERY_JOINT]
+    for k, key in enumerate(parts):
+        if longer := [before for before in parts[:k] if key in before]:
+            raise GainroomError(f"{owner}: {shown(key)} is a part of {shown(longer[0])}, which stands before it: write it first")
+    rest = {".*": angles[EVERY_JOINT]} if EVERY_JOINT in angles else {}
+    return rest | {f".*{re.escape(key)}.*": angles[key] for key in parts}
 
 
 def _numbers(value: Any, owner: str, check: Any) -> dict[str, float]:

@@ -28,6 +28,16 @@ def is_plain(data: dict[str, Any]) -> bool:
     return isinstance(section, dict) and any(_is_gain(value) for value in section.values())
 
 
+def is_plain_gain(data: dict[str, Any]) -> bool:
+    """Whether a mapping is plain gains wherever it stands: a pair of numbers alone says too little, but under `gains`."""
+    section = data.get("gains", data)
+    values = list(section.values()) if isinstance(section, dict) else []
+    if section is not data and values and all(isinstance(each, list) and _is_gain(each) for each in values):
+        return True
+    sections = [each for each in values if isinstance(each, dict) and "p" not in each]
+    return any(not isinstance(each.get(key, {}), dict | list) for each in sections for key in ("kp", "kd"))
+
+
 def _is_gain(value: object) -> bool:
     """Whether `value` looks like plain gains: a list of numbers, or a section with one of their keys."""
     if isinstance(value, list):

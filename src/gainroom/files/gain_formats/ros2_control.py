@@ -72,7 +72,8 @@ def read_ros2_control(data: dict[str, Any], source: str, unknown: str) -> Ros2Ga
             continue
         if joint in gains:
             both = f"in {dotted(*paths[joint])} and in {place}"
-            raise GainroomError(f"{source}: joint {shown(joint)} has gains twice, {both}; leave one in the file")
+            chosen = f"name one, {source}:{path[0]}, or " if path[0] != paths[joint][0] and "." not in path[0] else ""
+            raise GainroomError(f"{source}: joint {shown(joint)} has gains twice, {both}; {chosen}leave one in the file")
         gains[joint] = _pid(node, f"{source}: {place}")
         paths[joint] = path
         strange = [key for key in node if key not in (*TERMS, *BESIDE)]

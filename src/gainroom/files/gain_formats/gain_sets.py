@@ -1,0 +1,146 @@
+"""The sets of gains in a YAML or JSON file, wherever they stand in it: one is read, of several one is chosen by the keys that lead to it.
+
+A set is a mapping with arrays of gains, with plain gains by joint, with `stiffness` and `damping` by part of a joint's name, with actuators
+as Isaac Lab writes them, with a section `moteus`, or a controller of ros2_control.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ...errors import GainroomError, first_of_many, nearest
+from ...io.validation import dotted
+from ...io.yaml_text import Tagged, shown
+from .actuator_configs import TARGETS, has_groups, read_actuator_data
+from .gain_arrays import INDICES, KD, KP, ORDERS, ArrayNames, has_arrays, read_arrays
+from .gain_record import GainFile
+from .legged_gym import has_parts, read_parts
+from .moteus import read_moteus
+from .plain import is_plain, is_plain_gain, read_plain
+from .ros2_control import MANAGER, TERMS, read_ros2_control
+
+OF_GAINS = {*KP, *KD, *TARGETS, "gains", "actuators", "moteus"}
+VALUES = {*KP, *KD, *ORDERS, *INDICES, *TARGETS, *TERMS, "ki", "armature"}
+"""What gains are made of, at any depth: a value behind a tag is not passed over there, nor one in which OF_GAINS stand."""
+
+Path = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class GainSet:
+    """A mapping that holds gains: the keys that lead to it, the mapping, what holds it, and who reads it.
+
+    order   the orders of joints that stand around it
+    """
+
+    path: Path
+    data: dict[str, Any]
+    around: Mapping[str, Any]
+    order: Mapping[str, Any]
+    read: Callable[["GainSet", str], GainFile] | None
+
+    @property
+    def name(self) -> str:
+        """As it is chosen by."""
+        return ".".join(self.path) or "."
+
+
+def read_set(data: dict[str, Any], source: str, chosen: str, unknown: str) -> GainFile:
+    """The gains of the one set in a file's data, or of the one that is `chosen`; `unknown` is said of a file without any.
+
+    Raises GainroomError, with the sets' names where one must be chosen.
+    """
+    found = list(_sets(data))
+    _refuse_tags(data, source, ())
+    if not found and is_plain(data) and not chosen:
+        return read_plain(data, source)
+    each = _one(found, source, chosen)
+    if each is not None and chosen.rpartition(".")[2] == "gains" and isinstance(each.data.get("gains"), dict):
+        return read_plain({"gains": each.data["gains"]}, f"{source}: {dotted(*each.path)}" if each.path else source)
+    if each is not None and each.read is not None:
+        return each.read(each, f"{source}: {dotted(*each.path)}" if each.path else source)
+    if each is not None and chosen:
+        keys = next(each.path[:k] for k in range(len(each.path) + 1) if ".".join(each.path[:k]) == chosen)
+        data = {key: value for key, value in data.items() if key.endswith(MANAGER)} | _only(data, keys)
+    return read_ros2_control(data, source, unknown)
+
+
+def _one(found: Sequence[GainSet], source: str, chosen: str) -> GainSet | None:
+    """The set that is chosen, or the only one; None where there is none. Controllers of ros2_control count as one."""
+    names = list(dict.fromkeys(each.name if each.read is not None else each.path[0] if each.path else "." for each in found))
+    if chosen:
+        fitting = [each for each in found if chosen in (each.name, ".".join((*each.path, "gains")))] or [
+            each for each in found if each.name.startswith(f"{chosen}.")
+        ]
+        if not fitting:
+            raise GainroomError(f"{source}: {shown(chosen)} holds no gains{nearest(chosen, names, 'set') if names else ''}")
+        found = fitting
+    if len(found) > 1 and any(each.read is not None for each in found):
+        raise GainroomError(f"{source}: holds gains in {len(names)} places; name one, {source}:{names[0]} ({first_of_many(names)})")
+    return found[0] if found else None
+
+
+def _sets(data: Any, path: Path = (), around: Mapping[str, Any] | None = None, order: Mapping[str, Any] | None = None) -> Iterator[GainSet]:
+    """Every set in the data: of those inside each other the outermost, but what stands beside arrays is looked at."""
+    if isinstance(data, list):
+        for place, each in enumerate(data):
+            if isinstance(each, dict):
+                yield from _sets(each, (*path, str(place)), {}, order)
+        return
+    if not isinstance(data, dict):
+        return
+    order = {**(order or {}), **{key: value for key, value in data.items() if key.lower() in (*ORDERS, *INDICES)}}
+    reader = _reader(data, path)
+    if reader is not None:
+        yield GainSet(path, data, around or {}, order, reader)
+    elif "p" in data and not isinstance(data["p"], dict | list):
+        yield GainSet(path, data, around or {}, order, None)
+    if reader in (None, _arrays):
+        for key, each in data.items():
+            if reader is _arrays and is_plain_gain({key: each}):
+                yield GainSet((*path, key), {key: each}, data, order, _plain)
+            yield from _sets(each, (*path, key), data, order)
+
+
+def _reader(data: dict[str, Any], path: Path) -> Callable[[GainSet, str], GainFile] | None:
+    """Who reads a mapping as a set; None where it is none, or one of ros2_control."""
+    if "moteus" in data:
+        return lambda each, source: read_moteus({"moteus": each.data["moteus"]} if path else each.data, source)
+    if has_groups(data):
+        return lambda each, source: read_actuator_data(each.data, source)
+    if is_plain_gain(data) and ("gains" in data or not has_arrays(data)):
+        return _plain
+    if has_arrays(data):
+        return _arrays
+    if has_parts(data, path[-1] if path else ""):
+        return lambda each, source: read_parts(each.data, each.around, source)
+    return None
+
+
+def _plain(each: GainSet, source: str) -> GainFile:
+    return read_plain(each.data, source)
+
+
+def _arrays(each: GainSet, source: str) -> GainFile:
+    return read_arrays(each.data, ArrayNames.of({**each.order, **each.data}, {}), source)
+
+
+def _only(data: Any, path: Path) -> Any:
+    """The data without what stands beside a path."""
+    if not path:
+        return data
+    if isinstance(data, list):
+        return [_only(data[int(path[0])], path[1:])]
+    beside = {name: value for name, value in data.items() if not isinstance(value, dict | list)}
+    return beside | {path[0]: _only(data[path[0]], path[1:])}
+
+
+def _refuse_tags(data: Any, source: str, path: Path) -> None:
+    """Raise GainroomError where gains stand behind a tag that is not read."""
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ():
+        here = (*path, str(key))
+        matters = any(each.lower() in VALUES for each in here) or here[-1].lower() in OF_GAINS
+        if isinstance(value, Tagged) and (matters or OF_GAINS & {each.lower() for each in value.keys}):
+            what = f"what has the tag {shown(value.tag)} is not read, and gains may stand there; write it without a tag"
+            raise GainroomError(f"{source}: line {value.line}: {dotted(*here)}: {what}")
+        _refuse_tags(value, source, here)
