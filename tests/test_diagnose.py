@@ -15,6 +15,7 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.identification.oscillation_search import find_oscillation
 from gainroom.identification.record import Record
+from gainroom.report.diagnosis_text import advice, sentence
 from gainroom.simulation import Friction, Scenario, Testbed, simulate
 from gainroom.studies.diagnosis import diagnose
 from gainroom.system.system import System
@@ -84,6 +85,48 @@ def test_what_is_no_vibration(name: str, position, reference: np.ndarray):
     found = diagnose(record({"motor_position": position(np.random.default_rng(1)), "reference": reference}))
     assert not found.vibrates, name
     assert found.causes == ()
+
+
+@pytest.mark.parametrize(
+    ("position", "vibrates"),
+    [
+        (lambda t: 1.35 * np.sin(2 * np.pi * 0.3 * t), False),
+        (lambda t: 0.1 * np.sin(2 * np.pi * 2.5 * t), False),
+        (lambda t: 1.35 * np.sin(2 * np.pi * (0.1 * t + 0.05 * t**2)), False),  # from 0.1 to 1.3 Hz
+        (lambda t: 5e-3 * np.sin(2 * np.pi * (20 * t - 0.6 * t**2)), False),  # from 20 to 5.6 Hz
+        (lambda t: 0.02 * np.sin(2 * np.pi * 0.1 * 12 / np.log(150) * np.exp(t / 12 * np.log(150))), False),  # to 15 Hz, evenly in octaves
+        (lambda t: 1e-3 * np.sin(2 * np.pi * 50 * t), True),
+        (lambda t: 2e-3 * np.sin(2 * np.pi * 3 * t), True),  # slow, and small
+        (lambda t: 0.05 * np.exp(0.3 * (t - 12)) * np.sin(2 * np.pi * 3 * t), True),  # it grows
+    ],
+)
+def test_a_motion_that_may_be_commanded_is_no_vibration(position, vibrates: bool):
+    """The set-point is not in the log; the answer asks for it."""
+    found = diagnose(record({"motor_position": 2e-5 * np.round(position(TICK * np.arange(12_000)) / 2e-5)}))
+    assert found.vibrates == vibrates
+    if not vibrates:
+        assert "not in the log" in sentence(found)
+        assert "Record the set-point" in advice(found)[0]
+
+
+@pytest.mark.parametrize("rate", [-0.3, -1.0, 0.0])
+def test_motion_below_a_step_of_the_encoder_is_no_vibration(rate: float):
+    """It shows in means over many rows: a quarter of a step, or what is left of less than one."""
+    step, noise = 2e-5, 2e-5 * np.random.default_rng(5).standard_normal(4000)
+    true = 0.05 + 0.25 * step * np.exp(rate * TIME) * np.sin(2 * np.pi * 3.4 * TIME)
+    position = step * np.round((true + noise) / step)
+    assert not diagnose(record({"motor_position": position, "reference": np.full(4000, 0.05)})).vibrates
+
+
+@pytest.mark.parametrize(("torque", "vibrates"), [(31.0, True), (6.0, True), (0.3, False)])
+def test_a_torque_that_swings_strongly_is_not_quiet(torque: float, vibrates: bool):
+    """The encoder shows two steps; the log also holds a move, of 39 N m. A swing by less than a hundredth of that is none."""
+    step = 3.07e-3
+    angle = 2 * np.pi * 61.4 * TIME
+    position = np.where(TIME < 0.3, 0.0, step * (16 + (np.sin(angle) > 0)))
+    torques = np.where(TIME < 0.3, 39.0 * np.sin(2 * np.pi * TIME / 0.3), -torque * np.sin(angle + 0.1))
+    log = {"motor_position": position, "reference": np.where(TIME < 0.3, 0.0, 0.05), "actual_torque": torques}
+    assert diagnose(record(log)).vibrates == vibrates
 
 
 def test_a_growing_loop_is_measured_as_its_root_says_and_the_advice_gives_the_margin_asked_for():

@@ -41,6 +41,9 @@ ALONE = 0.8  # of the set-point's power in its largest line: it oscillates
 # order, and distance from an odd one, of the harmonics of an oscillating set-point that friction makes
 MOST_HARMONICS, NEAR_HARMONIC = 40, 0.25
 TRIES = 4  # oscillations that are looked at, each of a higher frequency
+SLOW, LARGE = 2 * math.pi * 4.0, 0.01  # [rad/s] and [rad]: slower and larger, people and programmes move joints
+CLIPPED, STANDING = 0.05, 0.3  # shares of the rows at a torque limit and at rest: something that bounds a vibration
+SWEEP_HALVES, SWEEP = 12, 0.02  # half periods that a sweep is seen in, and by how much they change at least from quarter to quarter
 STRIDES = (1, 4, 16, 64, 256)  # ticks whose mean is taken
 
 
@@ -51,12 +54,14 @@ class Search:
     oscillation   None where nothing oscillates
     driven        frequency of a motion that the set-point itself contains [rad/s]; NaN: none
     blind         below this frequency the set-point's motion may hide a vibration [rad/s]; 0: nowhere
+    unasked       amplitude of a motion at `driven` that a set-point which is not in the record may well have made [rad]; NaN: none
     excited       band of an excitation in target_torque, which moves the joint and may hide a vibration [rad/s]; None: none
     """
 
     oscillation: RecordedOscillation | None
     driven: float = math.nan
     blind: float = 0.0
+    unasked: float = math.nan
     excited: tuple[float, float] | None = None
 
 
@@ -82,8 +87,12 @@ def _search(record: Record) -> Search:
     if steady is not None:
         found = _found(deviation[steady], record.sample_time)
         ramp = reference is not None and float(np.ptp(reference[steady])) > 0
-        if found is not None and found.amplitude >= _least(found, step, ramp, side in POSITIONS):
-            return Search(measured(record, side, steady, found, deviation, step))
+        if found is not None and _counts(found, record, steady, step, ramp):
+            seen = measured(record, side, steady, found, deviation, step)
+            if reference is None and side in POSITIONS and _as_commanded(seen, deviation[steady], record.sample_time):
+                return Search(None, driven=seen.vibration.frequency, unasked=seen.vibration.amplitude)
+            if _counts(seen.vibration, record, steady, step, ramp):
+                return Search(seen)
         least = max((RAMP_STEPS if ramp else IRREGULAR_STEPS[0]) * step, IRREGULAR_VISIBLE)
         irregular = _irregular(deviation[steady], record.sample_time, step, least)
         if irregular is not None:
@@ -110,12 +119,44 @@ def _search(record: Record) -> Search:
     return Search(measured(record, side, best[0], best[1], deviation, step), driven, blind)
 
 
-def _least(found: Vibration, step: float, ramp: bool, position: bool) -> float:
-    """Amplitude from which on an oscillation at a steady set-point counts."""
-    change = math.exp(found.growth_rate * LOOKED_AT * 2 * math.pi / found.frequency)
+def _counts(found: Vibration, record: Record, rows: slice, step: float, ramp: bool) -> bool:
+    """Whether an oscillation at a steady set-point is large enough: against the encoder's step where it was largest in the periods followed."""
+    count = len(record.time[rows])
+    change = math.exp(found.growth_rate * min(LOOKED_AT * 2 * math.pi / found.frequency, count * record.sample_time))
     decays = change < 1 - UNCHANGED
     steps = DECAYING_STEPS * change if decays else RAMP_STEPS if ramp else STEPS
-    return max(steps * step, VISIBLE if position else 0.0)
+    return found.amplitude >= max(steps * step, VISIBLE if any(record.has(name) for name in POSITIONS) else 0.0)
+
+
+def _as_commanded(seen: RecordedOscillation, values: Floats, tick: float) -> bool:
+    """Whether a set-point that is not in the log may well make this motion: slow, large, or of a frequency that changes all the time.
+
+    What vibrates of itself grows until something bounds it: a limited torque, friction that holds it, or a gap that is small. A loop's
+    frequency changes with its amplitude alone.
+    """
+    if seen.irregular or seen.clipped > CLIPPED or seen.standing > STANDING:
+        return False
+    slow = seen.state != "growing" and seen.vibration.frequency < SLOW and seen.vibration.amplitude > LARGE
+    return slow or _sweeps(values, tick, seen.vibration.frequency)
+
+
+def _sweeps(values: Floats, tick: float, frequency: float) -> bool:
+    """Whether the times from one crossing of the mean to the next become longer or shorter all the time."""
+    period = 2 * math.pi / frequency / tick
+    smooth = np.convolve(values, np.ones(max(1, round(period / 12))) / max(1, round(period / 12)), mode="valid")
+    smooth = smooth - np.linspace(*(float(part.mean()) for part in (smooth[: round(period)], smooth[-round(period) :])), len(smooth))
+    signs = np.sign(smooth)
+    crossings = np.flatnonzero(signs[1:] * signs[:-1] < 0)
+    halves = np.diff(crossings[1:])
+    if len(halves) < SWEEP_HALVES or np.std(smooth[: len(smooth) // 3]) < 0.3 * np.std(smooth[-len(smooth) // 3 :]):
+        return False
+    ends = np.linspace(crossings[1], crossings[-1], 5)
+    counted = np.histogram(crossings[1:-1], ends)[0]
+    parts = np.histogram(crossings[1:-1], ends, weights=halves)[0] / np.maximum(counted, 1)
+    if not counted.all():
+        return False
+    ratios = parts[1:] / parts[:-1]
+    return bool(np.all(ratios > 1 + SWEEP) or np.all(ratios < 1 - SWEEP))
 
 
 def _encoder_step(values: Floats) -> float:

@@ -41,6 +41,9 @@ class RecordedOscillation:
     standing    share of the rows in which the joint stands still
     irregular   without a single frequency: `vibration` has the same power, at its mean frequency
     began_small it grew from a twentieth of its size or less
+    effort      amplitude of the torque over half of its range in the record; NaN where no torque is in it
+    power       of the actual torque on the motion, over the largest that these amplitudes allow: 1 drives it, −1 brakes it, which
+                is what a controller does to a motion that comes from elsewhere; NaN where one of them is not in the record
     """
 
     vibration: Vibration
@@ -56,6 +59,8 @@ class RecordedOscillation:
     standing: float = math.nan
     irregular: bool = False
     began_small: bool = False
+    effort: float = math.nan
+    power: float = math.nan
 
     @property
     def vibrates(self) -> bool:
@@ -79,10 +84,11 @@ def measured(
     look = slice(-min(len(values), max(FEWEST_SAMPLES, math.ceil(LOOKED_AT * period))), None)
     parts = {name: complex(parts_in(column[rows][:, None], tick, found)[0]) for name, column in record.channels.items()}
     torque = next((name for name in TORQUES[::-1] if record.has(name)), None)
-    clipped, limit, small = math.nan, math.nan, False
+    clipped, limit, small, effort = math.nan, math.nan, False, math.nan
     if torque is not None:
         clipped, limit = _clipping(record, rows, look)
         small = _began_small(values)
+        effort = 2 * abs(parts[torque]) / max(float(np.ptp(record.channels[torque])), 1e-300)
     odd, even = _harmonics(record.channels[torque][rows][look] if torque else values[look], tick, found.frequency)
     change = found.growth_rate * min(LOOKED_AT * period, len(values)) * tick
     state = "sustained" if irregular or abs(change) < UNCHANGED else "growing" if change > 0 else "decaying"
@@ -100,7 +106,18 @@ def measured(
         _standing(record.channels[side][rows][-math.ceil(STANDING_PERIODS * period) :], step, period) if side in POSITIONS else math.nan,
         irregular,
         small,
+        effort,
+        _power(parts, side, found),
     )
+
+
+def _power(parts: Mapping[str, complex], side: str, found: Vibration) -> float:
+    """Cosine of the angle between the actual torque and the velocity."""
+    if side not in POSITIONS or "actual_torque" not in parts:
+        return math.nan
+    velocity = complex(found.growth_rate, found.frequency) * parts[side]
+    size = abs(parts["actual_torque"]) * abs(velocity)
+    return (parts["actual_torque"] * velocity.conjugate()).real / size if size > 0 else math.nan
 
 
 def _followed(values: Floats, tick: float, found: Vibration) -> Vibration:

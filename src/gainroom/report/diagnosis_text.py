@@ -51,6 +51,9 @@ def sentence(found: Diagnosis) -> str:
             text += f" {digits(seen.vibration.damping_ratio, '', 2)}."
         elif found.search.excited is not None:
             text += f" The joint follows an excitation in target_torque, mainly from {_band(found)}."
+        elif found.search.unasked > 0:
+            text = f"No vibration is seen, but the set-point is not in the log: the joint swings at {frequency_text(driven)}, by"
+            text += f" {motion(found.search.unasked)}, slowly or at a frequency that changes, as commands make joints move."
         elif driven == driven and driven > 0:
             text += f" The joint follows its set-point, whose largest part is at {frequency_text(driven)}."
         return text
@@ -161,7 +164,7 @@ def evidence_lines(found: Diagnosis, everything: bool) -> list[str]:
 def advice(found: Diagnosis) -> list[str]:
     """What to change and by how much, or what to record."""
     if not found.vibrates:
-        return []
+        return [f"Record {RECORDS['reference']}."] if found.search.unasked > 0 else []
     cause = found.cause
     return [*(_remedies(found, cause) if cause is not None else []), *_to_record(found)]
 

@@ -15,6 +15,7 @@ from .vibration_causes import UNKNOWN, Cause, Prediction, predicted_vibration, r
 NAMED = 0.6  # likelihood from which on a cause is named
 MOVED = 0.35  # steps: less of true motion is an encoder between two steps
 TOGGLES = 0.9  # steps: less in the readings alone may be that
+STRONG = 0.1  # of half the torque's range: a torque that swings by more is no small correction
 HIDDEN = 1.2  # steps: more in the readings is true motion
 
 
@@ -116,9 +117,13 @@ def diagnose(record: Record, system: System | None = None) -> Diagnosis:
 
 
 def _toggles(oscillation: RecordedOscillation, predicted: Prediction | None) -> bool:
-    """Whether readings go between two steps while the joint moves by less: with a model the torque says how far it moves."""
+    """Whether readings go between two steps while the joint moves by less: with a model the torque says how far it moves.
+
+    Without one a torque that swings regularly, and as much as it ever does in the record, moves the joint.
+    """
     if oscillation.steps >= HIDDEN or oscillation.step == 0:
         return False
     if predicted is None or math.isnan(predicted.moved):
-        return oscillation.steps < TOGGLES
+        strong = not oscillation.irregular and oscillation.effort > STRONG
+        return oscillation.steps < TOGGLES and not strong
     return predicted.moved < MOVED * oscillation.step
