@@ -120,7 +120,7 @@ def _search(record: Record) -> Search:
 
 
 def _counts(found: Vibration, record: Record, rows: slice, step: float, ramp: bool) -> bool:
-    """Whether an oscillation at a steady set-point is large enough: against the encoder's step where it was largest in the periods followed."""
+    """Whether an oscillation at a steady set-point is large enough, in encoder steps and where it was largest."""
     count = len(record.time[rows])
     change = math.exp(found.growth_rate * min(LOOKED_AT * 2 * math.pi / found.frequency, count * record.sample_time))
     decays = change < 1 - UNCHANGED
@@ -144,7 +144,7 @@ def _sweeps(values: Floats, tick: float, frequency: float) -> bool:
     """Whether the times from one crossing of the mean to the next become longer or shorter all the time."""
     period = 2 * math.pi / frequency / tick
     smooth = np.convolve(values, np.ones(max(1, round(period / 12))) / max(1, round(period / 12)), mode="valid")
-    smooth = smooth - np.linspace(*(float(part.mean()) for part in (smooth[: round(period)], smooth[-round(period) :])), len(smooth))
+    smooth = smooth - np.linspace(smooth[: round(period)].mean(), smooth[-round(period) :].mean(), len(smooth))
     signs = np.sign(smooth)
     crossings = np.flatnonzero(signs[1:] * signs[:-1] < 0)
     halves = np.diff(crossings[1:])
