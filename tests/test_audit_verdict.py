@@ -213,7 +213,9 @@ def test_safe_rests_on_stiff_gearboxes(capsys: pytest.CaptureFixture[str]):
     assert status == 0
     words = " ".join(out.split())
     assert re.match(r"Not decided: the loop's rate and the gearboxes' stiffness are not given\. Safe only if the loop runs at ", words)
-    assert re.search(r" and the gearboxes have K ≥ \d+ N·m/rad ", words.partition("Do this")[0])
+    assert re.search(
+        r" and the gearboxes are rigid\. Of \d+ elastic sets that were checked all with K ≥ \d+ N·m/rad ", words.partition("Do this")[0]
+    )
     assert "Do this: Audit again with your loop's rate and your gearboxes" in words
     assert "\n  gainroom audit " in out
     assert out.count(" --rate-hz 2000 --gearbox harmonic\n") == 1

@@ -176,7 +176,7 @@ def test_typed_again_what_is_needed_is_safe_and_the_next_softer_is_not(capsys: p
 def test_the_headline_rounds_up(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """What is read off it, typed for each joint, is safe: K, and B = 2 ζ √(K J)."""
     _, told = asked(capsys, "--delay-ms", "0.5", "--rate-hz", "2000")
-    found = re.search(r"K ≥ ([\d\u202f.]+) N·m/rad \(\w+; ([\d\u202f.]+) is enough for .*?B ≥ ([\d.]+) √\(K J\)", told["sentence"])
+    found = re.search(r"K ≥ ([\d\u202f.]+) N·m/rad \(\w+; ([\d\u202f.]+) for .*?B ≥ ([\d.]+) √\(K J\)", told["sentence"])
     assert found is not None
     high, low, factor = (float(text.replace("\u202f", "")) for text in found.groups())
     stiffness = [joint["stiffness"] for joint in told["needed_stiffness"]["joints"]]

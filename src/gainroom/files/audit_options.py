@@ -240,6 +240,11 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
             owner = "--drive-delay-ms" if options.gains_run == "drive" else "--delay-ms"
             refuse_long_delay(1e-3 * (file.drive.delay_ms or 0.0), sample_time, owner)
         spec = robot_spec(file, str(path), path, known=body)
+        ranges, kept = _gearboxes(options, spec, source)
+        if ranges is not None and any(ranges.direct):  # as if each had been said to be rigid
+            sections = _without_gearboxes(sections, spec.source.joint_names, ranges.direct)
+            spec = robot_spec(validate(RobotFile, sections, ""), str(path), path, known=body)
+        ranges = ranges if ranges is not None and any(ranges.types) else None
     with named(str(source)):
         spec = examined(spec)
     read += [
@@ -247,14 +252,9 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         for name in options.posture
         if "=" not in name and name not in found.postures and (scene := model_keyframes(path)[name].file) != path
     ]
-    motors, ranges, kept = spec.source.actuators, None, []
-    if options.gearboxes:
-        ranges = gearbox_range(
-            options.gearboxes, spec.source.joint_names, motors.stiffness, motors.motor_inertia, "--gearbox", _inertia_from(source)
-        )
-        kept = ranges.without_effect("--gearbox", source)
-        ranges = ranges if any(ranges.types) else None
-    elastic = bool(np.isfinite(motors.stiffness).any()) or ranges is not None
+    types = [""] * len(spec.source.joint_names) if ranges is None else ranges.types
+    assumed = zip(spec.source.joint_names, spec.source.actuators.assumed_rigid.tolist(), types, strict=True)
+    rigid = [name for name, is_rigid, kind in assumed if is_rigid and not kind]
     taken = [text for text in spec.warnings if text.startswith(ASSUMED)]
     slight = _slight_damping(body, found, options)
     taken += [text for text in spec.warnings if slight and text.startswith(DAMPING_NOTE)]
@@ -263,13 +263,33 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         *(text for text in spec.assumptions if not text.startswith(NO_STIFFNESS)),  # said below, with the options
         *(slight if text.startswith(DAMPING_NOTE) else text for text in taken),
         *read,
-        *_assumptions(spec.source.body, file.joints.locked, options, elastic),
+        *_assumptions(spec.source.body, file.joints.locked, options, rigid, len(spec.source.joint_names)),
     )
     warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings if text not in taken]
     idle = [name for name, has in zip(body.every_joint, found.given, strict=True) if has and name not in body.joint_names]
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
     warnings = (*found.notes, *idle, *kept, *_damping_asked(warnings, options))
     return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, ranges, options)
+
+
+def _gearboxes(options: AuditOptions, spec: System, source: Path) -> tuple[GearboxRange | None, list[str]]:
+    """What --gearbox says, None: nothing, and where it has no effect. Raises GainroomError."""
+    if not options.gearboxes:
+        return None, []
+    motors = spec.source.actuators
+    ranges = gearbox_range(
+        options.gearboxes, spec.source.joint_names, ~motors.assumed_rigid, motors.motor_inertia, "--gearbox", _inertia_from(source)
+    )
+    return ranges, ranges.without_effect("--gearbox", source)
+
+
+def _without_gearboxes(sections: Mapping[str, Any], names: Sequence[str], direct: Sequence[bool]) -> dict[str, Any]:
+    """The sections with the joints that have no gearbox rigid."""
+    joints = dict(sections["joints"])
+    for name, none in zip(names, direct, strict=True):
+        if none:
+            joints[name] = {**joints.get(name, {}), "stiffness": math.inf}
+    return {**sections, "joints": joints}
 
 
 def _as_the_file_says(options: AuditOptions, found: JointGains, source: Path) -> tuple[AuditOptions, list[str]]:
@@ -390,14 +410,15 @@ def _require_model(path: Path) -> None:
             raise GainroomError(f"{path}: must be a URDF or MJCF; gains go with --gains {path}")
 
 
-def _assumptions(body: RigidBody, held: Sequence[str], options: AuditOptions, elastic: bool) -> tuple[str, ...]:
-    """What is assumed where nothing was said, each with how to say it; `elastic`: some gearbox is."""
+def _assumptions(body: RigidBody, held: Sequence[str], options: AuditOptions, rigid: Sequence[str], count: int) -> tuple[str, ...]:
+    """What is assumed where nothing was said, each with how to say it; `rigid`: gearboxes, of `count`, of which nobody says how stiff."""
     zero = "every joint stands at 0, perhaps far from how the robot works: give --posture"
     notes = ["joints that --posture does not name stand at 0" if options.posture else zero, "the encoders are on the motor side"]
     if held:
         notes.append(f"these joints are held, as they have no gains: {first_of_many(held)}")
-    if not options.is_elastic and not elastic:
-        notes.append("gearboxes are rigid, so limits are optimistic: give --stiffness and --damping")
+    if rigid:
+        which = "gearboxes are rigid" if len(rigid) == count else f"these gearboxes are rigid ({first_of_many(rigid)})"
+        notes.append(f"{which}, so limits are optimistic: give --stiffness and --damping")
     if options.bandwidth is None:
         notes.append("current loops are infinitely fast: give --bandwidth [rad/s]")
     if flat := [text for text in options.contacts if isinstance(_contact(text), str)]:

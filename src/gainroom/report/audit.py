@@ -98,7 +98,7 @@ def _reasons(result: Audit) -> list[Section]:
         first = [Section(f"What fails: {'; '.join(besides(result))}", [where]), Section(f"Gain margin {gain}, is enough", picture)]
     return [
         *first,
-        *([] if result.needed is None else [Section("Safe if the gearboxes are stiff enough", [needed_table(result, result.needed)])]),
+        *([] if result.needed is None else [Section("Elastic gearboxes that were checked", [needed_table(result, result.needed)])]),
         Section("The motion of the vibration", [hero(result.tightest, len(result.states) == 1)]),
     ]
 
@@ -184,7 +184,9 @@ def _gearboxes(result: Audit) -> Card:
     if result.needed is not None and result.needed.least is not None:
         least = np.where(result.needed.unknown, result.needed.least.stiffness, 0.0)
         name = result.joints[first_least(-least)].name
-        return Card("gearboxes must have", digits(rounded_up(float(least.max()))), revolute, "not known", note=f"{name}, the stiffest")
+        return Card(
+            "checked gearboxes are safe from", digits(rounded_up(float(least.max()))), revolute, "not known", note=f"{name}, the stiffest"
+        )
     if rigid.all():
         return Card("gearboxes", "rigid", "", "assumed", note="optimistic; give yours with --stiffness and --damping")
     value, known = span(actuators.stiffness[~rigid]), "as given" if result.over is None else "the worst of the range"

@@ -1,4 +1,4 @@
-"""Gearboxes that lie in a range, or must be stiff enough, in words and in JSON: what was looked at, and where it is worst."""
+"""Gearboxes that lie in a range, or of which nobody says how stiff, in words and in JSON: what was looked at, and where it is worst."""
 
 import math
 from typing import TYPE_CHECKING, Any
@@ -91,24 +91,24 @@ def _spread(values: Any) -> str:
 
 
 def needed_text(result: "Audit") -> tuple[str, str]:
-    """What a safe verdict asks of the gearboxes that are not known, and what softer ones do, a sentence or ""."""
+    """What a safe verdict asks of the gearboxes that are not known, and what elastic ones were seen to do, sentences or ""."""
     rigid = result.assumed_rigid
     count = int(np.count_nonzero(rigid))
-    which = "the gearboxes" if count == len(rigid) else f"{count} of {len(rigid)} gearboxes"
+    which = f"{'the gearboxes' if count == len(rigid) else f'{count} of {len(rigid)} gearboxes'} are rigid"
     needed = result.needed
     if needed is None:
         known = np.any(result.system.source.actuators.motor_inertia[rigid] > 0)
-        why = "" if known else " (how stiff they must be takes their motors' inertia: --motor-inertia)"
-        return f"{which} are rigid{why}", ""
+        return which if known else f"{which} (what elastic ones do takes their motors' inertia: --motor-inertia)", ""
     ratio = f"{100 * needed.damping_ratio:.3g} % of critical damping"
     if needed.least is None:
-        return f"{which} are rigid: with {ratio} no stiffness that was checked is enough", ""
+        return f"{which}: with {ratio} no stiffness that was checked is enough", ""
     softer = [look.gain_limit for look in needed.looks if not look.safe]
-    worst = (
-        f" Some softer ones vibrate from {digits(min(softer), '×', 3)} these gains on." if softer and not math.isnan(min(softer)) else ""
+    softest = (
+        "" if not softer or math.isnan(min(softer)) else f"; some softer ones vibrate from {digits(min(softer), '×', 3)} these gains on"
     )
     least = f"{_least(result, needed)} and B ≥ {2 * needed.damping_ratio:.3g} √(K J), {ratio} (J: the motor's inertia)"
-    return f"{which} have {least}", worst
+    checked = f"Of {len(needed.looks) + needed.mixed} elastic sets that were checked all with"
+    return which, f" {checked} {least}, are safe, others may not be{softest}."
 
 
 def _least(result: "Audit", needed: "NeededStiffness") -> str:
@@ -119,7 +119,7 @@ def _least(result: "Audit", needed: "NeededStiffness") -> str:
     names, unit = result.system.source.joint_names, joint_units(result.system.source.body)["kp"]
     if first == last:
         return f"K ≥ {last} {unit}"
-    return f"K ≥ {last} {unit} ({names[high]}; {first} is enough for {names[low]})"
+    return f"K ≥ {last} {unit} ({names[high]}; {first} for {names[low]})"
 
 
 def how_it_was_found(needed: "NeededStiffness | None") -> tuple[str, ...]:

@@ -226,6 +226,7 @@ def actuator_facts(system: "System") -> list[dict[str, Any]]:
     return [{"name": name, "delay_ms": 1e3 * drive.delay, **dict(zip(columns, values, strict=True))} for name, drive, *values in rows]
 
 
+SEEN_SAFE = "K safe"
 AUDITED_JOINT = [
     Column("joint", "name", lambda row: row.name),
     Column("safe", "safe", lambda row: row.safe, shown=lambda row: yes(row.safe)),
@@ -237,10 +238,10 @@ AUDITED_JOINT = [
     Column("alone", "gain_limit", lambda row: row.gain_limit, definition="the factor on the joint's gains with the other loops open"),
     CLOSED,
     Column(
-        "K needed",
+        SEEN_SAFE,
         "",
         lambda row: rounded_up(row.needed_stiffness),
-        definition="the stiffness of every gearbox with which the gains are safe",
+        definition="the least stiffness of each gearbox from which on all that was checked was safe",
         significant=3,
     ),
 ]
@@ -254,7 +255,7 @@ def audited_joints(result: "Audit") -> list[Column]:
     """AUDITED_JOINT, without a stiffness that is the same for all, which the verdict says; with the factor on gains where that differs."""
     use = result.ready_to_use
     needed = {joint.needed_stiffness for joint in result.joints if not math.isnan(joint.needed_stiffness)}
-    columns = [one for one in AUDITED_JOINT if one.title != "K needed" or len(needed) > 1]
+    columns = [one for one in AUDITED_JOINT if one.title != SEEN_SAFE or len(needed) > 1]
     if use is not None and (len(use.joints) < len(result.joints) or use.factor is None):
 
         def factor(row: Any) -> str:
@@ -272,7 +273,7 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
         "use": f"use: {USE}",
         "alone": "alone: factor on a joint's gains until vibration, the others switched off",
         "one loop": f"one loop: the factor on one joint's gains until vibration, the other loops closed{endless}",
-        "K needed": f"K needed [{units['kp']}]: of every gearbox",
+        SEEN_SAFE: f"{SEEN_SAFE} [{units['kp']}]: of each gearbox, from which on all that was checked was safe",
     }
     gains = units_of(shown, {name: units[name] for name in ("kp", "kd", "ki")})
     return f"{gains}; {'; '.join(text for title, text in parts.items() if title in shown)}. safe: {asked(result)} or more."

@@ -6,14 +6,14 @@ either by its inertia on the joint side or by rotor inertia and gear ratio: J_m 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..errors import GainroomError, first_of_many, require_positive
 from ..system.actuator_entry import ActuatorEntry
 from ..system.drive import Drive
-from ..system.linear.arrays import Floats
+from ..system.linear.arrays import Booleans, Floats
 from ..system.plausibility import NO_DATA, NO_STIFFNESS
 from .name_patterns import assign
 
@@ -27,6 +27,7 @@ class Actuators:
     damping         of the gearbox [N m s/rad]
     motor_viscous, link_viscous   viscous friction to ground [N m s/rad]
     effort_limit    of the torque [N m], inf: not known; no margin depends on it, and it goes along with the gains
+    unknown   (n,) True where nobody has said how stiff the gearbox is: such a one counts as rigid; None: so are all that count as rigid
     """
 
     motor_inertia: Floats
@@ -35,11 +36,12 @@ class Actuators:
     motor_viscous: Floats
     link_viscous: Floats
     effort_limit: Floats = field(default_factory=lambda: np.asarray(math.inf))
+    unknown: Booleans | None = None
 
     def __post_init__(self) -> None:
         if not np.ndim(self.effort_limit):
             object.__setattr__(self, "effort_limit", np.full(np.shape(self.stiffness), self.effort_limit))
-        shapes = {name: np.shape(value) for name, value in asdict(self).items()}
+        shapes = {name: np.shape(value) for name, value in vars(self).items() if name != "unknown"}
         if len(set(shapes.values())) != 1 or len(shapes["stiffness"]) != 1:
             raise GainroomError(f"actuators: shapes {shapes} must all be (n,)")
         for name in shapes:
@@ -48,6 +50,17 @@ class Actuators:
                 require_positive("actuators", name, value, zero=not bound, infinite=bound)
         if np.any((self.motor_inertia == 0) & np.isfinite(self.stiffness)):
             raise GainroomError("actuators: motor_inertia 0 kg·m² must be > 0 on an elastic joint")
+
+    @property
+    def quantities(self) -> dict[str, Floats]:
+        """The numbers that margins depend on, by name, each (n,)."""
+        return {name: value for name, value in vars(self).items() if name not in ("effort_limit", "unknown")}
+
+    @property
+    def assumed_rigid(self) -> Booleans:
+        """(n,) the gearboxes that count as rigid because nobody has said how stiff they are."""
+        rigid = np.isinf(self.stiffness)
+        return rigid if self.unknown is None else rigid & self.unknown
 
     @property
     def known(self) -> dict[str, Floats]:
@@ -116,7 +129,8 @@ def actuators_of(entries: Sequence[ActuatorEntry], joint_names: Sequence[str], a
     columns = {name: np.array([getattr(entry, name) or 0.0 for entry in entries]) for name in ("damping", "motor_viscous", "link_viscous")}
     for name in ("stiffness", "effort_limit"):
         columns[name] = np.array([math.inf if (value := getattr(entry, name)) is None else value for entry in entries])
-    return Actuators(motor_inertia=inertia, **columns), tuple(warnings)
+    unknown = np.array([entry.stiffness is None for entry in entries])
+    return Actuators(motor_inertia=inertia, **columns, unknown=unknown), tuple(warnings)
 
 
 def drives_of(entries: Sequence[ActuatorEntry], common: Drive) -> tuple[Drive, ...]:

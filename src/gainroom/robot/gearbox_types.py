@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import GainroomError, first_of_many, nearest
-from ..system.linear.arrays import Floats
+from ..system.linear.arrays import Booleans, Floats
 from .name_patterns import select
 
 
@@ -53,7 +53,8 @@ class GearboxRange:
     """Between which Ω [rad/s] and ζ each joint's gearbox lies; (n,) each, NaN where it is known or there is none.
 
     types   (n,) by name, "" where it is known or there is none
-    known   the joints of a type whose own stiffness is given, which they keep
+    direct  (n,) True where there is none
+    known   the joints whose own stiffness is given, which they keep
     """
 
     softest: Floats
@@ -61,6 +62,7 @@ class GearboxRange:
     least_damped: Floats
     most_damped: Floats
     types: tuple[str, ...]
+    direct: tuple[bool, ...] = ()
     known: tuple[str, ...] = ()
 
     def without_effect(self, option: str, source: object) -> list[str]:
@@ -71,9 +73,9 @@ class GearboxRange:
 
 
 def gearbox_range(
-    typed: Sequence[str], joint_names: Sequence[str], stiffness: Floats, motor_inertia: Floats, option: str, inertia_from: str
+    typed: Sequence[str], joint_names: Sequence[str], given: Booleans, motor_inertia: Floats, option: str, inertia_from: str
 ) -> GearboxRange:
-    """What TYPE and PATTERN=TYPE say of joints, the later winning; a joint with a finite stiffness (n,) keeps that.
+    """What TYPE and PATTERN=TYPE say of joints, the later winning; a joint whose stiffness is `given` (n,) keeps that.
 
     motor_inertia (n,) [kg m²]
     inertia_from  how it is given, for a message
@@ -86,13 +88,16 @@ def gearbox_range(
         if name not in (*TYPES, DIRECT):
             raise GainroomError(f"{option} {text}: {name!r} is no type of gearbox{nearest(name, (*TYPES, DIRECT), 'type')}")
         for k in select(pattern, joint_names, f"{option} {text}") if pattern else range(len(joint_names)):
-            known[k] = name != DIRECT and math.isfinite(stiffness[k])
-            types[k] = "" if name == DIRECT or known[k] else name
+            known[k] = bool(given[k])
+            types[k] = "" if known[k] else name
+    direct = tuple(name == DIRECT for name in types)
+    types = ["" if name == DIRECT else name for name in types]
     bare = [name for name, kind, inertia in zip(joint_names, types, motor_inertia.tolist(), strict=True) if kind and inertia <= 0]
     if bare:
         raise GainroomError(f"{option}: the gearbox of joint {bare[0]!r} needs its motor's inertia: give {inertia_from}")
     ends = [(*TYPES[kind].resonance, *TYPES[kind].damping_ratio) if kind else (math.nan,) * 4 for kind in types]
-    return GearboxRange(*np.array(ends).reshape(-1, 4).T, types=tuple(types), known=tuple(itertools.compress(joint_names, known)))
+    kept = tuple(itertools.compress(joint_names, known))
+    return GearboxRange(*np.array(ends).reshape(-1, 4).T, types=tuple(types), direct=direct, known=kept)
 
 
 def sources(types: Mapping[str, None]) -> list[str]:

@@ -74,7 +74,7 @@ class Robot:
     @property
     def quantities(self) -> Mapping[str, Floats]:
         """Motor inertia, gearbox and friction by name, each (n,)."""
-        return {name: values for name, values in vars(self.actuators).items() if name != "effort_limit"}
+        return self.actuators.quantities
 
     def with_quantities(self, **values: ArrayLike) -> "Robot":
         """The same links with other actuators: `values` by name in `quantities`, a number or (n,)."""

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..analysis.stability import is_stable
 from ..design.gain_cases import case_margins, own_case
 from ..design.margin_slopes import Case, Gains
 from ..design.side_by_side import Job, side_by_side
+from ..errors import GainroomError
 from ..robot.gearbox_types import GearboxRange
 from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Booleans, Floats
@@ -39,6 +40,7 @@ EXTRA_DELAY = 0.5
 """Of the loop's delay: by so much it may be longer than was said, by default."""
 BARE = 5.0
 """Ms above which gains hardly damp their motion: up to it at least 1.9 dB and 11.5° are left."""
+Answer = TypeVar("Answer")
 NUMBERS = ("margins", "limits_others_open", "delay_limit")
 
 
@@ -75,8 +77,8 @@ class Audit(Analysis):
     """The result of `gainroom audit`.
 
     system.requirements   what is required
-    needed   how stiff gearboxes must be whose stiffness is not known; None where all are known, the gains are not safe, it was not asked
-             for, or cannot be computed (see needed_stiffness.py)
+    needed   how stiff gearboxes are seen to be safe whose stiffness is not known; None where all are known, the gains are not safe, it was
+             not asked for, or cannot be computed (see needed_stiffness.py)
     over     where gearboxes lie in a range: what was looked at; `system` and all numbers are of the worst
     """
 
@@ -300,7 +302,7 @@ class Audit(Analysis):
     @property
     def assumed_rigid(self) -> Booleans:
         """(n,) the gearboxes whose stiffness was not given: a safe verdict is conditional on them."""
-        return np.isinf(self.system.source.actuators.stiffness)
+        return self.system.source.actuators.assumed_rigid
 
     @property
     def without_inertia(self) -> Booleans:
@@ -356,7 +358,8 @@ def audit(
     """Every state of `system`, whose control must be in joint space. Raises as analyze does.
 
     required        of safe gains; None: as required_of has it
-    damping_ratio   of gearboxes of unknown stiffness: also how stiff they must be, where the gains are safe on rigid ones
+    damping_ratio   of gearboxes of unknown stiffness: also how stiff they are seen to be safe, where the gains are safe on rigid ones and
+                    that can be computed
     gearboxes       the ranges that the others lie in; the audit is then one of the worst within them
     """
     system, over = replace(system, requirements=required_of(system) if required is None else required), None
@@ -374,15 +377,23 @@ def audit(
     states = _moving(system)
 
     def stiffness(checkpoint: Callable[[], None]) -> NeededStiffness | None:
-        return needed_stiffness(system, states, damping_ratio, after(checkpoint, quiet))
+        return _or_none(lambda: needed_stiffness(system, states, damping_ratio, after(checkpoint, quiet)))
 
-    if Looks(system, states, unknown).kept:  # then it will be asked for
+    if _or_none(lambda: Looks(system, states, unknown).kept):  # then it will be asked for
         jobs: list[Job[Any]] = [audited, stiffness]
         found, needed = side_by_side(jobs, lambda: None)
     else:
         found = audited(lambda: None)
-        needed = needed_stiffness(system, found.states, damping_ratio, progress) if found.safe else None
+        needed = _or_none(lambda: needed_stiffness(system, found.states, damping_ratio, progress)) if found.safe else None
     return replace(found, needed=needed) if found.safe else found
+
+
+def _or_none(question: Callable[[], Answer]) -> Answer | None:
+    """The answer to a question beside the main one, which it must never end; None where it cannot be computed."""
+    try:
+        return question()
+    except (GainroomError, ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return None
 
 
 def _moving(system: System) -> list[State]:

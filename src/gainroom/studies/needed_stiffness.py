@@ -1,7 +1,8 @@
-"""How stiff gearboxes must be where nobody has said it: the softest with which gains that are safe on rigid ones stay safe.
+"""How stiff gearboxes are seen to be safe where nobody has said it: the softest with which gains that are safe on rigid ones stay safe.
 
 All gearboxes that are not known have one resonance Ω and damping ratio ζ (gearbox_looks.py). More stiffness need not be safer, so all
-stiffer ones are looked at, too, up to where a resonance is too low to do harm at any phase.
+stiffer ones are looked at, too, up to where a resonance is too low to do harm at any phase. What is found is no bound: gearboxes that
+differ are looked at a few times only, and others of them, each stiffer and more damped, may be unsafe.
 """
 
 import math
@@ -42,7 +43,7 @@ class NeededStiffness:
     damping_ratio   ζ
     unknown     (n,) the gearboxes that are varied; False: known, or the motor's inertia is not
     looks       by falling stiffness, all at a common Ω
-    least       the softest of them that is safe as all stiffer ones are that were looked at; None: there is none
+    least       the softest of them that is safe, as are all stiffer ones and all mixes above it that were looked at; None: there is none
     mixed       looks at gearboxes that differ, none softer or less damped than `least`, all of them safe
     """
 
@@ -59,9 +60,10 @@ class NeededStiffness:
 
 
 def unknown_gearboxes(system: System) -> Booleans:
-    """(n,) True for those whose stiffness is looked for: of rigid joints with a motor inertia; none where kd runs apart."""
-    joints = system.source.quantities
-    return np.isinf(joints["stiffness"]) & (joints["motor_inertia"] > 0) & (system.control.kd_path is None)
+    """(n,) True for those whose stiffness is looked for: of assumed rigid joints with a motor inertia; none where kd runs apart."""
+    joints, actuators = system.source.quantities, getattr(system.source, "actuators", None)
+    rigid = np.isinf(joints["stiffness"]) if actuators is None else actuators.assumed_rigid
+    return rigid & (joints["motor_inertia"] > 0) & (system.control.kd_path is None)
 
 
 def needed_stiffness(
@@ -173,11 +175,15 @@ class _Search:
         parts = random.random((2, STEPS.mixed, len(self.unknown)))
         parts[0, 0] = np.arange(len(self.unknown)) % 2
         parts[0, 1] = 1 - parts[0, 0]
+        ratios = self.ratio * SEARCH.damped ** parts[1]
+        lowest = 0.0  # of the mixes that are not safe the highest of the softest in each: what is needed is more
         for _ in range(SEARCH.tries):
-            ratios = self.ratio * SEARCH.damped ** parts[1]
-            if all(self.looks.safe_at(least.resonance * SEARCH.spread**one, ratio) for one, ratio in zip(parts[0], ratios, strict=True)):
+            mixes = least.resonance * SEARCH.spread ** parts[0]
+            unsafe = next((mix for mix, ratio in zip(mixes, ratios, strict=True) if not self.looks.safe_at(mix, ratio)), None)
+            lowest = lowest if unsafe is None else max(lowest, float(unsafe[self.unknown].min()))
+            if unsafe is None and least.resonance > lowest:
                 return least
-            least = self.look(SEARCH.raised * least.resonance)
+            least = self.look(SEARCH.raised * max(least.resonance, lowest))
             if not least.safe:
                 return None
         return None
