@@ -87,7 +87,7 @@ class GainPlane:
         for root in np.concatenate([a.zeros, a.poles]):  # an undamped resonance is stepped over
             omega = omega[np.abs(omega - _frequency(root, a.sample_time)) > 1e-9 * omega]
         omega = omega[(omega >= low) & (omega <= high)]
-        pinches = _pinches(a, b, omega)
+        pinches = _pinches(*_apart(a, b)[1:], omega)
         steps = np.append(-np.geomspace(1e-2, PINCH, 60), np.geomspace(PINCH, 1e-2, 60))
         around = (pinches[:, None] * (1 + steps)).ravel()
         clear = np.all(np.abs(omega[:, None] - pinches) > PINCH * pinches, axis=1)
@@ -96,29 +96,41 @@ class GainPlane:
 
     @cached_property
     def _parts(self) -> tuple[Factored, Factored, Factored]:
-        """What A and B share, plant and delay, and what each has besides: a few roots of the controller."""
-        zeros, a_zeros, b_zeros = _common(self.a.zeros, self.b.zeros)
-        poles, a_poles, b_poles = _common(self.a.poles, self.b.poles)
-        shared = Factored(zeros, poles, 1.0, self.a.delay, self.a.sample_time)
-        step = self.a.sample_time
-        return shared, Factored(a_zeros, a_poles, self.a.gain, 0.0, step), Factored(b_zeros, b_poles, self.b.gain, 0.0, step)
+        return _apart(self.a, self.b)
 
-    def responses_and_slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes, Complexes]:
-        """A, dA/dω, B and dB/dω at omega (k,)."""
-        shared, a, b = self._parts
-        value, slope = shared.response_and_slope(omega)
-        (own_a, turn_a), (own_b, turn_b) = (one.response_and_slope(omega) for one in (a, b))
-        return value * own_a, slope * own_a + value * turn_a, value * own_b, slope * own_b + value * turn_b
+    def lines(self, target: complex, omega: Floats) -> tuple[Complexes, ...]:
+        """a, da/dω, b, db/dω, r, dr/dω, each (k,): L(jω) = target on the line kp a + kd b = r, at omega (k,).
+
+        What A and B share, plant and delay, stands in r alone. As ω → 0, A and B come to lie along one line, apart by an angle of the order
+        of ω over the controller's corners. Where a pole is slow beside these corners, as a trace of friction makes one, the boundary is
+        drawn at ω so far below them that this angle is less than the round-off of A and B. In the controller's own roots it keeps its
+        digits, and so does what r is off the axis on which it comes to lie (Factored.response_and_slope). So no pole has to be
+        told to be an integrator or not: one at 0 turns r by a right angle at every ω, a slow one by what its own size says.
+        """
+        shared, *own = self._parts
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            value, slope = shared.response_and_slope(omega)
+            (a, da), (b, db) = (one.response_and_slope(omega) for one in own)
+            right = target / value
+            return a, da, b, db, right, -right * slope / value
 
     def solve(self, target: complex, omega: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """(kp, kd, dkp/dω, dkd/dω) with L(jω) = target."""
-        with np.errstate(invalid="ignore", over="ignore"):
-            a, da, b, db = self.responses_and_slopes(omega)
+        a, da, b, db, right, turn = self.lines(target, omega)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            kp, kd = _solve2(a, b, np.full(len(omega), complex(target)))
-            dkp, dkd = _solve2(a, b, -(kp * da + kd * db))
-        on_pole = ~np.isfinite(a)  # no gains are needed to reach the target there
+            kp, kd = _solve2(a, b, right)
+            dkp, dkd = _solve2(a, b, turn - kp * da - kd * db)
+        on_pole = (right == 0) | ~np.isfinite(a)  # no gains are needed to reach the target there
         return np.where(on_pole, 0.0, kp), np.where(on_pole, 0.0, kd), dkp, dkd
+
+
+def _apart(a: Factored, b: Factored) -> tuple[Factored, Factored, Factored]:
+    """What A and B share, plant and delay, and what each has besides: a few roots of the controller."""
+    zeros, a_zeros, b_zeros = _common(a.zeros, b.zeros)
+    poles, a_poles, b_poles = _common(a.poles, b.poles)
+    shared = Factored(zeros, poles, 1.0, a.delay, a.sample_time)
+    step = a.sample_time
+    return shared, Factored(a_zeros, a_poles, a.gain, 0.0, step), Factored(b_zeros, b_poles, b.gain, 0.0, step)
 
 
 def _common(first: Complexes, second: Complexes) -> tuple[Complexes, Complexes, Complexes]:
@@ -219,8 +231,9 @@ class Curve:
             return np.column_stack(plane.solve(target, omega))
 
         def rough(omega: Floats, found: Floats) -> Booleans:
-            # kp and ω kd are the two parts of D(jω): in these axes a curve that turns little is resolved
-            return np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(omega * found[:, 3], found[:, 2]))))) > SMALL_TURN
+            # kp and ω kd are the two parts of D(jω): in these axes a curve that turns little is resolved. Below `resolved` it is straight.
+            turned = np.diff(np.arctan2(omega * found[:, 3], found[:, 2]))
+            return (np.abs(np.angle(np.exp(1j * turned))) > SMALL_TURN) & (omega[1:] > plane.resolved)
 
         omega, found = refined(plane.omega, solved(plane.omega), solved, rough, 12, 40_000)
         return cls(plane, target, omega, *found.T)

@@ -32,6 +32,7 @@ from .margins import margins_from_scan
 
 SAMPLED = 24  # gains in each interval of kd, where a requirement gives no excluded set
 HALVED, FEW_HALVED = 40, 10  # times, from one of them to the next: where ends are polished and where not
+RUNGS, RUNGS_PER_DECADE = 121, 5  # of kp: at least, and where the boundary spans many decades, as slow poles make it
 FEW_TURNS = 10.0  # [rad] ωT up to which gains are chosen at which roots are counted
 
 
@@ -205,9 +206,10 @@ class PDRegion:
                 other = np.append(other, (-1 - values * here) / there)
                 size = np.append(size, np.ones(len(values), dtype=int))
         kp, kd = (values[index], other) if axis == "kp" else (other, values[index])
-        a, da, b, db = self._plane.responses_and_slopes(omega)
-        # ds/d(gain) = −A/(dL/ds) and dL/ds = −j dL/dω; the real part says which way the root moves
-        moving = (b if axis == "kp" else a) / (kp * da + kd * db)
+        a, da, b, db, _, turn = self._plane.lines(-1.0, omega)
+        # ds/d(gain) = −A/(dL/ds) and dL/ds = −j dL/dω; the real part says which way the root moves. Both over what A and B share.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            moving = (b if axis == "kp" else a) / (kp * da + kd * db - turn)
         return index, other, size * np.sign(moving.imag).astype(int)
 
     @cached_property
@@ -223,9 +225,12 @@ class PDRegion:
         static = 0.0
         if not np.any(self._plane.a.poles == 0):  # a root at s = 0 where kp A(0) = −1
             static = -1 / float(self._plane.a.response(0.0).real)
-        step = float(self.ladder[self.ladder > 0][0])
-        base = (self._count(static - step, kd), self._count(static + step, kd))
-        return _Row(kd, events[order], np.append(0, np.cumsum(change[order])), static, step, base)
+        events, total = events[order], np.append(0, np.cumsum(change[order]))
+        # Halfway to the first crossing on either side: next to kp = 0 the controller's own zeros lie on the boundary but for round-off.
+        unlimited = math.sqrt(self.ladder[self.ladder > 0][0] * self.ladder[-1])
+        left, right = static - events[events < static][-1:], events[events > static][:1] - static
+        counted = static - 0.5 * float(min(left, default=unlimited)), static + 0.5 * float(min(right, default=unlimited))
+        return _Row(kd, events, total, static, counted, (self._count(counted[0], kd), self._count(counted[1], kd)))
 
     def _count(self, kp: float, kd: float) -> int:
         """Unstable roots by the Nyquist count of the certified scan."""
@@ -260,7 +265,8 @@ class PDRegion:
             sizes = np.abs(sizes)
         sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
         lowest, highest = float(sizes.min(initial=1.0)), float(sizes.max(initial=0.0)) or 1.0
-        rungs = np.geomspace(1e-3 * lowest, 0.99 * highest, 121)
+        lowest *= 1e-3
+        rungs = np.geomspace(lowest, 0.99 * highest, max(RUNGS, round(RUNGS_PER_DECADE * math.log10(highest / lowest))))
         unlimited = self._plane.last is None and highest == sizes[-1]
         return rungs if unlimited else np.append(rungs, 1.01 * highest)
 
@@ -297,19 +303,19 @@ class PDRegion:
 
 @dataclass(frozen=True)
 class _Row:
-    """Unstable roots along kd = const: crossings `events` in kp, the running `total` of changes, counts just left and right of `static`."""
+    """Unstable roots along kd = const: crossings `events` in kp, the running `total` of changes, counts at two kp around `static`."""
 
     kd: float
     events: Floats
     total: Integers
     static: float
-    step: float
+    counted: tuple[float, float]
     base: tuple[int, int]
 
     def counts(self, kps: Floats) -> Integers:
         """Unstable roots at each kp."""
         level = self.total[np.searchsorted(self.events, kps)]
-        start = self.total[np.searchsorted(self.events, [self.static - self.step, self.static + self.step])]
+        start = self.total[np.searchsorted(self.events, self.counted)]
         right = self.base[1] + level - start[1]
         return np.where(kps > self.static, right, np.where(kps < self.static, self.base[0] + level - start[0], 1))
 

@@ -8,6 +8,7 @@ The variable is v = s in continuous time, and v = δ = (z − 1)/T_s in sampled 
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,12 +62,42 @@ class Factored:
         return _core.response(self.zeros, self.poles, self.gain, self.delay, self.sample_time or 0.0, s.ravel()).reshape(s.shape)
 
     def response(self, omega: ArrayLike) -> Complexes:
-        """The value at s = jω, `omega` [rad/s] of any shape."""
-        return self.at(1j * np.asarray(omega, dtype=float))
+        """The value at s = jω, `omega` [rad/s] of any shape, with every digit of the angle to the axis onto which it turns as ω → 0."""
+        omega = np.asarray(omega, dtype=float)
+        return self._turned(omega, self.at(1j * omega))
 
     def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        """The value at s = jω and its derivative by ω, `omega` (k,)."""
-        return _core.response_and_slope(self.zeros, self.poles, self.gain, self.delay, self.sample_time or 0.0, omega)
+        """The value at s = jω and its derivative by ω, `omega` (k,), as `response`."""
+        rough, slope = _core.response_and_slope(self.zeros, self.poles, self.gain, self.delay, self.sample_time or 0.0, omega)
+        value = self._turned(omega, rough)
+        return value, (slope if value is rough else np.divide(slope * value, rough, out=slope, where=rough != 0))
+
+    def _turned(self, omega: Floats, value: Complexes) -> Complexes:
+        """`value` at jω with the phase that real roots and whole pairs of complex ones give it, where ω is far below all pairs.
+
+        A product of numbers near either axis keeps the digits of their angles to it, however small; with one complex root, whose factor is
+        near none, round-off of 1e-16 stays in it. But (v − p)(v − p̄) = |p|² (1 + v (v − 2 Re p)/|p|²).
+        """
+        limit, pairs, others = self._pairs
+        near = (omega != 0) & (np.abs(omega) < limit)
+        if not np.any(near):
+            return value
+        v = 1j * omega[near]
+        phase = others.at(v)
+        if self.sample_time is not None:
+            v = np.expm1(v * self.sample_time) / self.sample_time
+        for root, power in pairs:
+            phase = phase * (1 + v * (v - 2 * root.real) / abs(root) ** 2) ** power
+        turned = value.copy()
+        turned[near] = np.abs(value[near]) * phase / np.abs(phase)
+        return turned
+
+    @cached_property
+    def _pairs(self) -> "tuple[float, list[tuple[complex, int]], Factored]":
+        """ω that is far below all complex pairs, one root of each pair with the power of its factor, and the system without pairs."""
+        pairs = [(root, power) for roots, power in ((self.zeros, 1), (self.poles, -1)) for root in roots[roots.imag > 0].tolist()]
+        limit = 0.1 * min((abs(root) for root, _ in pairs), default=0.0)
+        return limit, pairs, replace(self, zeros=self.zeros[self.zeros.imag == 0], poles=self.poles[self.poles.imag == 0])
 
     @property
     def reduced(self) -> "Factored":
