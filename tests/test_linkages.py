@@ -6,15 +6,18 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.files.robot_yaml import load_robot_system
+from gainroom.files.audit_options import AuditOptions, audited
+from gainroom.files.robot_yaml import load_robot, load_robot_system
 from gainroom.robot import load_model
 from gainroom.robot.contact import Contact
 from gainroom.robot.held_followers import followers, on_a_tree
 from gainroom.robot.linearize import gravity_stiffness, linearize
 from gainroom.simulation.mujoco_model import build_mujoco
+from gainroom.studies.audit import audit
 from mujoco_loops import in_mujoco, posed, projected, solid
 from refusals import assert_refused
 from robot_bodies import TREE, write
@@ -223,13 +226,94 @@ def test_audit_of_a_follower_that_alone_has_gains(tmp_path, capsys):
     assert limits[0] == pytest.approx(limits[1], rel=1e-9)  # ends of an interval of round-off
 
 
-def test_gains_of_joints_that_mimic_are_said_not_to_count(tmp_path, capsys):
-    links = link("base") + link("one", 2.0, inertia=(1, 0.3, 1)) + link("two", 1.0, inertia=(1, 0.1, 1))
-    joints = hinge("lead", "base", "one") + hinge("follow", "base", "two").replace("</joint>", '<mimic joint="lead"/></joint>')
-    gains = write(tmp_path, "lead: {kp: 50, kd: 4}\nfollow: {kp: 50, kd: 4}\n", "gains.yaml")
-    robot = str(write_robot(tmp_path, links, joints))
-    assert main(["audit", robot, "--gains", str(gains), "--delay-ms", "1", "--json"]) in (0, 1)
-    assert any("do not count: follow" in text for text in json.loads(capsys.readouterr().out)["warnings"])
+RATIO = -2.5
+PAIRS = {
+    "a URDF's mimic": lambda folder: write_robot(
+        folder,
+        link("base") + link("one", 2.0, inertia=(1, 0.3, 1)) + link("two", 1.0, inertia=(1, 0.1, 1)),
+        hinge("lead", "base", "one")
+        + hinge("follow", "base", "two").replace("</joint>", f'<mimic joint="lead" multiplier="{RATIO}"/></joint>'),
+    ),
+    "an MJCF without actuators": lambda folder: write(folder, PAIR),
+    "an MJCF with one on the leader": lambda folder: write(folder, PAIR.replace("</mujoco>", SERVO + "</mujoco>")),
+    "an MJCF whose order is turned": lambda folder: write(folder, PAIR.replace(*TURNED)),
+}
+PAIR = f"""<mujoco><compiler angle="radian"/><worldbody>
+<body name="a"><joint name="lead" axis="0 1 0"/><inertial pos="0 0 0" mass="2" diaginertia="1 0.3 1"/></body>
+<body name="b"><joint name="follow" axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 0.1 1"/></body>
+</worldbody><equality><joint joint1="follow" joint2="lead" polycoef="0 {RATIO} 0 0 0"/></equality></mujoco>"""
+SERVO = '<actuator><position joint="lead" kp="1" kv="1"/></actuator>'
+TURNED = (f'joint1="follow" joint2="lead" polycoef="0 {RATIO}', f'joint1="lead" joint2="follow" polycoef="0 {1 / RATIO}')
+
+
+@pytest.mark.parametrize("gains", [{"lead": (50, 4)}, {"follow": (20, 1.5)}, {"lead": (50, 4), "follow": (20, 1.5)}])
+@pytest.mark.parametrize("pair", PAIRS)
+def test_gains_on_either_joint_of_a_pair_count(tmp_path, pair, gains):
+    """Both move as one: inertia, kp and kd of the joint that follows count at the other by the square of the ratio. The limit is in closed
+    form: PD and delay T on a rigid inertia J cross −180° where ωT = atan(ω kd/kp), and there |L| = 1 at the limit."""
+    path = PAIRS[pair](tmp_path)
+    file = write(tmp_path, "".join(f"{name}: {{kp: {kp}, kd: {kd}}}\n" for name, (kp, kd) in gains.items()), "gains.yaml")
+    found = audit(audited(str(path), file, AuditOptions(1.0)).system)
+    assert {joint.name for joint in found.joints} == {*gains}
+    kp, kd = (sum(each[k] * (RATIO**2 if name == "follow" else 1) for name, each in gains.items()) for k in (0, 1))
+    inertia = 0.3 + RATIO**2 * 0.1
+    omega = brentq(lambda w: w * 1e-3 - np.arctan(w * kd / kp), 1.0, 0.5 * np.pi / 1e-3)
+    assert found.tightest.limit.gain == pytest.approx(inertia * omega**2 / np.hypot(kp, omega * kd), rel=1e-9)
+
+
+def test_the_written_robot_of_a_driven_follower_is_the_same(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, PAIR, "pair.xml")
+    write(tmp_path, "follow: {kp: 20, kd: 1.5}\n", "gains.yaml")
+    call = ["audit", "pair.xml", "--gains", "gains.yaml", "--delay-ms", "1", "--write-robot", "robot.yaml"]
+    assert main(call) in (0, 1)
+    body = load_robot("robot.yaml").body
+    assert (body.joint_names, body.passive) == (("follow",), ("lead",))
+
+
+def coaxial(first: str, second: str, more: str = "") -> str:
+    """A leg whose hip has two joints on one axis, the `first` and the `second` of its body, and no link between them."""
+    servos = "".join(f'<position joint="{name}" kp="17" kv="0.5"/>' for name in ("hip", "knee"))
+    return f"""<mujoco><worldbody><body name="upper" pos="0 0 1">{first}{second}
+    <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="1"/>{more}
+    <body name="lower" pos="0 0 -0.3"><joint name="knee" axis="0 1 0" armature="0.03"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.5"/></body></body></worldbody>
+    <actuator>{servos}</actuator></mujoco>"""
+
+
+HIP = '<joint name="hip" axis="0 1 0" armature="0.03"/>'
+BACKLASH = '<joint name="idle" axis="0 1 0" armature="0.01" range="-1 1"/>'
+SLIDER = HIP.replace("/>", ' type="slide"/>')
+TAIL = '<body name="tail" pos="0 0.1 0"><joint name="idle" type="ball"/><geom size="0.02" mass="0.2"/></body>'
+IDLE = {
+    "after the hip": (coaxial(HIP, BACKLASH), coaxial(HIP, "")),
+    "before the hip": (coaxial(BACKLASH, HIP), coaxial("", HIP)),
+    "a slide": (coaxial(SLIDER, BACKLASH.replace("/>", ' type="slide"/>')), coaxial(SLIDER, "")),
+    "on an axis the other way round": (coaxial(HIP, BACKLASH.replace("0 1 0", "0 -1 0")), coaxial(HIP, "")),
+    "a ball joint": (coaxial(HIP, "", TAIL), coaxial(HIP, "", TAIL.replace('<joint name="idle" type="ball"/>', ""))),
+}
+
+
+@pytest.mark.parametrize("idle", IDLE)
+def test_a_joint_without_gains_is_held_also_where_no_motor_could_move_it(tmp_path, idle):
+    """As documented: with it the robot has the limit that it has without that joint."""
+    limits = []
+    for name, text in zip(("with.xml", "without.xml"), IDLE[idle], strict=True):
+        found = audit(audited(str(write(tmp_path, text, name)), None, AuditOptions(3.0, rate_hz=500.0)).system)
+        assert [joint.name for joint in found.joints] == ["hip", "knee"]
+        limits.append(found.tightest.limit.gain)
+    assert limits[0] == pytest.approx(limits[1], rel=1e-9)  # ends of an interval of round-off
+
+
+def test_two_joints_with_gains_on_one_axis_are_refused_by_name(tmp_path):
+    text = coaxial(HIP, BACKLASH).replace("<actuator>", '<actuator><position joint="idle" kp="5"/>')
+    assert_refused(lambda: audited(str(write(tmp_path, text)), None, AuditOptions(3.0)), ["'hip'", "'idle'", "no mass moves"])
+
+
+def test_gains_are_exported_for_a_model_with_such_a_joint(tmp_path, capsys):
+    model, gains = write(tmp_path, coaxial(HIP, BACKLASH)), write(tmp_path, '"hip|knee": {kp: 17, kd: 0.5}\n', "gains.yaml")
+    assert main(["export", str(gains), "--to", "yaml", "--model", str(model)]) == 0
+    assert "17" in capsys.readouterr().out
 
 
 def test_a_joint_held_by_a_constant_stays_held(tmp_path):

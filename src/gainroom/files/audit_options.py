@@ -149,8 +149,11 @@ class AuditOptions:
             return "zero"
         return self.posture[0] if len(self.posture) == 1 and "=" not in self.posture[0] else GIVEN
 
-    def sections(self, file: str, body: RigidBody, gains: JointGains) -> dict[str, Any]:
-        """The sections of a robot.yaml that say the same, for the model in `file`; joints without gains are locked, or passive in loops."""
+    def sections(self, file: str, body: RigidBody, gains: JointGains, driven: Sequence[str] = ()) -> dict[str, Any]:
+        """The sections of a robot.yaml that say the same, for the model in `file`; joints without gains are locked, or passive in loops.
+
+        driven   as load_model has it
+        """
         names = body.every_joint
         given = [k for k, has in enumerate(gains.given) if has]
         idle = [name for name, has in zip(body.joint_names, gains.given, strict=False) if not has]
@@ -163,6 +166,7 @@ class AuditOptions:
                 **{names[k]: {**rubbed.get(k, {}), **gains.actuators[k]} for k in given if gains.actuators[k] or k in rubbed},
                 "locked": [name for name in idle if name not in body.looped],
                 "passive": [*body.passive, *(name for name in idle if name in body.looped)],
+                **({"driven": list(driven)} if driven else {}),
             },
             "drive": {"bandwidth": math.inf},
             "control": {"type": "pid" if "ki" in columns else "pd", "feedback": "motor"}
@@ -227,14 +231,13 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     _require_model(path)
     source = path if gains is None else gains
     with _options_named(options):
-        body = load_model(path, base_of(options.base, path, bool(options.contacts))[0])
-        found = gains_of(read_gains(source).in_order(joint_order(path)), body.every_joint)
+        body, found, driven = _body_with_gains(path, source, base_of(options.base, path, bool(options.contacts))[0])
         if not np.any(found.given[: body.size]):
             raise GainroomError(f"{path}: no joint that can move has gains")
         options, read = _as_the_file_says(options, found, source)
         if options.joint_damping == "controller":
             found = replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0))
-        sections = options.sections(str(path), body, found)
+        sections = options.sections(str(path), body, found, driven)
         file = validate(RobotFile, sections, "")
         if (sample_time := file.sample_time()) is not None:
             owner = "--drive-delay-ms" if options.gains_run == "drive" else "--delay-ms"
@@ -270,6 +273,21 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
     warnings = (*found.notes, *idle, *kept, *_damping_asked(warnings, options))
     return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, ranges, options)
+
+
+def _body_with_gains(path: Path, source: Path, base: Base | None) -> tuple[RigidBody, JointGains, tuple[str, ...]]:
+    """The model's links, as far as they are named, its joints' gains, and the joints that have a motor because they have gains.
+
+    Raises GainroomError.
+    """
+    body, gains = load_model(path, base, for_names=True), read_gains(source).in_order(joint_order(path))
+    found = gains_of(gains, body.every_joint)
+    moved = {name for name, has in zip(body.every_joint, found.given, strict=True) if has}
+    driven = tuple(re.escape(name) for name in body.passive if name in moved)
+    if not driven:
+        return body, found, ()
+    body = load_model(path, base, driven=driven, for_names=True)
+    return body, gains_of(gains, body.every_joint), driven
 
 
 def _gearboxes(options: AuditOptions, spec: System, source: Path) -> tuple[GearboxRange | None, list[str]]:

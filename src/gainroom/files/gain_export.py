@@ -109,7 +109,7 @@ def _model_text(path: Path) -> str:
 def _joint_names(file: GainFile, model: Path | None) -> tuple[str, ...]:
     """The model's joints, else those that the file names."""
     if model is not None:
-        return load_model(model).every_joint
+        return load_model(model, for_names=True).every_joint
     names = file.own_names
     if not names:
         raise GainroomError(f"{file.source}: names its joints by patterns, or not at all: give --model, the robot's URDF or MJCF")

@@ -60,7 +60,7 @@ class ActuatorSection(GearboxSection):
         return super().entry() if self.delay_ms is None else replace(super().entry(), delay=1e-3 * self.delay_ms)
 
 
-LISTS = ("locked", "passive")
+LISTS = ("locked", "passive", "driven")
 """Keys of `joints` that are no pattern of a joint's name."""
 
 
@@ -72,6 +72,12 @@ class JointsSection(BaseModel):
     entries: dict[str, ActuatorSection] = {}
     locked: list[Name] = []
     passive: list[Name] = []
+    driven: list[Name] = []
+
+    @property
+    def moved(self) -> dict[str, list[str]]:
+        """What load_model is told of the joints that move."""
+        return {"passive": self.passive, "driven": self.driven}
 
     @model_validator(mode="before")
     @classmethod
@@ -83,7 +89,8 @@ class JointsSection(BaseModel):
                 keys = ", ".join(ActuatorSection.model_fields)
                 raise refusal(
                     f"{shown(value)} must be a section with keys among {keys}: every key here but locked, the list of joints that do "
-                    "not move, and passive, of those without a motor, is default or a joint's name or pattern",
+                    "not move, passive, of those without a motor, and driven, of those with one that the model has not, is default or a "
+                    "joint's name or pattern",
                     key=dotted(key),
                 )
         return {"entries": {key: value for key, value in data.items() if key not in LISTS}, **{key: data.get(key, []) for key in LISTS}}

@@ -14,6 +14,7 @@ from ..errors import GainroomError, first_of_many, named, nearest
 from ..io.validation import dotted, validate
 from ..io.yaml_text import read_text, shown
 from ..robot.actuators import actuators_of, drives_of, merge_entries
+from ..robot.assemble import require_movable
 from ..robot.body import Base, RigidBody
 from ..robot.contact import Contact
 from ..robot.formats.model_files import has_base, load_model
@@ -70,9 +71,9 @@ def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path(), kn
     base, assumed = base_of(file.model.base, path, any((file.contacts or {}).values()))
     joints = file.joints
     if known is not None and not joints.locked and not joints.passive:
-        body = known
+        require_movable(body := known)
     else:
-        body = load_model(path, base, joints.locked, locked_key=LOCKED, passive=joints.passive)
+        body = load_model(path, base, joints.locked, locked_key=LOCKED, passive=joints.passive, driven=joints.driven)
     body = _carrying(file, body)
     # Patterns may name joints that are locked or passive: to lock a joint, one line is enough.
     names = body.every_joint
@@ -121,7 +122,9 @@ def _posture(name: str, patterns: Mapping[str, float], path: Path, base: Base | 
     held = {joint: angles.pop(joint) for joint in body.locked if joint in angles}
     if any(held[joint] != body.locked[joint] for joint in held) or (body.led and angles):
         joints, place = file.joints, {**angles, **held}
-        body = load_model(path, base, joints.locked, posture_for_locked=place, locked_key=LOCKED, passive=joints.passive)
+        body = load_model(
+            path, base, joints.locked, posture_for_locked=place, locked_key=LOCKED, passive=joints.passive, driven=joints.driven
+        )
         body = _carrying(file, body)
     return Posture(body, angles)
 

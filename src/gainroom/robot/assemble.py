@@ -23,6 +23,9 @@ SINGULAR = 1e-12
 MASSLESS = 1e-14
 """Inertia of a joint [kg m², kg] below which nothing hangs on it: a grain of sand at 1 mm has 1e-12."""
 
+PART = 0.1
+"""Of the largest share in a motion: less is round-off, or hardly any."""
+
 FARTHEST = 1e6
 """Of a coordinate [m] or an angle [rad]: a robot drawn in mm still fits a thousand times."""
 LARGEST = 1e12
@@ -73,6 +76,8 @@ def assemble(
     posture_for_locked: Mapping[str, float] | None = None,
     locked_key: str = "",
     passive: Sequence[str] = (),
+    driven: Sequence[str] = (),
+    for_names: bool = False,
 ) -> RigidBody:
     """The body whose joints are the `selected` ones (None: all) without the `locked` and `passive` ones; see load_model.
 
@@ -84,10 +89,13 @@ def assemble(
     _require_sane(source, model)
     first = 2 if floats(model) else 1
     names = tuple(model.names[first:])
-    held, idle = _not_actuated(description, names, locked, selected, passive, locked_key or f"{source}: locked")
+    motors = frozenset().union(description.actuated or (), *_named(driven, names, f"{source}: driven"))
+    held, idle = _not_actuated(description, names, locked, selected, passive, motors, locked_key or f"{source}: locked")
     positions = _positions(description, names, held, posture_for_locked or {})
     actuated = tuple(name for name in names if name not in held and name not in idle)
-    _require_actuated(source, model, names, actuated)
+    if not actuated:
+        there = f"all {len(names)} joints are locked" if names else "it has no joints"
+        raise GainroomError(f"{source}: no actuated joint: {there}")
 
     welded = (model.names[1],) if base == "fixed" and first == 2 else ()
     reduced, armature = _reduce(model, (*welded, *held), positions, idle)
@@ -107,11 +115,21 @@ def assemble(
         passive_springs={
             name: (description.springs[name], _damping(model, name)) for name in idle if description.springs.get(name, 0.0) > 0
         },
-        looped=frozenset(_looped(description) | _geared(description, held)),
+        looped=frozenset(_looped(description) | _geared(description, held, motors)),
         led=frozenset(name for name, one in _leaders(description).items() if name in held and one.leader not in held),
     )
-    _require_mass(body)
+    if not for_names:
+        require_movable(body)
     return body
+
+
+def require_movable(body: RigidBody) -> None:
+    """Raise GainroomError, naming joints, for what cannot be moved by motors, one a joint, as it is."""
+    for name in body.joint_names:
+        freedom = body.model.joints[body.model.getJointId(name)].nv
+        if freedom != 1:
+            raise GainroomError(f"{body.source}: joint {name!r} has {freedom} degrees of freedom; lock it, as an actuated joint has one")
+    _require_mass(body)
 
 
 def require_at_most(source: str, count: int, what: str, most: int) -> None:
@@ -131,16 +149,16 @@ def _not_actuated(
     locked: Sequence[str],
     selected: Sequence[str] | None,
     passive: Sequence[str],
+    motors: frozenset[str],
     locked_key: str,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Joints that do not move, and those that no motor moves, in the model's order."""
+    """Joints that do not move, and those that no motor moves, in the model's order; `motors`: the joints that are known to have one."""
     source = description.source
     everything = set(range(len(names)))
     chosen = everything if selected is None else set().union(*select_all(selected, names, f"{source}: selected"))
     fixed = set().union(*select_all(locked, names, locked_key, lambda pattern: f"{locked_key}[{list(locked).index(pattern)}]"))
     key = locked_key.replace("locked", "passive")
     named = set().union(*select_all(passive, names, key, lambda pattern: f"{key}[{list(passive).index(pattern)}]"))
-    motors = description.actuated or set()
     looped = _looped(description) - motors if description.actuated is not None else set()
     free = {names[index] for index in chosen | named} - {names[index] for index in fixed} - {*description.held}
     following = {index for index, name in enumerate(names) if name in _following(description, free)} - fixed
@@ -149,6 +167,11 @@ def _not_actuated(
     idle = ({index for index, name in enumerate(names) if name in looped} | following - geared | named) - held - fixed
     still = (everything - chosen | fixed | held) - idle - geared
     return tuple(names[index] for index in sorted(still)), tuple(names[index] for index in sorted(idle))
+
+
+def _named(patterns: Sequence[str], names: Sequence[str], key: str) -> list[set[str]]:
+    """By pattern the names that it matches."""
+    return [{names[index] for index in found} for found in select_all(patterns, names, key)]
 
 
 def _leaders(description: Description) -> dict[str, FollowingJoint]:
@@ -177,9 +200,9 @@ def _looped(description: Description) -> set[str]:
     return set().union(*(_on_loop(one, model) for one in description.linkages if isinstance(one, JoinedFrames)))
 
 
-def _geared(description: Description, held: Sequence[str]) -> set[str]:
-    """Joints with motors that follow others, and those that they follow: either's motor moves both."""
-    pairs = [one for one in _leaders(description).values() if one.follower in (description.actuated or ()) and one.follower not in held]
+def _geared(description: Description, held: Sequence[str], motors: frozenset[str]) -> set[str]:
+    """Joints with `motors` that follow others, and those that they follow: either's motor moves both."""
+    pairs = [one for one in _leaders(description).values() if one.follower in motors and one.follower not in held]
     return {name for one in pairs for name in (one.follower, one.leader)}
 
 
@@ -355,16 +378,6 @@ def _absurd(source: str, model: Any, index: int, problem: str) -> GainroomError:
     return GainroomError(f"{source}: joint {model.names[index]!r}: {problem}")
 
 
-def _require_actuated(source: str, model: Any, names: Sequence[str], actuated: Sequence[str]) -> None:
-    if not actuated:
-        there = f"all {len(names)} joints are locked" if names else "it has no joints"
-        raise GainroomError(f"{source}: no actuated joint: {there}")
-    for name in actuated:
-        freedom = model.joints[model.getJointId(name)].nv
-        if freedom != 1:
-            raise GainroomError(f"{source}: joint {name!r} has {freedom} degrees of freedom; lock it, as an actuated joint has one")
-
-
 def _require_mass(body: RigidBody) -> None:
     """Raise GainroomError, naming joints, where the mass matrix is singular in every posture."""
     # A wrist of massless links is singular in a few postures only, one of which may be the neutral one.
@@ -377,20 +390,23 @@ def _require_mass(body: RigidBody) -> None:
         raise GainroomError(
             f"{body.source}: the link of the floating base has no mass (singular mass matrix); give it some, or take model.base: fixed"
         )
-    driven = (*body.passive, *body.joint_names)
-    names = [repr(name) for name in driven if body.velocity_of(name) in culprits]
-    what = f"joint{'s' * (len(names) > 1)} {first_of_many(names)}" if names else "floating base"
+    every = (*body.passive, *body.joint_names)
+    names = [repr(name) for name in every if body.velocity_of(name) in culprits]
+    several = len(names) > 1
+    what = f"joint{'s' * several} {first_of_many(names)}" if names else "floating base"
+    how = "all of them, or of some that move against each other all but one," if several else "it"
     raise GainroomError(
-        f"{body.source}: no mass moves with the {what} (singular mass matrix); give the links inertia, or lock it in a robot.yaml "
+        f"{body.source}: no mass moves with the {what} (singular mass matrix); give the links inertia, or lock {how} in a robot.yaml "
         "(joints.locked)"
     )
 
 
 def massless(mass_matrix: Floats) -> list[int]:
-    """Degrees of freedom without inertia of their own: those with none at all, or else the foremost in a motion that has none."""
+    """Degrees of freedom without inertia of their own: those with none at all, or else those that make up a motion that has none."""
     diagonal = np.diag(mass_matrix)
     if np.any(diagonal < MASSLESS):
         return np.flatnonzero(diagonal < MASSLESS).tolist()
     scale = np.sqrt(diagonal)
     values, vectors = np.linalg.eigh(mass_matrix / scale / scale[:, None])
-    return [int(np.argmax(np.abs(vectors[:, 0])))] if values[0] < SINGULAR else []
+    share = np.abs(vectors[:, 0])
+    return np.flatnonzero(share > PART * share.max()).tolist() if values[0] < SINGULAR else []

@@ -25,6 +25,8 @@ def load_model(
     posture_for_locked: Mapping[str, float] | None = None,
     locked_key: str = "",
     passive: Sequence[str] = (),
+    driven: Sequence[str] = (),
+    for_names: bool = False,
 ) -> RigidBody:
     """The links of a robot.
 
@@ -37,6 +39,10 @@ def load_model(
     locked_key   what messages call the list `locked`, where it comes from another file
     passive    patterns of joints without a motor: what holds them, such as a closed loop, moves them. Joints of closed loops are, where the
                file has actuators and none on them, and joints without one that follow others that move. Locked ones are not
+    driven     patterns of joints with a motor that the file does not tell of, where they would be passive: in closed loops, and following
+               others, whose motor and theirs then move both
+    for_names  True: joints that move no mass, or have more than one degree of freedom, may be among those that are to be locked later;
+               assemble.require_movable refuses them
 
     Raises GainroomError, one line that names the file, where it is missing, malformed, out of bounds or makes no robot; where a pattern
     matches nothing; where Pinocchio, or for an MJCF MuJoCo, is not installed.
@@ -46,7 +52,7 @@ def load_model(
         raise GainroomError(f"{path}: base {base!r} must be fixed or floating")
     root = read_xml(path)
     description = _format(root, path).describe(root, path, base)
-    return assemble(description, base, locked, selected, posture_for_locked, locked_key, passive)
+    return assemble(description, base, locked, selected, posture_for_locked, locked_key, passive, driven, for_names)
 
 
 def has_base(path: Path) -> bool:

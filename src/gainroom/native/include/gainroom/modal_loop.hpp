@@ -239,12 +239,13 @@ class ModalLoop {
     static double inverse_law_size(Complex d, double omega, double step) { return size_of(d) / Cell::weight(omega, step); }
 
    private:
-    // r/(s − p) behind a hold, torque a fraction of a tick late: once/z + again/(z − E).
+    // 1/(s − p) behind a hold, torque a fraction of a tick late: (now + before/z)/(z − E), by what the torque of now and that of the tick
+    // before add. In partial fractions the two would grow as 1/E and cancel, or be infinite, where p decays within a small part of a tick.
     struct Held {
-        Complex once, again, moved;  // E = e^{p T_s}
+        Complex now, before, moved;  // E = e^{p T_s}
         double angle;                // of E
         Complex own, others[2];      // weights of C/(s − p) = w_p/(s − p) + Σ_q w_q/(s − q)
-        Complex at(Complex z) const { return over(once, z) + over(again, z - moved); }
+        Complex at(Complex z) const { return over(now + over(before, z), z - moved); }
     };
     // Of f₀ without the current loop's poles: −(constant + once/z + twice/z²).
     struct Rigid {
@@ -256,14 +257,12 @@ class ModalLoop {
 
     Held held(Complex pole) const {
         const Complex early = std::exp(pole * ((1 - fraction) * step)), moved = std::exp(pole * step);
-        const Complex once = -over(moved - early, times(pole, moved));
-        const Complex again = over(times(early - 1.0, moved) + moved - early, times(pole, moved));
-        return {once, again, moved, std::arg(moved), 1.0, {0.0, 0.0}};
+        return {over(early - 1.0, pole), over(moved - early, pole), moved, std::arg(moved), 1.0, {0.0, 0.0}};
     }
 
     Bend bend(const Held& of, const Cell& cell) const {
-        const double near = 1 / distance(cell, of.moved, of.angle), once = size_of(of.once), again = size_of(of.again);
-        return {once + again * near, step * (once + again * near * near), step * step * (once + again * near * near * (1 + 2 * near))};
+        const double near = 1 / distance(cell, of.moved, of.angle), before = size_of(of.before), both = size_of(of.now) + before;
+        return {both * near, step * near * (before + both * near), step * step * near * (before + near * (2 * before + both * (1 + 2 * near)))};
     }
 
     void weights(Complex pole, Held& of) const {
