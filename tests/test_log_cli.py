@@ -39,7 +39,7 @@ def test_json_of_every_format(name: str, tmp_path: Path):
     facts = json.loads(out)
     assert set(facts) == {
         *("sentence", "rows", "duration", "sample_rate_hz", "jitter_ms", "complete", "began", "cut", "missing", "gaps", "joints", "time"),
-        *("allows", "warnings"),
+        *("allows", "unused", "warnings"),
     }
     assert (facts["rows"], facts["complete"], facts["cut"]) == (500, True, {"not_finite": 0, "duplicate": 0, "backwards": 0})
     assert facts["sample_rate_hz"] == pytest.approx(1000, rel=1e-6)

@@ -162,6 +162,7 @@ def facts(survey: Survey) -> dict[str, Any]:
         "missing": dict(quality.missing),
         "gaps": {"count": quality.gaps, "dropped_ticks": quality.dropped, "longest_ms": 1e3 * quality.longest_gap},
         "joints": [{"name": joint, "channels": _channel_facts(survey, joint)} for joint in log.joint_names],
+        "unused": [*survey.unused],
         "time": next((_origin_facts(origin) for origin in log.origins if origin.channel == "time"), None),
         "allows": {
             each.question: {key: getattr(each, key) for key in ("possible", "channels", "missing", "confounded")}

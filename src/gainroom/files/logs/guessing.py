@@ -1,39 +1,61 @@
-"""Which channel of which joint a column holds, by its name."""
+"""Which channel of which joint a column holds, by its name: all of its words count, and what is left of them is the joint's.
+
+A name is a path of parts (`low_state/motor_state[3].tau_est`). The last part that has a word for a quantity says which; words for commands,
+for what is measured, and for a side of the gearbox stand beside it, or in the path. A word that no list has is the joint's name, unless
+it stands where none can. What a name leaves open is a doubt: such a column is not used, and the user is asked.
+"""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cache
 
 from ...simulation.run_record import REFERENCE_SIGNAL
-from .channels import CHANNELS, words
+from .channels import CHANNELS
 from .units import known_unit
+from .vocabulary import (
+    BARE_COMMAND,
+    BARE_POSITION,
+    COMMANDING,
+    CONTAINERS,
+    DEMAND,
+    ELSEWHERE,
+    FEEDFORWARD,
+    FILLERS,
+    LINK,
+    LOCALLY_COMMANDING,
+    MEASURING,
+    MOTOR,
+    NEUTRAL,
+    OTHER,
+    OUTPUT,
+    PLURALS,
+    QUALIFIERS,
+    QUANTITIES,
+    SENSOR,
+    SIDES,
+    TIME_BESIDE,
+)
 
-OTHER = frozenset(
-    words(
-        """enable enabled limit limits max min error err temperature temp volt volts voltage status state mode flag flags count counter
-        index id norm std cov covariance quat orientation integral offset gain kp kd ki step rate delta diff bias foot base imu gyro acc
-        header stamp sec nanosec start"""
-    )
-)
-"""Words beside a channel's name that make it something else."""
-CONTAINERS = frozenset(
-    words(
-        """log logs data robot out logsout yout record recording states joint_states signals values run ans result sensors controller
-        controllers"""
-    )
-)
-"""Parts of a path that name no joint."""
-COMMANDING = frozenset(words("command commands commanded cmd cmds target targets desired des reference ref setpoint setpoints goal goals"))
-"""Words that make what they stand beside, and what is below them in a path, a command."""
-MEASURING = frozenset(words("state states feedback measured actual status"))
-"""The same of what is measured."""
 COMMAND_OF = {"motor_position": REFERENCE_SIGNAL, "motor_velocity": "reference_velocity", "actual_torque": "target_torque"}
-"""What a channel's name is beside such a word: `/joint_commands` has an `effort`, as `/joint_states` has."""
+"""What a channel is beside a word for commands: `/joint_commands` has an `effort`, as `/joint_states` has."""
 LESS_SURE = 100
 """Ranks that a name found so is behind one that says it itself."""
+BARE, LOCAL, QUALIFIED = 20, 10, 40
+"""Ranks lost where neither side nor role is said, where a weak word says that it is a command, and where it was processed."""
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
-PLURALS = {"positions": "position", "velocities": "velocity", "efforts": "effort", "torques": "torque", "currents": "current"}
 BRACKETED = re.compile(r"[\s_]*[\[(<{]([^\])>}]*)[\])>}]\s*$")
+DIMENSIONS = {"time": "time", "position": "angle", "velocity": "speed", "torque": "torque", "current": "current"}
+SAYING = COMMANDING | MEASURING | FEEDFORWARD | OTHER | FILLERS | LOCALLY_COMMANDING
+LETTERS = {"p": "position", "v": "velocity", "t": "torque"}
+"""Quantities of motor protocols: `p_des`, `v_fb`."""
+COORDINATES = frozenset(("q", "theta", "encoder", "enc", "angle"))
+"""Words that name a coordinate where another quantity stands beside them: `theta_vel`, `q_torque`."""
+FEED_FORWARD_DOUBT = "a feed-forward torque, which is all of the command only where the drive's own kp and kd are 0"
+GAINS = frozenset(("kp", "kd"))
+COMMAND_DOUBT = "a command, but of torque or of position is not said"
+METRES_DOUBT = "in metres, or the motor's: the name may mean either"
+ROLE_DOUBT = "a command or a measurement: the name says both"
 
 
 @dataclass(frozen=True)
@@ -43,63 +65,96 @@ class Guess:
     channel   one of CHANNELS
     joint     "" where it names none
     unit      "" where it names none
-    rank      place of the words found among those that mean this channel; 0 is its own name
+    rank      0 is the package's own name; the larger, the less sure
+    side      "motor", "joint", "output" or "link" where the name says it
+    doubt     what it leaves open; "" where nothing is
     """
 
     channel: str
     joint: str
     unit: str
     rank: int
+    side: str = ""
+    doubt: str = ""
+
+
+@dataclass(frozen=True)
+class Naming:
+    """What the names of a file say together.
+
+    sided      `theta_m` stands beside `theta_l`: the motor's and the link's, not a left joint's
+    lettered   `p_des` stands beside `v_des`, and no column says position in full
+    dataset    a LeRobot data set: `observation.state` is where the joints are, `action` where they shall be
+    gains      what holds a drive's own kp and kd beside its set-points: `motor_cmd[3]`
+    """
+
+    sided: bool = False
+    lettered: bool = False
+    dataset: bool = False
+    gains: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, names: Iterable[str]) -> "Naming":
+        texts = [*names]
+        beside: dict[tuple[str, ...], set[str]] = {}
+        gains = set()
+        roles = COMMANDING | MEASURING | FEEDFORWARD
+        letters, spelled = set(), False
+        for text in texts:
+            found = [word[0].lower() for word in WORD.finditer(text) if not word[0].isdigit()]
+            if len(found) > 1:
+                beside.setdefault(("", *found[:-1]), set()).add(found[-1])
+                beside.setdefault((*found[1:], ""), set()).add(found[0])
+                letters |= {word for word in found if word in LETTERS} if roles.intersection(found) else set()
+            spelled |= any(_plain(word) in QUANTITIES["position"] for word in found)
+            above, sign, last = text.rpartition(".")
+            if sign and GAINS.intersection(word[0].lower() for word in WORD.finditer(last)):
+                gains.add(above)
+        sided = any({"m", "l"} <= letters and "r" not in letters for letters in beside.values())
+        dataset = any(_dataset_part(text) == "state" for text in texts)
+        return cls(sided, "p" in letters and len(letters) > 1 and not spelled, dataset, frozenset(gains))
+
+
+def _dataset_part(text: str) -> str:
+    found = re.fullmatch(r"observation\.(state)(\[[0-9]+\])?|(action)(\[[0-9]+\])?", text)
+    return (found[1] or found[3] or "") if found else ""
+
+
+def _plain(word: str) -> str:
+    return PLURALS.get(word, word)
 
 
 @cache
 def _spellings() -> dict[tuple[str, ...], tuple[str, int]]:
-    """Words → channel and rank; a name written in one word (`dofpos`) is not looked for."""
-    found: dict[tuple[str, ...], tuple[str, int]] = {}
-    for channel in CHANNELS.values():
-        for rank, name in enumerate((channel.name, *channel.names)):
-            found.setdefault(tuple(name.split("_")), (channel.name, rank))
-    return found
+    """Words → quantity and place in its list."""
+    return {tuple(text.split("_")): (quantity, place) for quantity, texts in QUANTITIES.items() for place, text in enumerate(texts)}
 
 
-def channel_of(text: str, whole: bool = False, commanded: bool = False) -> Guess | None:
+def channel_of(text: str, whole: bool = False, commanded: bool = False, naming: Naming = Naming()) -> Guess | None:
     """What a column called `text` holds; None where the name says nothing.
 
     whole       the joint is known otherwise: what stands before the channel's name is no joint's, and nothing may stand behind it
     commanded   it stands among commands
     """
-    if whole:
-        above, _, text = text.rpartition("/")
-        commanded = is_commanding(above, commanded)
+    if naming.dataset and (part := _dataset_part(text)):
+        return Guess("motor_position" if part == "state" else REFERENCE_SIGNAL, text.partition("[")[2].rstrip("]"), "", BARE)
     own = None if whole else _own(text)
     if own is not None:
         return own
     text, unit = _without_unit(text)
-    for dimension_unit, spans in _readings(text, unit):
-        found = _match(text, spans, whole)
-        if found is None:
-            continue
-        channel, rank, left = found
-        joint = "" if whole else joint_in(left)
-        dimension = CHANNELS[channel].dimension
-        if dimension_unit and known_unit(dimension_unit, dimension) is None:
-            if dimension_unit != unit:
-                continue  # the last word was no unit of this channel: read it as part of a name
-            dimension_unit = ""
-        if channel == "time" and joint and not left.endswith(("/", ".")):
-            continue
-        if is_commanding(left, commanded and rank > 0) and not CHANNELS[channel].commanded:
-            if channel not in COMMAND_OF:
-                return None
-            channel, rank = COMMAND_OF[channel], rank + LESS_SURE
-        return Guess(channel, joint, dimension_unit, rank)
-    return None
+    if whole:
+        above, _, text = text.rpartition("/")
+        commanded = is_commanding(above, commanded)
+    guesses = (_Parse(stem, stem_unit, bool(unit), naming, whole).guess(commanded) for stem, stem_unit in _stems(text, unit))
+    guess = next((guess for guess in guesses if guess is not None), None)
+    said = guess is not None and re.split(r"[/.]", text)[-1] == guess.channel  # as this package writes it, in a topic of its own
+    return replace(guess, rank=0) if guess is not None and said else guess
 
 
 def is_commanding(path: str, otherwise: bool = False) -> bool:
     """Whether a path, as of a topic, is that of commands: its last part that says so decides."""
     for part in reversed(re.split(r"[/.]", path)):
-        said = {word[0].lower() for word in WORD.finditer(part)}
+        said = {_plain(word[0].lower()) for word in WORD.finditer(part)}
         if said & COMMANDING:
             return True
         if said & MEASURING:
@@ -112,8 +167,9 @@ def _own(text: str) -> Guess | None:
     for name in sorted(CHANNELS, key=len, reverse=True):
         rest = text[len(name) + 1 :]
         if text == name or (name != "time" and rest and text.startswith(f"{name}_")):
-            if rest.lower() in COMMANDING:
-                return None
+            said = [_plain(word[0].lower()) for word in WORD.finditer(rest) if not word[0].isdigit()]
+            if any((word,) in _spellings() for word in said) or (said and (said[-1] in COMMANDING or SAYING.issuperset(said))):
+                return None  # `reference_torque`, `motor_position_knee_target`, `link_position_error`, `joint_torque_measured[0]`
             unit = rest if len(rest) > 1 and known_unit(rest, CHANNELS[name].dimension) else ""
             return Guess(name, "" if unit else rest, unit, 0)
     return None
@@ -127,42 +183,250 @@ def _without_unit(text: str) -> tuple[str, str]:
     return text, ""
 
 
-def _readings(text: str, unit: str) -> list[tuple[str, list[re.Match[str]]]]:
-    """Words of a name, and its unit: its last one or two words may be one (`pos_deg`, `vel_rad_s`), or not."""
-    words = list(WORD.finditer(text))
-    readings = [(unit, words)]
-    if not unit:
-        if len(words) > 2:
-            readings.insert(0, (f"{words[-2][0]}/{words[-1][0]}", words[:-2]))
-        if len(words) > 1:
-            readings.insert(0, (words[-1][0], words[:-1]))
-        readings = [each for each in readings if not each[0] or any(known_unit(each[0], c.dimension) for c in CHANNELS.values())]
-    return readings
+def _stems(text: str, unit: str) -> list[tuple[str, str]]:
+    """A name without its unit, and that: its last one or two words may be one (`pos_deg`, `vel_rad_s`, `tau_N_m`), or not."""
+    if unit:
+        return [(text, unit), (text, "")]
+    found = [*WORD.finditer(text)]
+    stems = [(text, "")]
+    if len(found) > 1:
+        stems.insert(0, (text[: found[-1].start()], found[-1][0]))
+    if len(found) > 2:
+        stem = text[: found[-2].start()]
+        stems[:0] = [(stem, f"{found[-2][0]}{sign}{found[-1][0]}") for sign in ("/", "")]
+    inner = [word for word in found[1:-1] if len(word[0]) > 1]
+    stems[:0] = [(text[: word.start()].rstrip("_ ") + text[word.end() :], word[0]) for word in inner]  # `angle_deg_ref`
+    return [each for each in stems if not each[1] or any(known_unit(each[1], channel.dimension) for channel in CHANNELS.values())]
 
 
-def _match(text: str, spans: list[re.Match[str]], whole: bool) -> tuple[str, int, str] | None:
-    """Channel, rank and what else the name says: the longest name of a channel at either end of the words, the surer one of two as long."""
-    words = [PLURALS.get(span[0].lower(), span[0].lower()) for span in spans]
-    above = max(text.rfind("/"), text.rfind("."))  # words before are of what the column is in
-    best: tuple[tuple[int, int, int], str, int, str] | None = None
-    for count in range(min(len(words), 4), 0, -1):
-        for at_end in (False, True):
-            start = len(words) - count if at_end else 0
-            known = _spellings().get(tuple(words[start : start + count]))
-            if known is None or (whole and start + count != len(words)):
-                continue
-            others = [
-                word for k, word in enumerate(words) if not (start <= k < start + count or (spans[k].end() <= above and word in MEASURING))
-            ]
-            if OTHER.intersection(words[start - 1 : start] if whole else others):
-                return None
-            left = text[: spans[start].start()] if at_end else text[spans[count - 1].end() : spans[-1].end()]
-            key = (count, -known[1] if count == len(words) else 0, int(at_end == (above > 0)))
-            if best is None or key > best[0]:
-                best = (key, *known, left)
-        if best is not None:
-            break
-    return best[1:] if best is not None else None
+@dataclass(frozen=True)
+class _Word:
+    """A word of a part: as it is written, in lower case and the singular, its places, and the piece of the name that it is in."""
+
+    text: str
+    plain: str
+    start: int
+    end: int
+    piece: int
+
+
+def _words(part: str) -> list[_Word]:
+    found = []
+    for word in WORD.finditer(part):
+        piece = len(re.findall(r"[^A-Za-z0-9]+", part[: word.start()]))
+        found.append(_Word(word[0], _plain(word[0].lower()), word.start(), word.end(), piece))
+    return found
+
+
+class _Parse:
+    """One reading of a name: with its unit, if it has one, taken off; bracketed: it is a unit for certain."""
+
+    def __init__(self, text: str, unit: str, bracketed: bool, naming: Naming, whole: bool) -> None:
+        self._parts = re.split(r"[/.]", text.strip("_ ./-"))
+        self._unit, self._bracketed, self._naming, self._whole = unit, bracketed, naming, whole
+        self._words: list[_Word] = []
+        self._used: set[int] = set()
+
+    def guess(self, commanded: bool) -> Guess | None:
+        """None where this reading says nothing."""
+        for place in range(len(self._parts) - 1, -1, -1):
+            self._words, self._used = _words(self._parts[place]), set()
+            found = self._quantity()
+            if found is not None:
+                return self._of(place, *found, commanded)
+            if {word.plain for word in self._words if not word.text.isdigit()} - FILLERS - COMMANDING - MEASURING:
+                break
+        return self._bare()
+
+    def _quantity(self) -> tuple[str, int, int, int] | None:
+        """Which quantity, its place in the list of its spellings, and the words (first, last) that say it. None: none, or two."""
+        words = self._words
+        matches, end = [], 0
+        for k in range(len(words)):
+            for count in (3, 2, 1):
+                known = _spellings().get(tuple(word.plain for word in words[k : k + count]))
+                if k >= end and known is not None and len(words[k : k + count]) == count:
+                    matches.append((*known, k, k + count))
+                    end = k + count
+        roles = {word.plain for word in words} & (COMMANDING | MEASURING | FEEDFORWARD)
+        if self._naming.lettered and roles and {each[0] for each in matches} <= {"time"}:
+            matches = [(LETTERS[word.plain], 0, k, k + 1) for k, word in enumerate(words) if word.plain in LETTERS]
+        if len(matches) > 1:
+            matches = [each for each in matches if not self._names_a_joint(*each[2:])] or matches
+        self._used = {k for each in matches for k in range(*each[2:])}
+        if len({each[0] for each in matches}) > 1:
+            matches = [each for each in matches if words[each[2]].plain not in COORDINATES]
+        kinds = {each[0] for each in matches}
+        if kinds in ({"current", "position"}, {"current", "velocity"}):
+            matches = [each for each in matches if each[0] != "current"]  # the current position is that of now
+        elif len(kinds) != 1:
+            return None
+        return min(matches, key=lambda each: each[1])
+
+    def _names_a_joint(self, first: int, last: int) -> bool:
+        """`q3` of `q3_tau`."""
+        words = self._words
+        behind = words[last] if last + 1 < len(words) else None
+        return first == 0 and behind is not None and behind.text.isdigit() and behind.piece == words[0].piece
+
+    def _of(self, place: int, quantity: str, rank: int, first: int, last: int, commanded: bool) -> Guess | None:
+        words = self._words
+        if self._unit and known_unit(self._unit, DIMENSIONS[quantity]) is None:
+            return None
+        spelled, metres = words[first].plain, self._unit == "m" and not self._bracketed
+        if metres and (self._naming.sided or spelled in COORDINATES):
+            return None  # an angle's, of the motor
+        above = self._parts[:place]
+        said = {word.plain for k, word in enumerate(words) if k not in self._used}
+        if quantity == "time":
+            return self._time(said, above, rank)
+        if said & OTHER or _elsewhere(above):
+            return None
+        below = {word.plain for part in self._parts[place + 1 :] for word in _words(part)}
+        side, letter = self._side(spelled, first, last, above)
+        self._used |= {k for k, word in enumerate(words) if word.plain in ROLES}
+        roles = said & ROLES | below
+        command = _is_command(quantity, roles, letter or (side == "output" and spelled == "effort"))
+        if roles & FEEDFORWARD and quantity != "torque":
+            return None
+        path = command is None and is_commanding("/".join(above), commanded)
+        channel, side = _channel(quantity, path or bool(command), side, spelled, roles)
+        name, strange = self._joint(first, above, next((word for word in below if word.isdigit()), ""))
+        if not channel or (self._whole and name):
+            return None
+        rank += 1 + BARE * (not roles and not side and not self._unit) + LOCAL * (command is True and not roles & COMMANDING)
+        rank += QUALIFIED * bool(roles & QUALIFIERS) + LESS_SURE * path
+        doubts = {
+            FEED_FORWARD_DOUBT: bool(roles & FEEDFORWARD) or (channel == "target_torque" and ".".join(above) in self._naming.gains),
+            ROLE_DOUBT: self._is_both(command, roles, above),
+            METRES_DOUBT: metres,
+            f"what {strange!r} says of it is not known": bool(strange),
+        }
+        return Guess(channel, name, self._unit, rank, side, next((text for text, holds in doubts.items() if holds), ""))
+
+    @staticmethod
+    def _is_both(command: bool | None, roles: set[str], above: list[str]) -> bool:
+        """Whether words say that it is commanded and that it is measured: in one part, or as `servo_control.torque` may."""
+        if command is None:
+            return bool(above) and "control" in {word.plain for word in _words(above[-1])}
+        return command and bool(roles & MEASURING - {"state"}) and bool(roles & COMMANDING)
+
+    def _side(self, spelled: str, first: int, last: int, above: list[str]) -> tuple[str, bool]:
+        """The side of the gearbox that words beside the quantity say, or the part above it; and whether a `d` behind it says desired."""
+        words, side, letter = self._words, "", False
+        for places in (range(last, len(words)), range(first - 1, -1, -1)):
+            for k in places:
+                plain = words[k].plain
+                if k in self._used or plain in ROLES - OUTPUT:
+                    continue
+                behind = k >= last
+                if behind and plain == "d":
+                    letter = True
+                elif plain in ("m", "l") and (self._naming.sided or (behind and plain == "m" and spelled in TURNING)):
+                    side = {"m": "motor", "l": "link"}[plain]
+                elif plain in SIDE_OF:
+                    side = SIDE_OF[plain] if side in ("", "joint", "dof") else side
+                else:
+                    break
+                self._used.add(k)
+        over = {_plain(word.plain) for word in _words(above[-1])} - ROLES if above else set()
+        if not side and len(over) == 1 and over <= {*SIDE_OF}:
+            side = SIDE_OF[over.pop()]
+        if spelled in ("encoder", "enc") and side == "output":
+            side = "link"
+        return side or {"theta": "theta", "dtheta": "theta", "q": "q", "dq": "q", "qd": "q", "qdot": "q"}.get(spelled, ""), letter
+
+    def _joint(self, first: int, above: list[str], below: str = "") -> tuple[str, str]:
+        """The joint's name: what is left of the part, else of the path above it; and what stands behind a name that has begun before.
+
+        below   an index behind the part: `effort/commands[2]`
+        """
+        named = [k for k, word in enumerate(self._words) if k not in self._used and word.plain not in CONTAINERS]
+        left, right = [k for k in named if k < first], [k for k in named if k >= first]
+        before, behind = self._text(left), self._text(right)
+        index = behind if behind.isdigit() else below
+        if before and behind and not behind.isdigit():
+            known = all(self._words[k].plain in SIDES or self._words[k].text.isdigit() for k in right)
+            return (f"{before}_{behind}", "") if known else (before, behind)
+        own = before or ("" if behind.isdigit() else behind)
+        upper = own or ("" if self._whole else joint_in("/".join(above)))
+        if re.fullmatch(r"q[0-9]+", upper):
+            upper = upper[1:]
+        return (f"{upper}[{index}]" if upper and index else upper or index), ""
+
+    def _text(self, places: list[int]) -> str:
+        """Words that are left, those of one piece of the name joined as they stand there."""
+        pieces: dict[int, str] = {}
+        for k in places:
+            pieces[self._words[k].piece] = pieces.get(self._words[k].piece, "") + self._words[k].text
+        return "_".join(pieces.values())
+
+    def _time(self, said: set[str], above: list[str], rank: int) -> Guess | None:
+        if said - TIME_BESIDE or (said and self._words[0].plain == "t") or self._whole:
+            return None
+        return Guess("time", joint_in("/".join(above)), self._unit, rank + 1 + len(said))
+
+    def _bare(self) -> Guess | None:
+        """A command whose quantity its name does not say: its unit may, and set-points are positions."""
+        words = self._words = _words(self._parts[-1])
+        said = {word.plain for word in words}
+        self._used = {k for k, word in enumerate(words) if word.plain in ROLES | BARE_COMMAND | BARE_POSITION}
+        if not said & (BARE_COMMAND | BARE_POSITION) or said & (OTHER | MEASURING) or _elsewhere(self._parts[:-1]) or self._matched():
+            return None
+        name, strange = self._joint(len(words), self._parts[:-1])
+        by_unit = {"angle": REFERENCE_SIGNAL, "speed": "reference_velocity", "torque": "target_torque"}
+        channel = next((channel for dimension, channel in by_unit.items() if self._unit and known_unit(self._unit, dimension)), "")
+        if strange or (self._whole and name) or (self._unit and not channel) or (name and said & {"u", "action"} and not name.isdigit()):
+            return None
+        if channel or said & BARE_POSITION:
+            return Guess(channel or REFERENCE_SIGNAL, name, self._unit, BARE)
+        return Guess("target_torque", name, "", BARE, doubt=COMMAND_DOUBT)
+
+    def _matched(self) -> bool:
+        """Whether the part has words for quantities: two of them, since one would have been taken."""
+        return any((word.plain,) in _spellings() for word in self._words)
+
+
+SIDE_OF = {
+    **dict.fromkeys(MOTOR, "motor"),
+    **dict.fromkeys(LINK, "link"),
+    **dict.fromkeys(OUTPUT, "output"),
+    **dict.fromkeys(NEUTRAL, "dof"),
+    **dict.fromkeys(("joint", "j"), "joint"),
+    **dict.fromkeys(SENSOR, "link"),
+}
+ROLES = COMMANDING | LOCALLY_COMMANDING | MEASURING | FEEDFORWARD | FILLERS
+TURNING = COORDINATES | {"tau", "dq", "qd", "omega", "dtheta", "qdot"}
+"""Words behind which an `m` is the motor's."""
+
+
+def _is_command(quantity: str, roles: set[str], letter: bool) -> bool | None:
+    """Whether the words beside a quantity make it a command; None where they say neither."""
+    if letter or roles & FEEDFORWARD or roles & (COMMANDING if quantity == "torque" else COMMANDING - {"computed"}):
+        return True
+    if roles & MEASURING:
+        return False
+    return True if roles & LOCALLY_COMMANDING else None
+
+
+def _channel(quantity: str, commanded: bool, side: str, spelled: str, roles: set[str]) -> tuple[str, str]:
+    """The channel, "" for none, and the side that is left to be said."""
+    if quantity == "current":
+        return ("" if commanded else "current"), side
+    if quantity == "torque":
+        if commanded:
+            return ("demand_torque" if roles & DEMAND and not roles & COMMANDING - DEMAND else "target_torque"), ""
+        through = side == "link" or (side == "joint" and spelled in ("torque", "tau") and "applied" not in roles)
+        return ("joint_torque" if through else "actual_torque"), side
+    if commanded:
+        return (REFERENCE_SIGNAL if quantity == "position" else "reference_velocity"), ""
+    return f"{'link' if side == 'link' else 'motor'}_{quantity}", side
+
+
+def _elsewhere(above: Iterable[str]) -> bool:
+    """Whether a path is of something that is no joint, as an inertial sensor."""
+    said = [{word.plain for word in _words(part)} for part in above]
+    return any(words & ELSEWHERE and not words & (COMMANDING | MEASURING) for words in said)
 
 
 def joint_in(path: str) -> str:
@@ -172,10 +436,21 @@ def joint_in(path: str) -> str:
 
 
 def _joint_part(part: str) -> str:
-    """Without the words for commands and states: `l_knee_cmd` as l_knee, `joint_states` as nothing."""
-    if part.lower() in CONTAINERS:
-        return ""
+    """Without the words for commands and states: `l_knee_cmd` as l_knee, `motorState[2]` as motor[2], `joint_states` as nothing."""
     name, bracket, index = part.partition("[")
-    kept = [piece for piece in name.split("_") if piece.lower() not in COMMANDING | MEASURING]
-    name = "" if {piece.lower() for piece in kept} <= CONTAINERS | {"joint", "joints"} else "_".join(kept).strip("_ -](){}<>:")
+    if name.lower() in CONTAINERS:
+        name = ""
+    pieces = [_joint_piece(piece) for piece in re.split(r"[_\s-]+", name)]
+    kept = [piece for piece in pieces if piece]
+    plain = {_plain(piece.lower()) for piece in kept}
+    name = "" if plain <= CONTAINERS | NEUTRAL or (len(plain) == 1 and plain <= {*SIDE_OF} and not bracket) else "_".join(kept)
     return f"{name}[{index.rstrip(']')}]" if name and bracket else name or index.rstrip("]")
+
+
+def _joint_piece(piece: str) -> str:
+    words = [*WORD.finditer(piece)]
+    gone = [word for word in words if _plain(word[0].lower()) in NO_JOINT]
+    return "".join(word[0] for word in words if word not in gone) if gone else piece
+
+
+NO_JOINT = COMMANDING | MEASURING | CONTAINERS | frozenset(word for words in QUANTITIES.values() for word in words if len(word) > 2)

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from ...errors import GainroomError, first_of_many, listed
 from ...io.yaml_text import shown
+from .arranging import MEASURED_MOTION, MOTION, Claim, arrange, flag
 from .channels import CHANNELS, ONE_JOINT
-from .guessing import COMMAND_OF, LESS_SURE, channel_of
+from .guessing import COMMAND_OF, LESS_SURE, Naming, channel_of
 from .options import LogOptions
 from .record import Origin
 from .table import TIME, Column
@@ -17,24 +18,13 @@ from .units import SI, known_unit
 
 
 @dataclass(frozen=True)
-class _Claim:
-    """A column that may be a channel of a joint; `rank` orders several that may be the same: smaller is surer."""
-
-    column: Column
-    channel: str
-    joint: str
-    rank: int
-    given: bool
-    unit: str
-
-
-@dataclass(frozen=True)
 class Mapped:
-    """time None: rows come at a rate that the user gave. origins: of the channels, joint by joint. notes: texts."""
+    """time None: rows come at a rate that the user gave. origins: of the channels, joint by joint. notes: texts. unused: columns."""
 
     time: Origin | None
     origins: tuple[Origin, ...]
     notes: tuple[str, ...]
+    unused: tuple[str, ...]
 
 
 def map_columns(columns: Sequence[Column], options: LogOptions, path: Path, left: Sequence[str] = ()) -> Mapped:
@@ -45,19 +35,27 @@ def map_columns(columns: Sequence[Column], options: LogOptions, path: Path, left
     claims = [*_given(columns, options, path)]
     taken = {claim.column.name for claim in claims}
     overruled = {claim.channel for claim in claims}
-    claims += [claim for claim in _guessed(columns) if claim.column.name not in taken and claim.channel not in overruled]
-    chosen: dict[tuple[str, str], _Claim] = {}
+    guessed = [claim for claim in _guessed(columns) if claim.column.name not in taken and claim.channel not in overruled]
+    arranged = arrange([*claims, *guessed])
+    claims = arranged.claims
+    chosen: dict[tuple[str, str], Claim] = {}
     second = []
     for claim in sorted(claims, key=lambda claim: claim.rank):
         if chosen.setdefault((claim.joint, claim.channel), claim) is not claim:
             second.append(claim)
-    notes = _passed_over(second, chosen)
+    notes = [*arranged.notes, *_passed_over(second, chosen)]
     time = chosen.pop(("", "time"), None)
     if time is None and options.sample_rate is None:
         raise GainroomError(
             f"{path}: has no column time; it has {_names(columns)}; name it (--columns time=NAME), or give the sample rate (--rate-hz)"
         )
-    joints, more = _joints(chosen, options, path, columns, left)
+    joints, more, used = _joints(chosen, options, path, columns, left)
+    used |= set() if time is None else {time.column.name}
+    unused = tuple(column.name for column in columns if column.name not in used)
+    told = arranged.told | {claim.column.name for claim in (*second, *chosen.values())}
+    silent = [name for name in unused if name not in told]
+    if silent:
+        more.append(f"columns that no channel was found for: {first_of_many(silent)}")
     order = [*CHANNELS]
     origins = [
         _origin(claim, joint, options, path)
@@ -65,36 +63,31 @@ def map_columns(columns: Sequence[Column], options: LogOptions, path: Path, left
         for claim in sorted(claims, key=lambda c: order.index(c.channel))
     ]
     found = None if time is None or options.sample_rate is not None else _origin(time, "", options, path)
-    return Mapped(found, tuple(origins), (*notes, *more))
+    return Mapped(found, tuple(origins), (*notes, *more), unused)
 
 
-def _passed_over(second: Sequence[_Claim], chosen: Mapping[tuple[str, str], _Claim]) -> list[str]:
+def _passed_over(second: Sequence[Claim], chosen: Mapping[tuple[str, str], Claim]) -> list[str]:
     """One text per channel that several columns may be, with what to type to have another."""
     notes = []
     for channel in dict.fromkeys(claim.channel for claim in second):
         first, *others = (claim for claim in second if claim.channel == channel)
         taken = chosen[first.joint, channel]
         more = f" and {len(others)} more of its kind were" if others else " was"
-        ways = [f"to take it: {_flag(channel, first)}"]
+        ways = [f"to take it: {flag(channel, first)}"]
         command = COMMAND_OF.get(channel)
+        if channel in MOTION:
+            ways.append(f"if it is the link's: {flag(MOTION[channel], first)}")
         if command and taken.rank == first.rank and (first.joint, command) not in chosen:
-            ways.append(f"if it is the command: {_flag(command, first)}")
+            ways.append(f"if it is the command: {flag(command, first)}")
         notes.append(f"column {first.column.name!r}{more} passed over: {taken.column.name!r} is {channel} ({'; '.join(ways)})")
     return notes
-
-
-def _flag(channel: str, claim: _Claim) -> str:
-    """What to type so that a column, and those of other joints that are called like it, is a channel."""
-    name, joint = claim.column.name, claim.joint
-    name = name.replace(joint, "{joint}") if joint else name
-    return f"--columns {shlex.quote(f'{channel}={name}')}"
 
 
 def _names(columns: Sequence[Column]) -> str:
     return first_of_many([column.name for column in columns]) or "no columns of numbers"
 
 
-def _given(columns: Sequence[Column], options: LogOptions, path: Path) -> list[_Claim]:
+def _given(columns: Sequence[Column], options: LogOptions, path: Path) -> list[Claim]:
     claims = []
     for key, text in options.columns.items():
         channel, _, joint = key.partition(".")
@@ -105,7 +98,7 @@ def _given(columns: Sequence[Column], options: LogOptions, path: Path) -> list[_
             found = [(column, joint) for column in _named(columns, text)]
         if not found:
             raise GainroomError(f"{path}: has no column {shown(text)} for {key}; it has {_names(columns)}")
-        claims += [_Claim(column, channel, "" if channel == "time" else name, -1, True, "") for column, name in found]
+        claims += [Claim(column, channel, "" if channel == "time" else name, -1, True, "") for column, name in found]
     return claims
 
 
@@ -116,43 +109,47 @@ def _named(columns: Sequence[Column], text: str) -> list[Column]:
     return exact or (ends if len(ends) == 1 else [])
 
 
-def _guessed(columns: Sequence[Column]) -> list[_Claim]:
+def _guessed(columns: Sequence[Column]) -> list[Claim]:
     claims = []
+    naming = Naming.of(column.text for column in columns)
     for column in columns:
-        guess = channel_of(column.text, bool(column.joint), column.commanded)
+        guess = channel_of(column.text, bool(column.joint), column.commanded, naming)
         if guess is not None:
             joint = "" if guess.channel == TIME else column.joint or guess.joint
             later = LESS_SURE if guess.channel == TIME and guess.joint else 0  # the time of one group: that of all where there is none
-            claims.append(_Claim(column, guess.channel, joint, guess.rank + later, False, guess.unit))
+            claims.append(Claim(column, guess.channel, joint, guess.rank + later, False, guess.unit, guess.side, guess.doubt))
     return claims
 
 
 def _joints(
-    chosen: Mapping[tuple[str, str], _Claim], options: LogOptions, path: Path, columns: Sequence[Column], left: Sequence[str]
-) -> tuple[dict[str, list[_Claim]], list[str]]:
-    """The channels of every joint that is wanted, by the name that the log will have; and texts about what was left out."""
-    found: dict[str, list[_Claim]] = {}
+    chosen: Mapping[tuple[str, str], Claim], options: LogOptions, path: Path, columns: Sequence[Column], left: Sequence[str]
+) -> tuple[dict[str, list[Claim]], list[str], set[str]]:
+    """The channels of every joint that is wanted, by the name that the log will have; texts about what was left out; columns used."""
+    found: dict[str, list[Claim]] = {}
     named = [joint for joint in dict.fromkeys(joint for joint, _ in chosen) if joint]
-    only = named[0] if len(named) == 1 else ""
+    still = any(joint == "" and channel in MEASURED_MOTION and not claim.given for (joint, channel), claim in chosen.items())
+    only = named[0] if len(named) == 1 and not still else ""
     for (joint, channel), claim in chosen.items():
-        # A column that was named without a joint is the only joint's, and so is a command that the file gives none.
-        alone = only if claim.given or (CHANNELS[channel].commanded and (only, channel) not in chosen) else ""
+        # A column without a joint is the only joint's.
+        alone = only if claim.given or (only, channel) not in chosen else ""
         found.setdefault(joint or alone, []).append(claim)
     if not found:
         raise GainroomError(
             f"{path}: has none of the columns {', '.join(name for name in CHANNELS if name != TIME)}; it has {_names(columns)}"
         )
     notes = []
-    measured = {joint for joint, claims in found.items() if any(not CHANNELS[claim.channel].commanded or claim.given for claim in claims)}
+    moving = {joint for joint, claims in found.items() if any(claim.channel in MEASURED_MOTION or claim.given for claim in claims)}
+    measured = moving or {joint for joint, claims in found.items() if any(not CHANNELS[claim.channel].commanded for claim in claims)}
     if measured and len(measured) < len(found):
         unmeasured = [joint for joint in found if joint not in measured]
         claim = found[unmeasured[0]][0]
         name = claim.column.name
         first = next(joint for joint in found if joint in measured)
+        what = "nothing" if all(CHANNELS[claim.channel].commanded for joint in unmeasured for claim in found[joint]) else "no motion"
         typed = shlex.quote(f"{claim.channel}.{first or ONE_JOINT}={name}")
         notes.append(
-            f"nothing is measured of {listed([joint or ONE_JOINT for joint in unmeasured])}, which was left out "
-            f"(to give a command to a joint: --columns {typed})"
+            f"{what} is measured of {listed([joint or ONE_JOINT for joint in unmeasured])}, left out "
+            f"(to give a column to a joint: --columns {typed})"
         )
         found = {joint: claims for joint, claims in found.items() if joint in measured}
     wanted = {joint or ONE_JOINT: claims for joint, claims in sorted(found.items(), key=lambda item: _first(item[1], columns))}
@@ -162,14 +159,14 @@ def _joints(
             f"{path}: none of its joints is {listed([shown(name) for name in options.joints], 'or')}; it has "
             + "; ".join([first_of_many([*wanted]), *left])
         )
-    return kept, notes
+    return kept, notes, {claim.column.name for claims in found.values() for claim in claims}
 
 
-def _first(claims: Sequence[_Claim], columns: Sequence[Column]) -> int:
+def _first(claims: Sequence[Claim], columns: Sequence[Column]) -> int:
     return min(columns.index(claim.column) for claim in claims)
 
 
-def _origin(claim: _Claim, joint: str, options: LogOptions, path: Path) -> Origin:
+def _origin(claim: Claim, joint: str, options: LogOptions, path: Path) -> Origin:
     """With its unit: as given, as the file says, as the column's name says, or SI."""
     channel, column = claim.channel, claim.column
     dimension = CHANNELS[channel].dimension

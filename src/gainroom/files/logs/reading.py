@@ -40,6 +40,7 @@ class LogReader:
 
     origins       where time and each channel come from
     joint_names   in the file's order
+    unused        columns that are no channel's
     """
 
     def __init__(self, path: Path, options: LogOptions, table: Table, title: str) -> None:
@@ -58,7 +59,7 @@ class LogReader:
         if self._time is not None and self._time.unit_from == "assumed" and time is not None:
             unit, source = guessed_time_unit(time)
             self._time = replace(self._time, unit=unit, unit_from=source, factor=UNITS["time"][unit])
-        self._channels, self._own_notes = origins, notes
+        self._channels, self._own_notes, self.unused = origins, notes, mapped.unused
         self.origins: tuple[Origin, ...] = tuple(o for o in (self._time, *origins) if o is not None)
         self.joint_names = tuple(dict.fromkeys(origin.joint for origin in origins))
 

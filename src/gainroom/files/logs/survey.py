@@ -15,12 +15,14 @@ class Survey:
     last         the reader's last block: origins, quality, notes, and the joints by name with their channels
     duration     [s] between first and last row
     ranges       by (joint, channel) the least and the largest value [SI]
+    unused       columns that are no channel's
     """
 
     path: str
     last: Log
     duration: float
     ranges: dict[tuple[str, str], tuple[float, float]]
+    unused: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, reader: LogReader) -> "Survey":
@@ -36,7 +38,7 @@ class Survey:
                     least, largest = ranges.get((joint, name), (math.inf, -math.inf))
                     ranges[joint, name] = (min(least, float(values.min())), max(largest, float(values.max())))
         assert last is not None  # the last block is there, and empty
-        return cls(str(reader.path), last, float(end - first) if first is not None else 0.0, ranges)
+        return cls(str(reader.path), last, float(end - first) if first is not None else 0.0, ranges, reader.unused)
 
     @property
     def rate(self) -> float:

@@ -137,6 +137,7 @@ MOST_MESSAGE = 1 << 20
 """Bytes: the state of 500 joints has 20 kB; longer messages are pictures and points, and passed over."""
 EPOCH = 1e6
 """[s] Stamps beyond count from an epoch; they are then taken from the first on, with all their digits."""
+STAMP = re.compile(r"(header\.)?stamp\.(sec|nanosec)")
 WRAPPED = re.compile(r"(?:data|value|values|msg)((?:\[[0-9]+\])?)")
 """Fields that say nothing: what they hold is what the topic is called."""
 
@@ -246,7 +247,7 @@ class MessageTable(Table):
             for path, (label, joint) in stream.part.labels.items():
                 name, commanded = stream.column(path), is_commanding(stream.topic)
                 guess = channel_of(path)
-                if name in seen or (guess is not None and guess.channel == TIME):
+                if name in seen or STAMP.fullmatch(path) or (guess is not None and guess.channel == TIME):
                     continue  # stamps within messages are those of the column `time`
                 seen.add(name)
                 if joint:

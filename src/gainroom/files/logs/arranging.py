@@ -1,0 +1,155 @@
+"""What the names of a file say together: which readings of its columns stand, which are given up, and what the user is asked.
+
+A column is never guessed where its name leaves open what it is, and a joint is never made of words that are not known: such columns are
+left out, with the option that decides.
+"""
+
+import re
+import shlex
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from ...errors import first_of_many
+from .guessing import COMMAND_DOUBT, COMMAND_OF, ROLE_DOUBT
+from .table import TIME, Column
+
+NUMBERED = re.compile(r"(?:joint|j|q|dof|motor|m|axis)_?([0-9]+)")
+MOTION = {"motor_position": "link_position", "motor_velocity": "link_velocity"}
+"""What is measured of a motion; the same on the other side of the gearbox."""
+MEASURED_MOTION = {*MOTION, *MOTION.values()}
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A column that may be a channel of a joint; `rank` orders several that may be the same: smaller is surer.
+
+    given   the user said so
+    side, doubt   as in Guess
+    """
+
+    column: Column
+    channel: str
+    joint: str
+    rank: int
+    given: bool
+    unit: str
+    side: str = ""
+    doubt: str = ""
+
+
+@dataclass(frozen=True)
+class Arranged:
+    """The claims that stand, and texts about the others; `told`: the columns that these name."""
+
+    claims: list[Claim]
+    notes: list[str]
+    told: set[str]
+
+
+def arrange(claims: Iterable[Claim]) -> Arranged:
+    """Claims of one file."""
+    every = _one_name(list(claims))
+    notes, told = [], set()
+    doubtful = [claim for claim in every if claim.doubt]
+    for doubt in dict.fromkeys(claim.doubt for claim in doubtful):
+        notes.append(_asked([claim for claim in doubtful if claim.doubt == doubt], doubt))
+    standing = [claim for claim in every if not claim.doubt]
+    standing, sided = _sides(standing)
+    standing, strangers = _joints_that_are_none(standing)
+    told = {claim.column.name for claim in (*doubtful, *sided, *(claim for claims, _ in strangers for claim in claims))}
+    for claim in sided[:1]:
+        other = flag(_other_side(claim.channel), claim)
+        notes.append(f"column {claim.column.name!r} was taken as {claim.channel}: others are the motor's (else: {other})")
+    notes += [_asked(claims, why) for claims, why in strangers]
+    return Arranged(standing, notes, told)
+
+
+def flag(channel: str, claim: Claim) -> str:
+    """What to type so that a column, and those of other joints that are called like it, is a channel."""
+    name, joint = claim.column.name, claim.joint
+    name = name.replace(joint, "{joint}") if joint else name
+    return f"--columns {shlex.quote(f'{channel}={name}')}"
+
+
+def _other_side(channel: str) -> str:
+    return next((motor for motor, link in MOTION.items() if link == channel), "actual_torque")
+
+
+def _asked(claims: Sequence[Claim], why: str) -> str:
+    names = [claim.column.name for claim in claims]
+    verb = "columns" if len(names) > 1 else "column"
+    ways = [flag(claims[0].channel, claims[0])]
+    command = COMMAND_OF.get(claims[0].channel)
+    if why == COMMAND_DOUBT:
+        ways.append(flag("reference", claims[0]))
+    elif why == ROLE_DOUBT and command:
+        ways.append(flag(command, claims[0]))
+    return f"{verb} {first_of_many(names)} not used: {why} (to take it: {' or '.join(ways)})"
+
+
+def _one_name(claims: list[Claim]) -> list[Claim]:
+    """Joints that are numbered in two ways, as `q1` and `tau_joint1`, by one name."""
+    joints = {claim.joint for claim in claims}
+    again = {joint: found[1] for joint in joints if (found := NUMBERED.fullmatch(joint)) and found[1] in joints}
+    return [replace(claim, joint=again.get(claim.joint, claim.joint)) for claim in claims]
+
+
+def _sides(claims: list[Claim]) -> tuple[list[Claim], list[Claim]]:
+    """`joint_angle` beside `motor_angle` is the link's, and so is `q` beside `theta`; and those that were changed."""
+    changed: dict[int, Claim] = {}
+    for joint in {claim.joint for claim in claims}:
+        own = [(k, claim) for k, claim in enumerate(claims) if claim.joint == joint and not claim.given]
+        motor = any(claim.channel in MOTION and claim.side == "motor" for _, claim in own)
+        both = {"theta", "q"} <= {claim.side for _, claim in own if claim.channel == "motor_position"}
+        for channel, other in (*MOTION.items(), ("actual_torque", "joint_torque")):
+            there = {claim.channel for _, claim in own}
+            sides = {claim.side for _, claim in own if claim.channel == channel}
+            neutral = {"joint", "output"} if motor and channel in MOTION else {"q"} if both else set()
+            if channel == "actual_torque":
+                neutral = {"output"} if sides & {"", "motor"} else set()
+            if other not in there:
+                changed |= {k: replace(claim, channel=other) for k, claim in own if claim.channel == channel and claim.side in neutral}
+    return [changed.get(k, claim) for k, claim in enumerate(claims)], [*changed.values()]
+
+
+def _joints_that_are_none(claims: list[Claim]) -> tuple[list[Claim], list[tuple[list[Claim], str]]]:
+    """Without columns whose joint is doubtful: those of no joint beside some with names, and of names that hold another joint's."""
+    channels: dict[str, set[str]] = {}
+    for claim in claims:
+        if claim.channel != TIME:
+            channels.setdefault(claim.joint, set()).add(claim.channel)
+    moving = [joint for joint, there in channels.items() if there & MEASURED_MOTION]
+    named = [joint for joint in moving if joint]
+    if "" in moving and len(named) == 1 and not channels[""] & channels[named[0]]:
+        return [claim if claim.joint or claim.channel == TIME else replace(claim, joint=named[0]) for claim in claims], []
+    gone: list[tuple[set[str], str]] = []
+    if "" in moving and named:
+        most = max(len(channels[joint]) for joint in named)
+        if len(named) > 1 or most > len(channels[""]):
+            gone.append(({""}, f"they name no joint, and others do ({first_of_many(named)})"))
+        else:
+            gone.append(({*named}, f"{first_of_many(named)} may be another joint, or something else of the only one"))
+    longer = {
+        joint
+        for joint in named
+        for other in named
+        if other != joint and _parts(other) < _parts(joint) and channels[joint] < channels[other]
+    }
+    if longer:
+        gone.append((longer, "whether that is a joint of its own is not known"))
+    return _without(claims, gone)
+
+
+def _parts(joint: str) -> set[str]:
+    return {part for part in re.split(r"[_\W]+", joint.lower()) if part}
+
+
+def _without(claims: list[Claim], gone: list[tuple[set[str], str]]) -> tuple[list[Claim], list[tuple[list[Claim], str]]]:
+    left = []
+    is_gone: Callable[[Claim, set[str]], bool] = lambda claim, joints: claim.joint in joints and claim.channel != TIME and not claim.given  # noqa: E731
+    for joints, why in gone:
+        out = [claim for claim in claims if is_gone(claim, joints)]
+        claims = [claim for claim in claims if not is_gone(claim, joints)]
+        if out:
+            left.append((out, why))
+    return claims, left

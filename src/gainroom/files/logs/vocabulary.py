@@ -1,0 +1,122 @@
+"""The words that names of columns are made of, in lower case, and what each says."""
+
+from collections.abc import Mapping
+
+
+def words(text: str) -> tuple[str, ...]:
+    """As a list of them."""
+    return tuple(text.split())
+
+
+QUANTITIES: Mapping[str, tuple[str, ...]] = {
+    "time": words("time timestamp time_stamp stamp t tout seconds secs elapsed clock"),
+    "position": words("position pos angle q encoder enc theta qpos jointpos"),
+    "velocity": words("velocity vel speed qdot q_dot dq qd dtheta theta_dot qvel thetadot omega jointvel"),
+    "torque": words("torque tau effort moment trq qfrc jointfrc actuatorfrc force frc"),
+    "current": words("current curr iq i_q amps"),
+}
+"""Spellings of each, the surest first; some words have two parts."""
+PLURALS = {
+    "positions": "position",
+    "angles": "angle",
+    "encoders": "encoder",
+    "velocities": "velocity",
+    "speeds": "speed",
+    "efforts": "effort",
+    "torques": "torque",
+    "moments": "moment",
+    "forces": "force",
+    "currents": "current",
+    "times": "time",
+    "timestamps": "timestamp",
+    "stamps": "stamp",
+    "setpoints": "setpoint",
+    "targets": "target",
+    "commands": "command",
+    "cmds": "cmd",
+    "references": "reference",
+    "goals": "goal",
+    "actions": "action",
+    "states": "state",
+    "joints": "joint",
+    "dofs": "dof",
+    "motors": "motor",
+    "actuators": "actuator",
+    "links": "link",
+    "sensors": "sensor",
+    "limits": "limit",
+    "errors": "error",
+    "temperatures": "temperature",
+    "gains": "gain",
+    "values": "value",
+}
+COMMANDING = frozenset(
+    words(
+        """command commanded cmd target desired des reference ref setpoint set_point goal demand demanded dem setp sp computed
+        output_effort"""
+    )
+)
+"""What they stand beside, and what is below them in a path, is a command."""
+LOCALLY_COMMANDING = frozenset(words("control controlled input in_cmd trajectory traj planned plan nominal pd policy ctrl"))
+"""The same of words that stand beside the quantity itself; in a path they say whose it is."""
+MEASURING = frozenset(
+    words(
+        """state feedback fb fbk measured meas mes actual act status present estimate estimated est applied sensed real response net
+        observation"""
+    )
+)
+DEMAND = frozenset(words("demand demanded dem"))
+"""Of a torque: what has arrived at the drive."""
+FEEDFORWARD = frozenset(words("ff feedforward feed_forward fwd"))
+BARE_POSITION = frozenset(words("setpoint set_point goal reference"))
+"""Commands that are positions where no quantity is said."""
+BARE_COMMAND = frozenset(words("command cmd ctrl u action"))
+"""Those of which it is not said what they command."""
+MOTOR = frozenset(words("motor rotor mot"))
+LINK = frozenset(words("link load"))
+OUTPUT = frozenset(words("output out"))
+"""The gearbox's; also what a controller puts out."""
+NEUTRAL = frozenset(words("joint j dof actuator axis_angle jnt"))
+"""Of the joint, whichever side."""
+SENSOR = frozenset(words("sensor ts"))
+FILLERS = frozenset(words("value data signal raw filtered filt lpf smoothed smooth internal reading now"))
+"""Words that change nothing in what is held."""
+QUALIFIERS = frozenset(words("raw filtered filt lpf smoothed smooth internal"))
+"""Those of them that make one column of two the surer one."""
+OTHER = frozenset(
+    words(
+        """enable enabled limit max min error err temperature temp volt volts voltage mode flag flags count counter index id norm std cov
+        covariance quat orientation integral offset gain kp kd ki kv stiffness damping inertia step rate delta diff bias foot feet base
+        imu gyro acc accel acceleration ddq qdd jerk header sec nanosec nsec start gravity coriolis friction external ext contact
+        compensate compensated compensation comp residual disturbance predicted prediction model default soft tcp tool pose cartesian ee
+        effector com wrench twist scaling fraction ratio percent factor power energy bus tracking following window speedup root odom
+        gripper null pwm duty noise latency delay density acceleration decel deceleration dtau home zero constant ft"""
+    )
+)
+"""Words beside a quantity that make it something else."""
+ELSEWHERE = frozenset(
+    words(
+        """base imu foot feet tcp tool ee effector pose odom root com camera wrench ft error limit covariance gravity friction external
+        default"""
+    )
+)
+"""Words in a path that make all below them something that is no joint's."""
+CONTAINERS = frozenset(
+    words(
+        """log logs data robot out logsout yout record recording joint_states signals run ans result controller controllers field msg
+        message forward group broadcaster position_controllers effort_controllers velocity_controllers broadcaster lowstate lowcmd low
+        interface interfaces observation observations stats servo control trajectory dynamic encoder"""
+    )
+)
+"""Parts of a path, and words in one, that name no joint."""
+TIME_BESIDE = frozenset(
+    words("""sim simulation ros robot pi system log relative rel monotonic unix epoch utc elapsed time stamp recv rx local abs field""")
+)
+"""Words beside one for time that leave it the time of the rows."""
+SIDES = frozenset(
+    words(
+        """l r left right fl fr rl rr hl hr lf rf lh rh lr bl br front rear back hind upper lower inner outer roll pitch yaw x y z lx rx a
+        b c first second"""
+    )
+)
+"""Words behind a quantity that belong to a joint's name which stands before it."""
