@@ -277,7 +277,12 @@ def test_nothing_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: s
         ("A = SomeCfg(joint_names_expr=[3], stiffness=1, damping=1)", "joint_names_expr: 3 must be a name or pattern"),
         ("A = SomeCfg(joint_names_expr=NAMES, stiffness=1, damping=1)", "joint_names_expr: 'NAMES' is no name of this file"),
         ("A = SomeCfg(joint_names_expr=['a'], damping=1)", "line 1: SomeCfg: stiffness is missing"),
-        ("A = ActuatorNetMLPCfg(joint_names_expr=['a'])", "left out, as it is a network: a"),
+        ("A = ActuatorNetMLPCfg(joint_names_expr=['a'])", "no gains are known, as it is a network: a; name another, or write"),
+        (small(after="ROBOT = Art(actuators=({'x': ACTUATOR},))"), "line 2: ROBOT: actuators: a dict stands where an actuator must; write"),
+        (
+            small(before="from mine import reflected_inertia", after="ACTUATOR.stiffness = reflected_inertia(1, 2)"),
+            "is a call, and reflected_inertia comes with `from mine`, and other files are not read",
+        ),
         ("A = XmlPositionActuatorCfg(target_names_expr=('a',))", "its gains stand in the MJCF: audit that without --gains"),
         ("def f(k):\n    return SomeCfg(joint_names_expr=['a'], stiffness=k, damping=1)", "outside functions that need arguments: line 2"),
         (
@@ -306,6 +311,18 @@ def test_what_is_wrong_is_named_with_its_line(text: str, says: str):
 def test_a_function_of_the_file_that_changes_a_configuration_is_followed(call: str):
     before = "def double(robot):\n    for x in robot if isinstance(robot, list) else [robot]: x.stiffness *= 2"
     assert gains_of(read_actuator_configs(small(before=before, after=call), "r.py"), ("a",)).kp.tolist() == [100.0]
+
+
+def test_a_motor_on_a_line_as_mjlab_reflects_it():
+    """m = I/r², F = τ/r, by hand: 0.02/0.1² = 2 kg, 5/0.1 = 50 N."""
+    text = """
+from mjlab.utils.actuator import reflect_rotary_to_linear as along
+MASS, SPEED, FORCE = along(0.02, velocity_limit_rotary=30.0, effort_limit_rotary=5.0, transmission_ratio=0.1)
+SAME = along(0.02, 30.0, 5.0, 0.1)
+A = Cfg(target_names_expr=("a",), stiffness=FORCE, damping=SAME.velocity_limit, armature=MASS, effort_limit=SAME.effort_limit)
+"""
+    ((gain,),) = read_actuator_configs(text, "r.py").matched(("a",))
+    assert [gain.kp, gain.kd, gain.motor_inertia, gain.effort_limit] == pytest.approx([50.0, 3.0, 2.0, 50.0], rel=1e-12)  # round-off
 
 
 def test_another_function_that_gets_a_configuration_is_told():

@@ -131,6 +131,28 @@ def test_a_key_in_no_joints_name_is_refused(tmp_path: Path, capsys: pytest.Captu
     assert "control: 'elbow' is in no joint's name" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("written", "inertia"), [("armature = 1e-3", 0.001), ("armature = 0.", None), ("name = 'x'", None)])
+def test_the_armature_of_the_asset_is_every_motors_inertia(tmp_path: Path, written: str, inertia: float | None):
+    text = CONFIG.replace(
+        "    class rewards( LeggedRobotCfg.rewards ):", f"        {written}\n    class rewards( LeggedRobotCfg.rewards ):"
+    )
+    assert {gain.motor_inertia for gain in read_gains(write(tmp_path, text)).gains.values()} == {inertia}
+    yaml = f"asset: {{{written.replace(' = ', ': ')}}}\ncontrol: {{stiffness: {{hip: 1.0}}, damping: {{hip: 1.0}}}}"
+    assert {gain.motor_inertia for gain in read_gains(write(tmp_path, yaml, "g.yaml")).gains.values()} == {inertia}
+    with pytest.raises(GainroomError, match="armature: 'rotor' is no name of this file"):
+        read_gains(write(tmp_path, text.replace(written, "armature = rotor")))
+
+
+def test_a_class_whose_base_is_not_read_is_named(tmp_path: Path):
+    """As legged_gym's own flat configurations, which inherit the gains of another folder's file; beside it they are read."""
+    flat = "from robots import {0}\nclass FlatCfg( {0} ):\n    class terrain( {0}.terrain ):\n        mesh_type = 'plane'\n"
+    path = write(tmp_path, flat.format("BipedRoughCfg"), "flat.py")
+    with pytest.raises(GainroomError, match="line 2: FlatCfg inherits from BipedRoughCfg, whose file is not read: give that file, or"):
+        read_gains(path)
+    write(tmp_path, CONFIG, "robots.py")
+    assert gains_of(read_gains(path), ("left_knee", "left_hip_roll", "left_ankle_roll")).kp.tolist() == [200, 200, 40]
+
+
 def test_nothing_is_run(tmp_path: Path):
     mark = tmp_path / "ran"
     text = f"import pathlib\npathlib.Path({str(mark)!r}).write_text('x')\n" + CONFIG

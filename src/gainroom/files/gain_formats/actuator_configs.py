@@ -41,6 +41,8 @@ WITHOUT_GAINS = {
 IN_THE_MODEL = ("XmlPositionActuatorCfg", "XmlVelocityActuatorCfg", "XmlActuatorCfg", "XmlPdActuatorCfg")
 VELOCITY_ONLY = ("BuiltinVelocityActuatorCfg",)
 LAGS = (("delay_min_lag", "delay_max_lag"), ("min_delay", "max_delay"))
+LIBRARIES = ("isaaclab", "omni", "mjlab", "dataclasses", "enum", "typing", "abc")
+"""Whose classes have no gains of a robot."""
 LAG = number(least=0, most=100_000)
 ARMATURE = number(least=0)
 EFFORT = number(above=0, infinite=True)
@@ -127,7 +129,7 @@ def read_actuator_configs(text: str, source: str, chosen: str = "", folder: Path
         if group is not None:
             groups.append(group)
     if not groups:
-        raise GainroomError(f"{source}: {name}: {notes[-1].removeprefix(source + ': ') if notes else 'has no actuators'}")
+        raise _no_gains(notes, source, name)
     form = "mjlab" if any(isinstance(each, Unknown) and each.path.startswith("mjlab") for each in values.names.values()) else "Isaac Lab"
     if not chosen:
         notes += _not_looked_at(values, robots, source)
@@ -159,7 +161,7 @@ def read_actuator_data(data: Mapping[str, Any], source: str) -> GainFile:
         group = _group(_understood(_written_record(name, each, source), source, ""), source, notes)
         groups += [group] * (group is not None)
     if not groups:
-        raise GainroomError(notes[-1] if notes else f"{source}: has no actuators")
+        raise _no_gains(notes, source, "")
     state = data.get("init_state")
     robot = Record("robot", 0, {"init_state": _written_record("init_state", state, source)} if isinstance(state, dict) else {})
     postures, unread = _postures(PythonValues(source, {}, {}, []), robot, source, False)
@@ -172,6 +174,17 @@ def _written_record(name: str, data: Mapping[str, Any], source: str) -> Record:
     inner = data.get("base_cfg")
     fields = {**data, "base_cfg": _written_record(f"{name}.base_cfg", inner, source)} if isinstance(inner, dict) else dict(data)
     return Record(name, 0, fields, (f"{kind.removesuffix('Cfg')}Cfg",), source=source)
+
+
+def _no_gains(notes: Sequence[str], source: str, name: str) -> GainroomError:
+    """Of a robot all of whose actuators are left out: why, and what to do."""
+    owner = f"{source}: {name}" if name else source
+    if not notes:
+        return GainroomError(f"{owner}: has no actuators")
+    others = "name another, or write the gains that the drives have into a YAML file: JOINT: {kp: 100, kd: 5}"
+    return GainroomError(
+        f"{notes[-1].replace('left out', f'{name} has no gains that are known' if name else 'no gains are known')}; {others}"
+    )
 
 
 def _without_actuators(values: PythonValues, source: str, chosen: str) -> GainFile:
@@ -192,7 +205,8 @@ def _without_actuators(values: PythonValues, source: str, chosen: str) -> GainFi
     for name, each in built.items():
         if isinstance(each, Unknown):
             raise GainroomError(f"{source}: line {each.line}: {name}: {each}")
-    raise GainroomError(f"{source}: holds no actuator configurations of mjlab or Isaac Lab{_inside_functions(values)}")
+    built_on = f"{_inside_functions(values)}{_foreign_class(values)}"
+    raise GainroomError(f"{source}: holds no actuator configurations of mjlab or Isaac Lab{built_on}")
 
 
 def _records(values: PythonValues) -> dict[str, dict[str, Any]]:
@@ -280,6 +294,9 @@ def _understood(value: Any, source: str, name: str) -> Record:
     owner = f"{name}: actuators" if name else "actuators"
     if isinstance(value, Unknown):
         raise GainroomError(f"{source}: line {value.line}: {owner}: {value}")
+    if isinstance(value, list | tuple | dict) and (inner := next((each for each in parts(value) if isinstance(each, Record)), None)):
+        what = f"a {type(value).__name__} stands where an actuator must; write what is in it, or unpack it with * or **"
+        raise GainroomError(f"{inner.source or source}: line {inner.line}: {owner}: {what}")
     if isinstance(value, Record):
         what = "names no joints: what its class has by default is not known; write joint_names_expr"
         raise GainroomError(f"{value.source}: line {value.line}: {owner}: {value.name} {what}")
@@ -373,6 +390,15 @@ def _plain(value: Any, depth: int = 0) -> Any:
     if isinstance(value, Record):
         return (value.line, *(_plain(value.fields.get(key), depth + 1) for key in GUARDED))
     return value if isinstance(value, str | int | float | bool | None | Unknown) else id(value)
+
+
+def _foreign_class(values: PythonValues) -> str:
+    """Which class of the file inherits what is not read: the end of a message."""
+    for name, each in values.names.items():
+        if isinstance(each, Record) and each.is_class and each.foreign and each.foreign[0].partition(".")[0] not in LIBRARIES:
+            base = each.foreign[0].rpartition(".")[2]
+            return f"; line {each.line}: {name} inherits from {base}, whose file is not read: give that file, or lay it beside this one"
+    return ""
 
 
 def _inside_functions(values: PythonValues) -> str:

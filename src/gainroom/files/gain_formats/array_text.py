@@ -8,11 +8,11 @@ from typing import Any
 
 from ...errors import GainroomError
 from ...io.yaml_text import shown
-from .gain_arrays import KD, KP, ORDERS, ArrayNames, OrderedGains, read_arrays
+from .gain_arrays import KP, ArrayNames, OrderedGains, part_of, read_arrays
 
 COMMENT = re.compile(r"/\*.*?(?:\*/|\Z)|//[^\n]*|#[^\n]*", re.DOTALL)
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?[fF]?")
-NAME = rf"(?<![\w.>])({'|'.join((*KP, *KD, *ORDERS))})\b[ \t]{{0,40}}"
+NAME = r"(?<![\w.>])([A-Za-z_]\w{0,80})\b[ \t]{0,40}"
 ARRAY = re.compile(rf"{NAME}(?:\[\w{{0,40}}\][ \t]{{0,40}})?(?:[=:]\s{{0,40}}[{{\[(]|{{)([^{{}}\[\]();]*)[}}\])]", re.IGNORECASE)
 LINE = re.compile(rf"^[ \t]{{0,40}}{NAME}[=:]?[ \t]{{0,40}}([-+.\d\"'][^\n]*)$", re.IGNORECASE | re.MULTILINE)
 """In plain text an array may be the rest of a line."""
@@ -28,7 +28,7 @@ def read_array_text(text: str, source: str, is_code: bool) -> OrderedGains:
     for pattern in (ARRAY,) if is_code else (ARRAY, LINE):
         for found in pattern.finditer(bare):
             name, content = found.groups()
-            if not content.strip():
+            if part_of(name) is None or not content.strip():
                 continue  # a member's initialiser: kp = {}
             line = bare.count("\n", 0, found.start(1)) + 1
             if name in data:

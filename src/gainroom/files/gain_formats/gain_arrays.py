@@ -20,6 +20,8 @@ ORDERS = ("joint_names", "joint_order", "joints", "dof_names", "joint_name", "mo
 INDICES = ("joint2motor_idx", "leg_joint2motor_idx")
 """Places of an array's numbers. (joint_ids_map of unitree_rl_lab is none: its stiffness and damping are in the motors' order already.)"""
 MOST_JOINTS = 500
+NO_GAINS = re.compile(r"rand|rang|scal|nois|ratio|factor|mult|limit|min|max|delta")
+"""What a name beside kp's has that is none of gains: stiffness_range, rand_kp."""
 ENDING = re.compile(r"_?(joint|motor|dof)$")
 """What the names of an order may have or lack at their end."""
 
@@ -56,25 +58,41 @@ class OrderedGains(GainFile):
     order: ArrayNames = ArrayNames()
     what: str = ""
     of_model: tuple[str, ...] = ()
+    others: tuple["OrderedGains", ...] = ()
+    """Of other parts of the robot, whose joints are named."""
 
     def in_order(self, order: Sequence[str]) -> "OrderedGains":
-        return replace(self, of_model=tuple(order))
+        return replace(self, of_model=tuple(order), others=tuple(each.in_order(order) for each in self.others))
 
     @property
     def own_names(self) -> tuple[str, ...]:
         """The order's names, where each joint has one."""
-        return tuple(names[0] for names in self.order.names) if all(len(names) == 1 for names in self.order.names) else ()
+        parts = [self.order.names, *(each.order.names for each in self.others)]
+        known = all(names and all(len(each) == 1 for each in names) for names in parts)
+        return tuple(each[0] for names in parts for each in names) if known else ()
 
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
-        places = self._places(joint_names)
         result: list[list[Gain]] = [[] for _ in joint_names]
-        for number, (place, gain) in enumerate(zip(places, self.ordered, strict=True)):
-            if result[place]:
-                raise GainroomError(f"{self.source}: {self.order.key}: entry {number} is joint {shown(joint_names[place])} once more")
-            result[place] = [gain]
+        for part in (self, *(each for each in self.others if not each.is_beyond(joint_names))):
+            for number, (place, gain) in enumerate(zip(part._places(joint_names), part.ordered, strict=True)):
+                if result[place]:
+                    raise GainroomError(f"{self.source}: {part.order.key}: entry {number} is joint {shown(joint_names[place])} once more")
+                result[place] = [gain]
         return result
 
+    def is_beyond(self, joint_names: Sequence[str]) -> bool:
+        """Whether a model has none of these joints, as it is of another part of the robot."""
+        if self.order.places:
+            return min(self.order.places) >= len(joint_names)
+        keys = set(map(_key, joint_names))
+        return not any(_key(name) in keys for names in self.order.names for name in names)
+
     def notes_for(self, joint_names: Sequence[str]) -> tuple[str, ...]:
+        beyond = [each.what for each in self.others if each.is_beyond(joint_names)]
+        notes = [f"{self.source}: {what} are of joints that the model does not have, and do not count" for what in beyond]
+        return (*self._order_notes(joint_names), *notes)
+
+    def _order_notes(self, joint_names: Sequence[str]) -> tuple[str, ...]:
         if self.order.names:
             return self.notes
         taken = first_of_many([joint_names[place] for place in self._places(joint_names)])
@@ -130,27 +148,77 @@ def has_arrays(data: Mapping[str, Any]) -> bool:
 
 def read_arrays(data: Mapping[str, Any], order: ArrayNames, source: str, lines: Mapping[str, int] | None = None) -> OrderedGains:
     """The arrays of kp and kd among a file's keys; `lines`: of the keys, where there is no better place. Raises GainroomError."""
-    kp_key, kp = _array(data, KP, "kp", source, lines)
-    kd_key, kd = _array(data, KD, "kd", source, lines)
+    keys = [_key_of(data, KP, "kp", source), _key_of(data, KD, "kd", source)]
+    found = _pair(data, keys, order, source, lines or {})
+    others = tuple(_other(data, part, source, lines or {}) for part in _other_parts(data))
+    if others and not (order.names or order.places):
+        raise GainroomError(
+            f"{source}: {found.what} and {others[0].what} are of different joints, and nothing names those of the first: give joint_names"
+        )
+    return replace(found, others=others)
+
+
+def _pair(data: Mapping[str, Any], keys: Sequence[str], order: ArrayNames, source: str, lines: Mapping[str, int]) -> OrderedGains:
+    kp, kd = (_array(data, key, source, lines) for key in keys)
     if len(kp) != len(kd):
-        raise GainroomError(f"{source}: {kp_key} has {len(kp)} numbers and {kd_key} {len(kd)}; they must have one per joint")
+        raise GainroomError(f"{source}: {keys[0]} has {len(kp)} numbers and {keys[1]} {len(kd)}; they must have one per joint")
     for what, count in ((order.key, len(order.names)), (order.key, len(order.places))):
         if count and count != len(kp):
-            raise GainroomError(f"{source}: {what} has {count} entries and {kp_key} {len(kp)} numbers; they must have one per joint")
+            raise GainroomError(f"{source}: {what} has {count} entries and {keys[0]} {len(kp)} numbers; they must have one per joint")
     gains = tuple(Gain(*pair) for pair in zip(kp, kd, strict=True))
-    return OrderedGains(source, "Kp and Kd arrays", {}, ordered=gains, order=order, what=f"{kp_key} and {kd_key}")
+    return OrderedGains(source, "Kp and Kd arrays", {}, ordered=gains, order=order, what=f"{keys[0]} and {keys[1]}")
 
 
-def _array(
-    data: Mapping[str, Any], keys: Sequence[str], title: str, source: str, lines: Mapping[str, int] | None
-) -> tuple[str, list[float]]:
+def part_of(name: str) -> tuple[str, str] | None:
+    """What a name of an array is of: the part of the robot ("": of all of it) and kp, kd or joints; None of something else."""
+    word = name.lower()[:200]
+    found = None if word in (*KP, *KD, *ORDERS) else _PART.fullmatch(word)
+    key = found["what"] if found else word
+    if key not in (*KP, *KD, *ORDERS) or (NO_GAINS.search(word) and key not in ORDERS):
+        return None
+    return (found["before"] or found["behind"] or "") if found else "", "kp" if key in KP else "kd" if key in KD else "joints"
+
+
+_PART = re.compile(
+    rf"(?:(?P<before>\w{{1,60}}?)_)?(?P<what>{'|'.join(sorted((*KP, *KD, *ORDERS), key=len, reverse=True))})(?:_(?P<behind>\w{{1,60}}))?"
+)
+
+
+def _other_parts(data: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """By part of the robot kp's key and kd's, of arrays beside those of all of it: arm_kps, kp_arm."""
+    parts: dict[str, dict[str, str]] = {}
+    for key, value in data.items():
+        found = part_of(key)
+        if found and found[0] and found[1] != "joints" and isinstance(value, list | tuple):
+            parts.setdefault(found[0], {})[found[1]] = key
+    return {name: keys for name, keys in parts.items() if len(keys) == 2}
+
+
+def _other(data: Mapping[str, Any], part: str, source: str, lines: Mapping[str, int]) -> OrderedGains:
+    """The arrays of another part of the robot, which must name their joints. Raises GainroomError."""
+    keys = [_other_parts(data)[part][what] for what in ("kp", "kd")]
+    named = next((key for key in data if part_of(key) == (part, "joints")), None)
+    placed = next((key for key in data if key.lower() == f"{part}_{INDICES[0]}"), None)
+    order_key = named or placed or ""
+    orders = {ORDERS[0] if named else INDICES[0]: data.get(order_key)}
+    order = ArrayNames.of({"kp": data[keys[0]], **orders}, {})
+    if not (order.names or order.places):
+        raise GainroomError(f"{source}: {' and '.join(keys)} are gains of further joints, and nothing names these: give {part}_joint_names")
+    return _pair(data, keys, replace(order, key=order_key), source, lines)
+
+
+def _key_of(data: Mapping[str, Any], keys: Sequence[str], title: str, source: str) -> str:
     found = [key for key in data if key.lower() in keys]
     if not found:
         raise GainroomError(f"{source}: an array of {title} is missing: {', '.join(keys[:3])}, with one number per joint")
     if len(found) > 1:
         raise GainroomError(f"{source}: holds more than one array of {title}: {first_of_many(found)}; leave one")
-    key, value = found[0], data[found[0]]
-    where = f"{source}: line {lines[key]}: {key}" if lines and key in lines else f"{source}: {key}"
+    return found[0]
+
+
+def _array(data: Mapping[str, Any], key: str, source: str, lines: Mapping[str, int]) -> list[float]:
+    value = data[key]
+    where = f"{source}: line {lines[key]}: {key}" if key in lines else f"{source}: {key}"
     if not isinstance(value, list | tuple) or not value or len(value) > MOST_JOINTS:
         raise GainroomError(f"{where}: {shown(value)} must be a list of one number per joint, at most {MOST_JOINTS}")
-    return key, [checked(f"{where}[{k}]", each, NOT_NEGATIVE) for k, each in enumerate(value)]
+    return [checked(f"{where}[{k}]", each, NOT_NEGATIVE) for k, each in enumerate(value)]

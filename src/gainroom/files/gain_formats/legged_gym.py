@@ -6,7 +6,7 @@ and none where no key does. `class init_state` has `default_joint_angles`, the p
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...errors import GainroomError, nearest
@@ -61,7 +61,11 @@ def _same(one: Record, other: Record) -> bool:
     return all(_section(one, name).get(key) == _section(other, name).get(key) for name, key in _READ)
 
 
-_READ = (("control", "stiffness"), ("control", "damping"), ("control", "control_type"), ("init_state", ANGLES))
+_READ = (
+    *((CONTROL, key) for key in (*GAINS, "control_type")),
+    ("asset", "armature"),
+    ("init_state", ANGLES),
+)
 
 
 def _section(record: Record, name: str) -> Mapping[str, Any]:
@@ -74,6 +78,7 @@ def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, note
     record = robots[one_robot(robots, source, chosen, "gains", "class")]
     control = _section(record, CONTROL)
     gains, told = _gains(control, f"{source}: line {record.inherited(CONTROL).line}: {record.name}.{CONTROL}")
+    gains = _with_armature(gains, _section(record, "asset"), f"{source}: {record.name}.asset")
     angles = _section(record, "init_state").get(ANGLES)
     where = f"{source}: {record.name}.init_state: {ANGLES}"
     found = {} if angles is None or isinstance(angles, Unknown) else _numbers(angles, where, ANGLE)
@@ -93,6 +98,8 @@ def has_parts(data: Mapping[str, Any], key: str) -> bool:
 def read_parts(control: Mapping[str, Any], around: Mapping[str, Any], source: str) -> LeggedGymGains:
     """The gains of a mapping as has_parts finds, and the angles that stand `around` it. Raises GainroomError."""
     gains, notes = _gains(control, source)
+    asset = around.get("asset")
+    gains = _with_armature(gains, asset if isinstance(asset, dict) else {}, f"{source.rpartition(': ')[0] or source}: asset")
     state = around.get("init_state")
     angles = (state if isinstance(state, dict) else around).get(ANGLES, around.get("defaultJointAngles"))
     try:
@@ -118,6 +125,15 @@ def _gains(control: Mapping[str, Any], owner: str) -> tuple[dict[str, Gain], tup
         raise GainroomError(f"{owner}: damping: names no {shown(missing[0])}, which stiffness has")
     network = f"{owner}: a network stands for the motors in training; these gains are what it was trained with at most"
     return {key: Gain(stiffness[key], damping[key]) for key in stiffness}, (network,) * (control.get("use_actuator_network") is True)
+
+
+def _with_armature(gains: Mapping[str, Gain], asset: Mapping[str, Any], owner: str) -> dict[str, Gain]:
+    """The gains with the motors' inertia, which the simulator adds to every joint."""
+    value = asset.get("armature")
+    if isinstance(value, Unknown):
+        raise GainroomError(f"{owner}: armature: {value}")
+    inertia = checked(f"{owner}: armature", value, NOT_NEGATIVE) if value is not None else 0.0
+    return {key: replace(each, motor_inertia=inertia or None) for key, each in gains.items()}
 
 
 def _by_part(value: Any, owner: str) -> dict[str, float]:

@@ -273,7 +273,7 @@ class Calls(Interpreter):
                 return Array(given[0])
             if name in FUNCTIONS and not any(isinstance(each, Array) for each in given):
                 return library.computed(FUNCTIONS[name], *given, **named)
-        if name in HELPERS:
+        if name in HELPERS and "mjlab" in path:
             return library.computed(HELPERS[name], *given, **named)
         match path:
             case "copy.deepcopy" | "deepcopy" if len(given) == 1:

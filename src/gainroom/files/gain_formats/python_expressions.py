@@ -16,6 +16,7 @@ from .python_objects import (
     Builtin,
     Function,
     Method,
+    Named,
     Once,
     Record,
     Scope,
@@ -193,6 +194,8 @@ class Expressions(Calls):
                 return owner
             case Record(fields=fields):
                 return self._of_record(node, owner, fields, name, is_called)
+            case Named() if name in owner.names:
+                return owner[owner.names.index(name)]
             case str() | dict() | list() | tuple() if not isinstance(owner, Array) or name == "tolist":
                 return Method(owner, name)
         return self.unknown(node, owner)

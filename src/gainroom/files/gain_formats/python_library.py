@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .python_objects import LONGEST_TEXT, MOST_ITEMS, REST, Array, Record, Unknown, is_key, is_number, is_open, is_plain, spoil
+from .python_objects import LONGEST_TEXT, MOST_ITEMS, REST, Array, Named, Record, Unknown, is_key, is_number, is_open, is_plain, spoil
 
 
 class NotKnown(Exception):  # noqa: N818 - no error, an answer that is not known
@@ -53,10 +53,17 @@ def _two_stage_planetary(rotor_inertia: Any, gear_ratio: Any) -> float:
     return first * (one * two) ** 2 + second * two**2 + third
 
 
-HELPERS: dict[str, Callable[..., float]] = {
+def _to_linear(armature_rotary: float, velocity_limit_rotary: float, effort_limit_rotary: float, transmission_ratio: float) -> Named:
+    """As mjlab has it: a motor behind a crank or a screw of so many metres per radian, along the line."""
+    values = (armature_rotary / transmission_ratio**2, velocity_limit_rotary * transmission_ratio, effort_limit_rotary / transmission_ratio)
+    return Named(values, ("armature", "velocity_limit", "effort_limit"))
+
+
+HELPERS: dict[str, Callable[..., Any]] = {
     "reflected_inertia": lambda rotor_inertia, gear_ratio: rotor_inertia * gear_ratio**2,
     "reflected_inertia_from_two_stage_planetary": _two_stage_planetary,
     "rpm_to_rad": lambda rpm: rpm * 2 * math.pi / 60,
+    "reflect_rotary_to_linear": _to_linear,
 }
 """Functions of mjlab's that make constants."""
 ARITHMETIC: dict[str, Callable[[float, float], float]] = {
@@ -93,15 +100,15 @@ def numbers(*values: Any) -> tuple[float, ...]:
     return values
 
 
-def computed(function: Callable[..., float], *given: Any, **named: Any) -> float:
-    """A function's number for numbers, or for lists of them. Raises NotKnown."""
+def computed(function: Callable[..., Any], *given: Any, **named: Any) -> Any:
+    """A function's number, or its Named numbers, for numbers, or for lists of them. Raises NotKnown."""
     for value in (*given, *named.values()):
         numbers(*(value if isinstance(value, list | tuple) else [value]))
     try:
         found = function(*given, **named)
     except (ArithmeticError, ValueError, TypeError) as error:
         raise NotKnown from error
-    return numbers(found)[0]
+    return found if isinstance(found, Named) and numbers(*found) else numbers(found)[0]
 
 
 def arithmetic(op: str, left: Any, right: Any) -> Any:

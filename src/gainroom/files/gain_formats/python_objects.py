@@ -51,6 +51,8 @@ class Record:
     bases: tuple["Record", ...] = ()
     order: tuple[str, ...] = ()
     is_copied: bool = False
+    foreign: tuple[str, ...] = ()
+    """Of a class: dotted names of classes in files that are not read, from which it inherits."""
     is_plain: bool = False
     """Of a class: without a decorator or a base that makes fields of its names."""
 
@@ -196,6 +198,17 @@ class Once:
 
 class Array(list):  # type: ignore[type-arg]
     """An array of numpy's, whose arithmetic is by element."""
+
+
+class Named(tuple):  # type: ignore[type-arg]
+    """What a NamedTuple of a library's holds, each with its name."""
+
+    names: tuple[str, ...]
+
+    def __new__(cls, values: tuple[Any, ...], names: tuple[str, ...]) -> "Named":
+        made = super().__new__(cls, values)
+        made.names = names
+        return made
 
 
 def fields_of(record: Record) -> dict[Any, Any]:

@@ -442,7 +442,7 @@ class _Reader(Expressions):
         decorators = [last_name(each.func if isinstance(each, ast.Call) else each) for each in node.decorator_list]
         fields_by_name = any(name in MAKES_FIELDS for name in decorators) or "NamedTuple" in map(last_name, node.bases)
         foreign = [base.path for base in bases if isinstance(base, Unknown)]
-        record = Record(node.name, node.lineno, {}, (node.name,), True, source=self.source, bases=known)
+        record = Record(node.name, node.lineno, {}, (node.name,), True, source=self.source, bases=known, foreign=tuple(foreign))
         for base, written in zip(bases, node.bases, strict=True):
             record.kinds += base.kinds if isinstance(base, Record) else (last_name(written),)
         record.is_copied = (
