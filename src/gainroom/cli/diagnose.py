@@ -80,7 +80,8 @@ def _facts(found: "Diagnosis", logged: "LoggedJoint") -> dict[str, Any]:
 
 
 def _terminal(found: "Diagnosis", logged: "LoggedJoint", verbose: bool, report: Path | None) -> str:
-    from ..report.diagnosis_text import advice, evidence_lines, sentence, warnings
+    from ..report.diagnosis_advice import advice
+    from ..report.diagnosis_text import evidence_lines, sentence, warnings
     from ..report.log_text import logged_remarks
 
     evidence = evidence_lines(found, everything=verbose)

@@ -5,6 +5,7 @@ own frequencies. Poles and amplitudes are those of simulation/oscillation.py; sl
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -15,6 +16,8 @@ from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, pa
 from ..system.linear.arrays import Floats
 from .record import Record, resolution
 from .recorded_oscillation import LOOKED_AT, POSITIONS, RINGING, TORQUES, UNCHANGED, RecordedOscillation, measured
+from .setpoint_feedback import follows_position
+from .speed_order import turning
 from .torque_excitation import excited_band
 
 RESTING = 0.1  # damping ratio above which an oscillation is the settling of a joint
@@ -78,27 +81,54 @@ def _search(record: Record) -> Search:
     side = next((name for name in (*POSITIONS, "motor_velocity", *reversed(TORQUES)) if record.has(name)), None)
     if side is None:
         raise GainroomError("diagnose: needs a position, a velocity or a torque")
-    values = record.channels[side]
-    step = _encoder_step(values) if side in POSITIONS else 0.0
+    step = _encoder_step(record.channels[side]) if side in POSITIONS else 0.0
     reference = record.channels.get("reference") if side in POSITIONS else None
-    deviation = values if reference is None else values - reference
-    driven, blind = math.nan, 0.0
-    steady = _steady_rows(record, reference)
-    if steady is not None:
-        found = _found(deviation[steady], record.sample_time)
-        ramp = reference is not None and float(np.ptp(reference[steady])) > 0
-        if found is not None and _counts(found, record, steady, step, ramp):
-            seen = measured(record, side, steady, found, deviation, step)
-            if reference is None and side in POSITIONS and _as_commanded(seen, deviation[steady], record.sample_time):
-                return Search(None, driven=seen.vibration.frequency, unasked=seen.vibration.amplitude)
-            if _counts(seen.vibration, record, steady, step, ramp):
-                return Search(seen)
-        least = max((RAMP_STEPS if ramp else IRREGULAR_STEPS[0]) * step, IRREGULAR_VISIBLE)
-        irregular = _irregular(deviation[steady], record.sample_time, step, least)
-        if irregular is not None:
-            return Search(measured(record, side, steady, irregular, deviation, step, irregular=True))
-        return Search(None)
+    pieces = _steady_pieces(record, reference)
+    if pieces:
+        return _at_steady(record, side, reference, pieces, step)
     assert reference is not None
+    return _of_outer_loop(record, side, reference, step) or _in_motion(record, side, reference, step)
+
+
+def _at_steady(record: Record, side: str, reference: Floats | None, pieces: Sequence[slice], step: float) -> Search:
+    """Where the set-point rests or moves steadily: in the last long piece."""
+    longest = max(len(record.time[rows]) for rows in pieces)
+    steady = [rows for rows in pieces if len(record.time[rows]) >= 0.5 * longest][-1]
+    deviation = record.channels[side] if reference is None else record.channels[side] - reference
+    found = _found(deviation[steady], record.sample_time)
+    ramp = reference is not None and float(np.ptp(reference[steady])) > 0
+    if found is not None and _counts(found, record, steady, step, ramp):
+        seen = measured(record, side, steady, found, deviation, step)
+        if reference is None and side in POSITIONS and _as_commanded(seen, deviation[steady], record.sample_time):
+            return Search(None, driven=seen.vibration.frequency, unasked=seen.vibration.amplitude)
+        if _counts(seen.vibration, record, steady, step, ramp):
+            if reference is not None and ramp:
+                turns = turning(reference, deviation, record.sample_time, pieces, lambda part: _found(part, record.sample_time))
+                seen = replace(seen, turning=turns)
+            return Search(seen)
+    least = max((RAMP_STEPS if ramp else IRREGULAR_STEPS[0]) * step, IRREGULAR_VISIBLE)
+    irregular = _irregular(deviation[steady], record.sample_time, step, least)
+    return Search(None if irregular is None else measured(record, side, steady, irregular, deviation, step, irregular=True))
+
+
+def _of_outer_loop(record: Record, side: str, reference: Floats, step: float) -> Search | None:
+    """A swing of the set-point that is a law of the position; None where there is none."""
+    values, tick = record.channels[side], record.sample_time
+    rows = slice(len(values) // 2, None)
+    found = _found(values[rows], tick)
+    if found is None or found.damping_ratio >= RINGING or found.amplitude < max(MOVING_STEPS * step, VISIBLE_MOVING):
+        return None
+    period = 2 * math.pi / found.frequency / tick
+    if not _follows(reference[rows], values[rows], tick, found) or not follows_position(reference, values, period):
+        return None
+    seen = measured(record, side, rows, found, values, step)
+    return Search(replace(seen, answers=True)) if seen.vibrates else None
+
+
+def _in_motion(record: Record, side: str, reference: Floats, step: float) -> Search:
+    """Where the set-point moves all the time: in successive windows, above its own frequencies."""
+    values = record.channels[side]
+    deviation = values - reference
     driven, line, fastest = _set_point(reference, record.sample_time)
     blind = BEYOND * fastest
     least = max(MOVING_STEPS * step, VISIBLE_MOVING)
@@ -175,23 +205,22 @@ def _encoder_step(values: Floats) -> float:
     return step if multiples.max() < MOST_MULTIPLES and np.abs(multiples - np.round(multiples)).max() < 0.01 else 0.0
 
 
-def _steady_rows(record: Record, reference: Floats | None) -> slice | None:
-    """The last long run of rows in which the set-point rests or moves steadily; all where there is none; None where it always changes."""
+def _steady_pieces(record: Record, reference: Floats | None) -> list[slice]:
+    """Long runs of rows in which the set-point rests or moves steadily; all rows where there is none; empty where it always changes."""
     count = len(record.time)
     if reference is None:
-        return slice(0, count)
+        return [slice(0, count)]
     change, digit = np.abs(np.diff(reference, 2)), resolution(reference)
     digit = digit if digit < FINE * np.ptp(reference) else 0.0
     turns = np.flatnonzero(change > max(STRAIGHT * float(np.ptp(reference)), 2.01 * digit)) + 1
     edges = [0, *(turns + 1).tolist(), count]
     enough = max(FEWEST_SAMPLES, min(LONG_ENOUGH * count, LONG_ROWS))
-    long = [(first, last) for first, last in pairwise(edges) if last - first >= enough]
-    if not long:
-        return None
-    longest = max(last - first for first, last in long)
-    first, last = [one for one in long if one[1] - one[0] >= 0.5 * longest][-1]
-    line = np.linspace(reference[first], reference[last - 1], last - first)
-    return slice(first, last) if np.abs(reference[first:last] - line).max() <= 3 * digit + 1e-6 * np.ptp(reference) else None
+    near = 3 * digit + 1e-6 * float(np.ptp(reference))
+
+    def straight(first: int, last: int) -> bool:
+        return bool(np.abs(reference[first:last] - np.linspace(reference[first], reference[last - 1], last - first)).max() <= near)
+
+    return [slice(first, last) for first, last in pairwise(edges) if last - first >= enough and straight(first, last)]
 
 
 def _found(values: Floats, tick: float, above: float = 0.0) -> Vibration | None:

@@ -9,6 +9,7 @@ import numpy as np
 from ..simulation.oscillation import FEWEST_SAMPLES, Vibration, parts_in
 from ..system.linear.arrays import Floats
 from .record import Record
+from .speed_order import Turning
 
 POSITIONS = ("motor_position", "link_position")
 TORQUES = ("target_torque", "demand_torque", "actual_torque")
@@ -44,6 +45,9 @@ class RecordedOscillation:
     effort      amplitude of the torque over half of its range in the record; NaN where no torque is in it
     power       of the actual torque on the motion, over the largest that these amplitudes allow: 1 drives it, −1 brakes it, which
                 is what a controller does to a motion that comes from elsewhere; NaN where one of them is not in the record
+    turning     how its frequency goes with the speed of the joint; None where the set-point does not move steadily
+    first       amplitude in the first of the periods followed, in its unit
+    answers     the set-point swings, too, and is a law of the position
     """
 
     vibration: Vibration
@@ -61,6 +65,9 @@ class RecordedOscillation:
     began_small: bool = False
     effort: float = math.nan
     power: float = math.nan
+    turning: Turning | None = None
+    first: float = 0.0
+    answers: bool = False
 
     @property
     def vibrates(self) -> bool:
@@ -69,8 +76,8 @@ class RecordedOscillation:
 
     @property
     def steps(self) -> float:
-        """Amplitude in steps of the encoder; inf where they are finer than the motion."""
-        return self.vibration.amplitude / self.step if self.step else math.inf
+        """Amplitude in encoder steps, of a decaying one in the first of the periods followed; inf where they are finer than the motion."""
+        return max(self.vibration.amplitude, self.first) / self.step if self.step else math.inf
 
 
 def measured(
@@ -108,6 +115,7 @@ def measured(
         small,
         effort,
         _power(parts, side, found),
+        first=found.amplitude * math.exp(-min(change, 0.0)),
     )
 
 

@@ -12,7 +12,8 @@ from ..system.linear.arrays import Floats
 from ..system.margin_units import to_db
 from . import style
 from .curves import Curve, Panel, stacked
-from .diagnosis_text import NAMES, SHORT, advice, evidence_text, growth, percent, ranked, sentence, size, strength, warnings
+from .diagnosis_advice import advice
+from .diagnosis_text import NAMES, SHORT, evidence_text, growth, percent, ranked, sentence, size, strength, warnings
 from .number_format import digits, frequency, hertz, motion_unit
 from .page import Card, Html, Lead, Section, details, facts, figure, page, paragraph, table
 

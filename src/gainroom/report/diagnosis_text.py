@@ -8,10 +8,11 @@ from ..errors import frequency_text, listed
 from ..identification.clipping import limited_text
 from ..identification.outliers import outliers_text
 from ..identification.recorded_oscillation import POSITIONS, RecordedOscillation
-from ..studies.diagnosis import Diagnosis
+from ..studies.diagnosis import AT_LIMIT, Diagnosis
 from ..studies.vibration_causes import UNKNOWN, Cause, Evidence
 from ..system.margin_units import to_db
-from .number_format import digits, hertz, motion, typed_gains
+from .diagnosis_advice import advice
+from .number_format import digits, hertz, motion
 
 NAMES = {
     "gain_limit": "the loop is at its gain limit",
@@ -19,6 +20,11 @@ NAMES = {
     "quantisation": "encoder steps or velocity noise",
     "structural_resonance": "a structural resonance that is not in the model",
     "saturation": "torque saturation",
+    "external_torque": "a torque from outside, as of a gait or a load",
+    "torque_ripple": "torque ripple, cogging or teeth, which come with the turning",
+    "backlash": "backlash in the gear",
+    "aliasing": "the loop is at its gain limit, and the log shows it at another frequency (aliasing)",
+    "outer_loop": "an outer loop: the set-point swings, and is made of the position",
     UNKNOWN: "none of these",
 }
 """Causes as they stand in a sentence."""
@@ -28,15 +34,15 @@ SHORT = {
     "quantisation": "encoder steps",
     "structural_resonance": "resonance",
     "saturation": "saturation",
+    "external_torque": "external torque",
+    "torque_ripple": "torque ripple",
+    "backlash": "backlash",
+    "aliasing": "aliasing",
+    "outer_loop": "outer loop",
 }
 """As they stand on a card."""
 LIKELY = 0.02
 """Causes of less are shown on demand."""
-RECORDS = {
-    "motor_position": "the position (motor_position)",
-    "reference": "the set-point (reference): without it a commanded oscillation looks like a vibration",
-    "actual_torque": "the torque (target_torque, actual_torque): without it clipping, sticking and the joint's response are not seen",
-}
 
 
 def sentence(found: Diagnosis) -> str:
@@ -125,9 +131,39 @@ TEXTS: dict[str, Callable[[Evidence], str]] = {
     "lower_frequency": lambda one: "at {}; clipped, the model's loop vibrates at {} or slower".format(*_hz(one)),
     "lower_gain": lambda one: "by the model no lower gain, as clipping makes it, is unstable",
     "irregular": lambda one: "without a single frequency, as noise and steps are",
-    "growth": lambda one: "it grows or decays" if one.value else "sustained",
+    "growth": lambda one: "it grows or decays" if one.weight < 0 and one.expected == 0 else "its amplitude neither grows nor decays",
     "rings": lambda one: (
         f"rings with a damping ratio of {digits(one.value, '', 2)}; in the model nothing rings with less than {digits(one.expected, '', 2)}"
+    ),
+    "power": lambda one: (
+        "the controller brakes the motion, and does not drive it"
+        if one.value < 0
+        else "the controller drives the motion, and does not brake it"
+    ),
+    "integral": lambda one: "the set-point rests and the controller has no integral: nothing builds up torque",
+    "answers": lambda one: "the set-point swings as a law of the measured position" if one.value else "the set-point follows no position",
+    "turning": lambda one: (
+        "the joint does not turn steadily"
+        if math.isnan(one.value)
+        else f"frequency and speed go together: {digits(2 * math.pi * one.value, '', 3)} periods per turn of the joint"
+        if (one.weight > 0) == math.isnan(one.expected)
+        else "its frequency does not go with the speed"
+    ),
+    "whole_order": lambda one: f"{digits(one.value, '', 4)} periods per turn of the motor, at one speed",
+    "softened": lambda one: (
+        f"position over torque is that of a gear with {100 * one.value:.0f} % of its stiffness, as a gap leaves it"
+        if one.weight > 0
+        else "position over torque is not that of a spring behind a gap"
+    ),
+    "alias": lambda one: (
+        "the loop is no faster than the log"
+        if math.isnan(one.value)
+        else f"the log's rate also shows {hertz(one.value)} there; the model's loop vibrates at {hertz(one.expected)}"
+    ),
+    "alias_response": lambda one: (
+        f"position over torque at that frequency is {digits(math.exp(one.value), '', 3)} × off the model's"
+        if one.value > 0.25
+        else "position over torque at that frequency is as in the model"
     ),
 }
 """By name of an evidence."""
@@ -161,70 +197,6 @@ def evidence_lines(found: Diagnosis, everything: bool) -> list[str]:
     return [*lines, f"{left} causes of less than {100 * LIKELY:.0f} % (--verbose)"] if left else lines
 
 
-def advice(found: Diagnosis) -> list[str]:
-    """What to change and by how much, or what to record."""
-    if not found.vibrates:
-        return [f"Record {RECORDS['reference']}."] if found.search.unasked > 0 else []
-    cause = found.cause
-    return [*(_remedies(found, cause) if cause is not None else []), *_to_record(found)]
-
-
-def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
-    seen, predicted, factor = found.oscillation, found.predicted, found.factor
-    assert seen is not None
-    margin = f"{digits(to_db(found.required), 'dB', 3)} of gain margin"
-    lower = f"multiply all gains of the log by {digits(factor, '', 2)} to have {margin}" if factor < 1 else ""
-    if cause.name == "gain_limit":
-        texts = [f"Lower the gains: {lower}." if lower else "Lower kp and kd together; how far is not known without --joint joint.yaml."]
-        if seen.clipped > 0.05:
-            texts.append("The torque limit only bounds the amplitude; raising it makes the vibration larger.")
-        if predicted is not None and predicted.limit.gain > 1:
-            texts.append("The model says that these gains are still stable: identify the joint and its delay again (gainroom identify).")
-        use = found.recommended
-        return texts + ([] if use is None else [f"By the requirements of the file, use {typed_gains(use.controller)}."])
-    if cause.name == "quantisation":
-        remedy = f"Lower the gain on velocity: {lower}" if lower else "Lower kd"
-        return [f"{remedy}; or filter the velocity (velocity_filter), or use the finer encoder. Lowering kp alone does not help."]
-    if cause.name == "stick_slip":
-        texts = ["Compensate the friction by a feed-forward torque, or lower ki, or let the integral rest once the error is small."]
-        if predicted is not None and predicted.limit.gain > 2 * found.required:
-            most = digits(predicted.limit.gain / found.required, "", 3)
-            texts.append(f"On a slow move more kd and kp help: the model allows {most} × these gains with {margin}.")
-        return texts
-    if cause.name == "saturation":
-        texts = ["Bound the integral while the torque is at its limit (anti-windup), lower ki, or take smaller or slower steps."]
-        if predicted is not None and 0 < predicted.limit.lower_gain < 1:
-            least = digits(predicted.limit.lower_gain, "", 2)
-            texts.append(f"By the model the loop is unstable once clipping leaves less than {least} of its gain.")
-        return texts
-    texts = [
-        f"Find what swings at {hertz(seen.vibration.frequency)} (mounting, link, cable, tool) and stiffen or damp it; or put a notch there."
-    ]
-    if seen.state == "decaying":
-        texts.append("It decays by itself: the gains do not drive it, and lowering them does not end it.")
-    else:
-        texts.append(
-            "Lower gains stop the loop from driving it. The model does not have it and cannot say how far: halve them, and record again."
-        )
-    return texts
-
-
-def _to_record(found: Diagnosis) -> list[str]:
-    """What would show the cause, where it is not known."""
-    if found.cause is not None:
-        return []
-    texts = [f"Record {RECORDS[name]}." for name in found.missing]
-    if found.system is None:
-        texts.append(
-            "Give the joint's file (--joint joint.yaml): a loop at its limit and a structural resonance look alike without a model."
-        )
-    elif not texts:
-        texts.append(
-            "Record again with all gains halved: a loop at its limit is then quiet, a structural resonance rings at the same frequency."
-        )
-    return texts
-
-
 def warnings(found: Diagnosis) -> list[str]:
     """What limits the answer."""
     texts = outliers_text(found.outliers, found.record.time)
@@ -239,7 +211,8 @@ def warnings(found: Diagnosis) -> list[str]:
         texts += limited_text(predicted.limited, "tell no gains and are left out where gains are compared")
     if predicted is not None and predicted.applied != 1:
         texts.append(f"the gains in the log are {digits(predicted.applied, '', 3)} times those of the file; the model here has them")
-    if predicted is not None and seen is not None and found.vibrates and abs(_log(predicted.control)) > 0.3 and not seen.irregular:
+    compared = found.vibrates and seen is not None and not seen.irregular and not (found.cause and found.cause.name in OTHER_LAW)
+    if predicted is not None and compared and abs(_log(predicted.control)) > 0.3:
         texts.append("the controller in the log is not that of the file: compare with gainroom identify gains")
     if not found.vibrates and predicted is not None and not predicted.limit.stable:
         texts.append("by the model these gains are unstable, though this log does not show it: check the file's gains and delay")
@@ -299,5 +272,7 @@ def facts(found: Diagnosis) -> dict[str, Any]:
     }
 
 
-SCALED = ("gain_limit", "quantisation")
+OTHER_LAW = ("aliasing", "outer_loop")
+"""Causes with which torque and position at the frequency seen are not those of the joint's controller."""
+SCALED = (*AT_LIMIT, "quantisation")
 """Causes that a factor on all gains ends, by the model."""

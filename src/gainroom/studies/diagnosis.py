@@ -10,9 +10,12 @@ from ..identification.outliers import Outliers, without_outliers
 from ..identification.record import Record
 from ..identification.recorded_oscillation import RecordedOscillation
 from ..system.system import System
-from .vibration_causes import UNKNOWN, Cause, Prediction, predicted_vibration, ranked_causes
+from .vibration_causes import UNKNOWN, Cause, ranked_causes
+from .vibration_prediction import Prediction, predicted_vibration
 
 NAMED = 0.6  # likelihood from which on a cause is named
+AT_LIMIT = ("gain_limit", "aliasing")
+"""Causes that are a loop beyond its gain limit."""
 MOVED = 0.35  # steps: less of true motion is an encoder between two steps
 TOGGLES = 0.9  # steps: less in the readings alone may be that
 STRONG = 0.1  # of half the torque's range: a torque that swings by more is no small correction
@@ -66,11 +69,17 @@ class Diagnosis:
     def factor(self) -> float:
         """What all gains are to be multiplied by to have that margin, by the model; NaN where it does not say.
 
-        A loop that is at its limit has no margin left, whatever the model says.
+        A loop that is at its limit has no margin left, whatever the model says; one whose torque limit keeps up a vibration has the gains
+        of its limit that are left by the torque limit.
         """
         if self.predicted is None or not 0 < self.predicted.limit.gain < math.inf:
             return math.nan
-        return min(self.predicted.limit.gain, 1.0 if self.cause and self.cause.name == "gain_limit" else math.inf) / self.required
+        limit = self.predicted.limit.gain
+        if self.cause is not None and self.cause.name in AT_LIMIT:
+            limit = min(limit, 1.0)
+            if self.predicted.left == self.predicted.left:
+                limit = min(limit, self.predicted.left)
+        return limit / self.required
 
     @cached_property
     def recommended(self) -> Recommendation | None:
