@@ -32,8 +32,9 @@ def diagnose(
 ) -> int:
     """Does a joint vibrate in a recording, why, and which gain to change by how much.
 
-    Causes are ranked by evidence: the loop at its gain limit, stick-slip, encoder steps, a structural resonance, torque saturation. With
-    --joint joint.yaml the loop of that file is compared with the recording; without it some causes cannot be distinguished.
+    Causes are ranked by evidence: the loop at its gain limit, stick-slip, encoder steps, a structural resonance, torque saturation, torque
+    from outside, torque ripple, backlash, a log that is too slow, an outer loop. With --joint joint.yaml the loop of that file is compared
+    with the recording; without it some causes cannot be distinguished.
 
     \b
     Example:

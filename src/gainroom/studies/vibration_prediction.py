@@ -164,7 +164,7 @@ def _left(found: Prediction, seen: RecordedOscillation) -> float:
     """Torque at the vibration over what the controller asks for, by the model: the describing function of a limit."""
     torque = next((name for name in APPLIED if name in seen.parts), None)
     asked = _control(found.loop, replace(seen, parts={**seen.parts, "target_torque": seen.parts[torque]})) if torque else complex(math.nan)
-    if torque is None or seen.state != "sustained" or seen.irregular or not seen.clipped > 0:
+    if torque is None or seen.state != "sustained" or seen.irregular:
         return math.nan
     drives = complex(_behind(found.loop, "target_torque", _point(seen))[0] / _behind(found.loop, torque, _point(seen))[0])
     return min(abs(asked / drives), 1.0)
