@@ -5,6 +5,10 @@ Positions are differenced twice before their spectra are taken: the joint's doub
 In a feedback loop the quotient of both spectra is the joint's response only where the torque is given from outside; where noise goes round
 the loop it is the controller's inverse. `given_torque` is what feedback did not make, and as an instrument takes that error out
 (Ljung, System Identification, 1999, section 13.4).
+
+Averages over segments resolve a dozenth of a log, which is too coarse where a slow resonance has rung for a few seconds. The local
+polynomial method resolves what the whole log does: over some lines beside each other both the response and what the record's ends add
+are smooth (Pintelon and Schoukens, System Identification, 2012, chapter 7).
 """
 
 import math
@@ -19,13 +23,15 @@ from ..system.linear.arrays import Booleans, Complexes, Floats
 
 FEEDBACK = 4  # latest steps that a controller's law may rest on; more would foretell the torque itself from what it moved before
 SEGMENTS = 12  # at least, over which spectra are averaged
+BESIDE, DEGREE = 4, 2  # lines to either side of one, over which response and the ends' part are polynomials of a degree
+FINE_AVERAGES, ALIKE = 4, 3  # as of segments, of a fit over these lines; and how many lines beside each other tell as much as one
 LONGEST_SEGMENT = 8.0  # [s]
 STRONG = 0.005  # power of the torque that a frequency needs
 CLEAR = 10.0  # power over the encoder's noise that a frequency needs
 LEAST_POWER = 0.01  # of the strongest: turning friction round makes harmonics that are weaker
 LEAST_LINE = 3  # of the spectra: lower ones hold the trend
 OPPOSITE = 0.4  # of the cost: a joint pushed the other way that costs less is what was recorded
-EXCITED = 0.6  # coherence that a frequency needs to count
+EXCITED = 0.6  # coherence of SEGMENTS that a frequency needs to count: of n unrelated ones, c is exceeded with probability (1 − c)ⁿ⁻¹
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,9 @@ class FrequencyResponse:
     coherence   (k,) 0 to 1, of the motion with torque and instrument, the lesser; with a torque alone also near 1 where feedback makes it
     clearance   (k,) power of the motion over that of the encoder's noise
     strength    (k,) power of torque and instrument over that of their strongest tenths, the lesser; where it is low feedback answers noise
+    lowest      [rad/s] below which nothing counts
+    averages    independent spectra behind each frequency
+    alike       frequencies beside each other that tell as much as one
     """
 
     omega: Floats
@@ -44,18 +53,26 @@ class FrequencyResponse:
     coherence: Floats
     clearance: Floats
     strength: Floats
+    lowest: float
+    averages: int = SEGMENTS
+    alike: int = 1
 
     @property
     def excited(self) -> Booleans:
         """(k,) where the torque is strong and explains the motion, and the motion is not the encoder's noise."""
-        clear = (self.coherence >= EXCITED) & (self.clearance >= CLEAR) & (self.strength >= STRONG)
-        return clear & (self.omega > LEAST_LINE * self.omega[0])
+        least = 1 - (1 - EXCITED) ** ((SEGMENTS - 1) / (self.averages - 1))  # as unlikely by chance as EXCITED is of SEGMENTS
+        return (self.coherence >= least) & (self.clearance >= CLEAR) & (self.strength >= STRONG) & (self.omega > self.lowest)
+
+    @property
+    def frequencies(self) -> int:
+        """How many frequencies are excited."""
+        return int(np.count_nonzero(self.excited)) // self.alike
 
     @property
     def lines(self) -> int:
-        """How many frequencies are excited, the strongest of them not a hundred times as strongly."""
+        """The same, the strongest of them not a hundred times as strongly."""
         power = self.strength[self.excited]
-        return int(np.count_nonzero(power >= LEAST_POWER * power.max(initial=0.0)))
+        return int(np.count_nonzero(power >= LEAST_POWER * power.max(initial=0.0))) // self.alike
 
 
 def given_torque(torque: Floats, position: Floats) -> Floats:
@@ -82,19 +99,68 @@ def frequency_response(torque: Floats, position: Floats, sample_time: float, ins
     powers = [welch(driver, **options)[1] for driver in drivers]
     crosses = [csd(driver, acceleration, **options)[1] for driver in drivers]
     through = csd(drivers[-1], drivers[0], **options)[1]
+    with np.errstate(all="ignore"):
+        response = crosses[-1] / through
+        shared = [np.abs(cross) ** 2 / (power * output_power) for cross, power in zip(crosses, powers, strict=True)]
+    return _judged(
+        sample_time, frequency, response, np.array(shared), output_power, np.array(powers), LEAST_LINE * frequency[1], (SEGMENTS, 1)
+    )
+
+
+def fine_response(torque: Floats, position: Floats, sample_time: float, instrument: Floats | None = None) -> FrequencyResponse:
+    """The same by the local polynomial method, of all of a log's lines."""
+    signals = [np.diff(position, 2) / sample_time**2, torque[1:-1], *([] if instrument is None else [instrument[1:-1]])]
+    count, width = len(signals[0]), 2 * BESIDE + 1
+    spectra = np.array([np.fft.rfft(signal - signal.mean()) for signal in signals])
+    near = sliding_window_view(spectra, width, axis=1).swapaxes(0, 1)  # (k, signals, width)
+    frequency = np.fft.rfftfreq(count, sample_time)[BESIDE : BESIDE + len(near)]
+    powers = sliding_window_view(np.abs(np.fft.rfft(np.array(signals) * np.hanning(count))) ** 2, width, axis=1).mean(axis=-1)
+    smooth = (np.arange(-BESIDE, BESIDE + 1)[:, None] / BESIDE) ** np.arange(DEGREE + 1.0)
+    ends = np.linalg.qr(smooth)[0]
+    inner = np.eye(width) - ends @ ends.T  # takes out what the ends add
+    driven, nothing = inner @ (near[:, -1, :, None] * smooth), 1e-300
+    basis, triangle = np.linalg.qr(driven)
+    wanted = inner @ near[:, :-1].swapaxes(1, 2)
+    seen = basis.conj().swapaxes(1, 2) @ wanted
+    shared = np.sum(np.abs(seen) ** 2, axis=1) / np.maximum(np.sum(np.abs(wanted) ** 2, axis=1), nothing)
+    factors = np.linalg.solve(triangle + nothing * np.eye(DEGREE + 1), seen)[:, 0]
+    response = factors[:, 0] / (factors[:, 1] if instrument is not None else 1.0)
+    return _judged(
+        sample_time,
+        frequency,
+        response,
+        shared.T[:1] if instrument is None else shared.T,
+        powers[0],
+        powers[1:],
+        0.0,
+        (FINE_AVERAGES, ALIKE),
+    )
+
+
+def _judged(
+    sample_time: float,
+    frequency: Floats,
+    response: Complexes,
+    shared: Floats,
+    output_power: Floats,
+    powers: Floats,
+    lowest: float,
+    told: tuple[int, int],
+) -> FrequencyResponse:
+    """With clearance and strength, of coherences (d, k) and powers (d, k) by driver; `lowest` [Hz] that counts; `told`: averages, alike."""
     # White noise of the encoder, differenced twice; its size from the highest frequencies, where a joint hardly moves.
     shape = (2 - 2 * np.cos(2 * np.pi * frequency * sample_time)) ** 2
     high = (frequency > 0.3 / sample_time) & (frequency < 0.45 / sample_time)
     floor = max(float(np.median(output_power[high] / shape[high])), 1e-300) * np.maximum(shape, 1e-12)
     clearance = output_power / floor
-    clear = (clearance >= CLEAR) & (frequency > LEAST_LINE * frequency[1])
-    with np.errstate(all="ignore"):
-        response = crosses[-1] / through
-        coherence = np.min([np.abs(cross) ** 2 / (power * output_power) for cross, power in zip(crosses, powers, strict=True)], axis=0)
+    clear = (clearance >= CLEAR) & (frequency > lowest)
     strongest = [float(np.quantile(power[clear], 0.9)) if clear.any() else 0.0 for power in powers]
     strength = np.min([power / max(most, 1e-300) for power, most in zip(powers, strongest, strict=True)], axis=0)
+    coherence = np.min(shared, axis=0)
     good = np.isfinite(response) & np.isfinite(coherence) & (frequency > 0) & (frequency < 0.45 / sample_time)
-    return FrequencyResponse(2 * np.pi * frequency[good], response[good], coherence[good], clearance[good], strength[good])
+    return FrequencyResponse(
+        2 * np.pi * frequency[good], response[good], coherence[good], clearance[good], strength[good], 2 * np.pi * lowest, *told
+    )
 
 
 def differenced_response(joint: ElasticJoint, omega: Floats, sample_time: float) -> Complexes:

@@ -20,7 +20,7 @@ from .contradictions import encoders_apart
 from .delay import TorqueDelay, identify_delay
 from .estimate import BLOCKS, FREEDOM, Estimate, log_interval, quantile
 from .excited_part import most_excited
-from .frequency_response import FrequencyResponse, Rough, fitted_response, frequency_response, given_torque, rough_joint
+from .frequency_response import FrequencyResponse, Rough, fine_response, fitted_response, frequency_response, given_torque, rough_joint
 from .friction_estimates import damping_beside_friction, friction_not_below_zero
 from .joint_model import JointModel, Prior
 from .likelihood import Maximum, maximize
@@ -120,16 +120,7 @@ def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
     warnings: list[str] = []
     source = _source(record, drive, warnings)
     _require_motion(record, source.torque)
-    position, tick = record.channels["motor_position"], record.sample_time
-    measured = frequency_response(source.torque, position, tick)
-    seen = frequency_response(source.torque, position, tick, given_torque(source.torque, position))
-    own = "is excitation of its own, more than what feedback makes of the position,"
-    for lines, what in ((measured.lines, "drives the motion"), (seen.lines, own)):
-        if lines < LEAST_LINES:
-            raise GainroomError(
-                f"joint: {source.name} {what} at {lines} frequencies; {LEAST_LINES} are needed: record a multisine or chirp of torque, "
-                "well above friction, from below the antiresonance to above the resonance (gainroom identify plan makes one)"
-            )
+    measured, seen = _responses(record, source)
     return _selected(record, source, measured, seen, warnings)
 
 
@@ -213,6 +204,27 @@ def _differs(record: Record) -> bool:
     noise = float(np.mean(np.diff(rest, 3) ** 2)) / 20  # third differences of white noise have 20 times its power
     gain = abs(float(factors[:-1].sum()) - 1) if np.mean(target) ** 2 < np.var(target) else 0.0
     return float(np.var(rest)) - noise > MOST_DIFFERENT * float(np.var(actual)) or gain > MOST_GAIN
+
+
+def _responses(record: Record, source: _Source) -> tuple[FrequencyResponse, FrequencyResponse]:
+    """The measured response, and that by what of the torque feedback did not make; of all lines where averages are too coarse.
+
+    Raises GainroomError where neither tells enough frequencies.
+    """
+    position, tick = record.channels["motor_position"], record.sample_time
+    given, lines, what = given_torque(source.torque, position), 0, ""
+    own = "is excitation of its own, more than what feedback makes of the position,"
+    for response in (frequency_response, fine_response):
+        measured, seen = response(source.torque, position, tick), response(source.torque, position, tick, given)
+        # A loop that rings makes the torque at its own frequency far stronger than the excitation is: not so what feedback did not make.
+        if measured.frequencies >= LEAST_LINES <= seen.lines:
+            return measured, seen
+        lines, what = min((measured.frequencies, "drives the motion"), (seen.lines, own))
+    raise GainroomError(
+        f"joint: {source.name} {what} at {lines} frequencies; {LEAST_LINES} are needed: record a multisine or chirp of torque, "
+        "well above friction, from below the antiresonance to above the resonance (gainroom identify plan makes one), or for longer than "
+        f"{len(position) * tick:.3g} s"
+    )
 
 
 def _require_motion(record: Record, torque: Floats) -> None:

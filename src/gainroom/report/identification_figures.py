@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from ..identification import GainsFit, JointFit, Record, StiffnessFit, TorqueDelay
-from ..identification.frequency_response import SEGMENTS
 from ..identification.gains import predicted_torque
 from ..identification.residuals import MOST_EXPLAINED, MOST_LEFT
 from ..system.linear.arrays import Floats
@@ -118,7 +117,7 @@ def frequency_response(fit: JointFit) -> Html:
     curve = fit.response(fine)
     # Bendat and Piersol, Random Data, sec. 9.1: relative error of an averaged response.
     shared = np.clip(measured.coherence, 1e-3, 1.0)
-    error = NORMAL * np.sqrt((1 - shared) / (2 * SEGMENTS * shared))
+    error = NORMAL * np.sqrt((1 - shared) / (2 * measured.averages * shared))
     size = np.abs(measured.response)
     phase = np.degrees(np.unwrap(np.angle(curve)))
     phase -= 360 * round((phase[0] - 180) / 360) if phase[0] > 200 else 0
