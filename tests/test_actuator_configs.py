@@ -117,6 +117,8 @@ def stub(name: str) -> type:
             return type(self)(**{**self.__dict__, **changes})
 
     Stub.__name__ = name
+    if name in ("EntityCfg", "ArticulationCfg"):
+        Stub.InitialStateCfg = stub("InitialStateCfg")
     return Stub
 
 

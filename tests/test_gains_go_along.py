@@ -1,14 +1,20 @@
 """What was audited of gains goes along: through --json, export and every form, and the next audit judges the same."""
 
+import datetime
+import itertools
 import json
+import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gainroom.cli import main
 from gainroom.errors import GainroomError
-from gainroom.files.gain_files import read_gains
+from gainroom.files.gain_export import FORMS, export_gains
+from gainroom.files.gain_files import parse_gains, read_gains
+from test_actuator_configs import run
 
 LEG = """\
 <mujoco>
@@ -57,7 +63,7 @@ def limits(answer: dict[str, Any]) -> dict[str, float | None]:
     return {joint["name"]: joint["effort_limit"] for joint in answer["joints"]}
 
 
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("place", [pytest.param(name, marks=() if name in ("drive", "split") else pytest.mark.slow) for name in PLACES])
 def test_an_answer_is_judged_the_same_without_saying_anything_again(folder: Path, capsys: pytest.CaptureFixture[str], place: str):
     """To the last bit: the numbers of an answer are written in full."""
     first = audited(capsys, "gains.yaml", *PLACES[place], "--posture", "knee=1.1")
@@ -128,3 +134,168 @@ def test_an_answer_that_was_changed_is_refused(folder: Path, changes: dict[str, 
     with pytest.raises(GainroomError) as caught:
         read_gains(folder / "answer.json")
     assert says in str(caught.value)
+
+
+def exported(capsys: pytest.CaptureFixture[str], folder: Path, answer: dict[str, Any], form: str) -> tuple[str, dict[str, Any]]:
+    """The name of the file of a form with an answer's gains, and what export says."""
+    (folder / "answer.json").write_text(json.dumps(answer), "utf-8")
+    target = f"out{FORMS[form].ending}"
+    onto = ["--onto", "leg.xml"] if form == "mjcf" else []
+    return target, told(capsys, "export", "answer.json", "--to", form, *onto, "--output", target, "--write")
+
+
+QUICK = {("yaml", "drive"), ("mjcf", "drive"), ("ros2_control", "rate")}
+
+
+@pytest.mark.parametrize(
+    ("form", "place"),
+    [pytest.param(*each, marks=() if each in QUICK else pytest.mark.slow) for each in itertools.product(FORMS, PLACES)],
+)
+def test_a_form_holds_it_or_names_the_flag(folder: Path, capsys: pytest.CaptureFixture[str], form: str, place: str):
+    """What is audited again is what was audited, bit for bit but for an MJCF's armature, which is 0.1 + 0.1 of two numbers' difference."""
+    (folder / "gains.yaml").write_text(GAINS.replace("kd: 2.3", "kd: 2.3, stiffness: 900, damping: 0.7"), "utf-8")
+    first = audited(capsys, "gains.yaml", *PLACES[place], "--posture", "knee=1.1")
+    target, said = exported(capsys, folder, first, form)
+    model = [target, "--delay-ms", "3"] if form == "mjcf" else ["leg.xml", "--delay-ms", "3", "--gains", target]
+    second = told(capsys, "audit", *model, *said["audit_with"])
+    for key in JUDGED:
+        assert second[key] == (pytest.approx(first[key], rel=1e-12) if isinstance(first[key], float) else first[key]), key
+    assert second["posture"] == first["posture"]
+    for mine, other in zip(second["joints"], first["joints"], strict=True):
+        for key in ("kp", "kd", "motor_inertia", "stiffness", "damping"):
+            assert mine[key] == (None if other[key] is None else pytest.approx(other[key], rel=1e-15)), key
+    held = limits(second) == {"hip": 88.5, "knee": 30.0}
+    assert held is (form not in ("legged_gym", "arrays"))
+    assert held is not any("limits of the torque have no place" in note for note in said["notes"])
+    if said["audit_with"]:
+        assert any(all(flag in note for flag in said["audit_with"] if flag.startswith("--")) for note in said["notes"])
+        assert said["audit_with"][-1].split("=")[0] in (folder / target).read_text("utf-8")
+
+
+def test_what_each_form_holds(folder: Path, capsys: pytest.CaptureFixture[str]):
+    """By the published fields of each: mjlab's effort_limit and armature, MJCF's forcerange and armature, ros2_control's u_clamp."""
+    first = audited(capsys, "gains.yaml", "--rate-hz", "400", "--posture", "knee=1.1")
+    text = {form: exported(capsys, folder, first, form)[1] for form in FORMS}
+    flags = {form: {each for each in said["audit_with"] if each.startswith("--")} for form, said in text.items()}
+    rate, posture, inertia = "--rate-hz", "--posture", "--motor-inertia"
+    assert flags == {
+        "yaml": set(),
+        "ros2_control": {posture, inertia},
+        "mjcf": {rate, posture},
+        "mjlab": {rate},
+        "isaaclab": {rate},
+        "legged_gym": {rate, inertia},
+        "arrays": {rate, posture, inertia},
+    }
+    assert "effort_limit=88.5" in text["mjlab"]["text"]
+    assert "effort_limit_sim=88.5" in text["isaaclab"]["text"]
+    assert "u_clamp_max: 88.5, u_clamp_min: -88.5" in text["ros2_control"]["text"]
+    assert text["legged_gym"]["text"].count('"knee": 1.1') == 1
+    assert {joint["name"]: joint["effort_limit"] for joint in text["mjcf"]["joints"]} == {"hip": 88.5, "knee": 30.0}
+
+
+def test_initial_states_run_as_python(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    first = audited(capsys, "gains.yaml", "--rate-hz", "400", "--posture", "knee=1.1")
+    for form in ("mjlab", "isaaclab"):
+        space = run(exported(capsys, folder, first, form)[1]["text"], monkeypatch)
+        assert space["INITIAL_STATE"].joint_pos == {"knee": 1.1}
+        assert [each.armature for each in (space["ACTUATORS"] if form == "mjlab" else space["ACTUATORS"].values())] == [0.2, 0.05]
+
+
+ACTUATED = {
+    "a servo with a gear": ('<position joint="hip" kp="1" gear="-3"/><position joint="knee" kp="2" forcerange="-5 5"/>', ""),
+    "a servo and a damper": ('<position joint="hip" kp="1" forcerange="-5 5"/><velocity joint="hip" kv="1"/>', ""),
+    "a rotor on the actuator": ('<position joint="hip" kp="1" gear="2" armature="0.01"/>', ""),
+    "a joint's own limit": ('<motor joint="hip" ctrlrange="-20 20"/>', ' actuatorfrcrange="-7 7"'),
+    "nothing": ("", ""),
+}
+
+
+@pytest.mark.parametrize("case", ACTUATED)
+def test_mujoco_has_limits_and_armature(folder: Path, case: str):
+    """MuJoCo's own generalized forces where the set-point is far away, and its own mass matrix with and without the rotors."""
+    import mujoco
+
+    actuators, limit = ACTUATED[case]
+    text = LEG.replace('armature="0.1"', f'armature="0.1"{limit}').replace("</mujoco>", f"<actuator>{actuators}</actuator></mujoco>")
+    (folder / "leg.xml").write_text(text.replace("<mujoco>", '<mujoco><compiler autolimits="true"/>'), "utf-8")
+    made = export_gains(read_gains(folder / "gains.yaml"), "mjcf", folder / "leg.xml", None, "1", datetime.date(2026, 1, 2))
+    model = mujoco.MjModel.from_xml_string(made.text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    full = np.zeros((2, 2))
+    mujoco.mj_fullM(model, full, data.qM) if hasattr(data, "qM") else mujoco.mj_fullM(model, data, full)
+    bare = mujoco.MjModel.from_xml_string(LEG.replace('armature="0.1"', "").replace('armature="0.05"', ""))
+    other = mujoco.MjData(bare)
+    mujoco.mj_forward(bare, other)
+    links = np.zeros((2, 2))
+    mujoco.mj_fullM(bare, links, other.qM) if hasattr(other, "qM") else mujoco.mj_fullM(bare, other, links)
+    assert np.diag(full - links) == pytest.approx([0.2, 0.05], rel=1e-12)  # round-off of sums of 1
+    for joint, most in (("hip", 88.5), ("knee", 30.0)):
+        sign = float(np.sign(model.actuator_gear[[model.actuator(k).trnid[0] == model.joint(joint).id for k in range(model.nu)]][0, 0]))
+        for far in (-1e4, 1e4):
+            data.ctrl[:] = 0.0
+            data.ctrl[
+                [model.actuator(k).trnid[0] == model.joint(joint).id and model.actuator_gainprm[k, 0] > 50 / 9 for k in range(model.nu)]
+            ] = far
+            mujoco.mj_forward(model, data)
+            assert data.qfrc_actuator[model.joint(joint).dofadr[0]] == pytest.approx(sign * np.sign(far) * most, rel=1e-12)
+
+
+def test_joints_of_an_included_file_keep_theirs_and_it_is_said(folder: Path, capsys: pytest.CaptureFixture[str]):
+    body = LEG[LEG.index("    <body") : LEG.index("  </worldbody>")]
+    (folder / "body.xml").write_text(f"<mujoco>{body}</mujoco>", "utf-8")
+    servos = '<actuator><position joint="hip" kp="1"/><position joint="knee" kp="1"/></actuator>'
+    (folder / "leg.xml").write_text(f'<mujoco><worldbody><include file="body.xml"/></worldbody>{servos}</mujoco>', "utf-8")
+    said = told(capsys, "export", "gains.yaml", "--to", "mjcf", "--onto", "leg.xml")
+    assert said["audit_with"] == ["--motor-inertia", "hip=0.2"]
+    assert "armature" not in said["text"]
+
+
+def test_what_a_pipe_gets_is_told_beside_it(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["export", "gains.yaml", "--to", "legged_gym"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("# gains by gainroom")
+    assert "#   audit it with: --motor-inertia hip=0.2\n" in out
+    assert "note: the motors' inertia has no place in this form: audit it with --motor-inertia hip=0.2\n" in err
+    assert "note: limits of the torque have no place in this form, or not for hip, knee" in err
+
+
+def test_a_file_that_runs_at_another_rate_says_so(folder: Path, capsys: pytest.CaptureFixture[str]):
+    """A whole number of ticks a second is all that ros2_control takes, and a file that is there keeps its own."""
+    first = audited(capsys, "gains.yaml", "--rate-hz", "333.3")
+    _, said = exported(capsys, folder, first, "ros2_control")
+    assert "update_rate: 333\n" in said["text"]
+    assert said["audit_with"][-2:] == ["--rate-hz", "333.3"]
+    there = "controller_manager: {ros__parameters: {update_rate: 1000}}\nlegs: {gains: {hip: {p: 1.0}, knee: {p: 1.0, u_clamp_max: 9.0}}}\n"
+    (folder / "ros.yaml").write_text(there, "utf-8")
+    said = told(capsys, "export", "answer.json", "--to", "ros2_control", "--onto", "ros.yaml")
+    assert said["audit_with"][-2:] == ["--rate-hz", "333.3"]
+    assert any("the controller's rate (1000 Hz in the file)" in note for note in said["notes"])
+    assert {joint["name"]: joint["effort_limit"] for joint in said["joints"]} == {"hip": 88.5, "knee": 30.0}
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("gains_run: drive", "drive_rate_hz is missing, which gains_run: drive needs"),
+        ("drive_delay_ms: 1", "drive_delay_ms has no meaning without gains_run: drive or split"),
+        (
+            "gains_run: drive\nsample_rate_hz: 100\ndrive_rate_hz: 100\ndrive_delay_ms: 1",
+            "sample_rate_hz has no meaning with gains_run: drive",
+        ),
+        ("gains_run: cloud", "gains_run: 'cloud' must be host, drive or split"),
+        ("posture: {hip: far}", "posture.hip: 'far' is text"),
+        ("sample_rate_hz: 0", "sample_rate_hz: 0 must be >= 1"),
+    ],
+)
+def test_a_plain_file_says_a_place_as_a_whole(text: str, says: str):
+    with pytest.raises(GainroomError, match=re.escape(says)):
+        parse_gains(f"{text}\ngains: {{hip: [1, 1]}}", "g.yaml")
+
+
+def test_patterns_of_a_posture_stand_for_joints(folder: Path):
+    file = parse_gains('posture: {".*": 0.5, knee: 0}\ngains: {hip: [3, 1], knee: [2, 1]}', "g.yaml")
+    made = export_gains(file, "legged_gym", None, None, "1", datetime.date(2026, 1, 2))
+    assert '"hip": 0.5' in made.text
+    assert '"knee": 0.0' in made.text

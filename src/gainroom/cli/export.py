@@ -8,11 +8,12 @@ import typer
 from ..errors import printable
 from .options import AsJson, refuse_inputs
 from .output import closing, render, show
+from .streams import say
 
 if TYPE_CHECKING:
     from ..files.gain_export import Export
 
-KEYS = ("kp", "kd", "ki", "motor_inertia")
+KEYS = ("kp", "kd", "ki", "motor_inertia", "effort_limit")
 TO = "yaml, ros2_control, mjcf, mjlab, isaaclab, legged_gym or arrays"
 
 
@@ -90,6 +91,7 @@ def _facts(made: "Export", to: str, target: Path | None, written: bool, differen
         "joints": [{"name": name} | {key: getattr(gain, key) for key in KEYS} for name, gain in made.gains.items()],
         "difference": difference,
         "text": made.text,
+        "audit_with": list(made.flags),
         "notes": list(made.notes),
     }
 
@@ -97,6 +99,8 @@ def _facts(made: "Export", to: str, target: Path | None, written: bool, differen
 def _terminal(made: "Export", target: Path | None, written: bool, difference: str) -> str:
     """A file to be piped where there is no target; else the difference and what became of it."""
     if target is None:
+        for note in made.notes:
+            say(f"gainroom: note: {printable(note)}")
         return made.text
     state = f"Written: {target}" if written else f"Not written: add --write to write {target}"
     return "".join(f"{printable(line)}\n" for line in difference.splitlines()) + render("", state, *closing({}, (), (), made.notes))

@@ -1,25 +1,41 @@
 """Gains into other people's forms: the text of a file, read back before anybody sees it."""
 
 import datetime
-from collections.abc import Callable, Mapping, Sequence
+import math
+import re
+import shlex
+import textwrap
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..errors import GainroomError, first_of_many, printable
+from ..errors import GainroomError, first_of_many, listed, printable
 from ..io.yaml_text import read_text, shown
 from ..robot.formats.model_files import joint_order, load_model
+from .edited_text import written
 from .gain_files import gains_of, parse_file
-from .gain_formats.export_text import arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
+from .gain_formats.export_text import Carried, arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
 from .gain_formats.gain_record import ACTUATOR, Gain, GainFile
-from .gain_formats.mjcf_export import mjcf_text
+from .gain_formats.mjcf_export import armatures, mjcf_text
 from .gain_formats.ros2_control import ros2_control_onto
 
 AGREEMENT = 1e-8
-"""Relative, of gains that are read back: written with ten digits, and through MuJoCo's compiler."""
+"""Relative, of what is read back: through MuJoCo's compiler and gears."""
 
-EXTRA = ("ki", *ACTUATOR)
-"""Fields of Gain beside kp and kd."""
-Written = Callable[[Mapping[str, Gain], Sequence[str], float | None], str]
+PARTS = {
+    "motor_inertia": ("the motors' inertia", "--motor-inertia"),
+    "stiffness": ("the gearboxes' stiffness", "--stiffness"),
+    "damping": ("the gearboxes' damping", "--damping"),
+    "effort_limit": ("limits of the torque", ""),
+    "link_viscous": ("the links' friction", ""),
+}
+"""What a file may say of an actuator, and the option of audit for it; "": there is none."""
+WITHOUT_OPTION = {"effort_limit": "no margin depends on them, set them there", "link_viscous": "only yaml holds it"}
+MOST_IN_PATTERN = 150
+"""Characters of the names in one pattern."""
+LINE = 120
+"""Characters of a line of flags in a comment."""
+Written = Callable[[Carried, Sequence[str]], str]
 
 
 @dataclass(frozen=True)
@@ -29,21 +45,21 @@ class Form:
     ending    of its files
     written   the text of a whole file; None: only an existing file can take them
     onto      whether an existing file can take them
-    keeps     fields of EXTRA that it holds
+    integral  whether it holds an integral gain
     """
 
     ending: str
     written: Written | None
     onto: bool = False
-    keeps: tuple[str, ...] = ()
+    integral: bool = False
 
 
 FORMS = {
-    "yaml": Form(".yaml", plain_text, keeps=EXTRA),
-    "ros2_control": Form(".yaml", ros2_control_text, True, ("ki",)),
+    "yaml": Form(".yaml", plain_text, integral=True),
+    "ros2_control": Form(".yaml", ros2_control_text, True, True),
     "mjcf": Form(".xml", None, True),
-    "mjlab": Form(".py", mjlab_text, keeps=("motor_inertia", "effort_limit")),
-    "isaaclab": Form(".py", isaac_lab_text, keeps=("motor_inertia", "effort_limit")),
+    "mjlab": Form(".py", mjlab_text),
+    "isaaclab": Form(".py", isaac_lab_text),
     "legged_gym": Form(".py", legged_gym_text),
     "arrays": Form(".yaml", arrays_text),
 }
@@ -51,11 +67,17 @@ FORMS = {
 
 @dataclass(frozen=True)
 class Export:
-    """A file's text, and what was there before; notes: what the form does not hold."""
+    """A file's text, and what was there before.
+
+    gains   as the file has them
+    flags   of audit, which say what the form has no place for
+    notes   what it does not hold
+    """
 
     text: str
     before: str
     gains: Mapping[str, Gain]
+    flags: tuple[str, ...]
     notes: tuple[str, ...]
 
 
@@ -72,20 +94,55 @@ def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | Non
     file = file if model is None else file.in_order(joint_order(model))
     names = _joint_names(file, model)
     gains = _by_joint(file, names)
-    notes = [*file.notes_for(names), *_left_out(gains, form, kind)]
-    header = _header(file, version, today)
-    dropped = {key: 0.0 if key == "ki" else None for key in EXTRA if key not in kind.keeps}
-    kept = {name: replace(gain, **dropped) for name, gain in gains.items()}
+    _refuse_integral(gains, form, kind)
+    goal = Carried(gains, file.origin, _posture(file, names))
     before = "" if onto is None else read_text(onto) if form != "mjcf" else _model_text(onto)
+    header = _header(file, version, today)
+    text = _written(form, onto, before, goal, header)
+    flags, notes = _not_held(_read_back(text, form, onto), goal, form)
+    if flags:  # which stand in its comment, too
+        lines = textwrap.wrap(f"audit it with: {shlex.join(flags)}", LINE, break_long_words=False, break_on_hyphens=False)
+        text = _written(form, onto, before, goal, [*header, *(printable(f"  {line}") for line in lines)])
+    back = _back(_read_back(text, form, onto), gains)
+    _require_same(back, gains, form)
+    return Export(text, before, back, tuple(flags), (*file.notes_for(names), *notes))
+
+
+def _written(form: str, onto: Path | None, before: str, goal: Carried, header: Sequence[str]) -> str:
+    """The text of a file."""
     if onto is not None and form == "mjcf":
-        text = mjcf_text(before, onto, kept, header)
-    elif onto is not None:
-        text = ros2_control_onto(before, str(onto), kept, header)
-    else:
-        assert kind.written is not None
-        text = kind.written(kept, header, file.origin.sample_rate_hz)
-    _require_same(parse_file(text, onto or Path(f"export{kind.ending}")), kept, form)
-    return Export(text, before, kept, tuple(notes))
+        return mjcf_text(before, onto, goal.gains, header)
+    if onto is not None:
+        return ros2_control_onto(before, str(onto), goal.gains, header)
+    whole = FORMS[form].written
+    assert whole is not None
+    return whole(goal, header)
+
+
+def _read_back(text: str, form: str, onto: Path | None) -> GainFile:
+    """A written text as `audit` reads it; in an MJCF the motors' inertia is armature, which it takes from the model."""
+    found = parse_file(text, onto or Path(f"export{FORMS[form].ending}"))
+    if form != "mjcf" or onto is None:
+        return found
+    inertia = armatures(text, onto)
+    return replace(found, gains={name: replace(gain, motor_inertia=inertia.get(name)) for name, gain in found.gains.items()})
+
+
+def _back(found: GainFile, wanted: Mapping[str, Gain]) -> dict[str, Gain]:
+    """The gains of the wanted joints in a file that may have others, too."""
+    by_joint = _by_joint(found, tuple(dict.fromkeys((*wanted, *found.own_names))))
+    return {name: by_joint.get(name, Gain(0.0)) for name in wanted}
+
+
+def _posture(file: GainFile, names: Sequence[str]) -> dict[str, float]:
+    """The angles of the one posture that a file names, of joints that do not stand at 0; as `audit` takes it, of several none."""
+    if len(file.postures) != 1:
+        return {}
+    ((title, patterns),) = file.postures.items()
+    plain = {pattern: re.sub(r"\\(.)", r"\1", pattern) for pattern in patterns}
+    own = [name for pattern, name in plain.items() if pattern == re.escape(name) or re.fullmatch(r"[\w/:-]+", pattern)]
+    angles = file.postures_for(tuple(dict.fromkeys((*names, *own)))).get(title, {})
+    return {name: angle for name, angle in angles.items() if angle}
 
 
 def _form(form: str, onto: Path | None) -> Form:
@@ -127,18 +184,12 @@ def _by_joint(file: GainFile, names: Sequence[str]) -> dict[str, Gain]:
     return gains
 
 
-def _left_out(gains: Mapping[str, Gain], form: str, kind: Form) -> list[str]:
-    """What the form cannot hold: an integral gain is refused, as the answer would be another without it."""
+def _refuse_integral(gains: Mapping[str, Gain], form: str, kind: Form) -> None:
+    """Raise GainroomError where the form holds no integral gain and some joint has one: the answer would be another without it."""
     with_ki = [name for name, gain in gains.items() if gain.ki]
-    if with_ki and "ki" not in kind.keeps:
-        able = ", ".join(name for name, each in FORMS.items() if "ki" in each.keeps)
+    if with_ki and not kind.integral:
+        able = ", ".join(name for name, each in FORMS.items() if each.integral)
         raise GainroomError(f"--to {form}: holds no integral gain, which {first_of_many(with_ki)} have; {able} do")
-    notes = []
-    if "motor_inertia" not in kind.keeps and any(gain.motor_inertia for gain in gains.values()):
-        notes.append("the motors' inertia has no place in this form: audit takes it from the model's armature, or from --motor-inertia")
-    if "stiffness" not in kind.keeps and any(gain.stiffness for gain in gains.values()):
-        notes.append("the gearboxes' stiffness and damping have no place in this form: audit takes them from --stiffness and --damping")
-    return notes
 
 
 def _header(file: GainFile, version: str, today: datetime.date) -> list[str]:
@@ -153,13 +204,75 @@ def _header(file: GainFile, version: str, today: datetime.date) -> list[str]:
     return [printable(line)[:300] for line in lines]
 
 
-def _require_same(found: GainFile, wanted: Mapping[str, Gain], form: str) -> None:
+def _not_held(found: GainFile, goal: Carried, form: str) -> tuple[list[str], list[str]]:
+    """Of what was written and is read back as `found`: the flags with which audit gets the rest, and what is to be said of it."""
+    back = _back(found, goal.gains)
+    flags: list[str] = []
+    missing: list[str] = []
+    notes: list[str] = []
+    for key, (title, option) in PARTS.items():
+        lost = {
+            name: value for name, gain in goal.gains.items() if (value := getattr(gain, key)) and not _same(value, getattr(back[name], key))
+        }
+        if lost and option:
+            missing.append(title)
+            flags += _flags(option, lost, goal.gains)
+        elif lost:
+            notes.append(f"{title} have no place in this form, or not for {first_of_many(tuple(lost))}: {WITHOUT_OPTION[key]}")
+    there, origin = found.origin, goal.origin
+    if origin.sample_rate_hz is not None and there.sample_rate_hz != origin.sample_rate_hz:
+        missing.append("the controller's rate" + (f" ({there.sample_rate_hz:g} Hz in the file)" if there.sample_rate_hz else ""))
+        flags += ["--rate-hz", written(origin.sample_rate_hz)]
+    if origin.gains_run is not None and there.gains_run != origin.gains_run:
+        missing.append("where the gains run")
+        flags += ["--gains-run", origin.gains_run]
+        drive = {"--drive-rate-hz": origin.drive_rate_hz, "--drive-delay-ms": origin.drive_delay_ms}
+        flags += [text for option, value in drive.items() if value is not None for text in (option, written(value))]
+    if goal.posture and _posture(found, (*goal.posture,)) != goal.posture:
+        missing.append("the posture")
+        flags += _flags("--posture", goal.posture)
+    if missing:
+        notes.insert(
+            0, f"{listed(missing)} {'have' if len(missing) > 1 else 'has'} no place in this form: audit it with {shlex.join(flags)}"
+        )
+    if form == "mjcf" and any(gain.motor_inertia for gain in goal.gains.values()):
+        notes.append("the motors' inertia is the joints' armature there, which audit takes from its MODEL: audit this file itself")
+    unlimited = [name for name, gain in goal.gains.items() if gain.effort_limit is None]
+    if form == "mjlab" and unlimited:
+        notes.append(f"no limit of the torque is known of {first_of_many(unlimited)}: mjlab then limits it nowhere; give effort_limit")
+    return flags, notes
+
+
+def _same(one: float, other: float | None) -> bool:
+    """Whether two numbers are the same, as gains must be."""
+    return other is not None and (one == other or abs(one - other) <= AGREEMENT * abs(one))
+
+
+def _flags(option: str, values: Mapping[str, float], every: Collection[str] = ()) -> list[str]:
+    """An option for joints by name, those with the same value in one; a number alone where `every` joint has that."""
+    groups: dict[float, list[str]] = {}
+    for name, value in values.items():
+        groups.setdefault(value, []).append(name)
+    if len(groups) == 1 and len(values) == len(every):
+        return [option, _typed(next(iter(groups)))]
+    result = []
+    for value, names in groups.items():
+        while names:
+            count = max(1, sum(1 for k in range(len(names)) if len("|".join(map(re.escape, names[: k + 1]))) <= MOST_IN_PATTERN))
+            chosen, names = names[:count], names[count:]
+            result += [option, f"{chosen[0] if count == 1 else '|'.join(map(re.escape, chosen))}={_typed(value)}"]
+    return result
+
+
+def _typed(value: float) -> str:
+    """As an option takes it."""
+    return "inf" if math.isinf(value) else written(value)
+
+
+def _require_same(back: Mapping[str, Gain], wanted: Mapping[str, Gain], form: str) -> None:
     """Raise GainroomError where the text would be read as other gains."""
-    names = tuple(dict.fromkeys((*wanted, *found.own_names)))
-    by_joint = _by_joint(found, names)
     for name, gain in wanted.items():
-        back = by_joint.get(name)
         for key in ("kp", "kd", "ki"):
-            one, other = getattr(gain, key), getattr(back, key) if back else 0.0
+            one, other = getattr(gain, key), getattr(back[name], key)
             if abs(one - other) > AGREEMENT * abs(one):
                 raise GainroomError(f"--to {form}: joint {shown(name)} would have {key} {other:g} instead of {one:g} in this file")

@@ -1,23 +1,33 @@
 """Gains as text in the forms that are whole files: plain YAML, ros2_control YAML, arrays, configurations of mjlab and Isaac Lab.
 
-Numbers are written with ten digits: recommended gains lie at the edge of what is required.
+Numbers are written in as many digits as it takes to read the same ones again: gains may lie at the edge of what is required.
 """
 
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from ...errors import GainroomError, printable
-from .gain_record import Gain
+from .gain_record import Gain, Origin
 
 WORDS = {"true", "false", "null", "yes", "no", "on", "off", "y", "n", "default"}
 """What some YAML reader, or ours, does not take for a name."""
 CONTROLLER = "effort_joint_trajectory_controller"
 
 
+@dataclass(frozen=True)
+class Carried:
+    """What goes into a file: gains by joint, what is said of where they come from, and angles by joint, of those that stand not at 0."""
+
+    gains: Mapping[str, Gain]
+    origin: Origin = field(default=Origin())
+    posture: Mapping[str, float] = field(default_factory=dict)
+
+
 def number_text(value: float) -> str:
     """A number with a decimal point, so that no reader takes it for an integer (parameters of ROS have types)."""
-    text = f"{value:.10g}"
+    text = repr(float(value))
     mantissa, sign, exponent = text.partition("e")
     return text if "." in mantissa else f"{mantissa}.0{sign}{exponent}"
 
@@ -32,59 +42,86 @@ def quoted(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z_]\w*", name) and name.lower() not in WORDS else json.dumps(name)
 
 
-def plain_text(gains: Mapping[str, Gain], header: Sequence[str], rate: float | None) -> str:
-    """Joint → {kp, kd, …}."""
-    lines = []
-    for name, gain in gains.items():
+def _entries(values: Mapping[str, float]) -> str:
+    """Names and numbers, as YAML and Python have them between braces."""
+    return ", ".join(f"{quoted(name)}: {number_text(value)}" for name, value in values.items())
+
+
+def plain_text(goal: Carried, header: Sequence[str]) -> str:
+    """Joint → {kp, kd, …}, and where they run, at which rate, in which posture."""
+    said = {key: getattr(goal.origin, key) for key in ("sample_rate_hz", "gains_run", "drive_rate_hz", "drive_delay_ms")}
+    lines = [f"{key}: {value if isinstance(value, str) else number_text(value)}\n" for key, value in said.items() if value is not None]
+    lines += [f"posture: {{{_entries(goal.posture)}}}\n"] * bool(goal.posture) + ["gains:\n"]
+    for name, gain in goal.gains.items():
         given = {key: value for key, value in vars(gain).items() if key in ("kp", "kd") or value}
         lines.append(f"  {quoted(name)}: {{{', '.join(f'{key}: {number_text(value)}' for key, value in given.items())}}}\n")
-    return f"{commented(header)}gains:\n{''.join(lines)}"
+    return f"{commented(header)}{''.join(lines)}"
 
 
-def ros2_control_text(gains: Mapping[str, Gain], header: Sequence[str], rate: float | None) -> str:
-    """A joint_trajectory_controller that commands effort."""
+def ros2_terms(gain: Gain) -> dict[str, float]:
+    """p, i, d, and the effort limit as the clamp of what they make."""
+    limit = gain.effort_limit
+    return {"p": gain.kp, "i": gain.ki, "d": gain.kd} | ({} if limit is None else {"u_clamp_max": limit, "u_clamp_min": -limit})
+
+
+def ros2_control_text(goal: Carried, header: Sequence[str]) -> str:
+    """A joint_trajectory_controller that commands effort; its update_rate is a whole number."""
+    rate = goal.origin.sample_rate_hz
     manager = "controller_manager:\n  ros__parameters:\n" + (f"    update_rate: {round(rate)}\n" if rate else "")
-    lines = [
-        f"      {quoted(name)}: {{p: {number_text(gain.kp)}, i: {number_text(gain.ki)}, d: {number_text(gain.kd)}}}\n"
-        for name, gain in gains.items()
-    ]
+    lines = [f"      {quoted(name)}: {{{_entries(ros2_terms(gain))}}}\n" for name, gain in goal.gains.items()]
     return (
         f"{commented(header)}{manager}    {CONTROLLER}: {{type: joint_trajectory_controller/JointTrajectoryController}}\n"
-        f"{CONTROLLER}:\n  ros__parameters:\n    joints: [{', '.join(map(quoted, gains))}]\n    command_interfaces: [effort]\n"
+        f"{CONTROLLER}:\n  ros__parameters:\n    joints: [{', '.join(map(quoted, goal.gains))}]\n    command_interfaces: [effort]\n"
         f"    state_interfaces: [position, velocity]\n    gains:\n{''.join(lines)}"
     )
 
 
-def arrays_text(gains: Mapping[str, Gain], header: Sequence[str], rate: float | None) -> str:
+def arrays_text(goal: Carried, header: Sequence[str]) -> str:
     """kps and kds with joint_names."""
     columns = {
-        "joint_names": map(quoted, gains),
-        "kps": (number_text(gain.kp) for gain in gains.values()),
-        "kds": (number_text(gain.kd) for gain in gains.values()),
+        "joint_names": map(quoted, goal.gains),
+        "kps": (number_text(gain.kp) for gain in goal.gains.values()),
+        "kds": (number_text(gain.kd) for gain in goal.gains.values()),
     }
     return commented(header) + "".join(f"{key}: [{', '.join(values)}]\n" for key, values in columns.items())
 
 
-def mjlab_text(gains: Mapping[str, Gain], header: Sequence[str], rate: float | None) -> str:
-    """A tuple of BuiltinPositionActuatorCfg, joints with the same gains in one."""
+def mjlab_text(goal: Carried, header: Sequence[str]) -> str:
+    """A tuple of BuiltinPositionActuatorCfg, joints with the same gains in one, and the posture."""
     entries = [
         f"    BuiltinPositionActuatorCfg(\n        target_names_expr=({_patterns(names)},),\n{_fields(gain, 'effort_limit')}    ),\n"
-        for gain, names in _alike(gains)
+        for gain, names in _alike(goal.gains)
     ]
-    return f"{commented(header)}from mjlab.actuator import BuiltinPositionActuatorCfg\n\nACTUATORS = (\n{''.join(entries)})\n"
+    entity, state = _initial_state("from mjlab.entity import EntityCfg\n", "EntityCfg", goal.posture)
+    imports = f"from mjlab.actuator import BuiltinPositionActuatorCfg\n{entity}"
+    return f"{commented(header)}{imports}\nACTUATORS = (\n{''.join(entries)})\n{state}"
 
 
-def isaac_lab_text(gains: Mapping[str, Gain], header: Sequence[str], rate: float | None) -> str:
-    """A dictionary of ImplicitActuatorCfg, joints with the same gains in one."""
+def isaac_lab_text(goal: Carried, header: Sequence[str]) -> str:
+    """A dictionary of ImplicitActuatorCfg, joints with the same gains in one, and the posture."""
     entries = []
-    for number, (gain, names) in enumerate(_alike(gains)):
+    for number, (gain, names) in enumerate(_alike(goal.gains)):
         joints = f"        joint_names_expr=[{_patterns(names)}],\n"
         entries.append(f'    "group_{number}": ImplicitActuatorCfg(\n{joints}{_fields(gain, "effort_limit_sim")}    ),\n')
-    return f"{commented(header)}from isaaclab.actuators import ImplicitActuatorCfg\n\nACTUATORS = {{\n{''.join(entries)}}}\n"
+    asset, state = _initial_state("from isaaclab.assets import ArticulationCfg\n", "ArticulationCfg", goal.posture)
+    imports = f"from isaaclab.actuators import ImplicitActuatorCfg\n{asset}"
+    return f"{commented(header)}{imports}\nACTUATORS = {{\n{''.join(entries)}}}\n{state}"
 
 
-def legged_gym_text(gains: Mapping[str, Gain], header: Sequence[str], rate: float | None) -> str:
-    """A class with a class `control`; the shortest names first, as of the keys in a joint's name the last one counts there."""
+def _initial_state(imported: str, owner: str, posture: Mapping[str, float]) -> tuple[str, str]:
+    """The line that imports, and the statement of, the initial state with a posture; both empty where there is none."""
+    if not posture:
+        return "", ""
+    angles = "".join(f"    {json.dumps(re.escape(name))}: {number_text(angle)},\n" for name, angle in posture.items())
+    return imported, f"\nINITIAL_STATE = {owner}.InitialStateCfg(joint_pos={{\n{angles}}})\n"
+
+
+def legged_gym_text(goal: Carried, header: Sequence[str]) -> str:
+    """A class with a class `control`, and `init_state` with the posture of all joints.
+
+    The shortest names first, as of the keys in a joint's name the last one counts there.
+    """
+    gains, posture = goal.gains, goal.posture
     base, names = "LeggedRobotCfg", sorted(gains, key=len)
     columns = {"stiffness": {name: gains[name].kp for name in names}, "damping": {name: gains[name].kd for name in names}}
     fields = []
@@ -92,7 +129,12 @@ def legged_gym_text(gains: Mapping[str, Gain], header: Sequence[str], rate: floa
         entries = "".join(f"            {json.dumps(name)}: {number_text(value)},\n" for name, value in found.items())
         fields.append(f"        {key} = {{\n{entries}        }}\n")
     start = f"{commented(header)}from legged_gym.envs.base.legged_robot_config import {base}\n\n\nclass GainsCfg({base}):\n"
-    return f"{start}    class control({base}.control):\n{''.join(fields)}"
+    state = ""
+    if posture:
+        angles = {**dict.fromkeys(gains, 0.0), **posture}
+        entries = "".join(f"            {json.dumps(name)}: {number_text(angle)},\n" for name, angle in angles.items())
+        state = f"\n    class init_state({base}.init_state):\n        default_joint_angles = {{\n{entries}        }}\n"
+    return f"{start}    class control({base}.control):\n{''.join(fields)}{state}"
 
 
 def _alike(gains: Mapping[str, Gain]) -> list[tuple[Gain, list[str]]]:
@@ -121,10 +163,11 @@ def copied_gains(gains: Mapping[str, Gain], form: str, margins: str, rate: float
     Raises GainroomError where the form cannot hold the gains.
     """
     header = [printable(f"gains from gainroom app: {margins}")[:300]]
+    goal = Carried(gains, Origin(sample_rate_hz=rate))
     if form == "yaml":
-        return plain_text(gains, header, rate)
+        return plain_text(goal, header)
     if form == "ros2_control":
-        return ros2_control_text(gains, header, rate)
+        return ros2_control_text(goal, header)
     if any(gain.ki for gain in gains.values()):
         raise GainroomError("mjcf: a position actuator holds no integral gain; ros2_control and yaml do")
     from xml.sax.saxutils import quoteattr  # loads urllib, http and ssl

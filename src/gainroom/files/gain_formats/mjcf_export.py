@@ -1,6 +1,7 @@
 """Gains into an MJCF: the actuators of the joints get them, and the rest of the text stays as it is.
 
-A <motor> becomes a <position>; a joint without an actuator gets one. What MuJoCo makes of defaults and classes is asked of MuJoCo.
+A <motor> becomes a <position>; a joint without an actuator gets one. What MuJoCo makes of defaults and classes is asked of MuJoCo, and
+where that is another armature or limit of the torque than was known of a joint, the joint itself gets it.
 """
 
 import re
@@ -12,7 +13,9 @@ from xml.sax.saxutils import quoteattr
 
 from ...errors import GainroomError, first_of_many
 from ...io.yaml_text import shown
+from ...robot.formats.mjcf import joint_and_actuators
 from ...robot.formats.mjcf_file import ActuatorElement, compile_mjcf
+from ...robot.formats.model_files import position_gains
 from ...robot.formats.xml_text import parse_xml
 from .export_text import number_text
 from .gain_record import Gain
@@ -21,6 +24,8 @@ SERVOS = ("position", "intvelocity", "pid")
 COMMENT = re.compile(r"\n?[ \t]*<!-- gains by gainroom\b.*?-->", re.DOTALL)
 ATTRIBUTE = r"\s+{0}\s*=\s*(\"[^\"]*\"|'[^']*')"
 INDENT = "  "
+ROUND_OFF = 1e-12
+"""Relative, of sums and products of a few doubles."""
 
 
 @dataclass
@@ -41,6 +46,7 @@ class _Places:
     root: Tag | None = None
     sections: list[Tag] = field(default_factory=list)
     actuators: list[Tag] = field(default_factory=list)
+    joints: dict[str, Tag] = field(default_factory=dict)
     controls: list[str] = field(default_factory=list)
     open: list[Tag] = field(default_factory=list)
 
@@ -61,6 +67,8 @@ class _Places:
             self.sections.append(tag)
         elif len(path) == 2 and path[1] == "actuator":
             self.actuators.append(tag)
+        elif name == "joint" and "name" in attributes and path[1:2] == ["worldbody"]:
+            self.joints[attributes["name"]] = tag
         elif name == "key" and "ctrl" in attributes:
             self.controls.append(attributes.get("name", "without a name"))
         self.open.append(tag)
@@ -73,7 +81,52 @@ class _Places:
 
 def mjcf_text(text: str, path: Path, gains: Mapping[str, Gain], header: Sequence[str]) -> str:
     """The MJCF `text`, read from `path`, with these gains. Raises GainroomError where its actuators cannot take them."""
-    text = COMMENT.sub("", text)
+    text = _with_gains(COMMENT.sub("", text), path, gains)
+    text = _with_joints(text, path, gains)
+    places = _Places(text.encode()).find()
+    assert places.root is not None
+    note = "".join(f"\n{INDENT}{'     ' if k else '<!-- '}{line.replace('--', '- -')}" for k, line in enumerate(header))
+    return _edited(text, [(places.root.end, places.root.end, f"{note} -->")])
+
+
+def armatures(text: str, path: Path) -> dict[str, float]:
+    """Of each joint of an MJCF with one degree of freedom, its own and its actuators' together [kg m²; kg if prismatic]."""
+    model = compile_mjcf(parse_xml(text, str(path)), path).model
+    return {model.joint(k).name: joint_and_actuators(model, "armature", k) for k in range(model.njnt)}
+
+
+def _with_joints(text: str, path: Path, gains: Mapping[str, Gain]) -> str:
+    """With the motors' inertia and the limits of the torque on those joints of this text that have others now."""
+    places = _Places(text.encode()).find()
+    model = compile_mjcf(parse_xml(text, str(path)), path).model
+    limits = position_gains(path, text).joints
+    edits = []
+    for k in range(model.njnt):
+        name = model.joint(k).name
+        if name not in gains or name not in places.joints:
+            continue
+        gain, changes = gains[name], {}
+        total, own = joint_and_actuators(model, "armature", k), float(model.dof_armature[model.jnt_dofadr[k]])
+        if gain.motor_inertia and abs(total - gain.motor_inertia) > ROUND_OFF * total and gain.motor_inertia >= total - own:
+            changes["armature"] = number_text(gain.motor_inertia - (total - own))
+        effort = gain.effort_limit
+        if effort and name in limits and limits[name].effort_limit != effort:
+            changes |= {"actuatorfrcrange": f"{number_text(-effort)} {number_text(effort)}", "actuatorfrclimited": "true"}
+        tag = places.joints[name]
+        edits += [(tag.start, tag.end, _with(places.content[tag.start : tag.end].decode(), changes))] * bool(changes)
+    return _edited(text, edits)
+
+
+def _edited(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
+    """A text with parts of it [bytes] replaced."""
+    content = text.encode()
+    for start, end, replacement in sorted(edits, reverse=True):
+        content = content[:start] + replacement.encode() + content[end:]
+    return content.decode()
+
+
+def _with_gains(text: str, path: Path, gains: Mapping[str, Gain]) -> str:
+    """With the gains on the actuators, and where one of them is all that moves a joint also the limit of its torque."""
     content = text.encode()
     elements = compile_mjcf(parse_xml(text, str(path)), path).elements
     places = _Places(content).find()
@@ -86,16 +139,12 @@ def mjcf_text(text: str, path: Path, gains: Mapping[str, Gain], header: Sequence
         if not mine:
             missing.append(joint)
             continue
+        limit = gain.effort_limit if len(mine) == 1 else None
         for k, (kp, kd) in _shared(joint, [elements[k] for k in mine], mine, places.actuators, gain, path):
-            edits += _rewritten(places, places.actuators[k], elements[k], kp, kd, path)
+            edits += _rewritten(places, places.actuators[k], elements[k], Gain(kp, kd, effort_limit=limit), path)
     if missing:
         edits.append(_inserted(places, missing, gains, path))
-    assert places.root is not None
-    note = "".join(f"\n{INDENT}{'     ' if k else '<!-- '}{line.replace('--', '- -')}" for k, line in enumerate(header))
-    edits.append((places.root.end, places.root.end, f"{note} -->"))
-    for start, end, replacement in sorted(edits, reverse=True):
-        content = content[:start] + replacement.encode() + content[end:]
-    return content.decode()
+    return _edited(text, edits)
 
 
 def _shared(
@@ -113,10 +162,12 @@ def _shared(
     )
 
 
-def _rewritten(places: _Places, tag: Tag, element: ActuatorElement, kp: float, kd: float, path: Path) -> list[tuple[int, int, str]]:
-    """The edits that give an actuator these gains on the joint's side; its own stand before the gear."""
+def _rewritten(places: _Places, tag: Tag, element: ActuatorElement, gain: Gain, path: Path) -> list[tuple[int, int, str]]:
+    """The edits that give an actuator these gains, and a limit, on the joint's side; its own stand before the gear."""
     source = places.content[tag.start : tag.end].decode()
-    kp, kd = kp / element.gear**2, kd / element.gear**2
+    kp, kd = gain.kp / element.gear**2, gain.kd / element.gear**2
+    limits = {} if gain.effort_limit is None else _limits(gain.effort_limit / abs(element.gear))
+    source = _with(source, limits)
     if tag.name in SERVOS:
         source = _with(source, {"kp": number_text(kp), "kv": number_text(kd), "dampratio": None})
     elif tag.name == "velocity":
@@ -127,7 +178,7 @@ def _rewritten(places: _Places, tag: Tag, element: ActuatorElement, kp: float, k
         prm = {"gainprm": number_text(scale * kp), "biasprm": f"{number_text(offset)} {number_text(-kp)} {number_text(-kd)}"}
         source = _with(source, {"gaintype": "fixed", "biastype": "affine", **prm})
     elif tag.name == "motor":
-        bounded = element.control_range and not element.force_limited
+        bounded = element.control_range and not element.force_limited and not limits
         limits = {"forcerange": element.control_range, "forcelimited": "true"} if bounded else {}
         changes = {"kp": number_text(kp), "kv": number_text(kd), "ctrlrange": None, "ctrllimited": "false", **limits}
         source = _with(re.sub(r"^<motor\b", "<position", source), changes)
@@ -137,6 +188,11 @@ def _rewritten(places: _Places, tag: Tag, element: ActuatorElement, kp: float, k
     else:
         raise GainroomError(f"{path}: joint {shown(element.joint)}: <{tag.name}> takes no kp and kd; make it a <position>")
     return [(tag.start, tag.end, source)]
+
+
+def _limits(effort: float) -> dict[str, str]:
+    """An actuator's attributes that limit its force either way."""
+    return {"forcerange": f"{number_text(-effort)} {number_text(effort)}", "forcelimited": "true"}
 
 
 def _with(source: str, changes: Mapping[str, str | None]) -> str:
@@ -161,8 +217,9 @@ def _inserted(places: _Places, missing: Sequence[str], gains: Mapping[str, Gain]
         )
     lines = []
     for joint in missing:
-        kp, kd = number_text(gains[joint].kp), number_text(gains[joint].kd)
-        lines.append(f'{INDENT * 2}<position joint={quoteattr(joint)} kp="{kp}" kv="{kd}" gear="1"/>\n')
+        kp, kd, limit = number_text(gains[joint].kp), number_text(gains[joint].kd), gains[joint].effort_limit
+        tag = f'<position joint={quoteattr(joint)} kp="{kp}" kv="{kd}" gear="1"/>'
+        lines.append(f"{INDENT * 2}{_with(tag, {} if limit is None else _limits(limit))}\n")
     whole = [section for section in places.sections if section.close]
     if whole:
         at = places.content.rindex(b"<", 0, whole[-1].close + 1)

@@ -7,6 +7,7 @@ Either the output of `moteus_tool --dump-config` (`servo.pid_position.kp 4.0` on
 
 import math
 import re
+from dataclasses import replace
 from typing import Any
 
 from pydantic import Field
@@ -59,4 +60,4 @@ def read_moteus(data: dict[str, Any], source: str) -> GainFile:
 
 
 def _in_radians(gain: Gain) -> Gain:
-    return Gain(gain.kp / REVOLUTION, gain.kd / REVOLUTION, gain.ki / REVOLUTION, gain.motor_inertia, gain.effort_limit)
+    return replace(gain, kp=gain.kp / REVOLUTION, kd=gain.kd / REVOLUTION, ki=gain.ki / REVOLUTION)

@@ -1,25 +1,49 @@
 """Plain YAML or JSON: joint name or pattern → {kp, kd, ki, motor_inertia, …} or [kp, kd], at the top or under `gains`.
 
-Later patterns win.
+Later patterns win. Beside `gains` may stand where they run, at which rate, and the posture in which they were judged.
 """
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from ...io.validation import Section, validate
-from .gain_record import AnyGain, Gain, GainFile
+from ...io.validation import Section, refusal, validate
+from ..system_sections import DelayMs, SampleRate
+from .gain_record import ANGLE, AnyGain, Gain, GainFile, Origin
+
+POSTURE = "posture"
+DRIVE = ("drive_rate_hz", "drive_delay_ms")
 
 
 class PlainFile(Section):
-    """Joint or pattern → gains."""
+    """Joint or pattern → gains, and what holds for all of them."""
 
     gains: dict[str, AnyGain] = Field(description="the gains by joint or pattern")
+    sample_rate_hz: SampleRate | None = Field(None, description="of the controller [Hz]")
+    gains_run: Literal["host", "drive", "split"] | None = Field(None, description="where they run, as --gains-run has it")
+    drive_rate_hz: SampleRate | None = Field(None, description="of gains that run on the drive [Hz]")
+    drive_delay_ms: DelayMs | None = Field(None, description="of their own loop, measurement to torque [ms]")
+    posture: dict[str, Annotated[float, ANGLE]] | None = Field(None, description="angles by joint or pattern [rad; m if prismatic]")
 
     @model_validator(mode="before")
     @classmethod
     def _at_the_top(cls, data: Any) -> Any:
         return data if not isinstance(data, dict) or "gains" in data else {"gains": data}
+
+    @model_validator(mode="after")
+    def _whole_place(self) -> "PlainFile":
+        on_drive = self.gains_run in ("drive", "split")
+        for key in DRIVE:
+            if (getattr(self, key) is not None) != on_drive:
+                needed = (
+                    f"is missing, which gains_run: {self.gains_run} needs"
+                    if on_drive
+                    else "has no meaning without gains_run: drive or split"
+                )
+                raise refusal(needed, key=key)
+        if self.gains_run == "drive" and self.sample_rate_hz is not None:
+            raise refusal("has no meaning with gains_run: drive; drive_rate_hz is the rate", key="sample_rate_hz")
+        return self
 
 
 def is_plain(data: dict[str, Any]) -> bool:
@@ -48,4 +72,6 @@ def _is_gain(value: object) -> bool:
 def read_plain(data: dict[str, Any], source: str) -> GainFile:
     """Raises GainroomError."""
     file = validate(PlainFile, data, source)
-    return GainFile(source, "plain", {name: Gain(**each.model_dump()) for name, each in file.gains.items()})
+    origin = Origin(sample_rate_hz=file.sample_rate_hz, gains_run=file.gains_run, **{key: getattr(file, key) for key in DRIVE})
+    gains = {name: Gain(**each.model_dump()) for name, each in file.gains.items()}
+    return GainFile(source, "plain", gains, origin=origin, postures={POSTURE: file.posture} if file.posture else {})

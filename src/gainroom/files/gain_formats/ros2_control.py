@@ -5,6 +5,7 @@ JointPositionController (`joint` and `pid`) and JointGroupPositionController (`p
 velocity are left out: their gains are no N m/rad.
 """
 
+import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +16,7 @@ from ...errors import GainroomError, first_of_many, typo_of
 from ...io.validation import checked, dotted, number
 from ...io.yaml_text import parse_yaml, shown
 from ..edited_text import Keys, edited
-from .export_text import commented, number_text
+from .export_text import commented, number_text, ros2_terms
 from .gain_record import NOT_NEGATIVE, Gain, GainFile, Origin
 
 TERMS = {"p": "kp", "i": "ki", "d": "kd"}
@@ -171,7 +172,15 @@ def _pid(node: Mapping[str, Any], owner: str) -> Gain:
             )
     if "p" not in node:
         raise GainroomError(f"{owner}.p is missing: the gain on position [N·m/rad]{_found(node)}; write 0 where there is none")
-    return Gain(**{name: checked(f"{owner}.{term}", node.get(term, 0.0), NOT_NEGATIVE) for term, name in TERMS.items()})
+    gains = {name: checked(f"{owner}.{term}", node.get(term, 0.0), NOT_NEGATIVE) for term, name in TERMS.items()}
+    return Gain(**gains, effort_limit=_clamp(node))
+
+
+def _clamp(node: Mapping[str, Any]) -> float | None:
+    """The larger of the bounds of what p, i and d make; None where it has not both."""
+    bounds = [node.get(key) for key in ("u_clamp_max", "u_clamp_min")]
+    found = [abs(float(each)) for each in bounds if isinstance(each, int | float) and math.isfinite(each)]
+    return max(found) or None if len(found) == len(bounds) else None
 
 
 def ros2_control_onto(text: str, source: str, gains: Mapping[str, Gain], header: Sequence[str]) -> str:
@@ -189,6 +198,6 @@ def ros2_control_onto(text: str, source: str, gains: Mapping[str, Gain], header:
     values: dict[Keys, float] = {}
     for joint, gain in gains.items():
         there = reduce(lambda node, key: node[key], paths[joint], data)
-        terms = {term: getattr(gain, name) for term, name in TERMS.items()}
+        terms = ros2_terms(gain)
         values |= {(*paths[joint], term): value for term, value in terms.items() if value or term in there}
     return commented(header) + edited(text, source, values, number_text)

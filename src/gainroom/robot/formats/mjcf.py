@@ -64,9 +64,7 @@ class Mjcf(ModelFormat):
                 continue
             name = _joint_name(model, joint)
             before = gains.get(name, ActuatorGain())
-            limited = bool(model.actuator_forcelimited[index])
-            effort = float(np.max(np.abs(model.actuator_forcerange[index]))) * abs(gear) if limited else before.effort_limit
-            gains[name] = ActuatorGain(before.kp + stiffness, before.kd + damping, before.ki + integral, effort or None)
+            gains[name] = ActuatorGain(before.kp + stiffness, before.kd + damping, before.ki + integral, _effort_limit(model, int(joint)))
             late += [name] if getattr(model, "actuator_delay", np.zeros(index + 1))[index] > 0 else []  # since MuJoCo 3.5
         notes = [f"actuators that are no torque on one joint are left out: {first_of_many(compiled.left_out)}"] * bool(compiled.left_out)
         if late:
@@ -205,8 +203,8 @@ class _Tree:
         """Armature and damping, the same for each velocity of the joint: of a free one they are in no axes of their own."""
         model, record = self.mujoco_model, self.result.joints[joint]
         velocities = slice(record.idx_v, record.idx_v + record.nv)
-        self._put("armature", velocities, _joint_and_actuators(model, "armature", index))
-        self._put("damping", velocities, _joint_and_actuators(model, "damping", index))
+        self._put("armature", velocities, joint_and_actuators(model, "armature", index))
+        self._put("damping", velocities, joint_and_actuators(model, "damping", index))
 
     def _put(self, name: str, at: slice, value: float) -> None:
         values = np.array(getattr(self.result, name))
@@ -289,7 +287,17 @@ def _not_counted(model: Any) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _joint_and_actuators(model: Any, name: str, joint: int) -> float:
+def _effort_limit(model: Any, joint: int) -> float | None:
+    """The limit of the torque that all actuators of a joint make together [N m; N]; None: it has none."""
+    own = [index for index in range(len(model.actuator_trnid)) if model.actuator_trnid[index, 0] == joint]
+    limited = model.actuator_forcelimited[own]
+    largest = np.max(np.abs(model.actuator_forcerange[own]), axis=1) * np.abs(model.actuator_gear[own, 0])
+    limits = [float(np.sum(largest))] if np.all(limited) else []
+    limits += [float(np.max(np.abs(model.jnt_actfrcrange[joint])))] if model.jnt_actfrclimited[joint] else []
+    return min(limits, default=0.0) or None
+
+
+def joint_and_actuators(model: Any, name: str, joint: int) -> float:
     """Armature [kg m²; kg if prismatic] or damping [N m s/rad; N s/m] of a joint, and of the actuators on it, which stand before a gear."""
     whole = float(getattr(model, f"dof_{name}")[model.jnt_dofadr[joint]])
     count = len(model.actuator_trnid)  # nu counts inputs, of which a <pid> has two
