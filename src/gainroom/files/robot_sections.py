@@ -74,11 +74,6 @@ class JointsSection(BaseModel):
     passive: list[Name] = []
     driven: list[Name] = []
 
-    @property
-    def moved(self) -> dict[str, list[str]]:
-        """What load_model is told of the joints that move."""
-        return {"passive": self.passive, "driven": self.driven}
-
     @model_validator(mode="before")
     @classmethod
     def _patterns(cls, data: Any) -> Any:
