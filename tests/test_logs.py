@@ -145,14 +145,11 @@ def test_a_run_that_ends_before_its_first_row_leaves_what_was_there(form, ending
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_an_empty_run_that_ends_well_is_an_empty_log(form, tmp_path: Path):
+def test_an_empty_run_that_ends_well_is_a_file_without_rows(form, tmp_path: Path):
     path = tmp_path / f"run.{form}"
     with open_log(path, ("joint",)):
         pass
-    if form == "mcap":
-        assert_refused(lambda: read_log(path), ["run.mcap", "no messages with numbers"])
-    else:
-        assert read_log(path).time.shape == (0,)
+    assert_refused(lambda: read_log(path), [f"run.{form}", "no messages with numbers" if form == "mcap" else "has no row"])
 
 
 @pytest.mark.slow
@@ -252,7 +249,7 @@ def test_logs_of_others(tmp_path: Path):
         ("time,colour\n0,1\n", ["none of the columns", "colour"]),
         ("when,target_torque\n0,1\n", ["no column time", "when", "sample rate"]),
         ("time,time\n0,1\n", ["'time'", "twice"]),
-        ("0,1\n1,2\n", ["no header", "'0,1'"]),
+        ("0,1\n1,2\n", ["no column time", "it has 1, 2", "no header", "--columns time=1,motor_position=2"]),
         ("time,target_torque\n0,1\n1e300,2\n", ["time between first and last row"]),
         ("time,target_torque\n0,1e200\n1,1e200\n", ["target_torque", "1e+200", "unit"]),
         ("time,motor_position\n" + "".join(f"{k / 1e3},{3e5 + k}\n" for k in range(50)), ["motor_position", "rad", "unit"]),

@@ -48,6 +48,7 @@ def map_columns(columns: Sequence[Column], options: LogOptions, path: Path, left
     if time is None and options.sample_rate is None:
         raise GainroomError(
             f"{path}: has no column time; it has {_names(columns)}; name it (--columns time=NAME), or give the sample rate (--rate-hz)"
+            + "".join(f"; {text}" for text in left)
         )
     joints, more, used = _joints(chosen, options, path, columns, left)
     used |= set() if time is None else {time.column.name}
@@ -136,6 +137,7 @@ def _joints(
     if not found:
         raise GainroomError(
             f"{path}: has none of the columns {', '.join(name for name in CHANNELS if name != TIME)}; it has {_names(columns)}"
+            + "".join(f"; {text}" for text in left)
         )
     notes = []
     moving = {joint for joint, claims in found.items() if any(claim.channel in MEASURED_MOTION or claim.given for claim in claims)}

@@ -92,10 +92,12 @@ class LogReader:
                     yield self._log(kept, scaled, cleaner.quality, stamps.began)
                 if over:
                     break
-        if stamps is not None and not cleaner.quality.rows:
+        if stamps is None:
+            raise GainroomError(f"{self.path}: has no row: its columns are named, and nothing stands below")
+        if not cleaner.quality.rows:
             raise GainroomError(f"{self.path}: has no row from {options.start or 0:g} s on; its last ones are {latest:g} s after the first")
         cleaner.require_enough()
-        yield self._log(np.zeros(0), [np.zeros(0)] * len(channels), cleaner.quality, 0.0 if stamps is None else stamps.began)
+        yield self._log(np.zeros(0), [np.zeros(0)] * len(channels), cleaner.quality, stamps.began)
 
     def _parts(self, channels: Sequence[Origin]) -> Generator[tuple[Floats | None, list[Floats]], None, None]:
         """Time stamps and channels as the file has them."""

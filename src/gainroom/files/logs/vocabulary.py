@@ -9,7 +9,7 @@ def words(text: str) -> tuple[str, ...]:
 
 
 QUANTITIES: Mapping[str, tuple[str, ...]] = {
-    "time": words("time timestamp time_stamp stamp t tout seconds secs elapsed clock"),
+    "time": words("time timestamp time_stamp stamp t tout datetime date_time seconds secs elapsed clock"),
     "position": words("position pos angle q encoder enc theta qpos jointpos"),
     "velocity": words("velocity vel speed qdot q_dot dq qd dtheta theta_dot qvel thetadot omega jointvel"),
     "torque": words("torque tau effort moment trq qfrc jointfrc actuatorfrc force frc"),

@@ -1,6 +1,7 @@
 """Text with one row per line: comma, semicolon, tab, bar or spaces between the fields; the header names the columns.
 
-The delimiter, comments before the header, a line of units below it and the decimal comma are found out from the first lines.
+The letters' encoding, the delimiter, comments before the header, a line of units below it and the decimal comma are found out from the
+first lines. Without a header the columns are called 1, 2, 3, …
 """
 
 import contextlib
@@ -17,6 +18,7 @@ from ....errors import GainroomError, first_of_many
 from ....system.linear.arrays import Floats
 from ..table import BLOCK_ROWS, MOST_COLUMNS, Column, LogFormat, Table, bounded, checked_file, column_names, guarded
 from ..units import UNITS, known_unit
+from .text_times import TextClock, is_time
 
 MOST_LINE = 1 << 20
 """Characters: 10,000 columns of 17 digits are 0.25 MB."""
@@ -25,6 +27,9 @@ MOST_COMMENTS = 1000
 COMMENTS = ("#", "%")
 PROBED = 100
 """Rows that show which columns hold numbers."""
+LISTED = re.compile(r"(.*\.)?([A-Za-z_]+?)_?\[?([0-9]+)\]?")
+"""An entry of an array: `field.position0`, `position[0]`."""
+NAMES = frozenset(("name", "names", "joint_name", "joint_names"))
 WORDS = 0.5
 """Share of fields that are no number from which on a column is one of words; below it, they are damage."""
 DELIMITERS = (",", ";", "\t", "|", None)
@@ -53,13 +58,18 @@ class CsvSink:
 
 @dataclass(frozen=True)
 class _Layout:
-    """How the lines are built: header fields, line numbers of the header and the first row (from 1), delimiter, decimal comma."""
+    """How the lines are built: header fields, line number of the first row (from 1), delimiter, decimal comma, encoding.
+
+    named   False where no line names the columns
+    """
 
     header: tuple[str, ...]
     units: tuple[str, ...]
     first_row: int
     delimiter: str | None
     comma: bool
+    encoding: str
+    named: bool = True
 
 
 class CsvTable(Table):
@@ -68,21 +78,32 @@ class CsvTable(Table):
     def __init__(self, path: Path) -> None:
         super().__init__()
         self._path = path
-        self._layout = _layout(path)
-        with guarded(path, "CSV"), _lines(path, self._layout.first_row) as lines:
-            fields = [_fields(line, self._layout.delimiter) for _, line in zip(range(PROBED), lines, strict=False)]
-        wrong = [
-            sum(len(row) > k and _number(row[k], self._layout.comma) is None for row in fields) for k in range(len(self._layout.header))
-        ]
+        self._layout = layout = _layout(path)
+        with guarded(path, "CSV"), _lines(path, layout.encoding, layout.first_row) as lines:
+            fields = [_fields(line, layout.delimiter) for _, line in zip(range(PROBED), lines, strict=False) if line.strip()]
+        columns = [[row[k] for row in fields if len(row) > k] for k in range(len(layout.header))]
+        wrong = [sum(_number(field, layout.comma) is None for field in column) for column in columns]
         numeric = [k for k, count in enumerate(wrong) if count < WORDS * len(fields) or not fields]
-        self.columns = [Column(self._layout.header[k], unit=self._layout.units[k]) for k in numeric]
-        words = [name for k, name in enumerate(self._layout.header) if k not in numeric]
+        self._clocks = {
+            k for k, column in enumerate(columns) if k not in numeric and sum(map(is_time, column)) >= WORDS * len(column) and column
+        }
+        joints = _joints_of(layout.header, columns, numeric)
+        self.columns = [
+            Column(name, *joints.get(name, ("", "")), unit="s" if k in self._clocks else layout.units[k])
+            for k, name in enumerate(layout.header)
+            if k in numeric or k in self._clocks
+        ]
+        words = [name for k, name in enumerate(layout.header) if k not in numeric and k not in self._clocks]
         self.notes = [f"columns without numbers: {first_of_many(words)}"] if words else []
+        if not layout.named:
+            self.notes.append(f"no header: its columns are called 1 to {len(layout.header)} (--columns time=1,motor_position=2)")
 
     def blocks(self, names: Sequence[str], held: Sequence[str] = ()) -> Iterator[list[Floats]]:
         layout, row = self._layout, 0
         places = [layout.header.index(name) for name in names]
-        with _lines(self._path, layout.first_row) as source:
+        clocks = {place: TextClock() for place in places if place in self._clocks}
+        self.taken_off = {}
+        with _lines(self._path, layout.encoding, layout.first_row) as source:
             lines: list[str] = []
             for line in source:
                 if not line.endswith(("\n", "\r")):
@@ -91,11 +112,21 @@ class CsvTable(Table):
                 if line.strip():
                     lines.append(line)
                 if len(lines) == BLOCK_ROWS:
-                    yield self._numbers(lines, places, row)
+                    yield self._block(lines, places, row, clocks)
                     row += len(lines)
                     lines = []
             if lines:
-                yield self._numbers(lines, places, row)
+                yield self._block(lines, places, row, clocks)
+
+    def _block(self, lines: list[str], places: list[int], row: int, clocks: dict[int, TextClock]) -> list[Floats]:
+        """The columns, times in text among them."""
+        others = [place for place in places if place not in clocks]
+        found = dict(zip(others, self._numbers(lines, others, row), strict=True)) if others else {}
+        for place, clock in clocks.items():
+            fields = (_fields(line, self._layout.delimiter) for line in lines)
+            found[place] = clock.seconds([each[place] if place < len(each) else "" for each in fields])
+            self.taken_off[self._layout.header[place]] = float(clock.base or 0)
+        return [found[place] for place in places]
 
     def _numbers(self, lines: list[str], places: list[int], row: int) -> list[Floats]:
         layout = self._layout
@@ -133,13 +164,25 @@ class CsvText(LogFormat):
 
 
 @contextlib.contextmanager
-def _lines(path: Path, first: int = 1) -> Iterator[Iterator[str]]:
+def _lines(path: Path, encoding: str, first: int = 1) -> Iterator[Iterator[str]]:
     """The lines from line number `first` on, each with its end. Latin-1 reads any byte; only names hold other letters, and are decoded."""
-    with open(path, encoding="latin-1", newline="") as file:
+    with open(path, encoding=encoding, newline="") as file:
         source = _bounded_lines(path, file)
         for _ in range(first - 1):
             next(source, None)
         yield source
+
+
+def _encoding(path: Path) -> str:
+    """Of UTF-16 by its mark, or by every other byte of the first letters being 0; else Latin-1."""
+    with open(path, "rb") as file:
+        head = file.read(64)
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "utf-16"
+    for name, zeros, letters in (("utf-16-le", head[1::2], head[::2]), ("utf-16-be", head[::2], head[1::2])):
+        if len(head) >= 8 and not any(zeros) and all(letters):
+            return name
+    return "latin-1"
 
 
 def _bounded_lines(path: Path, file: IO[str]) -> Iterator[str]:
@@ -155,36 +198,77 @@ def _bounded_lines(path: Path, file: IO[str]) -> Iterator[str]:
 
 
 def _layout(path: Path) -> _Layout:
-    """Raises GainroomError where there is no header."""
+    """Raises GainroomError where there is neither a header nor a number."""
     checked_file(path)
-    with guarded(path, "CSV"), _lines(path) as lines:
-        head = _decoded([line for _, line in zip(range(MOST_COMMENTS), lines, strict=False)])
+    encoding = _encoding(path)
+    with guarded(path, "CSV"), _lines(path, encoding) as lines:
+        head = [line for _, line in zip(range(MOST_COMMENTS), lines, strict=False)]
+    head = _decoded(head) if encoding == "latin-1" else head
     filled = [k for k, line in enumerate(head) if line.strip()]
     plain = [k for k in filled if not head[k].lstrip().startswith(COMMENTS)]
-    if not plain:
+    place = _header_place(head, filled, plain)
+    if place is None:
         raise GainroomError(f"{path}: is empty; its first line must name the columns")
-    place = plain[0]
-    delimiter, comma = _delimiter([head[k] for k in plain[1:4]] or [head[place]])
-    if place > 0 and _all_numbers(_fields(head[place], delimiter), comma):  # the header itself stands behind a #
-        place = max(k for k in filled if k < place)
-        head[place] = head[place].lstrip().lstrip("#%").lstrip()
-    header = _header(path, head[place], delimiter, comma)
+    delimiter, comma = _delimiter([head[k] for k in plain if k > place][:3] or [head[place]])
+    head[place] = head[place].lstrip().lstrip("#%").lstrip()
+    fields = _fields(head[place], delimiter)
+    if any(field.strip() for field in fields) and _all_numbers(fields, comma):
+        bounded(path, "number of columns", len(fields), MOST_COLUMNS)
+        names = tuple(str(k + 1) for k in range(len(fields)))
+        return _Layout(names, ("",) * len(names), place + 1, delimiter, comma, encoding, named=False)
+    header = _header(path, head[place], delimiter)
     below = next((k for k in plain if k > place), None)
     units = [] if below is None else [field.strip().strip("[]()") for field in _fields(head[below], delimiter)]
     known = any(known_unit(text, dimension) for text in units for dimension in UNITS)
     if below is not None and len(units) == len(header) and known and all(_number(text, comma) is None or not text for text in units):
-        return _Layout(header, tuple(units), below + 2, delimiter, comma)
-    return _Layout(header, ("",) * len(header), place + 2, delimiter, comma)
+        return _Layout(header, tuple(units), below + 2, delimiter, comma, encoding)
+    return _Layout(header, ("",) * len(header), place + 2, delimiter, comma, encoding)
 
 
-def _header(path: Path, line: str, delimiter: str | None, comma: bool) -> tuple[str, ...]:
+def _header_place(head: Sequence[str], filled: Sequence[int], plain: Sequence[int]) -> int | None:
+    """The line that names the columns: the first that is no comment, or the comment above it where that is a row of as many fields.
+
+    `rostopic echo -p` writes `%time,field.position0`, numpy `# time, q`. None where there is none.
+    """
+    if not plain:
+        written = [k for k in filled if len(head) == len(filled) == 1]
+        return written[0] if written else None
+    first = plain[0]
+    above = max((k for k in filled if k < first), default=None)
+    if above is None:
+        return first
+    delimiter, comma = _delimiter([head[k] for k in plain[:3]])
+    names = _fields(head[above].lstrip().lstrip("#%").lstrip(), delimiter)
+    row = _fields(head[first], delimiter)
+    numbers = [field for field in row if field.strip() and _number(field, comma) is not None]
+    named = len(names) == len(row) and all(_number(name, comma) is None for name in names)
+    return above if named and (numbers or any(map(is_time, row))) else first
+
+
+def _joints_of(header: Sequence[str], columns: Sequence[Sequence[str]], numeric: Sequence[int]) -> dict[str, tuple[str, str]]:
+    """Label and joint of columns that a list of names stands beside: `field.position0` and `field.name0`, as of `rostopic echo -p`."""
+    names: dict[tuple[str, str], str] = {}
+    for k, name in enumerate(header):
+        found = LISTED.fullmatch(name)
+        if found and k not in numeric and columns[k] and len(set(columns[k])) == 1 and found[2].lower() in NAMES:
+            names[found[1] or "", found[3]] = columns[k][0].strip().strip('"')
+    if len(set(names.values())) < len(names):
+        return {}
+    labelled = {}
+    for k in numeric:
+        found = LISTED.fullmatch(header[k])
+        joint = names.get((found[1] or "", found[3])) if found else None
+        if found and joint:
+            labelled[header[k]] = (f"{found[1] or ''}{found[2]}", joint)
+    return labelled
+
+
+def _header(path: Path, line: str, delimiter: str | None) -> tuple[str, ...]:
     """The names of the columns. Raises GainroomError where they are none."""
     names = [name.strip() for name in _fields(line, delimiter)]
     bounded(path, "number of columns", len(names), MOST_COLUMNS)
     if not any(names) or not "".join(names).isprintable():
         raise GainroomError(f"{path}: is empty or not text; its first line must name the columns")
-    if _all_numbers(names, comma):
-        raise GainroomError(f"{path}: has no header: its first line {line.strip()[:40]!r} must name the columns")
     names = [name or f"column {k + 1}" for k, name in enumerate(names)]
     if len(set(names)) != len(names):
         raise GainroomError(f"{path}: column {next(name for name in names if names.count(name) > 1)!r} is there twice")
