@@ -1,4 +1,4 @@
-"""Regions of gains under a trace of friction: a pole next to an integrator moves no boundary by more than its own size.
+"""Limits under a trace of friction: a pole next to an integrator moves no boundary by more than its own size.
 
 Against a closed form, against the joint without friction, and against the independent count of roots. Another draw: GAINROOM_SEED=7.
 """
@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import gainroom as gr
+from independent.machine import Machine, unstable
+from machines import Pair, between, paired
 from test_region_filters import wrong_claims
 from wide_joints import Case, wide
 
@@ -82,3 +84,58 @@ def test_gains_are_recommended_as_without_friction(friction):
     assert without is not None
     assert with_it is not None
     assert (with_it.kp, with_it.kd) == (without.kp, without.kd)  # both rounded to the digits that are given
+
+
+def joints(index: int) -> Pair:
+    """Two to four coupled joints, sampled, under PID or P/PI with filters; friction of 1e-12 to 1e-3 N·m·s/rad on motors, links or both."""
+    rng = np.random.default_rng([SEED, index, 78])
+    n, step = int(rng.integers(2, 5)), float(rng.choice([2.5e-4, 1e-3, 2e-3]))
+    mixing = rng.normal(size=(n, n))
+    w = np.eye(n) * between(rng, 0.3, 3) + 0.2 * mixing @ mixing.T
+    inertia, stiffness = between(rng, 0.3, 3, n), between(rng, 1e3, 5e4, n)
+    if rng.random() < 0.2:
+        stiffness[0] = np.inf
+    damping = np.where(np.isfinite(stiffness), between(rng, 1e-3, 1e-2) * np.sqrt(stiffness * inertia), 0.0)
+    trace, where = 10 ** rng.uniform(-12, -3), rng.integers(3)
+    motor, link = trace * rng.uniform(0.3, 3, n) * (where != 1), trace * rng.uniform(0.3, 3, n) * (where > 0)
+    delay = np.full(n, step * rng.uniform(0.3, 4))
+    corner = between(rng, 0.3, 3) * 0.1 / (delay[0] + 3e-3)
+    kd = (inertia + 1 / np.diagonal(w)) * corner * rng.uniform(0.5, 1.5, n)
+    kp, rate = 0.3 * corner * kd, corner * between(rng, 1e-3, 0.1)
+    low_pass = (300.0, int(rng.integers(1, 3)), 0.7) if rng.random() < 0.4 else None
+    filters = {} if low_pass is None else {"velocity_filter": gr.LowPass(*low_pass)}
+    if rng.random() < 0.5:
+        gains = {(0, 0): np.diag(kp), (1, 0): np.diag(kd), (0, 1): np.diag(rate * kp)}
+        control = gr.PID(kp, rate * kp, kd, **filters)
+    else:
+        gains = {(0, 0): np.diag(kp), (1, 0): np.diag(kd), (0, 1): np.diag(rate * kp), (1, 1): np.diag(rate * kd)}
+        control = gr.PPI(kp / kd, kd, rate * kd, **filters)
+    machine = Machine(
+        w, inertia, stiffness, damping, motor, link, None, None, np.full(n, 3000.0), np.full(n, 0.9), delay, gains, low_pass, None, "motor",
+        step,
+    )  # fmt: skip
+    return paired(machine, control, f"{n} joints, {trace:.1g} N·m·s/rad")
+
+
+def wrong_limits(index: int) -> list[str]:
+    """A limit is where roots of the independent closed loop pass: 1e-4 of it moves them by far more than the round-off of eigenvalues."""
+    pair = joints(index)
+    found, stable = gr.gain_limit(pair.loop), unstable(pair.machine) == 0
+    claims = [("stable", 1.0, found.stable), ("is_stable", 1.0, gr.is_stable(pair.loop))]
+    for name, limit, way in (("limit", found.gain, 1), ("lower limit", found.lower_gain, -1)):
+        if 0 < limit < np.inf:
+            claims += [(name, limit * (1 - 1e-4 * way), True), (name, limit * (1 + 1e-4 * way), False)]
+    if stable:
+        margins = gr.margins(pair.loop)
+        claims += [("margins", 1.0, margins.stable), ("certified", 1.0, margins.certified)]
+    return [f"{pair.kind}: {name} at {factor}" for name, factor, told in claims if told is not (unstable(pair.machine.scaled(factor)) == 0)]
+
+
+def test_limits_of_some_coupled_joints_are_where_roots_pass():
+    assert not [wrong for index in range(8) for wrong in wrong_limits(index)]
+
+
+@pytest.mark.population
+@pytest.mark.parametrize("start", range(8, 308, 20))
+def test_limits_of_coupled_joints_are_where_roots_pass(start):
+    assert not [wrong for index in range(start, start + 20) for wrong in wrong_limits(index)]

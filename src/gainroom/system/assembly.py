@@ -57,15 +57,15 @@ class Parts:
         return plant.toppled(factor * gains.get((0, 0), np.zeros((size, size))))
 
 
-def actuated_state(plant: Plant, drives: tuple[Drive, ...]) -> StateSpace:
+def actuated_state(plant: Plant, drives: tuple[Drive, ...], twists: bool = False) -> StateSpace:
     """Current loops and plant, without delays.
 
     Inputs (3n): torque into the current loops, then torques that act on the motors and on the links from outside [N m].
     Outputs (5n): motor positions, link positions, their velocities in the same order, torques behind the current loops.
-    The plant's coordinates η and then their rates (plant.mechanism) are the last states. Behind an ideal current loop the torque is its
-    input, the one output that does not come through states.
+    The plant's coordinates η and then their rates (plant.mechanism, which has `twists`, too) are the last states. Behind an ideal current
+    loop the torque is its input, the one output that does not come through states.
     """
-    size, form = plant.size, plant.mechanism()
+    size, form = plant.size, plant.mechanism(twists)
     states, inverse = len(form.mass), np.linalg.inv(form.mass)
     a = np.block([[np.zeros((states, states)), np.eye(states)], [-inverse @ form.stiffness, -inverse @ form.damping]])
     forces = np.hstack([form.force, form.force, form.link_position.T])  # by the current loops, on the motors, on the links

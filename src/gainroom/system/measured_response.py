@@ -29,7 +29,7 @@ def measured_state(parts: Parts, *quantities: str) -> StateSpace:
     first = {"position": 0, "velocity": 2 * size}
     side = 0 if parts.feedback == "motor" else size
     rows = [first[quantity] + side + np.arange(size) for quantity in quantities]
-    return actuated_state(parts.plant, parts.drives).between(np.arange(size), np.concatenate(rows))
+    return actuated_state(parts.plant, parts.drives, twists=True).between(np.arange(size), np.concatenate(rows))
 
 
 def unsampled_scalar(parts: Parts) -> Factored:

@@ -33,7 +33,8 @@ class Mechanism:
     """The plant in second-order form, M_η η̈ + D_η η̇ + K_η η = F τ_m.
 
     η = (ξ, θ_e) are the m coordinates: ξ of the links, with q = R ξ and W = R Rᵀ (see this module's title), and the motor positions θ_e
-    of the elastic joints; a rigid joint's motor moves with its link. W is not inverted, so a singular one is an ordinary case.
+    of the elastic joints, or their gearboxes' twists; a rigid joint's motor moves with its link. W is not inverted, so a singular one is
+    an ordinary case.
 
     mass, damping, stiffness        M_η, D_η, K_η (m, m), symmetric
     force                           F (m, n): which coordinates a motor's torque acts on
@@ -221,15 +222,18 @@ class Plant:
         hung[:, int(np.count_nonzero(sizes > NOT_HUNG * sizes.max(initial=0.0))) :] = 0.0
         return root @ turn.T, hung
 
-    def mechanism(self) -> Mechanism:
-        """The second-order form, exact for any mixture of rigid and elastic joints and for singular W."""
+    def mechanism(self, twists: bool = False) -> Mechanism:
+        """The second-order form, exact for any mixture of rigid and elastic joints and for singular W.
+
+        twists   θ_e − q_e, by which gearboxes are twisted, in place of θ_e: then what moves without a spring is in ξ alone, and columns of
+                 K_η are 0 to the last digit. In θ_e, round-off of K_η is a spring of 1e-16 of the gearboxes', or one that pushes away.
+        """
         soft, (root, rest) = self.compliance, self.hung
         elastic = np.flatnonzero(self.elastic)
-        rigid = np.flatnonzero(~self.elastic)
         links, size = root.shape[1], self.size
         total = links + len(elastic)
         motor_position = np.zeros((size, total))
-        motor_position[rigid, :links] = root[rigid]
+        motor_position[:, :links] = root if twists else np.where(self.elastic[:, None], 0.0, root)
         motor_position[elastic, links + np.arange(len(elastic))] = 1.0
         link_position = np.hstack([root, np.zeros((size, len(elastic)))])
         twist = (motor_position - link_position)[elastic]
