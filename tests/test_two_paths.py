@@ -9,7 +9,7 @@ from pytest import approx
 import gainroom as gr
 from gainroom.analysis.margin_record import worst_of
 from gainroom.analysis.period_map import PeriodMap
-from gainroom.analysis.two_paths import TwoPaths
+from gainroom.analysis.two_paths import COARSE_DOWN, TwoPaths, first_stable
 from independent.machine import Machine
 from independent.multirate import TwoRates, first_loss
 from machines import between, limbs
@@ -109,6 +109,38 @@ def population():
         )  # fmt: skip
         found.append(TwoRates(machine, tick, slow, late[0], fast, late[1]))
     return found
+
+
+@pytest.mark.parametrize(("other", "stable"), [(0.8, True), (0.84, False), (0.1, True)])
+def test_lower_gains_that_are_stable_are_found_in_a_narrow_pocket_too(other: float, stable: bool):
+    """Eigenvalues 1.2 f and other/f: stable for f between `other` and 1/1.2, a pocket of 0.04 in ln f, or nowhere."""
+    found = first_stable(lambda t: np.array([1.2 * math.exp(t), other / math.exp(t)], dtype=complex), math.log(1e-3))
+    assert (found is not None) == stable
+    if found is not None:
+        assert other < math.exp(found) < 1 / 1.2
+        assert found > math.log(1 / 1.2) - 2 * COARSE_DOWN  # the first from above, to the steps that are taken
+
+
+def test_lower_gains_are_not_tried_one_by_one_where_a_root_stays_outside():
+    """An eigenvalue that no gain moves: 15 steps of half a unit of ln f, each tried once, instead of the 345 of COARSE_DOWN."""
+    asked = []
+
+    def spectrum(t: float) -> np.ndarray:
+        asked.append(t)
+        return np.array([1.01j, 0.5 * math.exp(t)])
+
+    assert first_stable(spectrum, math.log(1e-3)) is None
+    assert len(asked) == 15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("two", [two for two in population() if two.scaled(10.0).radius() > 1])
+def test_lower_gains_are_found_where_a_fine_grid_has_them(two: TwoRates):
+    found = first_stable(lambda t: TwoPaths(loop_of(two)).values(10 * math.exp(t), 10 * math.exp(t)), math.log(1e-3))
+    grid = next((t for t in np.arange(-0.02, math.log(1e-3), -0.02) if two.scaled(10 * math.exp(t)).radius() < 1), None)
+    assert (found is None) == (grid is None)
+    if found is not None:
+        assert found == approx(grid, abs=2 * COARSE_DOWN)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ with a frequency response; they stay unknown (NaN).
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ HIGHEST, LOWEST = 1e3, 1e-3
 FINEST, WIDEST, FIRST = 2e-3, 0.5, 0.02
 """Steps of ln factor, of a phase [rad], or of a delay over the common period."""
 COARSE_DOWN = 0.02
-"""Steps of ln factor in which lower gains are tried on an unstable loop."""
+"""Steps of ln factor in which lower gains are tried on an unstable loop, but where an eigenvalue stays outside throughout longer ones."""
 MOST_LATER = 500
 """States of Φ up to which more delay is tried."""
 BULGE = 0.25
@@ -83,8 +84,7 @@ class TwoPaths:
             raise GainroomError("gain_limit: all gains are zero")
         stable, inside = self.unstable() == 0, 0.0
         if not stable:
-            tried = np.arange(-COARSE_DOWN, math.log(LOWEST), -COARSE_DOWN).tolist()
-            found = next((one for one in tried if not _outside(spectrum(math.exp(one)))), None)
+            found = first_stable(spectrum, math.log(LOWEST))
             if found is None:
                 return replace(GainLimit.unknown(self.loop.size, stable=False), gain=0.0)
             inside = found
@@ -251,6 +251,31 @@ def first_lost(values: Spectrum, start: float, stop: float, exp: bool = False) -
     return None
 
 
+def first_stable(values: Spectrum, stop: float) -> float | None:
+    """The first t from 0, where some eigenvalue is outside the unit circle, down to `stop` at which none is; None where there is none.
+
+    values   (m,) eigenvalues at the factor e^t
+    """
+    known: dict[float, Complexes] = {}
+
+    def at(t: float) -> Complexes:
+        if t not in known:
+            known[t] = values(math.exp(t))
+        return known[t]
+
+    def between(high: float, low: float) -> float | None:
+        settled = _outside(at(low)) == 0
+        if high - low <= COARSE_DOWN:
+            return low if settled else None
+        if not settled and _stays_outside(at(high), at(low)):
+            return None
+        middle = (high + low) / 2
+        return between(middle, low) if (first := between(high, middle)) is None else first
+
+    edges = np.linspace(0.0, stop, math.ceil(-stop / WIDEST) + 1).tolist()
+    return next((found for high, low in pairwise(edges) if (found := between(high, low)) is not None), None)
+
+
 def _between(at: Spectrum, stable: float, lost: float, way: float, size: Callable[[float], float], values: Spectrum) -> Lost:
     from scipy.optimize import brentq
 
@@ -262,14 +287,27 @@ def _between(at: Spectrum, stable: float, lost: float, way: float, size: Callabl
 
 def _may_pass(before: Complexes, after: Complexes) -> bool:
     """Whether an eigenvalue may have left the circle, and come back, on its way from one set to the next: chords stay inside."""
+    first, second = _followed(before, after)
+    left: Floats = 1 - np.maximum(np.abs(first), np.abs(second))
+    return bool(np.any(BULGE * np.abs(second - first) > left))
+
+
+def _stays_outside(before: Complexes, after: Complexes) -> bool:
+    """Whether one eigenvalue is outside the circle all the way from one set to the next."""
+    first, second = _followed(before, after)
+    way = second - first
+    nearest = np.clip(-(first * way.conj()).real / np.maximum(np.abs(way) ** 2, np.finfo(float).tiny), 0.0, 1.0)  # on the chord, to 0
+    return bool(np.any(np.abs(first + nearest * way) - BULGE * np.abs(way) > 1))
+
+
+def _followed(before: Complexes, after: Complexes) -> tuple[Complexes, Complexes]:
+    """Both sets in the order in which eigenvalues go from one to the other: each by the shortest way."""
     from scipy.optimize import linear_sum_assignment
 
     count = max(len(before), len(after))
     first, second = (np.concatenate([one, np.zeros(count - len(one))]) for one in (before, after))
-    away = np.abs(first[:, None] - second)
-    rows, columns = linear_sum_assignment(away)
-    left: Floats = 1 - np.maximum(np.abs(first[rows]), np.abs(second[columns]))
-    return bool(np.any(BULGE * away[rows, columns] > left))
+    rows, columns = linear_sum_assignment(np.abs(first[:, None] - second))
+    return first[rows], second[columns]
 
 
 def _that_act(matrix: Complexes) -> Complexes:
