@@ -202,6 +202,27 @@ def test_initial_states_run_as_python(folder: Path, capsys: pytest.CaptureFixtur
         assert [each.armature for each in (space["ACTUATORS"] if form == "mjlab" else space["ACTUATORS"].values())] == [0.2, 0.05]
 
 
+@pytest.mark.parametrize("said", [["--stiffness", "inf"], ["--gearbox", "hip=direct", "--stiffness", "knee=900", "--damping", "knee=0.7"]])
+def test_rigid_that_was_said_is_not_unknown_afterwards(folder: Path, capsys: pytest.CaptureFixture[str], said: list[str]):
+    first = audited(capsys, "gains.yaml", "--rate-hz", "400", *said)
+    (folder / "answer.json").write_text(json.dumps(first), "utf-8")
+    second = audited(capsys, "answer.json")
+    assert second["rigid_gearboxes"] == first["rigid_gearboxes"] == []
+    assert (second["decided"], second["gain_limit"]) == (first["decided"], first["gain_limit"])
+    file = read_gains(folder / "answer.json")
+    made = export_gains(file, "yaml", None, None, "1", datetime.date(2026, 1, 2))
+    assert "stiffness: .inf" in made.text
+    assert made.flags == ()
+    flags = export_gains(file, "arrays", None, None, "1", datetime.date(2026, 1, 2)).flags
+    assert ("inf" if said[1] == "inf" else "hip=inf") in flags
+
+
+def test_gearboxes_that_nobody_knows_stay_unknown(folder: Path, capsys: pytest.CaptureFixture[str]):
+    first = audited(capsys, "gains.yaml", "--rate-hz", "400")
+    (folder / "answer.json").write_text(json.dumps(first), "utf-8")
+    assert {gain.stiffness for gain in read_gains(folder / "answer.json").gains.values()} == {None}
+
+
 ACTUATED = {
     "a servo with a gear": ('<position joint="hip" kp="1" gear="-3"/><position joint="knee" kp="2" forcerange="-5 5"/>', ""),
     "a servo and a damper": ('<position joint="hip" kp="1" forcerange="-5 5"/><velocity joint="hip" kv="1"/>', ""),

@@ -4,6 +4,7 @@ Numbers are written in as many digits as it takes to read the same ones again: g
 """
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -27,6 +28,8 @@ class Carried:
 
 def number_text(value: float) -> str:
     """A number with a decimal point, so that no reader takes it for an integer (parameters of ROS have types)."""
+    if math.isinf(value):
+        return ".inf"  # in YAML, of a rigid gearbox
     text = repr(float(value))
     mantissa, sign, exponent = text.partition("e")
     return text if "." in mantissa else f"{mantissa}.0{sign}{exponent}"

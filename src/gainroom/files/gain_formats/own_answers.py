@@ -4,6 +4,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ...errors import GainroomError, first_of_many, listed
@@ -57,6 +58,8 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
         if contact:
             raise GainroomError(f"{source}: is an audit, whose gains are the same in all contact states; leave --contact out")
         gains = {name: _gain(entry, f"{source}: joints.{shown(name)}") for name, entry in _named(data, "joints", source).items()}
+        for name in _said_rigid(data, source) & gains.keys():
+            gains[name] = replace(gains[name], stiffness=math.inf)
         limit = data.get("gain_limit")
         margins = f"vibration starts at {limit:.3g} × these gains" if isinstance(limit, int | float) else ""
         instead = data.get("to_use") if to_use else None
@@ -68,7 +71,8 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
                 )
             for name, entry in _named(instead, "joints", f"{source}: to_use").items():
                 actuator = {key: getattr(gains[name], key) if name in gains else None for key in ACTUATOR}
-                gains[name] = _gain({**entry, **actuator}, f"{source}: to_use.joints.{shown(name)}")
+                new = _gain({**entry, **actuator}, f"{source}: to_use.joints.{shown(name)}")
+                gains[name] = replace(new, stiffness=actuator["stiffness"])  # which may be rigid
             margins = f"safe by the audit of {_required_text(data)}, in place of unsafe gains"
             if data.get("gearbox_range") is not None:
                 margins += "; with one gearbox of the audited range: audit them over the range again"
@@ -122,6 +126,16 @@ def _damping_notes(data: Mapping[str, Any], source: str) -> list[str]:
     if data.get("joint_damping") != "controller":
         return []
     return [f"{source}: kd has the joints' own damping of the model in it already: leave --joint-damping out, so that it counts once"]
+
+
+def _said_rigid(data: Mapping[str, Any], source: str) -> set[str]:
+    """The joints of an audit whose gearboxes somebody has said to be rigid: null stands for those, and for those that nobody knows."""
+    if not isinstance(data.get("rigid_gearboxes"), list):
+        return set()
+    unknown = {str(name) for name in data["rigid_gearboxes"]}
+    ranged = data.get("gearbox_range")
+    unknown |= _named(ranged, "joints", f"{source}: gearbox_range").keys() if isinstance(ranged, dict) else set()
+    return {name for name, entry in _named(data, "joints", source).items() if "stiffness" in entry and entry["stiffness"] is None} - unknown
 
 
 def _required_text(data: Mapping[str, Any]) -> str:
