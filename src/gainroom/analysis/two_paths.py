@@ -267,9 +267,9 @@ def first_stable(values: Spectrum, stop: float) -> float | None:
         settled = _outside(at(low)) == 0
         if high - low <= COARSE_DOWN:
             return low if settled else None
-        if not settled and _stays_outside(at(high), at(low)):
-            return None
         middle = (high + low) / 2
+        if not settled and _stays_outside(at(high), at(middle), at(low)):
+            return None
         return between(middle, low) if (first := between(high, middle)) is None else first
 
     edges = np.linspace(0.0, stop, math.ceil(-stop / WIDEST) + 1).tolist()
@@ -292,12 +292,17 @@ def _may_pass(before: Complexes, after: Complexes) -> bool:
     return bool(np.any(BULGE * np.abs(second - first) > left))
 
 
-def _stays_outside(before: Complexes, after: Complexes) -> bool:
-    """Whether one eigenvalue is outside the circle all the way from one set to the next."""
+def _stays_outside(before: Complexes, halfway: Complexes, after: Complexes) -> bool:
+    """Whether one eigenvalue is outside the circle all the way from one set to the next; halfway it is where the straight line has it.
+
+    Without the set in between, one that goes in where another comes out is taken for one that stays.
+    """
     first, second = _followed(before, after)
     way = second - first
     nearest = np.clip(-(first * way.conj()).real / np.maximum(np.abs(way) ** 2, np.finfo(float).tiny), 0.0, 1.0)  # on the chord, to 0
-    return bool(np.any(np.abs(first + nearest * way) - BULGE * np.abs(way) > 1))
+    chord = np.abs(first + nearest * way) - BULGE * np.abs(way) > 1
+    beside = np.abs(halfway[:, None] - (first + second) / 2).min(axis=0)
+    return bool(np.any(chord & (beside <= BULGE * np.abs(way) + STILL)))
 
 
 def _followed(before: Complexes, after: Complexes) -> tuple[Complexes, Complexes]:
