@@ -110,6 +110,28 @@ def test_a_motion_that_may_be_commanded_is_no_vibration(position, vibrates: bool
         assert "Record the set-point" in advice(found)[0]
 
 
+@pytest.mark.parametrize(
+    ("position", "vibrates"),
+    [
+        (lambda t: 1e-4 * np.exp(2.4 * t), False),  # as with a wrong sign: to 1.5 rad
+        (lambda t: 1e-3 * np.exp(2.0 * t) * np.sin(2 * np.pi * 0.8 * t), True),  # three periods
+        (lambda t: 1e-4 * np.exp(2.0 * t) * np.sin(2 * np.pi * 10 * t), True),
+        (lambda t: 0.3 * (1 - np.exp(-t)) - 0.3, False),
+    ],
+)
+def test_a_joint_that_runs_away_is_said_to(tmp_path: Path, position, vibrates: bool):
+    """From a set-point that rests; the last one comes nearer to it instead."""
+    values = 2e-5 * np.round(position(TIME) / 2e-5)
+    np.savetxt(
+        tmp_path / "log.csv", np.column_stack([TIME, values, 0 * TIME]), delimiter=",", header="time,motor_position,reference", comments=""
+    )
+    status, out, _ = run("diagnose", tmp_path / "log.csv")
+    away = abs(values[-1]) > abs(values[0])
+    assert status == int(away)
+    assert out.startswith("Vibrates") == vibrates
+    assert ("uns away" in out) == away
+
+
 @pytest.mark.parametrize("rate", [-0.3, -1.0, 0.0])
 def test_motion_below_a_step_of_the_encoder_is_no_vibration(rate: float):
     """It shows in means over many rows: a quarter of a step, or what is left of less than one."""

@@ -40,7 +40,7 @@ def diagnose(
     Example:
       gainroom diagnose run.csv --joint joint.yaml --report diagnosis.html
 
-    Exit status: 0 no vibration; 1 vibrates; 2 the file or the call is wrong.
+    Exit status: 0 no vibration; 1 vibrates, or ran away; 2 the file or the call is wrong.
     """
     from ..errors import GainroomError
     from ..files.logs import read_joint
@@ -67,7 +67,7 @@ def diagnose(
             from ..report.diagnosis import diagnosis_page
 
             page.write(diagnosis_page(found, str(call.file), typed_command(context)))
-    return 1 if found.vibrates else 0
+    return 1 if found.vibrates or found.ran_away else 0
 
 
 def _facts(found: "Diagnosis", logged: "LoggedJoint") -> dict[str, Any]:

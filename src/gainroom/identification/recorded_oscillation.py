@@ -46,7 +46,7 @@ class RecordedOscillation:
     power       of the actual torque on the motion, over the largest that these amplitudes allow: 1 drives it, −1 brakes it, which
                 is what a controller does to a motion that comes from elsewhere; NaN where one of them is not in the record
     turning     how its frequency goes with the speed of the joint; None where the set-point does not move steadily
-    first       amplitude in the first of the periods followed, in its unit
+    first       amplitude behind the first third of the rows, in its unit
     answers     the set-point swings, too, and is a law of the position
     """
 
@@ -76,8 +76,9 @@ class RecordedOscillation:
 
     @property
     def steps(self) -> float:
-        """Amplitude in encoder steps, of a decaying one in the first of the periods followed; inf where they are finer than the motion."""
-        return max(self.vibration.amplitude, self.first) / self.step if self.step else math.inf
+        """Amplitude in encoder steps, of a decaying one at first; inf where they are finer than the motion."""
+        size = max(self.vibration.amplitude, self.first) if self.state == "decaying" else self.vibration.amplitude
+        return size / self.step if self.step else math.inf
 
 
 def measured(
@@ -114,24 +115,30 @@ def measured(
         irregular,
         small,
         effort,
-        _power(parts, side, found),
-        first=found.amplitude * math.exp(-min(change, 0.0)),
+        power_of(parts.get("actual_torque", 0j), complex(found.growth_rate, found.frequency) * parts[side])
+        if side in POSITIONS
+        else math.nan,
+        first=_size_at_first(values, tick, found),
     )
 
 
-def _power(parts: Mapping[str, complex], side: str, found: Vibration) -> float:
-    """Cosine of the angle between the actual torque and the velocity."""
-    if side not in POSITIONS or "actual_torque" not in parts:
-        return math.nan
-    velocity = complex(found.growth_rate, found.frequency) * parts[side]
-    size = abs(parts["actual_torque"]) * abs(velocity)
-    return (parts["actual_torque"] * velocity.conjugate()).real / size if size > 0 else math.nan
+def _size_at_first(values: Floats, tick: float, found: Vibration) -> float:
+    """Amplitude behind the first third, where most have settled."""
+    part = values[len(values) // 3 :]
+    return abs(complex(parts_in(part[: max(FEWEST_SAMPLES, round(4 * math.pi / found.frequency / tick))][:, None], tick, found)[0]))
+
+
+def power_of(torque: complex, velocity: complex) -> float:
+    """Cosine of the angle between a torque and a velocity: their mean power over the largest that their amplitudes allow."""
+    size = abs(torque) * abs(velocity)
+    return (torque * velocity.conjugate()).real / size if size > 0 else math.nan
 
 
 def _followed(values: Floats, tick: float, found: Vibration) -> Vibration:
     """With growth and amplitude from the amplitude period by period over the last ones: a limit cycle's pole tells neither."""
     period = 2 * math.pi / found.frequency / tick
-    width = max(4, round(2 * period))
+    values = values[len(values) // 3 :]
+    width = max(4, round((2 if len(values) > 12 * period else 1) * period))  # of a few periods one each
     count = int(min(LOOKED_AT / 2, len(values) // width))
     if count < 3:
         return found

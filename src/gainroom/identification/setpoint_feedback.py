@@ -17,14 +17,15 @@ EXPLAINED = 0.03  # and over the set-point's
 FEWEST = 30  # set-points: fewer show no law
 PER_PERIOD = 20  # set-points looked at, at most twice as many
 LATEST = 4  # set-points' time by which positions may be late
+MOST_DELAYS = 100  # that are tried
 AHEAD = (0.0, 0.15, 0.3, 0.6, 1.0, 2.0, 3.0, 5.0)  # set-points' time by which the law looks ahead
 MOST_HARMONICS = 6
 
 
 def follows_position(reference: Floats, position: Floats, period: float) -> bool:
-    """Whether `reference` (m,), of `period` [rows], is a law of past values of `position` (m,), always or in the last half."""
+    """Whether `reference` (m,), of `period` [rows], is a law of past values of `position` (m,), all the time or in a half."""
     half = len(reference) // 2
-    return any(_made(reference[part], position[part], period) for part in (slice(None), slice(half, None)))
+    return any(_made(reference[part], position[part], period) for part in (slice(None), slice(half), slice(half, None)))
 
 
 def _made(reference: Floats, position: Floats, period: float) -> bool:
@@ -48,10 +49,10 @@ def _made(reference: Floats, position: Floats, period: float) -> bool:
         here, before = position[at - late], position[np.maximum(at - late - held, 0)]
         return _left([*_bent(here + ahead * (here - before), knots), before, last], wanted)
 
-    coarse = max(1, held // 6)
-    _, late = min((left(late, ahead), late) for late in range(0, LATEST * held + 1, coarse) for ahead in AHEAD[::2])
-    near = range(max(0, late - coarse), late + coarse + 1, max(1, held // 60))
-    best = min(left(late, ahead) for late in near for ahead in AHEAD)
+    coarse = max(1, LATEST * held // MOST_DELAYS)
+    best, late = min((left(late, ahead), late) for late in range(0, LATEST * held + 1, coarse) for ahead in AHEAD)
+    near = range(max(0, late - coarse), late + coarse + 1)[:: max(1, coarse // 10)]
+    best = min(best, *(left(late, ahead) for late in near for ahead in AHEAD))
     return best < MADE * own and best < EXPLAINED * float(values.var())
 
 

@@ -44,6 +44,8 @@ def diagnosis_page(found: Diagnosis, log: str, command: str) -> str:
 
 
 def _lead(found: Diagnosis) -> Lead:
+    if found.ran_away and not found.vibrates:
+        return Lead(sentence(found), "bad", "RUNS AWAY", warnings(found))
     if not found.vibrates:
         return Lead(sentence(found), "good", "", warnings(found))
     return Lead(sentence(found), "bad", "VIBRATES" if found.cause is not None else "VIBRATES: cause not known", warnings(found))

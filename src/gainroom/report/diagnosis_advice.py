@@ -19,6 +19,10 @@ RECORDS = {
 
 def advice(found: Diagnosis) -> list[str]:
     """What to change and by how much, or what to record."""
+    if found.ran_away and not found.vibrates:
+        return [
+            "Look at the signs of position, torque and gains, at the units of kp and kd, and at what the joint ran into or was pushed by."
+        ]
     if not found.vibrates:
         return [f"Record {RECORDS['reference']}."] if found.search.unasked > 0 else []
     cause = found.cause

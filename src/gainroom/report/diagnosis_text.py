@@ -47,7 +47,10 @@ LIKELY = 0.02
 
 def sentence(found: Diagnosis) -> str:
     """The answer in two or three short sentences."""
-    seen, driven = found.oscillation, found.search.driven
+    seen, driven, away = found.oscillation, found.search.driven, found.search.away
+    if found.ran_away and not found.vibrates:
+        assert away is not None
+        return f"Runs away without swinging: the log ends {motion(away.size)} off the set-point. No cause of a vibration explains that."
     if not found.vibrates:
         text = "No vibration."
         if found.toggles and seen is not None:
@@ -65,6 +68,8 @@ def sentence(found: Diagnosis) -> str:
         return text
     assert seen is not None
     text = f"Vibrates at {frequency_text(seen.vibration.frequency)}, {growth(seen)}, by {size(seen)}. "
+    if away is not None:
+        text += f"It runs away: the log ends {motion(away.size)} off the set-point. "
     cause = found.cause
     if cause is not None:
         return f"{text}Cause: {NAMES[cause.name]} ({percent(cause)})."
@@ -140,14 +145,15 @@ TEXTS: dict[str, Callable[[Evidence], str]] = {
         if one.value < 0
         else "the controller drives the motion, and does not brake it"
     ),
+    "unstable": lambda one: f"it grows, where the loop of the model is stable by a factor of {digits(one.value, '', 3)}",
     "integral": lambda one: "the set-point rests and the controller has no integral: nothing builds up torque",
     "answers": lambda one: "the set-point swings as a law of the measured position" if one.value else "the set-point follows no position",
     "turning": lambda one: (
         "the joint does not turn steadily"
         if math.isnan(one.value)
-        else f"frequency and speed go together: {digits(2 * math.pi * one.value, '', 3)} periods per turn of the joint"
-        if (one.weight > 0) == math.isnan(one.expected)
         else "its frequency does not go with the speed"
+        if math.isnan(one.expected)
+        else f"frequency and speed go together: {digits(2 * math.pi * one.value, '', 3)} periods per turn of the joint"
     ),
     "whole_order": lambda one: f"{digits(one.value, '', 4)} periods per turn of the motor, at one speed",
     "softened": lambda one: (
@@ -231,6 +237,7 @@ def facts(found: Diagnosis) -> dict[str, Any]:
     return {
         "sentence": sentence(found),
         "vibrates": found.vibrates,
+        "ran_away": found.ran_away,
         "vibration": None
         if seen is None or found.toggles
         else {

@@ -11,7 +11,7 @@ from ..identification.record import Record
 from ..identification.recorded_oscillation import RecordedOscillation
 from ..system.system import System
 from .vibration_causes import UNKNOWN, Cause, ranked_causes
-from .vibration_prediction import Prediction, predicted_vibration
+from .vibration_prediction import SLOW_LOG, Prediction, predicted_vibration
 
 NAMED = 0.6  # likelihood from which on a cause is named
 AT_LIMIT = ("gain_limit", "aliasing")
@@ -52,6 +52,11 @@ class Diagnosis:
     def vibrates(self) -> bool:
         """It grows, is sustained or rings for long."""
         return self.oscillation is not None and self.oscillation.vibrates and not self.toggles
+
+    @property
+    def ran_away(self) -> bool:
+        """The joint left its set-point, further and further to the end of the record, in swings or without."""
+        return self.search.away is not None
 
     @property
     def cause(self) -> Cause | None:
@@ -106,7 +111,8 @@ def diagnose(record: Record, system: System | None = None) -> Diagnosis:
     Raises GainroomError where the record holds neither position nor torque.
     """
     record, outliers = without_outliers(record.longest_run())
-    search = find_oscillation(record)
+    own = None if system is None else system.control.sample_time
+    search = find_oscillation(record, every_tick=own is None or own > SLOW_LOG * record.sample_time)
     missing = tuple(
         name
         for name, there in (

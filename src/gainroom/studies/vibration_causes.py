@@ -34,6 +34,7 @@ FAINT = 0.1  # cosine of torque and velocity: less is nearly a quarter period be
 UNSUPPORTED = 1.0  # [nats] for none of these: a cause needs more to be named
 WHOLE, MOST_ORDERS = 0.03, 200  # periods per turn of the motor: nearer to a whole number, up to so many
 MOST_SOFTENED = 0.95  # of the stiffness: what is left beside a gap
+SURELY_STABLE = 1.3  # gain margin by the model beyond which what grows is not its loop
 SPARED = 0.6  # of the limit: margin that a stable prediction leaves where parameters are a few percent off
 
 
@@ -85,7 +86,7 @@ def _response_off(predicted: Prediction | None) -> float:
 
 
 def _gain_limit(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
-    found = [_steps_against(seen), _standing_against(seen), _answered_against(seen), _braked(seen, -3.0)]
+    found = [_steps_against(seen), _standing_against(seen), _answered_against(seen), _braked(seen, predicted, -3.0)]
     if predicted is None and _clipped(seen, predicted):  # a torque limit ends the growth of any vibration
         found.append(Evidence("clipped", seen.clipped, 1.0, 2.0))
     if predicted is None:
@@ -104,7 +105,9 @@ def _gain_limit(seen: RecordedOscillation, predicted: Prediction | None) -> list
 def _stick_slip(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
     share = seen.standing
     weight = MOST_AGAINST if math.isnan(share) else min(2.5, 12 * (share - STANDING + 0.1)) if share > STANDING - 0.1 else -3.0
-    found = [Evidence("standing", share, 1.0, weight), _answered_against(seen), _braked(seen, -3.0)]
+    found = [Evidence("standing", share, 1.0, weight), _answered_against(seen)]
+    if seen.turning is None:  # along a steady motion, friction that falls with speed drives it
+        found.append(_braked(seen, predicted, -3.0))
     if predicted is not None and predicted.crossover > 0:
         slow = math.log(seen.vibration.frequency / predicted.crossover)
         found.append(
@@ -126,12 +129,17 @@ def _quantisation(seen: RecordedOscillation, predicted: Prediction | None) -> li
     if seen.irregular:
         found.append(Evidence("irregular", 1.0, 1.0, 1.5))
     if seen.state != "sustained":
-        found.append(Evidence("growth", seen.vibration.growth_rate, 0.0, -1.5))
+        found.append(Evidence("growth", seen.vibration.growth_rate, 0.0, -0.5 if steps <= FEW_STEPS else -1.5))
+    off = _off(predicted, seen)
+    if predicted is not None and predicted.limit.stable and not math.isnan(off):  # steps excite what is damped least
+        found.append(
+            Evidence("frequency", seen.vibration.frequency, predicted.frequency, float(np.clip(_agrees(off, SAME_FREQUENCY), 0, 1)))
+        )
     return found
 
 
 def _structural(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
-    found = [_steps_against(seen), _standing_against(seen), _answered_against(seen), _held_against(seen, predicted)]
+    found = [_steps_against(seen), _standing_against(seen), _answered_against(seen), _held_against(seen, predicted), _turning_against(seen)]
     if _clipped(seen, predicted) and not seen.began_small:
         found.append(Evidence("clipped", seen.clipped, 0.0, -2.0))
     if predicted is None:
@@ -141,6 +149,8 @@ def _structural(seen: RecordedOscillation, predicted: Prediction | None) -> list
         found.append(Evidence("frequency", seen.vibration.frequency, predicted.frequency, min(1.5, -_agrees(off, SAME_FREQUENCY))))
     if not math.isnan(response):
         found.append(Evidence("response", response, OTHER_RESPONSE, min(MOST_FOR, 4 * (response - 0.5))))
+    if seen.state == "growing" and predicted.limit.stable and predicted.limit.gain > SURELY_STABLE:
+        found.append(Evidence("unstable", predicted.limit.gain, 1.0, 1.5))
     if seen.state == "decaying" and predicted.limit.stable:
         sooner = predicted.damping / max(seen.vibration.damping_ratio, 1e-6)
         found.append(Evidence("rings", seen.vibration.damping_ratio, predicted.damping, 1.5 if sooner > 2 else -1.0))
@@ -168,10 +178,7 @@ def _saturation(seen: RecordedOscillation, predicted: Prediction | None) -> list
 
 
 def _external(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
-    found = [*_forced(seen, predicted), _answered_against(seen)]
-    if seen.turning is not None and seen.turning.scales:
-        found.append(Evidence("turning", seen.turning.order, math.nan, -3.0))
-    return found
+    return [*_forced(seen, predicted), _answered_against(seen), _turning_against(seen)]
 
 
 def _ripple(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
@@ -180,8 +187,8 @@ def _ripple(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evi
         return [Evidence("turning", math.nan, math.nan, MOST_AGAINST)]
     found = _forced(seen, predicted)
     if turning.scales:
-        return [*found, Evidence("turning", turning.order, math.nan, 3.0)]
-    if turning.speeds > 1:
+        return [*found, Evidence("turning", turning.order, turning.order, 3.0)]
+    if turning.speeds:
         return [*found, Evidence("turning", turning.order, math.nan, MOST_AGAINST)]
     order = turning.order if predicted is None else predicted.order
     whole = abs(order - round(order)) < WHOLE and 0.5 < order < MOST_ORDERS
@@ -190,11 +197,14 @@ def _ripple(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evi
 
 def _forced(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
     """For a torque that does not come from the controller."""
-    found = [_steps_against(seen), _braked(seen, 3.0)]
+    scales = seen.turning is not None and seen.turning.scales
+    found = [_steps_against(seen), _braked(seen, predicted, 3.0)]
+    if seen.turning is not None and not scales and seen.standing > STANDING - 0.1:  # along a steady motion friction has it stand
+        found.append(Evidence("standing", seen.standing, 0.0, -3.0))
     if seen.state == "sustained":
         found.append(Evidence("growth", seen.vibration.growth_rate, 0.0, 0.5))
     else:
-        found.append(Evidence("growth", seen.vibration.growth_rate, 0.0, -2.0 if seen.turning is None or not seen.turning.scales else 0.0))
+        found.append(Evidence("growth", seen.vibration.growth_rate, 0.0, 0.0 if scales else -2.0))
     if _clipped(seen, predicted):
         found.append(Evidence("clipped", seen.clipped, 0.0, -2.0))
     if predicted is None:
@@ -208,7 +218,7 @@ def _forced(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evi
 
 
 def _backlash(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
-    found = [_steps_against(seen), _answered_against(seen), _braked(seen, -3.0), _standing_against(seen)]
+    found = [_steps_against(seen), _answered_against(seen), _braked(seen, predicted, -3.0), _standing_against(seen)]
     if seen.state != "sustained":
         found.append(Evidence("growth", seen.vibration.growth_rate, 0.0, -2.0))
     if _clipped(seen, predicted):
@@ -275,16 +285,23 @@ def _standing_against(seen: RecordedOscillation) -> Evidence:
     return Evidence("standing", seen.standing, 0.0, weight)
 
 
+def _turning_against(seen: RecordedOscillation) -> Evidence:
+    scales = seen.turning is not None and seen.turning.scales
+    order = seen.turning.order if seen.turning is not None else math.nan
+    return Evidence("turning", order, order, -3.0 if scales else 0.0)
+
+
 def _answered_against(seen: RecordedOscillation) -> Evidence:
     return Evidence("answers", 1.0, 0.0, -3.0 if seen.answers else 0.0)
 
 
-def _braked(seen: RecordedOscillation, weight: float) -> Evidence:
+def _braked(seen: RecordedOscillation, predicted: Prediction | None, weight: float) -> Evidence:
     """A controller drives what it keeps up itself, and brakes what comes from elsewhere, unless its delay turns that round."""
+    power = seen.power if math.isfinite(seen.power) or predicted is None else predicted.power
     sustained = seen.state == "sustained" and seen.side == "motor_position"
-    if not sustained or math.isnan(seen.power) or abs(seen.power) < FAINT:
-        return Evidence("power", seen.power, 0.0, 0.0)
-    return Evidence("power", seen.power, math.copysign(1.0, -weight), weight if seen.power < 0 else -0.5 * weight)
+    if not sustained or math.isnan(power) or abs(power) < FAINT:
+        return Evidence("power", power, 0.0, 0.0)
+    return Evidence("power", power, math.copysign(1.0, -weight), weight if power < 0 else -0.5 * weight)
 
 
 def _held_against(seen: RecordedOscillation, predicted: Prediction | None) -> Evidence:

@@ -11,7 +11,7 @@ from ..analysis.margins import margins
 from ..analysis.stability import rightmost_roots
 from ..identification.clipping import Limited, limited_rows
 from ..identification.record import Record
-from ..identification.recorded_oscillation import TORQUES, RecordedOscillation
+from ..identification.recorded_oscillation import TORQUES, RecordedOscillation, power_of
 from ..simulation.oscillation import FEWEST_SAMPLES
 from ..system.linear.arrays import Complexes
 from ..system.loop import Loop
@@ -53,6 +53,7 @@ class Prediction:
     response    measured position over torque at the vibration, over the model's; NaN where a channel is missing
     control     measured torque over position error there, over the controller's; likewise
     applied     gains of the log over those of the file, which the loop here has
+    power       cosine of torque and velocity, where the actual torque is not in the log, by the model of the drive
     moved       [rad] amplitude of the position that the torque makes by the model; NaN likewise
     left        share of the gains that a torque limit leaves in a sustained vibration: they are at their limit then; NaN where none is
     softened    stiffness, over the file's, with which position over torque is as measured (its describing function, of a gap), and
@@ -73,6 +74,7 @@ class Prediction:
     damping: float
     response: complex = complex(math.nan)
     control: complex = complex(math.nan)
+    power: float = math.nan
     moved: float = math.nan
     applied: float = 1.0
     left: float = math.nan
@@ -227,7 +229,9 @@ def _compared(found: Prediction, record: Record, seen: RecordedOscillation) -> P
     if torque is None or side not in parts or not parts[torque]:
         return found
     response = parts[side] / parts[torque] / complex(_behind(loop, torque, _point(seen))[0])
-    return replace(found, response=response, moved=_moved(found, record, seen, torque))
+    point = _point(seen)
+    actual = parts[torque] * complex((_behind(loop, torque, point) / _behind(loop, "actual_torque", point))[0])
+    return replace(found, response=response, power=power_of(actual, point[0] * parts[side]), moved=_moved(found, record, seen, torque))
 
 
 def _behind(loop: Loop, torque: str, s: Complexes) -> Complexes:
