@@ -184,7 +184,7 @@ def test_gains_of_position_servos(tmp_path: Path):
 def test_unusual_inertia_is_said(tmp_path: Path):
     strange = {**PLANAR, "i1": 30.0}  # more than the other two together
     body = load_model(write(tmp_path, PLANAR_URDF.format(**strange), "robot.urdf"))
-    assert any("no solid has the inertia" in note and "'shoulder'" in note for note in body.notes)
+    assert any("no solid has the inertia" in note and "'upper'" in note for note in body.notes)
 
 
 def test_a_wrist_of_massless_links_is_no_mistake(tmp_path: Path):

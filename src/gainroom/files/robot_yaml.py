@@ -96,7 +96,7 @@ def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path(), kn
         uncertainty=uncertainty,
         scenario=file.scenario.scenario(robot, file.control.space),
         assumptions=(*assumed, *guessed, *from_files),
-        warnings=(*body.notes, *_outside(postures)),
+        warnings=(*body.doubts, *body.notes, *_outside(postures)),
     )
 
 

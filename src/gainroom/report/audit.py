@@ -113,7 +113,7 @@ def _gain_margin_text(result: Audit) -> str:
 
 def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", call: str) -> Lead:
     said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _do_this(result, call), verdict(result)
-    if not result.stable and result.to_use is None:
+    if not result.stable and result.to_use is None and not result.withheld:
         sentence = audit_sentence(result)
     lost = simulated is not None and not simulated.limit.stable
     if lost:
@@ -125,6 +125,8 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWork
             do = advice_box(advice)
         else:
             said.insert(0, " ".join([*advice.remarks, advice.heading]))
+    if result.withheld:
+        return Lead(sentence, "warn", "", said, do)
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
     doubt = lost or short or result.hardly_damped or bool(result.assumed_rigid.any())

@@ -31,6 +31,10 @@ def what_to_do(
     most      lines that a file of gains to use may have, else how to get it stands in its place; None: any number
     """
     actuators, found = result.system.source.actuators, result.to_use
+    if result.doubts:
+        return Advice(
+            "Correct the model, masses in kg, lengths in m and inertias in kg·m², and audit again; the numbers below are of it as it is."
+        )
     if result.safe:
         return _to_decide(result, call)
     if found is not None and found is not result.ready_to_use:

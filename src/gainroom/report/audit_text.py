@@ -33,6 +33,8 @@ def audit_sentence(result: Audit) -> str:
 
 def verdict(result: Audit) -> str:
     """Whether the gains are safe, and what fails first, where, and in which joints. No number in it is one to use."""
+    if result.doubts:
+        return f"Not decided: {'; '.join(result.doubts)}"
     over, worst, count = over_range(result), result.tightest, sum(not joint.safe for joint in result.joints)
     if not worst.limit.stable:
         return (
@@ -258,4 +260,5 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])
         found.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")
-    return tuple(doubts_first([*found, *free_joints(system), *unconfirmed(result.states), *system.warnings]))
+    others = [text for text in system.warnings if text not in result.doubts]  # which the verdict says
+    return tuple(doubts_first([*found, *free_joints(system), *unconfirmed(result.states), *others]))

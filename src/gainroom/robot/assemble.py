@@ -13,6 +13,7 @@ from ..system.linear.arrays import Floats
 from .body import Base, RigidBody, library, put_position
 from .linkage import FollowingJoint, JoinedFrames, Linkage
 from .name_patterns import select_all
+from .plausible_links import Solid, impossible_inertias, link_doubts
 from .skeleton import Bone
 
 MAX_JOINTS = 150
@@ -41,9 +42,8 @@ HELD_NOTE = "held by constraints of the model file"
 LOOPS_NOTE = "closed loops are kept closed"
 PASSIVE_NOTE = "passive joints, without a motor"
 RUBBED_NOTE = "damping of passive joints without a spring does not count"
-INERTIA_NOTE = "no solid has the inertia of the links on these joints, taken as given"
 SPRING_NOTE = "the joints' own springs in the model file count as stiffness beside the gearbox, without the load they carry [N m/rad]"
-ASSUMED = (FOLLOWERS_NOTE, HELD_NOTE, LOOPS_NOTE, PASSIVE_NOTE, RUBBED_NOTE, INERTIA_NOTE, FRICTION_NOTE, SPRING_NOTE)
+ASSUMED = (FOLLOWERS_NOTE, HELD_NOTE, LOOPS_NOTE, PASSIVE_NOTE, RUBBED_NOTE, FRICTION_NOTE, SPRING_NOTE)
 """How notes begin that say what a model was taken for, where nothing is missing or left to decide."""
 
 
@@ -55,6 +55,7 @@ class Description:
     held    joints that others, or constraints, hold in their place, and why
     springs, friction   of the joints themselves, by name [N m/rad; N/m if prismatic], [N m; N]
     linkages   closed loops, and joints that follow others: those of `held` whose leader moves are not held but follow it
+    solids     the links as the file has them
     actuated   joints with an actuator; None: the format, or this file, has none
     """
 
@@ -65,6 +66,7 @@ class Description:
     springs: Mapping[str, float] = field(default_factory=dict)
     friction: Mapping[str, float] = field(default_factory=dict)
     linkages: tuple[Linkage, ...] = ()
+    solids: tuple[Solid, ...] = ()
     actuated: frozenset[str] | None = None
 
 
@@ -116,6 +118,7 @@ def assemble(
             name: (description.springs[name], _damping(model, name)) for name in idle if description.springs.get(name, 0.0) > 0
         },
         looped=frozenset(_looped(description) | _geared(description, held, motors)),
+        doubts=link_doubts(model, description.solids),
         led=frozenset(name for name, one in _leaders(description).items() if name in held and one.leader not in held),
     )
     if not for_names:
@@ -317,9 +320,6 @@ def _notes(
     rubbed = [name for name in unmoved if _damping(model, name) > 0 and not description.springs.get(name)]
     if rubbed:
         notes.append(f"{RUBBED_NOTE}: {first_of_many(rubbed)}")
-    unphysical = [model.names[index] for index in range(1, model.njoints) if not _is_physical(model.inertias[index])]
-    if unphysical:
-        notes.append(f"{INERTIA_NOTE}: {first_of_many([repr(name) for name in unphysical])}")
     own = {name: _damping(model, name) for name in _one_dof(model) if name not in (*held, *idle)}
     damped = [f"{name} {damping:.4g}" for name, damping in own.items() if damping > 0]
     if damped:
@@ -328,19 +328,12 @@ def _notes(
         found = [f"{name} {value:.4g}" for name, value in values.items() if value and name not in (*held, *idle)]
         if found:
             notes.append(f"{note}: {first_of_many(found)}")
-    return (*description.notes, *notes)
+    return (*impossible_inertias(description.solids), *description.notes, *notes)
 
 
 def _one_dof(model: Any) -> list[str]:
     """Names of the joints with one degree of freedom."""
     return [model.names[index] for index in range(1, model.njoints) if model.joints[index].nv == 1]
-
-
-def _is_physical(inertia: Any) -> bool:
-    """Whether principal inertias are >= 0 and none exceeds the sum of the other two."""
-    a, b, c = np.linalg.eigvalsh(inertia.inertia)
-    slack = 1e-6 * abs(c)  # files carry about six digits
-    return a >= -slack and a + b >= c - slack
 
 
 def _require_names(source: str, model: Any) -> None:

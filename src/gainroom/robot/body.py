@@ -60,6 +60,7 @@ class RigidBody:
     locked        joints of the file that are held, and at which position [rad; m if prismatic]
     led           those of them that would follow a joint that moves: they are held where it puts them in the posture
     notes         warnings about how the file was read
+    doubts        what of its links no robot has (plausible_links.py), so that no verdict about it is one about a robot
     bones         joints of the file, parents first, for a drawing
     springs       of joints that have one of their own, beside the gearbox, by name [N m/rad; N/m if prismatic]
     passive       joints without a motor, in the model's order, of any freedom; their rotors are part of the links
@@ -87,6 +88,7 @@ class RigidBody:
     looped: frozenset[str] = frozenset()
     payload: Mapping[str, float] = field(default_factory=dict)
     led: frozenset[str] = frozenset()
+    doubts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"RigidBody({self.source!r}: {self.size} joints, {len(self.locked)} locked, {self.base} base)"

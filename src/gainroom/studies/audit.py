@@ -106,8 +106,20 @@ class Audit(Analysis):
         return (self.over is None or self.over.safe) and all(map(self.enough_in, self.states)) and all(joint.safe for joint in self.joints)
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """What of the links no robot has: a verdict would be one about something else."""
+        return self.system.source.body.doubts
+
+    @property
+    def withheld(self) -> bool:
+        """Whether there is no verdict, neither safe nor unsafe, whatever the numbers say."""
+        return bool(self.doubts)
+
+    @property
     def decided(self) -> bool:
         """False where gains are safe only if the rate or the gearboxes, which are not known, allow it, or hardly damp the motion."""
+        if self.withheld:
+            return False
         given = self.system.control.sample_time is not None and not self.assumed_rigid.any()
         return not self.safe or (given and not self.hardly_damped)
 
@@ -284,8 +296,8 @@ class Audit(Analysis):
 
     @cached_property
     def to_use(self) -> "GainsToUse[Audit] | None":
-        """Gains to use in place of unsafe ones; None where none are known, and for safe gains."""
-        return None if self.safe else gains_to_use(self)
+        """Gains to use in place of unsafe ones; None where none are known, for safe gains, and without a verdict."""
+        return None if self.safe or self.withheld else gains_to_use(self)
 
     @property
     def hardly_damped(self) -> bool:

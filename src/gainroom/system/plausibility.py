@@ -23,6 +23,10 @@ FAR = "far outside the usual"
 """In every warning here, and in no other."""
 DEGREES = "were degrees meant?"
 """At the end of a warning about angles."""
+NO_ROBOT = "no robot has such a link"
+"""In every warning about the masses, lengths and inertias of links, which makes every number doubtful."""
+NO_SOLID = "no solid has the inertia"
+"""At the beginning of a warning about links."""
 NO_DATA = "joints without actuator data"
 NO_STIFFNESS = "gearboxes whose stiffness is not given are rigid"
 """At the beginning of what is assumed of joints, which decides every number."""
@@ -129,7 +133,8 @@ def unusual_values(system: System) -> tuple[str, ...]:
 
 def by_doubt(warnings: Sequence[str]) -> tuple[list[str], list[str]]:
     """Those about such values or angles, or about data that is not there, which make every number doubtful and stand first; the others."""
-    doubts = [text for text in warnings if FAR in text or text.endswith(DEGREES) or text.startswith((NO_DATA, NO_STIFFNESS))]
+    first = (NO_DATA, NO_STIFFNESS, NO_SOLID)
+    doubts = [text for text in warnings if FAR in text or NO_ROBOT in text or text.endswith(DEGREES) or text.startswith(first)]
     return doubts, [text for text in warnings if text not in doubts]
 
 

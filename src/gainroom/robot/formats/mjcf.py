@@ -19,6 +19,7 @@ from ...errors import GainroomError, first_of_many
 from ..assemble import Description
 from ..body import Base, library
 from ..linkage import FollowingJoint, JoinedFrames, Linkage
+from ..plausible_links import Solid
 from .mjcf_constraints import Constraints, Join, Placed
 from .mjcf_file import Compiled, compile_mjcf
 from .model_format import INTEGRATORS, ActuatorGain, ActuatorGains, ModelFormat, Stepping
@@ -42,7 +43,15 @@ class Mjcf(ModelFormat):
         tree.constrain(compiled.constraints)
         notes = (*compiled.notes, *tree.notes, *_not_counted(compiled.model))
         return Description(
-            str(path), tree.result, tree.held, notes, tree.springs, tree.friction, tuple(tree.linkages), tree.actuated(compiled)
+            str(path),
+            tree.result,
+            tree.held,
+            notes,
+            tree.springs,
+            tree.friction,
+            tuple(tree.linkages),
+            tuple(tree.solids),
+            tree.actuated(compiled),
         )
 
     def keyframes(self, root: Element, path: Path) -> Mapping[str, Mapping[str, float]]:
@@ -110,6 +119,7 @@ class _Tree:
     friction: dict[str, float] = field(default_factory=dict)
     held: dict[str, str] = field(default_factory=dict)
     linkages: list[Linkage] = field(default_factory=list)
+    solids: list[Solid] = field(default_factory=list)
 
     def grow(self, base: Base | None, constraints: Constraints) -> None:
         model = self.mujoco_model
@@ -168,6 +178,9 @@ class _Tree:
         self.result.appendBodyToJoint(joint, inertia, place * self._placement(model.body_ipos[body], model.body_iquat[body]))
         frame = self.result.addBodyFrame(_body_name(model, body), joint, place, frame)
         self.places[body] = (joint, place, frame)
+        self.solids.append(
+            Solid(_body_name(model, body), inertia.mass, np.array(model.body_ipos[body]), np.sort(np.array(model.body_inertia[body])))
+        )
 
     def _add_joint(self, index: int, parent: int, place: Any, frame: int) -> tuple[int, Any, int]:
         """One joint of a body; its index, where the body now stands in it, its frame."""

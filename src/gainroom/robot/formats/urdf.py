@@ -16,9 +16,11 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 
 from ...errors import GainroomError, first_of_many, nearest, one_line, typo_of
+from ...system.linear.arrays import Floats
 from ..assemble import FARTHEST, LARGEST, MASSLESS, Description, floats, require_at_most
 from ..body import Base, library
 from ..linkage import FollowingJoint
+from ..plausible_links import Solid
 from .model_format import ModelFormat
 from .xml_text import WORDED
 
@@ -73,7 +75,9 @@ class Urdf(ModelFormat):
             name = "root_joint" if "root_joint" not in found.joints else "floating base"
             model = _parse(pin, text, source, pin.JointModelFreeFlyer(), name)
         _put_rotors(model, found.rotors)
-        return Description(source, model, found.held, found.notes(), friction=found.friction, linkages=tuple(found.ties))
+        return Description(
+            source, model, found.held, found.notes(), friction=found.friction, linkages=tuple(found.ties), solids=tuple(found.solids)
+        )
 
 
 def _put_rotors(model: Any, rotors: Mapping[str, float]) -> None:
@@ -106,7 +110,8 @@ class _Reader:
     ties: list[FollowingJoint] = field(default_factory=list)
     rotors: dict[str, float] = field(default_factory=dict)
     geared: list[str] = field(default_factory=list)
-    negative: list[str] = field(default_factory=list)
+    negative: dict[str, float] = field(default_factory=dict)
+    solids: list[Solid] = field(default_factory=list)
 
     def read(self, root: Element) -> None:
         """Everything in the file."""
@@ -122,6 +127,7 @@ class _Reader:
         self.links, self.joints = self._names(links, "link"), self._names(joints, "joint")
         for link in links:
             self._add_link(link)
+        self._require_positive()
         parents = dict(self._add_joint(joint) for joint in joints)
         for transmission in root.findall("transmission"):
             self._add_transmission(transmission)
@@ -130,7 +136,7 @@ class _Reader:
     def notes(self) -> tuple[str, ...]:
         """What a user should look at."""
         notes = {
-            "the inertia of these links is negative about some axis, taken as given": self.negative,
+            "the inertia of these links is negative about some axis, taken as given": list(self.negative),
             "gear ratios of transmissions have no effect without the rotors' inertia: give rotor_inertia and gear_ratio": self.geared,
         }
         return tuple(f"{text}: {first_of_many(names)}" for text, names in notes.items() if names)
@@ -157,22 +163,33 @@ class _Reader:
         if not 0 <= mass <= LARGEST:
             raise GainroomError(f"{owner}: mass {mass:g} kg must be >= 0 and <= {LARGEST:g} kg")
         moments = [self._numbers(parts["inertia"], "inertia", key, 1, owner)[0] for key in MOMENTS]
-        if self._least_moment(moments, owner) < 0:
-            self.negative.append(name)
+        principal = self._principal(moments, owner)
+        if principal[0] < -max(NEGLIGIBLE * abs(principal[2]), MASSLESS):
+            self.negative[name] = float(principal[0])
         inside = SubElement(result, "inertial")
         self._add_origin(inside, parts["origin"], owner)
+        centre = self._numbers(parts["origin"], "origin", "xyz", 3, owner, absent=0.0)
+        self.solids.append(Solid(name, mass, np.array(centre), principal))
         SubElement(inside, "mass", value=repr(mass))
         SubElement(inside, "inertia", dict(zip(MOMENTS, map(repr, moments), strict=True)))
 
-    def _least_moment(self, moments: Sequence[float], owner: str) -> float:
-        """The least principal moment of inertia, 0 where it is round-off. Raises GainroomError where the diagonal is < 0, or absurd."""
+    def _principal(self, moments: Sequence[float], owner: str) -> Floats:
+        """(3,) the principal moments of inertia, ascending. Raises GainroomError where the diagonal is < 0, or absurd."""
         for key, moment in zip(MOMENTS, moments, strict=True):
             if abs(moment) > LARGEST or (key in ("ixx", "iyy", "izz") and moment < -MASSLESS):
                 least = f"-{LARGEST:g}" if key in ("ixy", "ixz", "iyz") else "0"
                 raise GainroomError(f"{owner}: inertia {key} {moment:g} kg·m² must be >= {least} and <= {LARGEST:g} kg·m²")
         xx, xy, xz, yy, yz, zz = moments
-        principal = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        return 0.0 if abs(principal[0]) < max(NEGLIGIBLE * abs(principal[2]), MASSLESS) else float(principal[0])
+        return np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def _require_positive(self) -> None:
+        """Raise GainroomError for a negative principal moment of inertia that counts beside the robot's largest."""
+        largest = max((float(one.moments[2]) for one in self.solids), default=0.0)
+        for name, least in self.negative.items():
+            if least < -NEGLIGIBLE * largest:
+                raise GainroomError(
+                    f"{self.source}: link {name!r}: its least principal inertia {least:.4g} kg·m² must be >= 0: check ixy, ixz and iyz"
+                )
 
     def _add_joint(self, joint: Element) -> tuple[str, str]:
         """The joint's child and parent."""
