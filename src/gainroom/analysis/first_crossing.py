@@ -151,7 +151,7 @@ class Family:
     def _between(self, stable: float, unstable: float) -> End:
         """The end by halving; polished as soon as its bracket is narrow."""
         way = math.copysign(1.0, unstable - stable)
-        least = abs(unstable - stable) * 0.5**SEARCH.halvings
+        least, done = abs(unstable - stable) * 0.5**SEARCH.halvings, set[Rough]()
         for share in SEARCH.shares:  # mostly the first crossing lies close before the one that was found
             inside = unstable - share * (unstable - stable)
             if self.count(inside) == 0:
@@ -164,7 +164,9 @@ class Family:
             low, high = sorted((stable, unstable))
             if high - low < SEARCH.polished * abs(unstable):
                 near = sorted(self.crossings(), key=lambda one: abs(one.at - unstable))[: SEARCH.tries]
-                for one in self.polish([*near, self.nearest(unstable)]):
+                fresh = [one for one in near if one not in done]  # the others led elsewhere
+                done.update(near)
+                for one in self.polish([*fresh, self.nearest(unstable)]):
                     if low <= one.at <= high and (certificate := self._certified(one, way)).holds:
                         return self._ended(one, certificate)
             middle = SEARCH.leap * unstable if stable == 0 else math.sqrt(low * high) if 0 < 4 * low < high else 0.5 * (low + high)
@@ -226,8 +228,8 @@ def delays(sweep: Sweep) -> Family:
     def polish(group: list[Rough]) -> list[Rough]:
         exact = []
         for rough in _placed(at, *_circle_polished(sweep.boundary, group)):
-            place, omega = rough.at, rough.omega
-            for _ in range(SEARCH.tries):  # a share of a tick is nearly, not quite, a phase: each step gains some four digits
+            place, omega, before = rough.at, rough.omega, None
+            for _ in range(SEARCH.tries):  # a share of a tick is nearly, not quite, a phase; beside a resonance far from it: secants
                 turn = complex(np.exp(-1j * omega * split(place)[0]))
                 found = _circle_polished(later(place), [Rough(place, omega, -1 / turn)])
                 if not len(found[0]):
@@ -237,7 +239,10 @@ def delays(sweep: Sweep) -> Family:
                 if abs(lag) <= 1e-11:
                     exact.append(Rough(place + lag / omega, omega, value))
                     break
-                place += lag / omega
+                slope = -omega if before is None or before[0] == place else (lag - before[1]) / (place - before[0])
+                before, place = (place, lag), place - lag / slope if slope else math.nan
+                if not place >= 0:
+                    break
         return exact
 
     @lru_cache(2)
