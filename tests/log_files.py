@@ -209,6 +209,11 @@ def write_pace(path: Path, truth: Truth) -> None:
     write_torch(path, arrays, torch_pickle(arrays, JOINTS))
 
 
+def write_npz(path: Path, truth: Truth) -> None:
+    arrays = {"q": np.asfortranarray(truth.motor_position), "dq": truth.motor_velocity, "tau_des": truth.target_torque}
+    np.savez_compressed(path, time=truth.time, joint_names=JOINTS, **arrays)
+
+
 WRITERS: dict[str, Callable[[Path, Truth], None]] = {
     "log.csv": write_csv,
     "log.parquet": write_parquet,
@@ -219,6 +224,7 @@ WRITERS: dict[str, Callable[[Path, Truth], None]] = {
     "log.mat": write_mat,
     "log73.mat": write_mat73,
     "log.json": write_bam,
+    "log.npz": write_npz,
     "log.pt": write_pace,
 }
 """By name of the file, or folder, in the order of the documentation."""

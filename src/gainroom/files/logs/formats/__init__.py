@@ -9,11 +9,12 @@ from .csv_text import CsvText
 from .hdf5 import Hdf5
 from .matlab import Matlab
 from .mcap_file import Mcap
+from .npz import Npz
 from .pace import Torch
 from .parquet import Parquet
 from .rosbag import Bag
 
-FORMATS: tuple[LogFormat, ...] = (CsvText(), Parquet(), Mcap(), Bag(), Hdf5(), Matlab(), Bam(), Torch())
+FORMATS: tuple[LogFormat, ...] = (CsvText(), Parquet(), Mcap(), Bag(), Hdf5(), Matlab(), Bam(), Npz(), Torch())
 
 
 def format_of(path: Path, written: bool = False) -> LogFormat:

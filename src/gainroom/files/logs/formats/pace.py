@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from ....errors import GainroomError, one_line
-from ..table import MOST_COLUMNS, MOST_RATIO, MOST_WHOLE, LogFormat, Table, bounded, checked_file
+from ..table import MOST_COLUMNS, LogFormat, Table, bounded, checked_file
 from .arrays import ArrayTable, NamedArray
+from .zip_entries import ZipEntries
 
 STORAGES = {
     f"torch {kind}Storage": dtype
@@ -39,8 +40,6 @@ MAPPING = "collections OrderedDict"
 """The hooks of a tensor, always empty."""
 MOST_PICKLE = 1 << 24
 """Bytes of the pickle: some hundred per array."""
-MOST_ENTRIES = 10_000
-"""In the archive."""
 DEEPEST = 4
 """Dictionaries within dictionaries."""
 
@@ -57,7 +56,7 @@ class Torch(LogFormat):
         if not zipfile.is_zipfile(path):
             raise GainroomError(f"{path}: is not a .pt file since torch 1.6 (a zip archive); save it anew with torch.save")
         with zipfile.ZipFile(path) as archive:
-            arrays, labels = _arrays(path, _Archive(path, archive, size))
+            arrays, labels = _arrays(path, ZipEntries(path, archive, size))
         yield ArrayTable(path, arrays, time, labels)
 
 
@@ -82,36 +81,13 @@ class _Tensor:
     strides: tuple[int, ...]
 
 
-class _Archive:
-    """Entries of the zip archive, within bounds; each is unpacked once."""
-
-    def __init__(self, path: Path, archive: zipfile.ZipFile, size: int) -> None:
-        self._path, self._archive, self._size = path, archive, size
-        self._entries = {entry.filename: entry for entry in archive.infolist()}
-        bounded(path, "number of entries", len(self._entries), MOST_ENTRIES)
-        pickles = [name for name in self._entries if name == "data.pkl" or name.endswith("/data.pkl")]
-        if len(pickles) != 1:
-            raise GainroomError(f"{path}: has {len(pickles)} entries data.pkl, and a .pt file has one")
-        self._root = pickles[0].removesuffix("data.pkl")
-        self._unpacked: dict[str, bytes] = {}
-
-    def entry(self, name: str, most: int = MOST_WHOLE) -> bytes:
-        """Nothing where there is none. What it unpacks to is checked before, and while it is unpacked."""
-        name = f"{self._root}{name}"
-        if name not in self._entries:
-            return b""
-        if name not in self._unpacked:
-            announced = self._entries[name].file_size
-            bounded(self._path, f"entry {one_line(name, 60)}:", announced, min(most, self._size * MOST_RATIO), " bytes")
-            bounded(self._path, "entries together:", announced + sum(map(len, self._unpacked.values())), MOST_WHOLE, " bytes")
-            with self._archive.open(self._entries[name]) as stream:
-                self._unpacked[name] = stream.read(announced)
-        return self._unpacked[name]
-
-
-def _arrays(path: Path, archive: _Archive) -> tuple[dict[str, NamedArray], tuple[str, ...]]:
+def _arrays(path: Path, archive: ZipEntries) -> tuple[dict[str, NamedArray], tuple[str, ...]]:
     """Arrays by their path in the file's dictionary, and a list of texts in it: the names of the joints."""
-    order = ">" if archive.entry("byteorder", 16).strip() == b"big" else "<"
+    pickles = [name for name in archive.names if name == "data.pkl" or name.endswith("/data.pkl")]
+    if len(pickles) != 1:
+        raise GainroomError(f"{path}: has {len(pickles)} entries data.pkl, and a .pt file has one")
+    root = pickles[0].removesuffix("data.pkl")
+    order = ">" if archive.entry(f"{root}byteorder", 16).strip() == b"big" else "<"
     found: dict[str, NamedArray] = {}
     labels: tuple[str, ...] = ()
 
@@ -122,12 +98,12 @@ def _arrays(path: Path, archive: _Archive) -> tuple[dict[str, NamedArray], tuple
             for key, item in value.items():
                 take(f"{name}/{key}" if name else str(key), item, depth + 1)
         elif isinstance(value, _Tensor):
-            data = np.frombuffer(archive.entry(f"data/{value.storage.entry}"), order + value.storage.dtype)
+            data = np.frombuffer(archive.entry(f"{root}data/{value.storage.entry}"), order + value.storage.dtype)
             found[name] = NamedArray.of(_strided(path, name, value, data))
         elif isinstance(value, list) and value and all(isinstance(item, str) for item in value):
             labels = tuple(value)
 
-    take("", _built(path, archive.entry("data.pkl", MOST_PICKLE)), 0)
+    take("", _built(path, archive.entry(pickles[0], MOST_PICKLE)), 0)
     return found, labels
 
 
