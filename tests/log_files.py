@@ -93,6 +93,29 @@ def write_bag_mcap(path: Path, truth: Truth) -> None:
     write_bag(path, truth, "MCAP")
 
 
+def write_bag1(path: Path, truth: Truth, packing: str = "") -> None:
+    """Of ROS 1: joint states with a sequence number, and one command topic per joint."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kinds = store.types
+    state, number = kinds["sensor_msgs/msg/JointState"], kinds["std_msgs/msg/Float64"]
+    bag = Writer(path)
+    if packing:
+        bag.set_compression(Writer.CompressionFormat[packing])
+    with bag as writer:
+        states = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
+        commands = [writer.add_connection(f"/{joint}/effort_cmd", number.__msgtype__, typestore=store) for joint in JOINTS]
+        for k in range(len(truth.time)):
+            stamp = BEGAN * 10**9 + k * 10**6
+            header = kinds["std_msgs/msg/Header"](k, kinds["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9), "base")
+            message = state(header, list(JOINTS), truth.motor_position[k], truth.motor_velocity[k], np.zeros(0))
+            for connection, torque in zip(commands, truth.target_torque[k], strict=True):
+                writer.write(connection, stamp, bytes(store.serialize_ros1(number(float(torque)), number.__msgtype__)))
+            writer.write(states, stamp + 1234, bytes(store.serialize_ros1(message, state.__msgtype__)))
+
+
 def write_hdf5(path: Path, truth: Truth) -> None:
     import h5py
 
@@ -220,6 +243,7 @@ WRITERS: dict[str, Callable[[Path, Truth], None]] = {
     "log.mcap": write_mcap,
     "bag": write_bag,
     "bag_mcap": write_bag_mcap,
+    "log.bag": write_bag1,
     "log.h5": write_hdf5,
     "log.mat": write_mat,
     "log73.mat": write_mat73,

@@ -23,7 +23,7 @@ def test_every_format_comes_back(name: str, tmp_path: Path):
     joints = ("joint",) if name == "log.json" else JOINTS
     assert log.joint_names == joints
     assert log.complete
-    assert log.began == pytest.approx(BEGAN if name in ("log.parquet", "log.mcap", "bag", "bag_mcap") else 0.0, abs=1.1)
+    assert log.began == pytest.approx(BEGAN if name in ("log.parquet", "log.mcap", "bag", "bag_mcap", "log.bag") else 0.0, abs=1.1)
     assert np.abs(log.time - log.time[0] - TRUTH.time).max() < 1e-9
     assert log.sample_time == pytest.approx(1e-3, rel=1e-9)
     assert (log.quality.rows, log.quality.cut, log.quality.gaps) == (len(TRUTH.time), 0, 0)

@@ -13,8 +13,9 @@ from .npz import Npz
 from .pace import Torch
 from .parquet import Parquet
 from .rosbag import Bag
+from .rosbag1 import Ros1Bag
 
-FORMATS: tuple[LogFormat, ...] = (CsvText(), Parquet(), Mcap(), Bag(), Hdf5(), Matlab(), Bam(), Npz(), Torch())
+FORMATS: tuple[LogFormat, ...] = (CsvText(), Parquet(), Mcap(), Bag(), Ros1Bag(), Hdf5(), Matlab(), Bam(), Npz(), Torch())
 
 
 def format_of(path: Path, written: bool = False) -> LogFormat:

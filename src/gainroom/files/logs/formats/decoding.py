@@ -71,11 +71,11 @@ def labelled(paths: Sequence[str], names: Mapping[str, tuple[str, ...]]) -> dict
     return found
 
 
-class CdrDecoder(Decoder):
-    """ROS 2. Messages with the same layout are read together, as columns of bytes."""
+class RosDecoder(Decoder):
+    """ROS 2, or dense: ROS 1. Messages with the same layout are read together, as columns of bytes."""
 
-    def __init__(self, name: str, types: Types) -> None:
-        self._name, self._types = name, types
+    def __init__(self, name: str, types: Types, dense: bool) -> None:
+        self._name, self._types, self._dense = name, types, dense
 
     def decode(self, batch: Sequence[bytes]) -> list[Rows]:
         found: list[Rows] = []
@@ -84,7 +84,7 @@ class CdrDecoder(Decoder):
             places = np.flatnonzero(sizes == size)
             table = np.frombuffer(b"".join([batch[k] for k in places.tolist()]), np.uint8).reshape(len(places), size)
             while len(places):
-                layout = layout_of(table[0].tobytes(), self._name, self._types)
+                layout = layout_of(table[0].tobytes(), self._name, self._types, self._dense)
                 fixed = np.concatenate([np.arange(start, end) for start, end in layout.fixed])
                 same = (table[:, fixed] == table[0, fixed]).all(axis=1)
                 labels = labelled([*layout.numbers], layout.names)

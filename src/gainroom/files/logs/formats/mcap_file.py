@@ -18,7 +18,7 @@ import numpy as np
 from ....errors import GainroomError
 from ....system.linear.arrays import Floats
 from ..table import MOST_PIECE, LogFormat, Table, bounded, checked_file, library
-from .messages import Messages, MessageTable, Topic
+from .messages import MessageFile, Messages, MessageTable, Topic
 
 SCHEMA, CHANNEL, MESSAGE = 3, 4, 5
 """Records within chunks."""
@@ -78,7 +78,7 @@ class Mcap(LogFormat):
         yield message_table(path, source, [source])
 
 
-def message_table(path: Path, messages: Messages, files: "Sequence[McapMessages]") -> MessageTable:
+def message_table(path: Path, messages: Messages, files: Sequence[MessageFile]) -> MessageTable:
     """The table of `messages`, which come from these files among others. Raises GainroomError."""
     try:
         table = MessageTable(path, messages)

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from ....system.linear.arrays import Floats
 from ..guessing import WORD, channel_of, is_commanding, joint_in
 from ..record import aligned
 from ..table import MOST_COLUMNS, TIME, Column, Table, bounded
-from .decoding import CdrDecoder, Decoder, JsonDecoder, Part
+from .decoding import Decoder, JsonDecoder, Part, RosDecoder
 from .ros_types import types_of
 
 MOST_WAITING = 1 << 27
@@ -137,7 +138,7 @@ MOST_MESSAGE = 1 << 20
 """Bytes: the state of 500 joints has 20 kB; longer messages are pictures and points, and passed over."""
 EPOCH = 1e6
 """[s] Stamps beyond count from an epoch; they are then taken from the first on, with all their digits."""
-STAMP = re.compile(r"(header\.)?stamp\.(sec|nanosec)")
+STAMP = re.compile(r"(header\.)?stamp\.(sec|nanosec)|header\.seq")
 WRAPPED = re.compile(r"(?:data|value|values|msg)((?:\[[0-9]+\])?)")
 """Fields that say nothing: what they hold is what the topic is called."""
 
@@ -155,6 +156,13 @@ class Topic:
 
 Messages = Callable[[], Iterator[tuple[Topic, int, bytes]]]
 """From the start at every call: topic, time of recording [ns], content."""
+
+
+class MessageFile(Protocol):
+    """A file of messages that may turn out to be cut off; it then tells its table."""
+
+    complete: bool
+    table: Table | None
 
 
 class MessageTable(Table):
@@ -179,9 +187,11 @@ class MessageTable(Table):
             try:
                 if topic.encoding == "json":
                     self._decoders[topic.name] = JsonDecoder()
-                elif topic.encoding == "cdr":
-                    types = types_of(topic.type, topic.definition_encoding, topic.definition)
-                    self._decoders[topic.name] = CdrDecoder(topic.type, types)
+                elif topic.encoding in ("cdr", "ros1"):
+                    # `sensor_msgs/JointState`, as ROS 1 and the first ROS 2 write it, is `sensor_msgs/msg/JointState`.
+                    kind = topic.type.replace("/", "/msg/") if topic.type.count("/") == 1 else topic.type
+                    types = types_of(kind, topic.definition_encoding, topic.definition)
+                    self._decoders[topic.name] = RosDecoder(kind, types, topic.encoding == "ros1")
                 else:
                     self._left[topic.name] = f"{topic.encoding or 'unknown'} messages"
             except GainroomError as error:

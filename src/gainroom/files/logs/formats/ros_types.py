@@ -1,4 +1,4 @@
-"""Where the numbers are in a message of ROS 2: its definition, and its bytes in CDR.
+"""Where the numbers are in a message of ROS: its definition, and its bytes, in CDR (ROS 2) or one after the other (ROS 1).
 
 rosbags parses the definitions. It would also write and run a program for each; the definition comes with the file, so here the bytes are
 read by walking along it. Definitions of the usual messages come with rosbags; those of control_msgs stand below, for bags older than
@@ -87,7 +87,8 @@ def types_of(name: str, encoding: str, text: str) -> Types:
     if len(text) > MOST_DEFINITION:
         raise GainroomError(f"definition of {len(text)} characters must have at most {MOST_DEFINITION}")
     typesys = library("rosbags", "rosbags.typesys").typesys
-    parse = {"ros2msg": lambda: typesys.get_types_from_msg(text, name), "ros2idl": lambda: typesys.get_types_from_idl(text)}
+    from_text = lambda: typesys.get_types_from_msg(text, name)  # noqa: E731
+    parse = {"ros1msg": from_text, "ros2msg": from_text, "ros2idl": lambda: typesys.get_types_from_idl(text)}
     known = {**_usual(), **(parse[encoding]() if text.strip() and encoding in parse else {})}
     if name not in known:
         raise GainroomError(f"type {name} is not known, and the file does not define it")
@@ -109,30 +110,31 @@ class Layout:
     fixed: list[tuple[int, int]] = field(default_factory=list)
 
 
-def layout_of(data: bytes, name: str, types: Types) -> Layout:
-    """Raises GainroomError, ValueError, KeyError and struct.error where `data` is no such message."""
-    if len(data) < 4 or data[0] != 0 or data[1] not in (0, 1):
+def layout_of(data: bytes, name: str, types: Types, dense: bool = False) -> Layout:
+    """`dense`: of ROS 1. Raises GainroomError, ValueError, KeyError and struct.error where `data` is no such message."""
+    if not dense and (len(data) < 4 or data[0] != 0 or data[1] not in (0, 1)):
         raise GainroomError(f"a message of type {name} is not in plain CDR")
-    walk = _Walk(data, types)
+    walk = _Walk(data, types, dense)
     walk.message(name, "", 0)
     return walk.layout
 
 
 class _Walk:
-    """Along a message; `place` counts from behind the four bytes that say which byte comes first."""
+    """Along a message; `place` counts from behind the four bytes that say which byte comes first; of ROS 1 there are none, nor gaps."""
 
-    def __init__(self, data: bytes, types: Types) -> None:
+    def __init__(self, data: bytes, types: Types, dense: bool) -> None:
         self._data, self._types, self._place, self._fields = data, types, 0, 0
-        self.layout = Layout("<" if data[1] else ">", fixed=[(0, 4)])
+        self._dense, self._start = dense, 0 if dense else 4
+        self.layout = Layout("<" if dense or data[1] else ">", fixed=[(0, self._start)])
 
     def _next(self, letter: str, count: int = 1) -> int:
         """Offset of the next values of a type; the walk is then behind them."""
         size = struct.calcsize("=" + letter)
-        place = -(-self._place // size) * size if count else self._place
+        place = -(-self._place // size) * size if count and not self._dense else self._place
         self._place = place + size * count
-        if self._place + 4 > len(self._data):
+        if self._place + self._start > len(self._data):
             raise ValueError("a message ends too early")
-        return place + 4
+        return place + self._start
 
     def _length(self) -> int:
         offset = self._next("I")

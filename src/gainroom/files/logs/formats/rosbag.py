@@ -1,6 +1,7 @@
 """ROS 2 bags: a folder with metadata.yaml and files in SQLite (.db3) or MCAP, or one such file alone."""
 
 import contextlib
+import re
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
@@ -52,7 +53,7 @@ def _files(folder: Path) -> list[Path]:
     names = about.get("relative_file_paths") if isinstance(about, dict) else None
     if not isinstance(about, dict) or not isinstance(names, list) or not 0 < len(names) <= MOST_FILES:
         raise GainroomError(f"{where}: rosbag2_bagfile_information.relative_file_paths must list the bag's files, 1 to {MOST_FILES}")
-    if about.get("compression_mode"):
+    if str(about.get("compression_mode") or "none").lower() != "none":
         raise GainroomError(
             f"{where}: compression_mode {one_line(about['compression_mode'], 40)!r} is not read; unpack it with ros2 bag convert"
         )
@@ -60,8 +61,13 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _inside(folder: Path, name: object, where: Path) -> Path:
-    """A file of the bag; never one outside its folder, not by `..`, not by a root, not by a link."""
+    """A file of the bag; never one outside its folder, not by `..`, not by a root, not by a link.
+
+    Before version 4 the names in the file begin with the folder's own, as it was called when it was recorded.
+    """
     path = folder / str(name)
+    if isinstance(name, str) and re.fullmatch(r"[^/\0]*[^./\0]/[^/\0]+", name) and not path.exists():
+        path = folder / name.rpartition("/")[2]
     if not isinstance(name, str) or "\0" in name or not path.resolve().is_relative_to(folder.resolve()):
         raise GainroomError(f"{where}: relative_file_paths: {one_line(repr(name), 80)} must be a file in the bag's folder")
     if path.suffix not in (".db3", ".mcap"):
