@@ -111,3 +111,14 @@ def test_the_command_reports_them(tmp_path: Path):
     facts = json.loads(run("diagnose", tmp_path / "log.csv", "--json")[1])
     assert facts["log"]["outliers"] == 1
     assert any("motor_position" in text and "2.5 s" in text for text in facts["warnings"])
+
+
+def test_a_row_of_nonsense_in_a_command_hides_no_vibration():
+    """Target and actual torque are spoilt in the same row, as by a lost frame: 100 times as large as ever."""
+    torque = -20 * np.sin(2 * np.pi * 90.6 * TIME)
+    log = {"target_torque": replaced([1234], 1800.0, torque), "actual_torque": replaced([1234], -900.0, torque)}
+    found = diagnose(record(SWING, reference=np.full(4000, 0.05), **log))
+    assert found.vibrates
+    assert np.flatnonzero(found.outliers.rows).tolist() == [1234]
+    pulses = np.where(np.arange(4000) % 400 == 100, 5.0, 0.0)  # an excitation
+    assert without_outliers(record(SWING, target_torque=pulses), commands=True)[1].count == 0

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import GainroomError
 from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, vibration, windows
 from ..system.linear.arrays import Floats
-from .record import Record, resolution
+from .record import Record
 from .recorded_oscillation import LOOKED_AT, POSITIONS, RINGING, TORQUES, UNCHANGED, RecordedOscillation, measured
 from .run_away import Departure, departure
 from .setpoint_feedback import follows_position
@@ -22,6 +22,8 @@ from .speed_order import Turning, turning
 from .torque_excitation import excited_band
 
 RESTING = 0.1  # damping ratio above which an oscillation is the settling of a joint
+SMALLEST = 24  # changes of a reading that are tried for a step, and what lies between them
+OFF_STEPS, MOST_OFF = 0.01, 12  # share and number of changes that are no multiples
 MOST_MULTIPLES = 1e5  # of an encoder's step from row to row: beyond, digits of numbers are no steps
 STEPS = 0.5  # of the encoder, amplitude: a set-point or a drift that crosses steps makes an error of 1/π at most
 IRREGULAR_STEPS = (0.6, 6.0)  # likewise of motion without a single frequency: to and fro between two steps, to a few
@@ -184,19 +186,25 @@ def _counts(found: Vibration, record: Record, rows: slice, step: float, ramp: bo
 
 
 def _encoder_step(values: Floats) -> float:
-    """Of a position (m,), also where it moves so fast that no reading comes twice: what all its changes are multiples of; 0: nothing."""
-    step = resolution(values)
-    if step:
-        return step if math.isfinite(step) else 0.0
-    changes = np.abs(np.diff(values[:MOST_SAMPLES]))
-    least = float(changes[changes > 1e-12].min(initial=math.inf))
-    steps = np.diff(np.unique(np.round(changes[changes > 0] / least, 6))) if math.isfinite(least) else np.zeros(0)
-    steps = steps[steps > 1e-3]
-    if not len(steps):
+    """Of a position (m,): what nearly all its changes are multiples of, also of fast motion, in which no reading comes twice; 0: nothing.
+
+    Rows that were made of their neighbours, for want of a reading, are on no step.
+    """
+    changes = np.abs(np.diff(values[-MOST_SAMPLES:]))
+    changes = changes[changes > 1e-12]
+    if len(changes) < 4:
         return 0.0
-    step = least * float(min(steps.min(), 1.0))
-    multiples = changes / step
-    return step if multiples.max() < MOST_MULTIPLES and np.abs(multiples - np.round(multiples)).max() < 0.01 else 0.0
+    different = np.unique(np.round(changes, 12))[:SMALLEST]
+    between = np.diff(different)
+    tried = np.unique(np.concatenate([different, between[between > 1e-12]]))[::-1]
+    for step in tried.tolist():
+        multiples = changes / step
+        off = np.count_nonzero(np.abs(multiples - np.round(multiples)) > 0.01) + np.count_nonzero(multiples < 0.5)
+        if off <= max(OFF_STEPS * len(changes), MOST_OFF) and off < 0.2 * len(changes) and multiples.max() < MOST_MULTIPLES:
+            exact = multiples[np.abs(multiples - np.round(multiples)) <= 0.01]
+            whole = np.round(exact)
+            return float(step * np.sum(exact * whole) / np.sum(whole**2))
+    return 0.0
 
 
 def _found(values: Floats, tick: float, above: float = 0.0) -> Vibration | None:

@@ -28,6 +28,7 @@ PASSED_OVER = 12  # of the largest changes there: each outlier makes two, and up
 MOST = 0.02  # share of the rows, beyond LEAST_MANY of them: more are what this sensor is like
 LEAST_MANY = 5
 BEYOND = 5.0  # times the size that a torque has in nearly all rows, and the range of its command nearby: a step of the encoder makes pulses
+PULSE = 30.0  # likewise of a command, where such rows are asked for
 MOST_LOOKED_AT = 2000  # rows that may be outliers: more, and the share above is exceeded or nearly
 
 
@@ -44,9 +45,22 @@ class Outliers:
         return int(np.count_nonzero(self.rows))
 
 
-def without_outliers(record: Record) -> tuple[Record, Outliers]:
-    """`record` with rows that hold an outlier made of their neighbours: what is measured lies between, a command is that before."""
+def without_outliers(record: Record, commands: bool = False) -> tuple[Record, Outliers]:
+    """`record` with rows that hold an outlier made of their neighbours: what is measured lies between, a command is that before.
+
+    commands   commanded torques too, where they have a pulse of a few rows that is many times all others: pulses may be an excitation
+    """
+    spoilt = {name: _pulses(record.channels[name]) for name in COMMANDED if commands and record.has(name)}
+    if any(rows.any() for rows in spoilt.values()):
+        record, first = _made_of_neighbours(record, spoilt)
+        record, more = without_outliers(record)
+        return record, Outliers(first.rows | more.rows, {**first.channels, **more.channels})
     found = {name: outlying(values, _ordinary(record, name) if name in TORQUES else None) for name, values in _measured(record).items()}
+    return _made_of_neighbours(record, found)
+
+
+def _made_of_neighbours(record: Record, found: Mapping[str, Booleans]) -> tuple[Record, Outliers]:
+    """Without the rows (m,) found by channel."""
     found = {name: rows for name, rows in found.items() if rows.any()}
     if not found:
         return record, Outliers(np.zeros(len(record.time), dtype=bool))
@@ -74,6 +88,13 @@ def outliers_text(found: Outliers, time: Floats) -> list[str]:
 
 def _measured(record: Record) -> dict[str, Floats]:
     return {name: record.channels[name] for name in MEASURED if record.has(name)}
+
+
+def _pulses(values: Floats) -> Booleans:
+    """(m,) rows of a command that are many times as large as nearly all others, alone or a few together."""
+    size = np.abs(values - np.median(values))
+    most = float(np.quantile(size, 1 - MOST))
+    return outlying(values, size <= PULSE * most) if most > 0 else np.zeros(len(values), dtype=bool)
 
 
 def _ordinary(record: Record, name: str) -> Booleans:

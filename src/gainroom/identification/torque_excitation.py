@@ -17,6 +17,7 @@ from .record import Record
 GIVEN = 0.2  # of the torque's power, from which on feedback does not make it: of virtual vibrations below 1e-6, of multisines above 1
 LINE = 0.4  # likewise: less at the vibration's frequency is one line among others; of a vibration it is 0.9, of stick-slip 0.25 or more
 NEAR = 4  # lines of the spectrum that are one under its window
+SPOILT = 0.02  # of the rows, which may be left out: an excitation is in all of them
 SLOWER, FASTEST = 2.5, 0.9  # the band looked at: from the frequency over this, up to this share of half the rate
 ENDS = 0.02  # of the excitation's power beyond either end of its band
 
@@ -53,8 +54,15 @@ def _given(torque: Floats, position: Floats, reference: Floats | None) -> Floats
     law = np.hstack([*columns, np.cumsum(error)[FEEDBACK - 1 :, None]])
     changes = np.diff(law, 2, axis=0)
     scale = np.maximum(np.linalg.norm(changes, axis=0), 1e-300)
-    weights, *_ = np.linalg.lstsq(changes / scale, np.diff(torque[FEEDBACK - 1 :], 2), rcond=1e-10)
-    return torque[FEEDBACK - 1 :] - law @ (weights / scale)
+    asked = np.diff(torque[FEEDBACK - 1 :], 2)
+    weights = np.linalg.lstsq(changes / scale, asked, rcond=1e-10)[0]
+    off = np.abs(asked - changes / scale @ weights)
+    few = off > np.quantile(off, 1 - SPOILT)  # rows that were spoilt, and made of their neighbours, are of no law
+    weights = np.linalg.lstsq((changes / scale)[~few], asked[~few], rcond=1e-10)[0]
+    given = torque[FEEDBACK - 1 :] - law @ (weights / scale)
+    spoilt = np.convolve(np.pad(few, 1), np.ones(3), mode="same") > 0.5
+    rows = np.arange(len(given))
+    return np.interp(rows, rows[~spoilt], given[~spoilt])
 
 
 def _latest(values: Floats) -> Floats:

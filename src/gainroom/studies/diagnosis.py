@@ -110,7 +110,7 @@ def diagnose(record: Record, system: System | None = None) -> Diagnosis:
 
     Raises GainroomError where the record holds neither position nor torque.
     """
-    record, outliers = without_outliers(record.longest_run())
+    record, outliers = without_outliers(record.longest_run(), commands=True)
     own = None if system is None else system.control.sample_time
     search = find_oscillation(record, every_tick=own is None or own > SLOW_LOG * record.sample_time)
     missing = tuple(
