@@ -20,6 +20,7 @@ from gainroom.analysis.first_crossing import SEARCH
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.studies.sweep import cluster, plan as plans
+from gainroom.studies.sweep.checksums import own_digest
 from gainroom.studies.sweep.limits import Limits, StateLimits
 from gainroom.studies.sweep.plan import SweepPlan, drawn
 from gainroom.studies.sweep.postures import Grid, Samples, Trajectory
@@ -295,7 +296,10 @@ def test_a_store_in_another_form_is_left_alone(undisturbed, tmp_path):
     plan, path = small_plan(file, CHUNK), tmp_path / "sweep.zarr"
     ran(plan, path, workers=1)
     about = path / "zarr.json"
-    about.write_text(about.read_text().replace("gainroom sweep 2", "gainroom sweep 1"))
+    group = json.loads(about.read_text())
+    group["attributes"]["format"] = "gainroom sweep 99"
+    group["attributes"]["checksum"] = own_digest(group)
+    about.write_text(json.dumps(group))
     before = contents(path)
     with pytest.raises(gr.GainroomError, match="sweep by another version of gainroom, and stays as it is"):
         Store.of(path, plan)

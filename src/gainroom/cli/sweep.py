@@ -93,11 +93,13 @@ def sweep(
         from ..studies.sweep.summary import summarized
         from ..studies.swept_margins import MANY, worst_states
 
-        _run(store, workers, scheduler or "", output)
+        mended = _run(store, workers, scheduler or "", output)
         found = summarized(plan, store.finished(), remembered=max(MANY, margins or 0))
         with progress_bar("sweep:") as progress:
             near, at_worst = searched(found), worst_states(found, margins, progress)
-        show(as_json, lambda: _facts(found, near, at_worst, output), lambda: _terminal(found, near, at_worst, output, report))
+        show(
+            as_json, lambda: _facts(found, near, at_worst, output, mended), lambda: _terminal(found, near, at_worst, output, report, mended)
+        )
         if page is not None:
             from ..report.sweep import sweep_page
 
@@ -120,8 +122,9 @@ def _store(output: Path | None, plan: "SweepPlan") -> "Iterator[Store]":
         yield Store.of(Path(folder.name) / "sweep.zarr", plan)
 
 
-def _run(store: "Store", workers: int | None, scheduler: str, output: Path | None) -> None:
-    """Raises Stopped where a signal asks for it, which says how far it came."""
+def _run(store: "Store", workers: int | None, scheduler: str, output: Path | None) -> list[str]:
+    """What was damaged and made again. Raises Stopped where a signal asks for it, which says how far it came."""
+    from ..studies.sweep.checksums import damaged
     from ..studies.sweep.run import run
 
     with stop_signals() as asked, progress_bar("sweep:") as progress:
@@ -129,9 +132,12 @@ def _run(store: "Store", workers: int | None, scheduler: str, output: Path | Non
         if done.finished < done.total:
             kept = f"; {done.finished} of {done.total} limits are in {output}: the same command goes on" if output is not None else ""
             raise Stopped(asked(), kept)
+    return [f"{text}; it was computed again" for text in (*(f"{damaged(store.path, place)}" for place in store.mended), *done.damaged)]
 
 
-def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstStates", output: Path | None) -> dict[str, Any]:
+def _facts(
+    found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstStates", output: Path | None, mended: list[str]
+) -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
     from ..io.as_typed import as_typed
@@ -165,11 +171,18 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
         "rarer_than": found.rarer_than,
         "contacts": [facts(columns(found), one) for one in found.contacts],
         "output": None if output is None else str(output),
-        "warnings": warnings(found),
+        "warnings": [*warnings(found), *mended],
     }
 
 
-def _terminal(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstStates", output: Path | None, report: Path | None) -> str:
+def _terminal(
+    found: "SweepSummary",
+    near: "SweptPosture | None",
+    at_worst: "WorstStates",
+    output: Path | None,
+    report: Path | None,
+    mended: list[str],
+) -> str:
     from ..report.sweep_text import advice, columns, looked_at, sureness, verdict, warnings
 
     table = column_table("", columns(found), found.contacts, ("highest", "10 %"))
@@ -177,4 +190,4 @@ def _terminal(found: "SweepSummary", near: "SweptPosture | None", at_worst: "Wor
     said = [*doubts, *verdict(found, at_worst), *filter(None, [advice(found, at_worst)])]
     sure = [*sureness(found, near), *filter(None, [looked_at(found, at_worst)])]
     files = {"Results": output, "Report": report}
-    return render(*said, table, *sure, *closing(files, warned))
+    return render(*said, table, *sure, *closing(files, [*warned, *mended]))

@@ -162,8 +162,8 @@ def _canonical(value: Any) -> Any:
     return value if value is None or isinstance(value, str | int | bool) else repr(value)
 
 
-NAMES = ("source", "notes", "bones", "unknown")
-"""Fields that say where something comes from, how to draw it, or who has said it."""
+NAMES = ("source", "notes", "bones", "unknown", "effort_limit")
+"""Fields that say where something comes from, how to draw it, or who has said it, and what no limit depends on."""
 
 
 def _model(model: Any) -> bytes:

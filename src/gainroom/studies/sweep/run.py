@@ -11,15 +11,19 @@ from .store import Store
 
 @dataclass(frozen=True)
 class Done:
-    """How far a run has come: limits finished, of how many; `at_start` when it began."""
+    """How far a run has come: limits finished, of how many; `at_start` when it began.
+
+    damaged   what was said of tasks that were damaged, and were computed again
+    """
 
     finished: int
     total: int
     at_start: int
+    damaged: tuple[str, ...] = ()
 
 
 def run(store: Store, workers: int | None = None, scheduler: str = "", progress: Progress = quiet, stop: Stop = lambda: False) -> Done:
-    """Compute and write what `store` does not have yet; less where `stop` says so.
+    """Compute and write what `store` does not have yet, or damaged; less where `stop` says so.
 
     workers     processes of this machine; None: one per core; 1: none but this one
     scheduler   address of a Dask scheduler, whose workers compute instead
@@ -27,7 +31,12 @@ def run(store: Store, workers: int | None = None, scheduler: str = "", progress:
     Raises GainroomError where results cannot be written, workers keep dying, or the scheduler does not answer: what is finished is kept.
     """
     plan = store.plan
-    todo = [number for number in range(plan.tasks) if not store.has(plan.task(number))]
+    todo, damaged = [], []
+    for number in range(plan.tasks):
+        task = plan.task(number)
+        said = store.damage(task) if store.has(task) else ""
+        damaged += [said] * bool(said)
+        todo += [number] * bool(said or not store.has(task))
     found = done = plan.states - sum(plan.task(number).size for number in todo)
     progress(done, plan.states, "")
     tasks = map(plan.task, todo)
@@ -40,4 +49,4 @@ def run(store: Store, workers: int | None = None, scheduler: str = "", progress:
         store.write(task, limits)
         done += task.size
         progress(done, plan.states, "")
-    return Done(done, plan.states, found)
+    return Done(done, plan.states, found, tuple(damaged))

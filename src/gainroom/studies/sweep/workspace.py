@@ -18,6 +18,7 @@ from .local_pool import in_processes, in_this_process
 from .plan import SweepPlan
 from .postures import Samples, Trajectory, sampled
 from .store import open_sweep
+from .store_layout import require_finished
 from .summary import SweepSummary, SweptPosture, summarized
 
 GLANCE, GLANCED_JOINTS, LEAST_GLANCE = 256, 12, 32
@@ -133,6 +134,7 @@ def _lowest(found: Any, contact: int) -> int:
 def _stored(robot: Robot, store: Path) -> tuple[Any, tuple[str, ...]]:
     """The labelled arrays and contact states of a store that fits the robot."""
     found = open_sweep(store)
+    require_finished(store)
     if tuple(found.joint.values.tolist()) != robot.joint_names:
         raise GainroomError(f"{store}: is a sweep of a robot with other joints")
     contacts = tuple(str(name) for name in found.contact.values)
