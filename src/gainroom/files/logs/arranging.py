@@ -16,6 +16,11 @@ from .table import TIME, Column
 NUMBERED = re.compile(r"(?:joint|j|q|dof|motor|m|axis)_?([0-9]+)")
 MOTION = {"motor_position": "link_position", "motor_velocity": "link_velocity"}
 """What is measured of a motion; the same on the other side of the gearbox."""
+POSITIONS = ("motor_position", "link_position")
+LONG = 6
+"""Entries of an array from which on it is that of a robot."""
+KIND = {"motor_position": "position", "motor_velocity": "velocity", "actual_torque": "torque"}
+OUTPUT_DOUBT = "at the gearbox's output, but measured there or computed from the motor's is not said"
 MEASURED_MOTION = {*MOTION, *MOTION.values()}
 
 
@@ -48,7 +53,7 @@ class Arranged:
 
 def arrange(claims: Iterable[Claim]) -> Arranged:
     """Claims of one file."""
-    every = _one_name(list(claims))
+    every = _outputs(_one_name(list(claims)))
     notes, told = [], set()
     doubtful = [claim for claim in every if claim.doubt]
     for doubt in dict.fromkeys(claim.doubt for claim in doubtful):
@@ -56,6 +61,8 @@ def arrange(claims: Iterable[Claim]) -> Arranged:
     standing = [claim for claim in every if not claim.doubt]
     standing, sided = _sides(standing)
     standing, strangers = _joints_that_are_none(standing)
+    standing, uneven = _uneven(standing)
+    strangers += uneven
     told = {claim.column.name for claim in (*doubtful, *sided, *(claim for claims, _ in strangers for claim in claims))}
     for claim in sided[:1]:
         other = flag(_other_side(claim.channel), claim)
@@ -72,7 +79,7 @@ def flag(channel: str, claim: Claim) -> str:
 
 
 def _other_side(channel: str) -> str:
-    return next((motor for motor, link in MOTION.items() if link == channel), "actual_torque")
+    return next(motor for motor, link in MOTION.items() if link == channel)
 
 
 def _asked(claims: Sequence[Claim], why: str) -> str:
@@ -82,6 +89,8 @@ def _asked(claims: Sequence[Claim], why: str) -> str:
     command = COMMAND_OF.get(claims[0].channel)
     if why == COMMAND_DOUBT:
         ways.append(flag("reference", claims[0]))
+    elif why == OUTPUT_DOUBT and claims[0].channel in MOTION:
+        ways = [flag(MOTION[claims[0].channel], claims[0])]
     elif why == ROLE_DOUBT and command:
         ways.append(flag(command, claims[0]))
     return f"{verb} {first_of_many(names)} not used: {why} (to take it: {' or '.join(ways)})"
@@ -94,6 +103,35 @@ def _one_name(claims: list[Claim]) -> list[Claim]:
     return [replace(claim, joint=again.get(claim.joint, claim.joint)) for claim in claims]
 
 
+def _outputs(claims: list[Claim]) -> list[Claim]:
+    """What is the gearbox's output beside what is the motor's: of an encoder of its own, or computed from the motor's."""
+    motors = {(claim.joint, KIND[claim.channel]) for claim in claims if claim.channel in KIND and claim.side == "motor" and not claim.given}
+    return [
+        replace(claim, doubt=OUTPUT_DOUBT) if claim.side == "output" and (claim.joint, KIND.get(claim.channel)) in motors else claim
+        for claim in claims
+    ]
+
+
+def _uneven(claims: list[Claim]) -> tuple[list[Claim], list[tuple[list[Claim], str]]]:
+    """Without arrays that have another number of entries than the positions.
+
+    Of a robot on a free base entry 7 of `qpos` and entry 7 of `qvel` are two joints.
+    """
+    arrays: dict[str, list[Claim]] = {}
+    for claim in claims:
+        if claim.joint.isdigit() and not claim.given:
+            arrays.setdefault(re.sub(r"[0-9]+", "#", claim.column.name), []).append(claim)
+    whole = {name: array for name, array in arrays.items() if {int(claim.joint) for claim in array} == {*range(len(array))}}
+    first = next((array for array in whole.values() if array[0].channel in POSITIONS), None)
+    count = len(first or ())
+    odd = [claim for array in whole.values() if min(len(array), count) >= LONG and len(array) != count for claim in array]
+    if not odd:
+        return claims, []
+    gone = {id(claim) for claim in odd}
+    why = f"they are not as many as the {count} positions, and which belongs to which joint is not known"
+    return [claim for claim in claims if id(claim) not in gone], [(odd, why)]
+
+
 def _sides(claims: list[Claim]) -> tuple[list[Claim], list[Claim]]:
     """`joint_angle` beside `motor_angle` is the link's, and so is `q` beside `theta`; and those that were changed."""
     changed: dict[int, Claim] = {}
@@ -101,12 +139,9 @@ def _sides(claims: list[Claim]) -> tuple[list[Claim], list[Claim]]:
         own = [(k, claim) for k, claim in enumerate(claims) if claim.joint == joint and not claim.given]
         motor = any(claim.channel in MOTION and claim.side == "motor" for _, claim in own)
         both = {"theta", "q"} <= {claim.side for _, claim in own if claim.channel == "motor_position"}
-        for channel, other in (*MOTION.items(), ("actual_torque", "joint_torque")):
+        for channel, other in MOTION.items():
             there = {claim.channel for _, claim in own}
-            sides = {claim.side for _, claim in own if claim.channel == channel}
-            neutral = {"joint", "output"} if motor and channel in MOTION else {"q"} if both else set()
-            if channel == "actual_torque":
-                neutral = {"output"} if sides & {"", "motor"} else set()
+            neutral = {"joint"} if motor else {"q"} if both else set()
             if other not in there:
                 changed |= {k: replace(claim, channel=other) for k, claim in own if claim.channel == channel and claim.side in neutral}
     return [changed.get(k, claim) for k, claim in enumerate(claims)], [*changed.values()]

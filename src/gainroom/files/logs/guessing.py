@@ -107,9 +107,9 @@ class Naming:
                 beside.setdefault((*found[1:], ""), set()).add(found[0])
                 letters |= {word for word in found if word in LETTERS} if roles.intersection(found) else set()
             spelled |= any(_plain(word) in QUANTITIES["position"] for word in found)
-            above, sign, last = text.rpartition(".")
-            if sign and GAINS.intersection(word[0].lower() for word in WORD.finditer(last)):
-                gains.add(above)
+            *parts, last = re.split(r"[/.]", text.strip("/"))
+            if parts and GAINS.intersection(word[0].lower() for word in WORD.finditer(last)):
+                gains.add("/".join(parts))
         sided = any({"m", "l"} <= letters and "r" not in letters for letters in beside.values())
         dataset = any(_dataset_part(text) == "state" for text in texts)
         return cls(sided, "p" in letters and len(letters) > 1 and not spelled, dataset, frozenset(gains))
@@ -274,6 +274,8 @@ class _Parse:
         if self._unit and known_unit(self._unit, DIMENSIONS[quantity]) is None:
             return None
         spelled, metres = words[first].plain, self._unit == "m" and not self._bracketed
+        if spelled == "q" and not self._unit and words[-1].text in ("A", "V"):
+            return None  # of the q axis: a current, or a voltage
         if metres and (self._naming.sided or spelled in COORDINATES):
             return None  # an angle's, of the motor
         above = self._parts[:place]
@@ -297,7 +299,7 @@ class _Parse:
         rank += 1 + BARE * (not roles and not side and not self._unit) + LOCAL * (command is True and not roles & COMMANDING)
         rank += QUALIFIED * bool(roles & QUALIFIERS) + LESS_SURE * path
         doubts = {
-            FEED_FORWARD_DOUBT: bool(roles & FEEDFORWARD) or (channel == "target_torque" and ".".join(above) in self._naming.gains),
+            FEED_FORWARD_DOUBT: bool(roles & FEEDFORWARD) or (channel == "target_torque" and "/".join(above) in self._naming.gains),
             ROLE_DOUBT: self._is_both(command, roles, above),
             METRES_DOUBT: metres,
             f"what {strange!r} says of it is not known": bool(strange),
@@ -308,7 +310,7 @@ class _Parse:
     def _is_both(command: bool | None, roles: set[str], above: list[str]) -> bool:
         """Whether words say that it is commanded and that it is measured: in one part, or as `servo_control.torque` may."""
         if command is None:
-            return bool(above) and "control" in {word.plain for word in _words(above[-1])}
+            return bool(above) and [word.plain for word in _words(above[-1])][-1:] == ["control"]
         return command and bool(roles & MEASURING - {"state"}) and bool(roles & COMMANDING)
 
     def _side(self, spelled: str, first: int, last: int, above: list[str]) -> tuple[str, bool]:

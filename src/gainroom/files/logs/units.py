@@ -28,8 +28,8 @@ SPELLINGS = {
         "rad": "radian radians",
         "rev": "turn turns revs",
         "rev/s": "rps",
-        "rad/s": "rads radps",
-        "deg/s": "degps °/s dps",
+        "rad/s": "rads radps rads^-1 rads-1",
+        "deg/s": "degps °/s dps degs^-1 degs-1",
         "A": "amp amps ampere",
     }.items()
     for spelling in spellings.split()

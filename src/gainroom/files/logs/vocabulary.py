@@ -72,7 +72,7 @@ BARE_POSITION = frozenset(words("setpoint set_point goal reference"))
 """Commands that are positions where no quantity is said."""
 BARE_COMMAND = frozenset(words("command cmd ctrl u action"))
 """Those of which it is not said what they command."""
-MOTOR = frozenset(words("motor rotor mot"))
+MOTOR = frozenset(words("motor rotor mot mtr gear"))
 LINK = frozenset(words("link load"))
 OUTPUT = frozenset(words("output out"))
 """The gearbox's; also what a controller puts out."""
