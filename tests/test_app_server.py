@@ -179,7 +179,7 @@ def test_saving_refuses_what_was_not_seen_and_what_changed_meanwhile(tmp_path: P
     file.write_text(EXAMPLES["testbed"], "utf-8")
     from gainroom.app.bench import digest_of
 
-    with pytest.raises(GainroomError, match="has changed since it was opened"):
+    with pytest.raises(GainroomError, match="has changed since this page read or saved it"):
         opened.save("joint: {}\n", digest_of("joint: {}\n"))
     assert file.read_text("utf-8") == EXAMPLES["testbed"]
 

@@ -30,11 +30,12 @@ class Cancelled(Exception):  # noqa: N818 - asked for, not an error
     """Nobody waits for the answer."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Opened:
     """The file that the page is about: its text as it was read; `path` None: a shipped example or a model, to which nothing is saved.
 
     command  that opened it, where it is no file of its own
+    saved    the text that stands in the file since it was saved; None: the one that was read
     """
 
     text: str
@@ -42,6 +43,12 @@ class Opened:
     folder: Path
     path: Path | None = None
     command: str = ""
+    saved: str | None = None
+
+    @property
+    def stored(self) -> str:
+        """What the file holds, as far as is known here."""
+        return self.text if self.saved is None else self.saved
 
     def call(self, kind: str) -> str:
         """What gives the same numbers in a terminal; `kind`: joint or robot."""
@@ -58,15 +65,19 @@ class Opened:
             raise GainroomError(f"{self.source}: no gains are saved to an example or a model: copy them, or start with --write-robot")
         if digest_of(text) != digest:
             raise GainroomError(f"{self.source}: not saved, as the gains have changed since the difference was shown")
-        if read_text(self.path) != self.text:
-            raise GainroomError(f"{self.source}: not saved, as the file has changed since it was opened; start gainroom app again")
+        if read_text(self.path) != self.stored:
+            raise GainroomError(
+                f"{self.source}: not saved, as the file has changed since this page read or saved it; load the page again, or, where "
+                "it was changed elsewhere, start gainroom app again"
+            )
         write_text(self.path, text)
+        self.saved = text
 
     def difference(self, text: str) -> str:
-        """As `diff -u` has it."""
+        """Between what the file holds and `text`, as `diff -u` has it."""
         import difflib
 
-        lines = difflib.unified_diff(self.text.splitlines(), text.splitlines(), self.source, self.source, lineterm="")
+        lines = difflib.unified_diff(self.stored.splitlines(), text.splitlines(), self.source, self.source, lineterm="")
         return "".join(f"{line}\n" for line in lines)
 
 
@@ -92,9 +103,11 @@ def digest_of(text: str) -> str:
 
 
 class Bench(Protocol):
-    """A file, opened, and its numbers at other gains. Only `opened` changes, when it is saved."""
+    """A file, opened, and its numbers at other gains. Only `opened.saved` changes, when it is saved."""
 
     opened: Opened
+
+    def __init__(self, opened: Opened) -> None: ...
 
     def opening(self) -> dict[str, Any]:
         """What does not change while the page is open."""

@@ -5,7 +5,9 @@ import contextlib
 import secrets
 import socket
 import sys
+import threading
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib.resources import files
 from types import MappingProxyType
 
@@ -21,6 +23,7 @@ from .access import LOOPBACK, App, Guard
 from .bench import Bench
 from .lanes import Lane
 from .messages import LONGEST
+from .patience import PatientProtocol
 from .session import Session
 
 STATIC = files("gainroom") / "app" / "static"
@@ -36,7 +39,8 @@ PATIENCE = 1
 
 def application(bench: Bench, port: int, token: str = "", examples: Examples = NONE) -> App:
     """The ASGI application; `examples`: what a page is about in place of `bench`, by the name behind ?example=."""
-    benches = {"": lambda: bench, **examples}
+    newest = _Newest(bench)
+    benches = {"": newest.bench, **examples}
 
     def asked(given: HTTPConnection) -> str:
         return given.query_params.get("example", "")
@@ -76,6 +80,22 @@ def application(bench: Bench, port: int, token: str = "", examples: Examples = N
     return Guard(Starlette(routes=routes), port, token)
 
 
+class _Newest:
+    """A bench for pages that open: where a page has saved, one of what the file holds since then."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench, self._lock = bench, threading.Lock()
+
+    def bench(self) -> Bench:
+        """Where what was saved cannot be opened the one of before."""
+        with self._lock:
+            opened = self._bench.opened
+            if opened.stored != opened.text:
+                with contextlib.suppress(GainroomError):
+                    self._bench = type(self._bench)(replace(opened, text=opened.stored, saved=None))
+            return self._bench
+
+
 def _static() -> dict[str, bytes]:
     """The page's files by their path below static."""
     found = {}
@@ -110,8 +130,19 @@ def serve(bench: Bench, host: str, port: int, ready: Callable[[str], None], exam
     port = listener.getsockname()[1]
     here = host in LOOPBACK or host == "::1"
     token = "" if here else secrets.token_urlsafe(24)
-    config = uvicorn.Config(
-        application(bench, port, token, examples),
+    config = configured(application(bench, port, token, examples))
+    name = f"[{host}]" if ":" in host and not host.startswith("[") else host
+    server = uvicorn.Server(config)
+    with contextlib.closing(listener):
+        ready(f"http://{name}:{port}/" + (f"?token={token}" if token else ""))
+        server.run(sockets=[listener])
+
+
+def configured(app: App) -> uvicorn.Config:
+    """How the application is served."""
+    return uvicorn.Config(
+        app,
+        http=PatientProtocol,
         ws="wsproto",
         ws_max_size=LONGEST,
         ws_per_message_deflate=False,  # this machine alone: packing costs more than it saves
@@ -123,8 +154,3 @@ def serve(bench: Bench, host: str, port: int, ready: Callable[[str], None], exam
         timeout_graceful_shutdown=PATIENCE,
         limit_concurrency=256,
     )
-    name = f"[{host}]" if ":" in host and not host.startswith("[") else host
-    server = uvicorn.Server(config)
-    with contextlib.closing(listener):
-        ready(f"http://{name}:{port}/" + (f"?token={token}" if token else ""))
-        server.run(sockets=[listener])

@@ -138,9 +138,10 @@ class Session:
             yield "copied", {"text": self._bench.copied(ask.view, ask.form), "form": ask.form}
         else:
             text = self._bench.text(ask.view)
+            difference = self._bench.opened.difference(text)
             if ask.digest:
                 self._bench.opened.save(text, ask.digest)
-            yield "saved" if ask.digest else "difference", {"text": self._bench.opened.difference(text), "digest": digest_of(text)}
+            yield "saved" if ask.digest else "difference", {"text": difference, "digest": digest_of(text)}
 
     def _later(self, name: str, key: int, part: dict[str, Any]) -> None:
         text = _text(name, key, part)  # in this thread: the event loop has others to serve
