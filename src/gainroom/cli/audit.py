@@ -16,7 +16,9 @@ from .output import closing, column_table, do_this, folded_parts, headings, rend
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..files.audit_options import AuditOptions
+    from collections.abc import Callable
+
+    from ..files.audit_options import Audited, AuditOptions
     from ..studies.audit import Audit
     from ..studies.audited_workspace import AuditedWorkspace
     from ..studies.simulator_audit import SimulatorAudit
@@ -108,7 +110,6 @@ def audit(
     asked = {"timestep": timestep, "integrator": integrator, "pd": pd, "decimation": decimation, "armature": armature}
     extra, further = delay_of_margin(delay_margin_ms), further_requirements(phase_margin_deg, peak_sensitivity)
     found = audited(model, given.gains, options)
-    required = required_of(found.system, margin, extra, further)
     training = None
     if simulator is not None or any(value is not None for value in asked.values()):
         from ..files.simulator_options import SimulatorOptions, simulator_of
@@ -118,7 +119,12 @@ def audit(
     call = typed_command(context, *besides, "report")
     with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:
         with progress_bar("audit:") as progress, named(model):
-            result = run_audit(found.system, required, progress, options.damping_ratio, found.gearboxes)
+
+            def judged(one: "Audited") -> "Audit":
+                required = required_of(one.system, margin, extra, further)
+                return run_audit(one.system, required, progress, options.damping_ratio, one.gearboxes)
+
+            result, found = read_in_every_way(model, given.gains, found, judged)
         simulated = None
         if training is not None:
             from ..studies.simulator_audit import audit_simulator
@@ -144,6 +150,24 @@ def audit(
     return (
         0 if result.safe and not result.withheld and (simulated is None or simulated.limit.stable) and (swept is None or swept.safe) else 1
     )
+
+
+def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: "Callable[[Audited], Audit]") -> "tuple[Audit, Audited]":
+    """The audit of what was `found`, or of each way to read what it leaves open, and what it is of; `judged`: of one of them."""
+    from ..files.readings import HOST, damping_readings, drive_reading
+    from ..studies.audit import ReadAs
+    from ..studies.audit_readings import least_of, with_drives
+
+    damped = damping_readings(model, gains, found)
+    if damped:
+        result = least_of([ReadAs(one.option, one.meaning, judged(one.asked)) for one in damped])
+        return result, next(each.asked for each, one in zip(damped, result.readings, strict=True) if one.audit.every is result.every)
+
+    def drives() -> ReadAs | None:
+        there = drive_reading(model, gains, found.options)
+        return None if there is None else ReadAs(there.option, there.meaning, judged(there.asked))
+
+    return with_drives(judged(found), drives, *HOST), found
 
 
 def _facts(
@@ -197,6 +221,16 @@ def _facts(
         **_further_facts(simulated, swept),
         "needed_stiffness": needed_facts(result),
         "gearbox_range": range_facts(result),
+        "readings": [
+            {
+                "option": one.option,
+                "meaning": one.meaning,
+                "safe": one.audit.safe,
+                "gain_limit": one.audit.tightest.limit.gain,
+                "unsafe_joints": [joint.name for joint in one.audit.joints if not joint.safe],
+            }
+            for one in result.readings
+        ],
         "rigid_gearboxes": [joint.name for joint, rigid in zip(result.joints, result.assumed_rigid.tolist(), strict=True) if rigid],
         "assumptions": [*result.system.assumptions, *gearbox_assumptions(result)],
         "warnings": list(audit_warnings(result)),

@@ -6,7 +6,8 @@ A robot         robot_yaml reads, robot_sections has its keys, robot_scenario wh
                 their own)
 Both            system_sections: motor, drive, control (with the types of controllers), limits, ranges; absurd_values; file_types tells
                 one from the other; edited_text writes values into them
-Command lines   audit_options (a bare model), audited_robot (as a robot.yaml), simulator_options, sweep_options, typed_requirements
+Command lines   audit_options (a bare model), readings (what it leaves open), audited_robot (as a robot.yaml), simulator_options,
+                sweep_options, typed_requirements
 Gains           gain_files reads and gain_export writes other people's forms, each in gain_formats; model_keyframes (postures of MJCF)
 Logs            logs, with a file per format
 """

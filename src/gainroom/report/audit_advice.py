@@ -1,6 +1,7 @@
 """What to do after an audit: gains to use, what is still to be known, or the command that finds gains."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,9 @@ def what_to_do(
         return Advice(
             "Correct the model, masses in kg, lengths in m and inertias in kg·m², and audit again; the numbers below are of it as it is."
         )
+    if result.open:
+        calls = [_with_option(call, one.option) for one in result.readings]
+        return Advice("Find out which of these it is, and audit again:", calls)
     if result.safe:
         return _to_decide(result, call)
     if found is not None and found is not result.ready_to_use:
@@ -56,6 +60,11 @@ def what_to_do(
         measure = "Measure the gearboxes (`gainroom identify stiffness`), as a wide range may leave no gains; for one point in the range"
         return Advice(f"{none} {measure} search joint by joint:", _searched(call, written), [AGAIN])
     return Advice(f"{none} Search joint by joint:", _searched(call, written), [AGAIN])
+
+
+def _with_option(call: str, option: str) -> str:
+    """The command with one of the readings; gains on the drive have no rate on the host."""
+    return f"{re.sub(r' --rate-hz [^ ]+', '', call) if '--gains-run drive' in option else call} {option}"
 
 
 def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:

@@ -35,6 +35,33 @@ def verdict(result: Audit) -> str:
     """Whether the gains are safe, and what fails first, where, and in which joints. No number in it is one to use."""
     if result.doubts:
         return f"Not decided: {'; '.join(result.doubts)}"
+    if result.open:
+        return f"Not decided: {_readings(result)}{_also_open(result)}"
+    return f"{_verdict(result)}{f' {_readings(result)}' if result.readings else ''}"
+
+
+def _readings(result: Audit) -> str:
+    """The flag that nobody gave, and what each of its values means and gives."""
+    flag = result.readings[0].option.split()[0]
+    each = [f"{one.option.removeprefix(flag).strip()} ({one.meaning}): {_unsafe(one.audit)}" for one in result.readings]
+    return f"{flag} is not given: {'; '.join(each)}."
+
+
+def _unsafe(found: Audit) -> str:
+    """How many joints are not safe, and where vibration starts."""
+    limit, count = found.tightest.limit, sum(not joint.safe for joint in found.joints)
+    joints = "no joint" if not count else f"{count} of {len(found.joints)} joints"
+    start = "nothing makes it vibrate" if math.isinf(limit.gain) else f"vibration starts at {digits(limit.gain, '×', 4)} these gains"
+    return f"{joints} {'is' if count < 2 else 'are'} unsafe, {start if limit.gain > 0 else 'no lower gains are stable'}"
+
+
+def _also_open(result: Audit) -> str:
+    """What else is not known, where nothing but that decides; a sentence."""
+    return " The gearboxes' stiffness is not given, too." if result.assumed_rigid.any() else ""
+
+
+def _verdict(result: Audit) -> str:
+    """Of one way to read it."""
     over, worst, count = over_range(result), result.tightest, sum(not joint.safe for joint in result.joints)
     if not worst.limit.stable:
         return (

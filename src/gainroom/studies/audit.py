@@ -73,6 +73,15 @@ class AuditedJoint:
 
 
 @dataclass(frozen=True)
+class ReadAs:
+    """One way to read what a model and its gains leave open: the option that says so, what it means, and the audit of the robot so read."""
+
+    option: str
+    meaning: str
+    audit: "Audit"
+
+
+@dataclass(frozen=True)
 class Audit(Analysis):
     """The result of `gainroom audit`.
 
@@ -80,10 +89,14 @@ class Audit(Analysis):
     needed   how stiff gearboxes are seen to be safe whose stiffness is not known; None where all are known, the gains are not safe, it was
              not asked for, or cannot be computed (see needed_stiffness.py)
     over     where gearboxes lie in a range: what was looked at; `system` and all numbers are of the worst
+    readings   where something is left open: each way to read it; all numbers are of one of them (audit_readings.py)
+    open       they differ in the verdict, which there is none then
     """
 
     needed: NeededStiffness | None = None
     over: RangeOfGearboxes | None = None
+    readings: tuple[ReadAs, ...] = ()
+    open: bool = False
 
     @property
     def required(self) -> Requirements:
@@ -113,7 +126,7 @@ class Audit(Analysis):
     @property
     def withheld(self) -> bool:
         """Whether there is no verdict, neither safe nor unsafe, whatever the numbers say."""
-        return bool(self.doubts)
+        return bool(self.doubts) or self.open
 
     @property
     def decided(self) -> bool:
@@ -331,7 +344,7 @@ class Audit(Analysis):
         """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes: of a range the worst of now."""
         control = replace(self.system.control, controller=replace(self.controller, **gains))
         system = replace(self.system, control=control)
-        return replace(self, system=system, every=analyze(system, numbers=NUMBERS).every, needed=None, over=None)
+        return replace(self, system=system, every=analyze(system, numbers=NUMBERS).every, needed=None, over=None, readings=(), open=False)
 
     @property
     def delay_limit(self) -> float:

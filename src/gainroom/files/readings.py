@@ -1,0 +1,111 @@
+"""What a model and its gains leave open, and may be read in two ways: each reading is the same robot with an option that nobody typed.
+
+- Actuators without velocity feedback (MJCF: kv = 0) on joints with damping of their own: that damping is the controller's kd in some
+  training models, friction of the joint in others.
+- Where kp and kd run, for robots whose motor drives take kp and kd with every command: on the host, with all of the delay in the loop, or
+  in the drives.
+"""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import listed
+from ..robot.formats.model_names import locate
+from ..robot.formats.xml_text import read_xml
+from .audit_options import Audited, AuditOptions, audited
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read what nobody has said.
+
+    option    that says so, as it is typed
+    meaning   in a few words
+    asked     the robot so read
+    """
+
+    option: str
+    meaning: str
+    asked: Audited
+
+
+@dataclass(frozen=True)
+class DriveFamily:
+    """Robots whose drives take kp, kd and set-points with every command, so that PD may run there.
+
+    names    a pattern of words of the model's name, its file's or its folder's
+    joints   a pattern that some joint's name must match where the word alone says little
+    source   of that
+    """
+
+    title: str
+    names: str
+    joints: str
+    source: str
+
+
+SDK2 = "unitree_sdk2: LowCmd.motor_cmd has q, dq, tau, kp and kd of each motor"
+LEGGED_SDK = "unitree_legged_sdk: LowCmd.motorCmd has q, dq, tau, Kp and Kd of each motor"
+BOOSTER_SDK = "booster_robotics_sdk: LowCmd.motor_cmd has q, dq, tau, kp and kd of each motor"
+CHEETAH = "Katz 2018, A low cost modular actuator for dynamic robots: position, velocity, kp, kd and torque by CAN, PD in the drive"
+FAMILIES = (
+    DriveFamily("Unitree", "unitree", ".*", f"{SDK2}; {LEGGED_SDK}"),
+    DriveFamily("Unitree", "a1|aliengo|b1|b2|go1|go2|laikago", "(F|R)(L|R)_(hip|thigh|calf)(_joint)?", LEGGED_SDK),
+    DriveFamily("Unitree", "g1|h1|r1", "left_hip_(pitch|roll|yaw)_joint", SDK2),
+    DriveFamily("Booster", "booster", ".*", BOOSTER_SDK),
+    DriveFamily("Booster", "t1|k1", "Left_Hip_(Pitch|Roll|Yaw)", BOOSTER_SDK),
+    DriveFamily("MIT Mini Cheetah", "mini ?cheetah", ".*", CHEETAH),
+)
+"""Known by their makers' interfaces. Which of the two a program uses is still its own: torques may be computed on the host and sent."""
+HOST = ("--gains-run host", "the program computes the torques and sends them")
+"""The reading of which the audit is, where nobody has said where kp and kd run."""
+DRIVE_RATE_HZ, DRIVE_DELAY_MS = 1000.0, 1.0
+"""Of a drive's own loop where nobody has said it: slower than any that is published (30 kHz of moteus, 40 kHz of the Mini Cheetah)."""
+
+
+def damping_readings(model: str, gains: Path | None, found: Audited) -> tuple[Reading, ...]:
+    """The two readings of the joints' own damping; () where it was said, or every actuator has kd of its own."""
+    options = found.options
+    if options.joint_damping is not None:
+        return ()
+    bare = undamped(found)
+    if not bare:
+        return ()
+    whose = f"the damping of {listed(bare, most=2)} in the model"
+    meanings = {"controller": f"{whose} is the controller's kd", "friction": f"{whose} is friction"}
+    return tuple(
+        Reading(f"--joint-damping {what}", meaning, audited(model, gains, replace(options, joint_damping=what)))
+        for what, meaning in meanings.items()
+    )
+
+
+def undamped(found: Audited) -> list[str]:
+    """The joints with kp, without kd, and with damping of their own."""
+    source, controller = found.system.source, found.system.control.controller
+    kp, kd = (np.broadcast_to(getattr(controller, name), len(source.joint_names)) for name in ("kp", "kd"))
+    bare = (kp > 0) & (kd == 0) & (source.body.damping > 0)
+    return [name for name, one in zip(source.joint_names, bare.tolist(), strict=True) if one]
+
+
+def drive_reading(model: str, gains: Path | None, options: AuditOptions) -> Reading | None:
+    """That kp and kd run in the drives, in a loop as slow as DRIVE_RATE_HZ; None where somebody has said where, or nothing is known."""
+    if options.gains_run is not None or family_of(model) is None:
+        return None
+    there = replace(options, gains_run="drive", rate_hz=None, drive_rate_hz=DRIVE_RATE_HZ, drive_delay_ms=DRIVE_DELAY_MS)
+    option = f"--gains-run drive --drive-rate-hz {DRIVE_RATE_HZ:g} --drive-delay-ms {DRIVE_DELAY_MS:g}"
+    meaning = "the motor drives compute the torques, from target positions, kp and kd that the program sends"
+    return Reading(option, meaning, audited(model, gains, there))
+
+
+def family_of(model: str) -> DriveFamily | None:
+    """The family of drives of a model in a file, or under a name of robot_descriptions."""
+    path = locate(model)
+    root = read_xml(path)
+    named = " ".join([root.get("name", ""), root.get("model", ""), path.stem, path.parent.name]).lower()
+    words = f" {re.sub('[^a-z0-9]+', ' ', named)} "
+    joints = [joint.get("name", "") for joint in root.iter("joint")]
+    known = (one for one in FAMILIES if re.search(f" ({one.names}) ", words))
+    return next((one for one in known if any(re.fullmatch(one.joints, joint) for joint in joints)), None)
