@@ -7,6 +7,7 @@ Anchors, aliases, merge keys, duplicate keys and tags have no use in a configura
 made of it.
 """
 
+import itertools
 import math
 import re
 from collections.abc import Hashable
@@ -53,9 +54,23 @@ def shown(value: object) -> str:
     """`value` for a message: printable, on one line, not longer than LONGEST."""
     if value is None or isinstance(value, bool):
         return {None: "nothing", True: "true", False: "false"}[value]
-    text = ascii(value) if isinstance(value, str) and not value.isprintable() else repr(value)
+    text = ascii(value) if isinstance(value, str) and not value.isprintable() else _short(value, [LONGEST])
     text = "".join(c if c.isprintable() else " " for c in text)
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
+
+
+def _short(value: object, left: list[int]) -> str:
+    """repr, of as many values as are `left`: a list that holds another one twice, and so on, would be endless."""
+    left[0] -= 1
+    if left[0] < 0:
+        return "…"
+    if type(value) is dict:
+        pairs = itertools.takewhile(lambda _: left[0] > 0, value.items())
+        return f"{{{', '.join(f'{_short(key, left)}: {_short(each, left)}' for key, each in pairs)}}}"
+    if type(value) in (list, tuple):
+        text = ", ".join(_short(each, left) for each in itertools.takewhile(lambda _: left[0] > 0, value))  # type: ignore[call-overload]
+        return f"[{text}]" if type(value) is list else f"({text}{',' if len(value) == 1 else ''})"  # type: ignore[arg-type]
+    return repr(value)
 
 
 def read_text(path: Path) -> str:

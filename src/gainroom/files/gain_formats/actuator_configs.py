@@ -7,7 +7,7 @@ A configuration is a call, or a class, with names of joints (`target_names_expr`
 import ast
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,8 @@ from ...io.yaml_text import shown
 from ...robot.name_patterns import select_all
 from .gain_arrays import INDICES, KD, ORDERS, ArrayNames, is_gain_array, read_arrays
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
-from .legged_gym import legged_gym_robots, read_legged_gym
-from .python_objects import DEEPEST, REST, Function, Once, Record, Unknown, View, contents, fields_of, is_number, parts
+from .legged_gym import CONTROL, legged_gym_robots, read_legged_gym
+from .python_objects import DEEPEST, REST, Alike, Function, Once, Record, Unknown, View, contents, fields_of, is_number, parts
 from .python_undecided import COPIES
 from .python_values import PythonValues, one_robot, read_python
 
@@ -113,7 +113,7 @@ def read_actuator_configs(text: str, source: str, chosen: str = "", folder: Path
 
     Raises GainroomError, one line that names the file and the line.
     """
-    values = read_python(text, source, GUARDED, folder)
+    values = _with_objects(read_python(text, source, GUARDED, folder))
     robots = _robots(values)
     if chosen and chosen not in robots and (value := _named(values, chosen)) is not None:
         if isinstance(value, Unknown):
@@ -225,11 +225,12 @@ def _is_built_on(value: Any) -> bool:
 
 def _not_looked_at(values: PythonValues, robots: Mapping[str, Any], source: str) -> list[str]:
     """Notes of actuators that are in no robot, and of configurations that build on those of another file."""
-    used = {_identity(each) for robot in robots.values() for each in _actuators(robot)}
+    alike = Alike()
+    used = {_identity(each, alike) for robot in robots.values() for each in _actuators(robot)}
     notes = [
         f"{source}: line {each.line}: {name} is in no robot's actuators, so it does not count"
         for name, each in values.names.items()
-        if isinstance(each, Record) and _is_actuator(each) and not each.is_class and _identity(each) not in used
+        if isinstance(each, Record) and _is_actuator(each) and not each.is_class and _identity(each, alike) not in used
     ]
     built = [(name, each) for name, each in values.names.items() if _is_built_on(each)]
     return notes + [f"{source}: line {each.line}: {name} is not looked at: {each}" for name, each in built]
@@ -315,7 +316,8 @@ def _robots(values: PythonValues) -> dict[str, Any]:
     if not held:
         return {"": tuple({id(each): each for each in alone}.values())} if alone else _made_by_functions(values)
     inside = {id(each) for robot in held.values() if isinstance(robot, Record) for each in parts(robot) if each is not robot}
-    keys = {name: frozenset(map(_identity, _actuators(each))) for name, each in held.items()}
+    alike = Alike()
+    keys = {name: frozenset(_identity(actuator, alike) for actuator in _actuators(each)) for name, each in held.items()}
     result: dict[str, Any] = {}
     known: set[Any] = set()
     for name, each in held.items():
@@ -324,7 +326,7 @@ def _robots(values: PythonValues) -> dict[str, Any]:
             continue
         if bare and any(keys[name] < keys[other] for other in held):
             continue
-        key = (keys[name], _plain(next((part.fields[POSTURE] for part in parts(each) if _has_posture(part)), None)))
+        key = (keys[name], alike.number(next((part.fields[POSTURE] for part in parts(each) if _has_posture(part)), None)))
         if key not in known:
             known.add(key)
             result[name] = each
@@ -372,24 +374,23 @@ def _named(values: PythonValues, chosen: str) -> Any:
     return (value,) if isinstance(value, Record) and _is_actuator(value) else value
 
 
-def _identity(value: Any) -> tuple[Any, ...]:
+def _identity(value: Any, alike: Alike) -> tuple[Any, ...]:
     """What two copies of an actuator have in common, as long as nothing that matters was changed in one."""
     if not isinstance(value, Record):
-        return (repr(value)[:200],) if isinstance(value, Unknown) else (id(value),)
-    return (value.source, value.line, *(_plain(value.fields.get(key)) for key in GUARDED))
+        return (str(value),) if isinstance(value, Unknown) else (id(value),)
+    return (value.source, value.line, *(alike.number(value.fields.get(key)) for key in GUARDED))
 
 
-def _plain(value: Any, depth: int = 0) -> Any:
-    """A value to compare with another; what is not made of numbers and text by what it is."""
-    if depth > DEEPEST:
-        return id(value)
-    if isinstance(value, dict):
-        return tuple((str(key), _plain(each, depth + 1)) for key, each in value.items())
-    if isinstance(value, list | tuple):
-        return tuple(_plain(each, depth + 1) for each in value)
-    if isinstance(value, Record):
-        return (value.line, *(_plain(value.fields.get(key), depth + 1) for key in GUARDED))
-    return value if isinstance(value, str | int | float | bool | None | Unknown) else id(value)
+def _with_objects(values: PythonValues) -> PythonValues:
+    """The same, with an object in the place of each class that changes its fields when one is made: what the class says is not all."""
+    names = dict(values.names)
+    for name, each in values.names.items():
+        changes = isinstance(each, Record) and each.is_class and any(each.inherited(made) for made in ("__init__", "__post_init__"))
+        if changes and not _is_actuator(each) and each.inherited(CONTROL) is None:
+            made = values.make(each)
+            holds = isinstance(made, Unknown) and _actuators(each)
+            names[name] = made if not holds else Record(each.name, each.line, {"actuators": made}, source=each.source)
+    return replace(values, names=names)
 
 
 def _foreign_class(values: PythonValues) -> str:

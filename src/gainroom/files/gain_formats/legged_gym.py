@@ -13,7 +13,7 @@ from ...errors import GainroomError, nearest
 from ...io.validation import checked, dotted
 from ...io.yaml_text import shown
 from .gain_record import ANGLE, NOT_NEGATIVE, Gain, GainFile
-from .python_objects import Record, Unknown, fields_of
+from .python_objects import Alike, Record, Unknown, fields_of
 from .python_values import PythonValues, one_robot
 
 POSITION = "P"
@@ -58,7 +58,9 @@ def legged_gym_robots(values: PythonValues) -> dict[str, Record]:
 
 def _same(one: Record, other: Record) -> bool:
     """Whether two classes have the same gains and angles, as where one inherits from the other."""
-    return all(_section(one, name).get(key) == _section(other, name).get(key) for name, key in _READ)
+    alike = Alike()
+    pairs = [(_section(one, name).get(key), _section(other, name).get(key)) for name, key in _READ]
+    return all(alike.number(first) == alike.number(second) for first, second in pairs)
 
 
 _READ = (

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
+from ...errors import GainroomError
 from . import python_library as library
 from .python_library import FUNCTIONS, HELPERS, OF_MATH, SEQUENCES, NotKnown
 from .python_objects import (
@@ -18,15 +19,18 @@ from .python_objects import (
     Array,
     Builtin,
     Function,
+    Member,
     Method,
     Once,
     Partial,
     Record,
     Unknown,
+    Unordered,
     View,
     contents,
     fields_of,
     is_key,
+    is_number,
     is_open,
     is_plain,
     parts,
@@ -144,6 +148,10 @@ class Calls(Interpreter):
                     return self._imported(node, function, given, named)
         except NotKnown as error:
             return self._not_followed(node, function, given, named, error.because)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            if isinstance(error, GainroomError):
+                raise
+            return self._not_followed(node, function, given, named)  # Python would end here, too
         return self._not_followed(node, function, given, named)
 
     def _not_followed(
@@ -176,9 +184,13 @@ class Calls(Interpreter):
             if isinstance(each, Function):  # it may be called
                 self._not_followed(node, each, [result.held()], {})
         name = _shown_path(function)
+        taken = node is not self.discarded or name.startswith(HARMLESS_CALLS) or name[:1].isupper()
+        for each in values if not taken else [named.get("out")]:
+            if isinstance(each, list | dict):
+                spoil(each, replace(result, why="is not run, and may change what it gets"))
         if name != "print" and self.holds_record(node, *values):
             what = f"{name or 'a call'}(…) gets a configuration: it is not run, and may change it"
-            if node is self.discarded and not name.startswith(HARMLESS_CALLS) and not name[:1].isupper():  # or else it would do nothing
+            if not taken:  # or else it would do nothing
                 for each in values:
                     spoil(each, replace(result, why="is not run, and may change what it gets"))
             self.notes.append(f"{self.source}: line {getattr(node, 'lineno', 0)}: {what}")
@@ -242,16 +254,22 @@ class Calls(Interpreter):
     def _object(self, node: ast.AST, kind: Record, given: list[Any], named: dict[str, Any]) -> Any:
         """An object of a class of the file."""
         line = getattr(node, "lineno", 0)
-        strange = [key for key in kind.fields if isinstance(key, str) and key.startswith("__") and key not in _PLAIN_METHODS]
-        if strange or REST in kind.fields:
+        if kind.is_enumeration:
+            raise NotKnown
+        names = fields_of(kind)
+        strange = [key for key in names if isinstance(key, str) and key.startswith("__") and key not in _PLAIN_METHODS]
+        if strange or REST in names:
             return self.undecided(node, [], f"has {strange[0] if strange else 'what is not known'}, which is not followed")
-        values = {key: value for key, value in fields_of(kind).items() if not isinstance(value, Function)}
+        values = {key: value for key, value in names.items() if not isinstance(value, Function)}
         made = Record(kind.name, line, {}, kind.kinds, source=self.source, owner=kind, is_copied=kind.is_copied)
         made.fields = values if kind.is_plain else self.deep_copy(node, values)
         start = kind.inherited("__init__")
         if isinstance(start, Function):
             self.call(node, replace(start, this=made), given, named)
             return made
+        if kind.is_plain:
+            for each in kind.lineage:
+                each.made.append(made)
         if len(given) > len(kind.order):
             raise NotKnown
         placed = dict(zip(kind.order, given, strict=False))
@@ -269,8 +287,9 @@ class Calls(Interpreter):
         first, _, name = path.rpartition(".")
         first = library.MODULES.get(first, first)
         if first in OF_MATH or (not first and name in FUNCTIONS):
-            if name in SEQUENCES and len(given) == 1 and isinstance(given[0], list | tuple) and not is_open(given[0]):
-                return Array(given[0])
+            plain = not named or (set(named) == {"dtype"} and named["dtype"] == Builtin("float"))
+            if name in SEQUENCES and first == "numpy" and plain and len(given) == 1 and self._is_row(given[0]):
+                return Array(map(float, given[0]) if named else given[0])
             if name in FUNCTIONS and not any(isinstance(each, Array) for each in given):
                 return library.computed(FUNCTIONS[name], *given, **named)
         if name in HELPERS and "mjlab" in path:
@@ -304,6 +323,9 @@ class Calls(Interpreter):
             made.fields = self.deep_copy(node, named) if made.is_copied else dict(named)
             return made
         raise NotKnown
+
+    def _is_row(self, value: Any) -> bool:
+        return isinstance(value, list | tuple) and all(is_number(each) for each in value)
 
     def _product(self, node: ast.AST, given: list[Any]) -> list[Any]:
         rows: list[tuple[Any, ...]] = [()]
@@ -359,7 +381,7 @@ class Calls(Interpreter):
             case list() if not named:
                 if name == "extend":
                     given = [list(self.items(node, given[0]))] if len(given) == 1 else given
-                self.count(node, len(this) // 8)
+                self.count(node, len(this) * (8 if name in ("remove", "index", "count") else 1) // 8)
                 return library.list_method(this, name, given)
             case tuple() if name in ("count", "index") and is_plain(this) and is_plain(given):
                 return library.list_method(list(this), name, given)
@@ -398,6 +420,7 @@ class Calls(Interpreter):
             case "super", []:
                 return self._super()
             case "isinstance", [value, kind]:
+                self.count(node, 8 * len(contents(kind)))
                 return library.is_a(value, kind)
             case "getattr" | "hasattr", [Record() as record, str() as key, *rest]:
                 has = key in record.fields or record.inherited(key) is not None or record.method(key) is not None
@@ -405,7 +428,7 @@ class Calls(Interpreter):
                     raise NotKnown
                 return has if name == "hasattr" else self.attribute(node, record, key) if has else rest[0]
             case "setattr", [Record() as record, str() as key, value]:
-                record.fields[key] = value
+                self.set_field(node, record, key, value)
                 return None
             case "delattr", [Record() as record, str() as key] if key in record.fields:
                 del record.fields[key]
@@ -416,31 +439,29 @@ class Calls(Interpreter):
             case "len", [value]:
                 return len(self.items(node, value, taken=False))
             case "range", _:
-                found = (
-                    range(*map(int, library.numbers(*given))) if 1 <= len(given) <= 3 and all(type(each) is int for each in given) else None
-                )
-                if found is None or len(found) > MOST_ITEMS:
+                found = range(*given) if all(type(each) is int for each in given) else None
+                if found is None or found[MOST_ITEMS:]:
                     raise NotKnown(next((each for each in given if isinstance(each, Unknown)), None))
                 self.count(node, len(found))
                 return tuple(found)
             case "list" | "set" | "frozenset", [] | [_]:
                 items = self.items(node, given[0]) if given else []
-                return items if name == "list" else _unique(items)
+                return _unique(items) if name != "list" else Unordered(items) if given and isinstance(given[0], Unordered) else items
             case "tuple", [] | [_]:
-                return tuple(self.items(node, given[0])) if given else ()
+                return tuple(self.in_order(node, given[0])) if given else ()
             case "dict", [] | [_]:
                 start = given[0] if given else {}
                 if isinstance(start, dict) and is_open(start):
                     raise NotKnown(start[REST])
                 return (dict(start) if isinstance(start, dict) else self._pairs(node, start)) | named
             case "zip", _ if named.keys() <= {"strict"}:
-                return Once(list(zip(*(self.items(node, each) for each in given), strict=False)))
-            case "enumerate", [value, *start] if all(type(each) is int for each in (*start, *named.values())):
-                return Once(list(enumerate(self.items(node, value), *start, **named)))
+                return Once(list(zip(*(self.in_order(node, each) for each in given), strict=False)))
+            case "enumerate", [value, *start] if all(type(each) is int for each in (*start, *named.values())) and set(named) <= {"start"}:
+                return Once(list(enumerate(self.in_order(node, value), *start, **named)))
             case "reversed", [value]:
-                return Once(self.items(node, value)[::-1])
+                return Once(self.in_order(node, value)[::-1])
             case "map", [function, *columns]:
-                rows = zip(*(self.items(node, each) for each in columns), strict=False)
+                rows = zip(*(self.in_order(node, each) for each in columns), strict=False)
                 return Once([self.call(node, function, list(row), {}) for row in rows])
             case "filter", [function, value]:
                 return Once(
@@ -468,13 +489,22 @@ class Calls(Interpreter):
                     {"abs": abs, "round": round, "pow": lambda one, other: library.arithmetic("Pow", one, other)}[name], *given
                 )
             case "int" | "float", [value]:
-                number = value if not isinstance(value, str) else _typed(value)
+                number = value if not isinstance(value, str) else _typed(value, int if name == "int" else float)
                 return library.computed({"int": int, "float": float}[name], number)
             case "str", [value]:
                 return library.formatted(value)
             case "bool", [value]:
                 return self._decided(value)
         raise NotKnown(next((each for each in given if isinstance(each, Unknown)), None))
+
+    def set_field(self, node: ast.AST, record: Record, name: str, value: Any) -> None:
+        """record.name = value, as Python has it."""
+        own = record.method(name) if record.owner is not None else None
+        if isinstance(own, Unknown) or (isinstance(own, Function) and own.kind == "property"):
+            value = self.unknown(node, value, why="is set through a property, which is not followed")
+        record.fields[name] = value
+        for each in record.made if record.is_class else ():  # of which some may have a value of their own
+            each.fields[name] = self.unknown(node, why="is changed in the class after objects of it were made")
 
     def _super(self) -> Any:
         """The first class before the one in which the present function stands; its object is the function's first argument."""
@@ -484,9 +514,13 @@ class Calls(Interpreter):
         if around is None:
             raise NotKnown
         kind, this = around.names["__class__"], around.names["__self__"]
+        lineage = (this if this.is_class else this.owner or kind).lineage if isinstance(this, Record) else kind.lineage
+        place = next((k for k, each in enumerate(lineage) if each is kind), None)
+        if place is None:
+            raise NotKnown
         names: dict[Any, Any] = {}
-        for base in reversed(kind.bases):
-            names |= {key: replace(value, this=this) if isinstance(value, Function) else value for key, value in fields_of(base).items()}
+        for each in reversed(lineage[place + 1 :]):
+            names |= {key: replace(value, this=this) if isinstance(value, Function) else value for key, value in each.fields.items()}
         return Record("super", kind.line, names | {"__self__": this}, ("super",), source=self.source)
 
     def _decided(self, value: Any) -> bool:
@@ -512,6 +546,12 @@ class Calls(Interpreter):
             raise NotKnown(value if isinstance(value, Unknown) else None)
         return list(found)
 
+    def in_order(self, node: ast.AST, value: Any) -> list[Any]:
+        """As items, of what has an order. Raises NotKnown."""
+        if isinstance(value, Unordered) and len(value) > 1:
+            raise NotKnown
+        return self.items(node, value)
+
     def iterated(self, node: ast.AST, value: Any) -> Iterator[Any] | None:
         """The items of a value one by one, as they are when asked for; None where they are not known."""
         if is_open(value) or (isinstance(value, View) and is_open(value.mapping)) or (isinstance(value, Once) and is_open(value.left)):
@@ -520,6 +560,8 @@ class Calls(Interpreter):
         self.count(node, size)
         if isinstance(value, View | Once):
             return iter(value.items())
+        if isinstance(value, Record) and value.is_class and value.is_enumeration:
+            return iter([each for each in value.fields.values() if isinstance(each, Member)])
         if isinstance(value, str) and len(value) <= MOST_ITEMS:
             return iter(value)
         return iter(value if not isinstance(value, dict) else list(value)) if isinstance(value, list | tuple | dict) else None
@@ -536,6 +578,7 @@ class Calls(Interpreter):
             return memo.get(id(value), value)
         if depth > DEEPEST:
             raise NotKnown
+        self.count(ast.Pass(), len(value.fields) if isinstance(value, Record) else len(value))
         again: Callable[[Iterable[Any]], list[Any]] = lambda each: [self._copied(item, memo, depth + 1) for item in each]  # noqa: E731
         if isinstance(value, tuple):
             return memo.setdefault(id(value), tuple(again(value)))
@@ -554,16 +597,16 @@ class Calls(Interpreter):
 _PLAIN_METHODS = ("__init__", "__post_init__", "__repr__", "__str__", "__eq__", "__hash__", "__call__", "__len__", "__doc__", "__slots__")
 
 
-def _unique(items: list[Any]) -> list[Any]:
-    """A set, in the order of its items."""
+def _unique(items: list[Any]) -> Unordered:
+    """A set."""
     if not all(map(is_key, items)):
         raise NotKnown
-    return list(dict.fromkeys(items))
+    return Unordered(dict.fromkeys(items))
 
 
-def _typed(text: str) -> float:
+def _typed(text: str, kind: Callable[[str], float]) -> float:
     try:
-        return float(text[:40])
+        return kind(text[:60])
     except ValueError as error:
         raise NotKnown from error
 

@@ -15,14 +15,17 @@ from .python_objects import (
     Array,
     Builtin,
     Function,
+    Member,
     Method,
     Named,
     Once,
     Record,
     Scope,
     Unknown,
+    Unordered,
     is_key,
     is_open,
+    spoil,
     text_of,
     truth,
 )
@@ -72,7 +75,7 @@ class Expressions(Calls):
             case ast.Name(id=name):
                 return self.found(name, node)
             case ast.Tuple(elts=elements) | ast.List(elts=elements) | ast.Set(elts=elements):
-                items = list(itertools.islice(self._items(elements), MOST_ITEMS + 1))
+                items: list[Any] = list(itertools.islice(self._items(elements), MOST_ITEMS + 1))
                 if len(items) > MOST_ITEMS:
                     return self.undecided(node, [node], f"has more than {MOST_ITEMS} items")
                 self.count(node, len(items))
@@ -157,7 +160,9 @@ class Expressions(Calls):
         if isinstance(left, list | tuple | str):
             self.count(node, len(left))
         try:
-            return library.arithmetic(type(op).__name__, left, right)
+            found = library.arithmetic(type(op).__name__, left, right)
+            self.count(node, len(found) if isinstance(found, list | tuple | dict) else 0)
+            return found
         except NotKnown as error:
             return self.unknown(node, *([error.because] if error.because else []), left, right)
 
@@ -196,6 +201,10 @@ class Expressions(Calls):
                 return self._of_record(node, owner, fields, name, is_called)
             case Named() if name in owner.names:
                 return owner[owner.names.index(name)]
+            case Member() if name in ("name", "value"):
+                return owner.name if name == "name" else owner.value
+            case Array() if is_called and name != "tolist":
+                spoil(owner, self.unknown(node, why="is a method that is not followed"))
             case str() | dict() | list() | tuple() if not isinstance(owner, Array) or name == "tolist":
                 return Method(owner, name)
         return self.unknown(node, owner)
@@ -238,7 +247,10 @@ class Expressions(Calls):
         if not isinstance(key, slice) and not is_key(key):
             raise NotKnown(key if isinstance(key, Unknown) else None)
         try:
-            return owner[key]  # type: ignore[index]
+            if isinstance(owner, Unordered):
+                raise NotKnown
+            found = owner[key]  # type: ignore[index]
+            return Array(found, owner.family) if isinstance(owner, Array) and isinstance(key, slice) else found
         except (LookupError, TypeError, ValueError) as error:
             raise NotKnown from error
 
@@ -260,7 +272,9 @@ class Expressions(Calls):
         """The list of what a comprehension makes."""
         result: list[Any] = []
         try:
-            outer = self.iterated(node, self.value(loops[0].iter))  # is evaluated outside
+            first = self.value(loops[0].iter)  # is evaluated outside
+            outer = self.iterated(node, first)
+            result = Unordered() if isinstance(first, Unordered) and len(first) > 1 else result
             with self.inside(Scope({}, self.scope, is_comprehension=True)):
                 self._looped(node, make, loops, outer, result)
         except NotKnown as error:

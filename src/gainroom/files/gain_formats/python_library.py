@@ -9,7 +9,21 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .python_objects import LONGEST_TEXT, MOST_ITEMS, REST, Array, Named, Record, Unknown, is_key, is_number, is_open, is_plain, spoil
+from .python_objects import (
+    LONGEST_TEXT,
+    MOST_ITEMS,
+    REST,
+    Array,
+    Named,
+    Record,
+    Unknown,
+    Unordered,
+    is_key,
+    is_number,
+    is_open,
+    is_plain,
+    spoil,
+)
 
 
 class NotKnown(Exception):  # noqa: N818 - no error, an answer that is not known
@@ -42,6 +56,12 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "log": math.log,
     "abs": abs,
     "fabs": abs,
+    "float64": float,
+    "maximum": max,
+    "minimum": min,
+    "hypot": math.hypot,
+    "atan2": math.atan2,
+    "arctan2": math.atan2,
 }
 SEQUENCES = ("array", "asarray", "tensor", "as_tensor")
 
@@ -66,7 +86,7 @@ HELPERS: dict[str, Callable[..., Any]] = {
     "reflect_rotary_to_linear": _to_linear,
 }
 """Functions of mjlab's that make constants."""
-ARITHMETIC: dict[str, Callable[[float, float], float]] = {
+ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
     "Add": operator.add,
     "Sub": operator.sub,
     "Mult": operator.mul,
@@ -75,6 +95,15 @@ ARITHMETIC: dict[str, Callable[[float, float], float]] = {
     "Mod": operator.mod,
     "Pow": math.pow,
 }
+OF_BITS: dict[str, Callable[[Any, Any], Any]] = {
+    "LShift": operator.lshift,
+    "RShift": operator.rshift,
+    "BitAnd": operator.and_,
+    "BitOr": operator.or_,
+    "BitXor": operator.xor,
+}
+MOST_BITS = 900
+"""Of a whole number: as many as a double's range."""
 ORDER: dict[str, Callable[[Any, Any], bool]] = {"Lt": operator.lt, "LtE": operator.le, "Gt": operator.gt, "GtE": operator.ge}
 TYPES: dict[str, type | tuple[type, ...]] = {
     "dict": dict,
@@ -115,6 +144,8 @@ def arithmetic(op: str, left: Any, right: Any) -> Any:
     """Two values by an operator, as Python has it. Raises NotKnown."""
     if isinstance(left, Array) or isinstance(right, Array):
         return _by_element(op, left, right)
+    if isinstance(left, Unordered) or isinstance(right, Unordered):
+        raise NotKnown
     if op == "Add" and type(left) is type(right) and isinstance(left, str | list | tuple):
         if len(left) + len(right) > (LONGEST_TEXT if isinstance(left, str) else MOST_ITEMS):
             raise NotKnown
@@ -131,17 +162,26 @@ def arithmetic(op: str, left: Any, right: Any) -> Any:
         if len(left) * right > (LONGEST_TEXT if isinstance(left, str) else MOST_ITEMS):
             raise NotKnown
         return left * right
-    if op not in ARITHMETIC:
+    if op not in (ARITHMETIC if isinstance(left, float) or isinstance(right, float) else ARITHMETIC | OF_BITS):
         raise NotKnown(next((each for each in (left, right) if isinstance(each, Unknown)), None))
-    pair = [each for each in (left, right) if isinstance(each, int | float)]
-    if len(pair) < 2:
+    if not (isinstance(left, int | float) and isinstance(right, int | float)):
         raise NotKnown(next((each for each in (left, right) if isinstance(each, Unknown)), None))
     try:
-        found = ARITHMETIC[op](*map(float, pair))
+        if isinstance(left, int) and isinstance(right, int):
+            return _whole(op, left, right)
+        return ARITHMETIC[op](float(left), float(right))
     except (ArithmeticError, ValueError) as error:
         raise NotKnown from error
-    whole = isinstance(left, int) and isinstance(right, int) and op != "Div" and abs(found) < 2**53
-    return int(found) if whole and found == int(found) else found
+
+
+def _whole(op: str, left: int, right: int) -> float:
+    """Two whole numbers, which Python has exactly, of a bounded size. Raises NotKnown."""
+    size = max(left.bit_length(), 1) * (right if op == "Pow" else 1) + (
+        right if op == "LShift" else right.bit_length() if op != "Pow" else 0
+    )
+    if size > MOST_BITS:
+        raise NotKnown
+    return left**right if op == "Pow" else (ARITHMETIC | OF_BITS)[op](left, right)
 
 
 def _by_element(op: str, left: Any, right: Any) -> Array:
@@ -206,6 +246,8 @@ def compared(op: str, left: Any, right: Any) -> bool:
         return op == "NotIn"
     if not (is_plain(left) and is_plain(right)):
         raise NotKnown(next((each for each in (left, right) if isinstance(each, Unknown)), None))
+    if any(isinstance(each, Unordered) and len(each) > 1 for each in (left, right)):
+        raise NotKnown
     if op in ("Eq", "NotEq"):
         return (left == right) == (op == "Eq")
     try:

@@ -5,7 +5,7 @@ Numbers, text, lists, tuples and dictionaries stand for themselves, so that what
 
 import ast
 import re
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -29,7 +29,7 @@ class _Rest:
 REST: Final = _Rest()
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Record:
     """A call with keywords, or a class with fields.
 
@@ -51,20 +51,31 @@ class Record:
     bases: tuple["Record", ...] = ()
     order: tuple[str, ...] = ()
     is_copied: bool = False
+    ancestors: tuple["Record", ...] = ()
+    own_order: tuple[str, ...] = ()
+    is_enumeration: bool = False
+    made: "list[Record]" = field(default_factory=list)
+    """Of a class whose names are no fields: its objects, which see what becomes of it."""
     foreign: tuple[str, ...] = ()
     """Of a class: dotted names of classes in files that are not read, from which it inherits."""
     is_plain: bool = False
     """Of a class: without a decorator or a base that makes fields of its names."""
+
+    def __repr__(self) -> str:
+        return f"{self.name}(…)"
 
     def method(self, name: str) -> Any:
         """What the object's class in this file has under a name; None without one."""
         return self.owner.inherited(name) if self.owner is not None else None
 
     def inherited(self, name: str) -> Any:
-        """What a class or the first of its bases that has it has under a name."""
-        if name in self.fields:
-            return self.fields[name]
-        return next((found for base in self.bases if (found := base.inherited(name)) is not None), None)
+        """What a class or the first in its lineage that has it has under a name."""
+        return next((each.fields[name] for each in self.lineage if name in each.fields), None)
+
+    @property
+    def lineage(self) -> "tuple[Record, ...]":
+        """A class and the classes that it inherits from, in the order in which Python asks them for a name."""
+        return (self, *self.ancestors)
 
 
 @dataclass(frozen=True)
@@ -135,7 +146,7 @@ class _Found:
     value: Any
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Function:
     """A function of the file, or a lambda, with its defaults; `this`: what it is bound to; `owner`: the class it stands in."""
 
@@ -157,15 +168,18 @@ class Builtin:
     name: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Method:
     """A method of text, a list, a dictionary or a configuration."""
 
     this: Any
     name: str
 
+    def __repr__(self) -> str:
+        return f"method {self.name}"
 
-@dataclass(eq=False)
+
+@dataclass(eq=False, repr=False)
 class Partial:
     """What functools.partial makes."""
 
@@ -197,7 +211,25 @@ class Once:
 
 
 class Array(list):  # type: ignore[type-arg]
-    """An array of numpy's, whose arithmetic is by element."""
+    """A row of numbers of numpy's, whose arithmetic is by element; `family`: what shares its numbers, as a part of it does."""
+
+    def __init__(self, items: Iterable[Any] = (), family: "list[Array] | None" = None) -> None:
+        super().__init__(items)
+        self.family = [] if family is None else family
+        self.family.append(self)
+
+
+class Unordered(list):  # type: ignore[type-arg]
+    """A set: Python goes through it in an order that nobody knows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """One of an enumeration's, equal to itself alone, unless it `is_mixed` with text or numbers."""
+
+    name: str
+    value: Any
+    is_mixed: bool = False
 
 
 class Named(tuple):  # type: ignore[type-arg]
@@ -214,9 +246,23 @@ class Named(tuple):  # type: ignore[type-arg]
 def fields_of(record: Record) -> dict[Any, Any]:
     """The fields of an object; of a class its own over those of its bases, of which the first counts."""
     result: dict[Any, Any] = {}
-    for base in reversed(record.bases):
-        result |= fields_of(base)
-    return result | record.fields
+    for each in reversed(record.lineage):
+        result |= each.fields
+    return result
+
+
+def linear(bases: Sequence[Record]) -> tuple[Record, ...] | None:
+    """The lineage of a class with these bases (C3, as Python has it); None where there is none."""
+    waiting = [list(base.lineage) for base in bases] + [list(bases)]
+    result: list[Record] = []
+    while waiting := [each for each in waiting if each]:
+        tails = {id(record) for each in waiting for record in each[1:]}
+        first = next((each[0] for each in waiting if id(each[0]) not in tails), None)
+        if first is None or len(result) > DEEPEST:
+            return None
+        result.append(first)
+        waiting = [each[1:] if each[0] is first else each for each in waiting]
+    return tuple(result)
 
 
 def contents(value: Any) -> list[Any]:
@@ -265,9 +311,34 @@ def spoil(value: Any, unknown: Unknown) -> None:
         if isinstance(held, dict):
             held |= dict.fromkeys((*held, REST), told)
         elif isinstance(held, list):
-            held[:] = [told.many()]
+            for one in held.family if isinstance(held, Array) else [held]:
+                one[:] = [told.many()]
         elif isinstance(held, Once):
             held.left[:] = [told.many()]
+
+
+class Alike:
+    """Numbers for values, the same for those that are alike: each part of a value is looked at once, however often it stands in it."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[Any, int] = {}
+        self._seen: dict[int, tuple[Any, int]] = {}
+        """By id: the object, which so keeps it, and its number."""
+
+    def number(self, value: Any, depth: int = 0) -> int:
+        if id(value) in self._seen:
+            return self._seen[id(value)][1]
+        own = len(self._numbers)
+        key: Any = (object(),)  # one that is alike to nothing else
+        if isinstance(value, dict | list | tuple | Record) and depth < DEEPEST:
+            self._seen[id(value)] = (value, self._numbers.setdefault(key, own))
+            pairs = value.items() if isinstance(value, dict) else value.fields.items() if isinstance(value, Record) else enumerate(value)
+            inner = tuple((repr(name)[:200], self.number(each, depth + 1)) for name, each in pairs)
+            key = (type(value).__name__, getattr(value, "line", 0), getattr(value, "source", ""), inner)
+        elif value is None or isinstance(value, str | int | float | bool | Unknown):
+            key = (type(value).__name__, value)
+        self._seen[id(value)] = (value, self._numbers.setdefault(key, len(self._numbers)))
+        return self._seen[id(value)][1]
 
 
 def is_number(value: object) -> bool:
@@ -275,15 +346,26 @@ def is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
-def is_plain(value: Any, depth: int = 0) -> bool:
-    """Whether a value is numbers, text, None, and collections of them, all of them known."""
-    if value is None or isinstance(value, str | int | float | bool):
-        return True
-    if depth > DEEPEST or isinstance(value, Array):
-        return False
-    if isinstance(value, dict):
-        return REST not in value and all(is_plain(each, depth + 1) for each in value.values())
-    return isinstance(value, list | tuple) and all(is_plain(each, depth + 1) for each in value)
+def is_plain(value: Any) -> bool:
+    """Whether a value is numbers, text, None, and collections of them, all of them known, and few enough to compare."""
+    waiting, seen = [value], 0
+    while waiting:
+        each = waiting.pop()
+        seen += 1
+        if isinstance(each, Array) or seen > MOST_ITEMS:
+            return False
+        if isinstance(each, dict):
+            waiting += each.values()
+            if REST in each:
+                return False
+        elif isinstance(each, list | tuple):
+            waiting += each
+        elif isinstance(each, Member):
+            if each.is_mixed:
+                return False
+        elif not (each is None or isinstance(each, str | int | float | bool)):
+            return False
+    return True
 
 
 def is_open(value: Any) -> bool:

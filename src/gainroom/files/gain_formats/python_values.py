@@ -17,12 +17,31 @@ from ...io.yaml_text import read_text, shown
 from .python_calls import COPYING, Return
 from .python_expressions import FALSE, Expressions
 from .python_library import CONSTANTS, MODULES, OF_MATH, NotKnown
-from .python_objects import REST, Function, Record, Scope, Unknown, is_key, is_open, last_name, spoil, text_of, truth
+from .python_objects import (
+    REST,
+    Array,
+    Function,
+    Member,
+    Partial,
+    Record,
+    Scope,
+    Unknown,
+    is_key,
+    is_open,
+    last_name,
+    linear,
+    spoil,
+    text_of,
+    truth,
+)
 from .python_undecided import Budget, TooLong, Undecided, own_nodes
 
 MOST_FILES = 20
 """Files beside that are read with one."""
 LEAVES = (ast.Return, ast.Break, ast.Continue, ast.Raise, ast.Yield, ast.YieldFrom)
+ENUMERATIONS = ("Enum", "Flag")
+"""Whose members are no values; those of IntEnum and StrEnum are."""
+HARMLESS_DECORATORS = ("final", "unique", "total_ordering", "runtime_checkable", "dataclass_transform")
 MAKES_FIELDS = ("dataclass", "configclass", "define", "frozen")
 """Decorators of classes whose names are fields; so does the base NamedTuple."""
 
@@ -37,13 +56,18 @@ class Continue(Exception):  # noqa: N818
 
 @dataclass
 class PythonValues:
-    """The names of a Python file and what they hold, and where they are set; `call`: of a function without arguments the value."""
+    """The names of a Python file and what they hold, and where they are set.
+
+    call   the value of a function that needs no arguments
+    make   an object of a class that needs none
+    """
 
     source: str
     names: dict[str, Any] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     call: Callable[[Function], Any] = lambda function: None
+    make: Callable[[Record], Any] = lambda kind: None
 
 
 def one_robot(robots: Collection[str], source: str, chosen: str, what: str, kind: str) -> str:
@@ -72,6 +96,7 @@ def read_python(text: str, source: str, guarded: tuple[str, ...], folder: Path |
         raise GainroomError(f"{source}: is nested too deeply") from error
     values = PythonValues(source, reader.scope.names, reader.lines, reader.notes)
     values.call = reader.without_arguments
+    values.make = reader.object_of
     return values
 
 
@@ -158,7 +183,10 @@ class _Reader(Expressions):
                 self.spoil_by([statement], turn.unknown)
             except TooLong:
                 self.next_statement()
-                self.undecided(statement, [statement], "takes too many steps")
+                try:
+                    self.undecided(statement, [statement], "takes too many steps")
+                except TooLong as error:
+                    raise self.refusal(statement, "takes too many steps, and so does telling what it changes") from error
 
     def without_arguments(self, function: Function) -> Any:
         """The value of a function of the file that needs no arguments."""
@@ -167,6 +195,16 @@ class _Reader(Expressions):
             return self.call(function.node, function, [], {})
         except (TooLong, RecursionError):
             return Unknown(function.node.lineno, f"{function.name}()", "takes too many steps")
+
+    def object_of(self, kind: Record) -> Any:
+        """An object of a class of the file, made without arguments."""
+        self.next_statement()
+        node = ast.Pass(lineno=kind.line)
+        try:
+            return self.call(node, kind, [], {})
+        except (TooLong, RecursionError, GainroomError) as error:
+            why = str(error) if isinstance(error, GainroomError) else "takes too many steps"
+            return Unknown(kind.line, f"{kind.name}()", f"cannot be made: {why}")
 
     def block(self, body: list[ast.stmt]) -> None:
         for statement in body:
@@ -205,6 +243,8 @@ class _Reader(Expressions):
                 self._if(node, test, body, orelse)
             case ast.For() | ast.While():
                 self._loop(node)
+            case ast.With(items=items) if any(_swallows(item.context_expr) for item in items):
+                self._not_decided(node)
             case ast.With(items=items, body=body):
                 for item in items:
                     found = self.value(item.context_expr)
@@ -225,10 +265,32 @@ class _Reader(Expressions):
             case ast.Delete(targets=targets):
                 for target in targets:
                     self._deleted(target)
+            case ast.Try(body=body, handlers=handlers) if _imports(body, ()) and all(
+                _imports(each.body, (ast.Assign,)) for each in handlers
+            ):
+                self._imported_either_way(node)
             case ast.Pass() | ast.Global() | ast.Nonlocal() | ast.Assert():
                 pass
             case _:
                 self._not_decided(node)
+
+    def _imported_either_way(self, node: ast.Try) -> None:
+        """try: import this, except: import that: a name stands for what is called the same in both; the others are not known."""
+        self.block(node.body)
+        first = {each: self._last_name_of(each) for each in _stored(node.body)}
+        for handler in node.handlers:
+            for statement in handler.body:
+                for name in _stored([statement]):
+                    other = _imported_name(statement, name)
+                    if other is None or first.get(name, other) != other:
+                        self.scope.store(name, self.undecided(node, [statement]))
+                    elif name not in first:
+                        self._statement(statement)
+        self.block([*node.orelse, *node.finalbody])
+
+    def _last_name_of(self, name: str) -> str | None:
+        found = self.scope.find(name)
+        return found.value.path.rpartition(".")[2] if found is not None and isinstance(found.value, Unknown) else None
 
     def _not_decided(self, node: ast.stmt) -> None:
         """A statement that is not followed: what it may change is unknown afterwards, and what follows it may be left out."""
@@ -341,7 +403,7 @@ class _Reader(Expressions):
             case ast.Attribute(value=owner, attr=name):
                 found = self.value(owner)
                 if isinstance(found, Record):
-                    found.fields[name] = value
+                    self.set_field(target, found, name, value)
                 elif isinstance(found, Unknown) and not found.is_free and name in self.guarded:
                     raise self.refusal(target, f"changes {name} of what is not understood here")
             case ast.Subscript(value=owner, slice=index):
@@ -362,6 +424,8 @@ class _Reader(Expressions):
         match owner:
             case dict() if is_key(key):
                 owner[key] = value
+            case Array():
+                spoil(owner, self.unknown(node, key, value, why="changes an array, which others may see, too"))
             case list() if type(key) is int and -len(owner) <= key < len(owner) and not is_open(owner):
                 owner[key] = value
             case list() if isinstance(key, slice) and isinstance(value, list | tuple) and not is_open(owner):
@@ -375,7 +439,10 @@ class _Reader(Expressions):
     def _changed_in_place(self, node: ast.stmt, target: ast.expr, op: ast.operator, value: ast.expr) -> None:
         before = self._loaded(target)
         more = self.value(value)
-        if isinstance(before, list) and isinstance(op, ast.Add):
+        if isinstance(before, Array):
+            spoil(before, self.unknown(node, more, why="changes an array, which others may see, too"))
+            more = before
+        elif isinstance(before, list) and isinstance(op, ast.Add):
             items = self.iterated(node, more)
             before.extend(list(items) if items is not None else [self.unknown(value, more).many()])
             more = before
@@ -435,27 +502,103 @@ class _Reader(Expressions):
                 return Unknown(node.lineno, f"@{text_of(each)[:60]}", "is not followed", is_free=False, source=self.told)
         return made
 
-    def _class(self, node: ast.ClassDef) -> Record:
+    def _class(self, node: ast.ClassDef) -> Any:
         """The class with its own fields, and with the classes of this file that it inherits from."""
         bases = [self.value(base) for base in node.bases]
         known = tuple(base for base in bases if isinstance(base, Record) and base.is_class)
         decorators = [last_name(each.func if isinstance(each, ast.Call) else each) for each in node.decorator_list]
-        fields_by_name = any(name in MAKES_FIELDS for name in decorators) or "NamedTuple" in map(last_name, node.bases)
+        is_tuple = "NamedTuple" in map(last_name, node.bases)
+        fields_by_name = any(name in MAKES_FIELDS for name in decorators) or is_tuple
         foreign = [base.path for base in bases if isinstance(base, Unknown)]
         record = Record(node.name, node.lineno, {}, (node.name,), True, source=self.source, bases=known, foreign=tuple(foreign))
+        ancestors = linear(known)
         for base, written in zip(bases, node.bases, strict=True):
             record.kinds += base.kinds if isinstance(base, Record) else (last_name(written),)
+        record.ancestors = ancestors or ()
         record.is_copied = (
             "configclass" in decorators or any(each.startswith(COPYING) for each in foreign) or any(base.is_copied for base in known)
         )
         record.is_plain = not fields_by_name and all(base.is_plain for base in known) and not foreign
-        order = [name for base in known for name in base.order]
-        if fields_by_name:
-            order += [each.target.id for each in node.body if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)]
-        record.order = tuple(dict.fromkeys(order)) if not foreign or "NamedTuple" in map(last_name, node.bases) else ()
+        record.own_order = tuple(_dataclass_names(node)) if fields_by_name else ()
+        order = [name for each in reversed(record.lineage) for name in each.own_order]
+        record.order = tuple(dict.fromkeys(order)) if not foreign or is_tuple else ()
         with self.inside(Scope(record.fields, self.scope, is_class=True)):
             self.block(node.body)
         for value in record.fields.values():
             if isinstance(value, Function) and value.owner is None:
                 value.owner = record
-        return record
+        if problem := self._not_followed_in(node, record, ancestors, bases):
+            return Unknown(node.lineno, f"class {node.name}", problem, is_free=False, source=self.told)
+        if any(kind in ENUMERATIONS for kind in record.kinds):
+            record.is_enumeration = True
+            is_mixed = len(node.bases) > 1 or "Flag" in record.kinds  # with text or a number, which it may be equal to
+            record.fields = {key: _member(key, value, is_mixed) for key, value in record.fields.items()}
+        return self._decorated(node, record)
+
+    def _not_followed_in(self, node: ast.ClassDef, record: Record, ancestors: tuple[Record, ...] | None, bases: list[Any]) -> str:
+        """Why a class is none that is followed; empty for one that is."""
+        if ancestors is None:
+            return "inherits in an order that is not followed"
+        metaclass = next((each.value for each in node.keywords if each.arg == "metaclass"), None)
+        if metaclass is not None and last_name(metaclass) not in ("ABCMeta", "EnumMeta", "EnumType"):
+            return f"has the metaclass {text_of(metaclass)}, which is not followed"
+        if any("__init_subclass__" in each.fields for each in ancestors):
+            return "inherits __init_subclass__, which is not followed"
+        if any("InitVar" in text_of(each.annotation) for each in node.body if isinstance(each, ast.AnnAssign)):
+            return "has an InitVar, which is not followed"
+        first = next((place for place, base in enumerate(bases) if isinstance(base, Unknown)), len(bases))
+        if first < len(bases) and any(isinstance(base, Record) for base in bases[first + 1 :]):
+            return f"inherits from {text_of(node.bases[first])} before others, and may have any name from it"
+        return ""
+
+    def _decorated(self, node: ast.ClassDef, record: Record) -> Any:
+        """A class as its decorators leave it."""
+        result: Any = record
+        for each in reversed(node.decorator_list):
+            name = last_name(each.func if isinstance(each, ast.Call) else each)
+            if name in MAKES_FIELDS or name in HARMLESS_DECORATORS or name.startswith("register"):
+                continue
+            function = self.value(each)
+            if not isinstance(function, Function | Partial):
+                return Unknown(node.lineno, f"@{text_of(each)[:60]}", "is not followed", is_free=False, source=self.told)
+            result = self.call(each, function, [result], {})
+        return result
+
+
+def _swallows(node: ast.expr) -> bool:
+    """Whether a context goes on after an error in it, so that it may have been left anywhere."""
+    return last_name(node.func if isinstance(node, ast.Call) else node) in ("suppress", "raises", "ExitStack")
+
+
+def _imports(body: list[ast.stmt], more: tuple[type[ast.stmt], ...]) -> bool:
+    return all(isinstance(each, (ast.Import, ast.ImportFrom, ast.Pass, *more)) for each in body)
+
+
+def _stored(body: list[ast.stmt]) -> list[str]:
+    """The names that imports and assignments store."""
+    aliases = [each for statement in body for each in ast.walk(statement) if isinstance(each, ast.alias)]
+    names = [inner.id for each in body for inner in ast.walk(each) if isinstance(inner, ast.Name) and isinstance(inner.ctx, ast.Store)]
+    return [*((each.asname or each.name).partition(".")[0] for each in aliases), *names]
+
+
+def _imported_name(statement: ast.stmt, name: str) -> str | None:
+    """What a name that an import stores is called where it comes from; None of any other statement."""
+    if not isinstance(statement, ast.Import | ast.ImportFrom):
+        return None
+    return next((each.name.rpartition(".")[2] for each in statement.names if (each.asname or each.name).partition(".")[0] == name), None)
+
+
+def _dataclass_names(node: ast.ClassDef) -> list[str]:
+    """The names that a dataclass takes by place."""
+    written = [each for each in node.body if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name) and _has_place(each)]
+    return [each.target.id for each in written if "ClassVar" not in text_of(each.annotation)]  # type: ignore[union-attr]
+
+
+def _has_place(node: ast.AnnAssign) -> bool:
+    """Whether no field(init=False) or field(kw_only=True) says that a name takes no place."""
+    keywords = node.value.keywords if isinstance(node.value, ast.Call) else []
+    return not any(each.arg in ("init", "kw_only") for each in keywords)
+
+
+def _member(name: str, value: Any, is_mixed: bool) -> Any:
+    return value if isinstance(value, Function) or name.startswith("_") else Member(name, value, is_mixed)
