@@ -144,8 +144,7 @@ def test_only_joints_that_lead_and_small_loops_are_not_searched(setup):
 
 def lowest_of_all(loop: gr.Loop) -> float:
     """From the loci."""
-    limit = coupled_limit(Sweep(loop, 1e3, for_limit=True))
-    return limit.gain if limit.stable else math.nan
+    return coupled_limit(Sweep(loop, 1e3, for_limit=True)).gain
 
 
 @pytest.mark.parametrize("number", range(SHARE))
@@ -161,13 +160,13 @@ def test_limits_of_the_population():
 
 
 def assert_limit(number: int) -> bool | None:
-    """Against an independent count of roots on both sides; whether a limit was proved, None for loops that are not stable."""
+    """Against an independent count of roots on both sides; whether a limit was proved, None where it need not be, of unstable loops."""
     pair = limbs(4242, number)
     found = proved_limit(pair.loop)
     inside, outside = 1 - SEARCH.nudge, 1 + SEARCH.nudge
     if found is None:
         return None if unstable(pair.machine) else False
-    assert found.stable
+    assert found.stable is (unstable(pair.machine) == 0)
     assert found.lower_gain == 0
     if math.isinf(found.gain):
         assert unstable(pair.scaled(1e3).machine) == 0
@@ -192,7 +191,6 @@ def test_it_is_the_limit_from_loci():
 SKEW = np.diag([10.0, -20.0, 5.0, 1.0]) + np.eye(4, k=1)
 CHANGES = {
     "link encoders": {"feedback": "link"},
-    "unstable": {"controller": gr.PD(5e5, 5e4)},
     "unstable, lag": {"controller": gr.PD(2000.0, 1.0)},
     "two integrators": {"controller": gr.Compensator(signal.TransferFunction([20.0, 500.0, 100.0], [1.0, 0.0, 0.0]))},
     "different drives, sampled": {"drive": [DRIVE, DRIVE, DRIVE, gr.Drive(3000.0, 0.9, 2e-3)], "sample_time": STEP},

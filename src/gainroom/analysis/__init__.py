@@ -4,8 +4,8 @@ Margins        margins (of one joint, and the entry for all), coupled_margins (a
                margin_record (what both give), return_ratios (each loop with the others closed), disk_margin, _disk_modes and _mu (all at
                once, independently); two_paths and period_map (kd on a path of its own)
 Delay margin   of one joint in margins; of coupled loops in coupled_margins, by first_crossing, as their phase margin and gain limit
-Gain limits    gain_limit; proved: proved_limit, by modal_loop and proof_at_rest; followed: first_crossing, along loci; of a part of the
-               gains: partial_limits, gain_directions; passive_intervals, limbs
+Gain limits    gain_limit; proved: proved_limit, by modal_loop, proof_at_rest and followed_root; followed: first_crossing, along loci; of
+               a part of the gains: partial_limits, gain_directions; passive_intervals, limbs
 Stability      stability (roots), stability_boundary (where s or z runs along it)
 Modes          equal_modes (of limbs that vibrate at the same limit)
 Frequencies    crossings (of one joint, certified between points), sampled_scan (of callables), sampled_curves, loci

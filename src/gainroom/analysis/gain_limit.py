@@ -114,7 +114,8 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
     if not sweep.largest:
         raise GainroomError("gain_limit: all gains are zero")
     family, stable = gains(sweep), sweep.unstable(1.0) == 0
-    inside = 1.0 if stable else _inside_below(sweep)
+    near = any(abs(one.at - 1) < SEARCH.close for one in family.crossings())
+    inside = 1.0 if stable and not (near and not _is_inside(sweep, 1.0)) else _inside_below(sweep)
     if inside is None or sweep.full:
         if sweep.full or not has_growing_root(sweep.loop):
             raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
@@ -124,6 +125,7 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
     if sweep.full or not all(end.certificate.holds for end in (upper, lower) if end is not None):
         raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
     lowest, below, at = (0.0, None, math.nan) if lower is None else (lower.at, lower.certificate, lower.omega)
+    stable = stable and (upper is None or upper.at > 1)
     if upper is None:
         return replace(_no_limit(sweep.loop, stable, math.inf, lowest), lower_certificate=below, lower_frequency=at)
     return GainLimit(stable, upper.at, lowest, upper.omega, upper.mode, upper.certificate, below, at)
@@ -158,4 +160,9 @@ def _inside_below(sweep: Sweep) -> float | None:
         return None
     edges = sorted({SEARCH.lowest, 1.0, *(one.at for one in gains(sweep).crossings() if one.at < 1)})
     factors = [*JUST_BELOW.tolist(), *(math.sqrt(low * high) for low, high in pairwise(edges))]
-    return next((factor for factor in sorted(factors, reverse=True) if sweep.unstable(factor) == 0), None)
+    return next((factor for factor in sorted(factors, reverse=True) if _is_inside(sweep, factor)), None)
+
+
+def _is_inside(sweep: Sweep, factor: float) -> bool:
+    """Whether it is stable there, and a little to either side: on an end itself, as of gains at twice their limit, counts say anything."""
+    return all(sweep.unstable(factor * (1 + side * SEARCH.nudge)) == 0 for side in (0, -2, 2))

@@ -19,6 +19,7 @@ import numpy as np
 from ..native import _core
 from ..system.loop import Loop
 from .first_crossing import SEARCH, Certificate, End
+from .followed_root import stays_unstable
 from .margin_record import GainLimit
 from .modal_loop import NUDGE, Crossings, ModalLoop
 from .proof_at_rest import AtRest, at_rest
@@ -35,7 +36,7 @@ BESIDE = 1e-6  # likewise, of one that is mostly in vain searched beside: where 
 
 
 def proved_limit(loop: Loop) -> GainLimit | None:
-    """None where no proof is known, see ModalLoop.of; of unstable loops; or where it failed."""
+    """None where no proof is known, see ModalLoop.of, or it failed; of unstable loops but those that the proof from rest begins below."""
     modal = provable(loop)
     return None if modal is None else limit_by_modes(loop, modal)
 
@@ -99,11 +100,13 @@ def _from_rest(modal: ModalLoop, loop: Loop, low: float) -> GainLimit | None:
     for highest in UPWARDS:
         high = _quiet(modal, highest)
         found = None if high is None else modal.crossings(0.0, highest, low, high)
-        if found is None or (found.crossings and found.crossings[0].gain <= 1 + NUDGE):
+        if found is None:
             return None
         if found.crossings:
             upper = _end(modal, loop, found, 1)
-            return None if upper is None else _limit(loop, upper, None)
+            if upper is None or abs(upper.at - 1) <= NUDGE or (upper.at < 1 and not stays_unstable(loop, upper.omega, upper.at)):
+                return None
+            return _limit(loop, upper, None, upper.at > 1)
     return _limit(loop, None, None)
 
 
@@ -155,12 +158,12 @@ def _end(modal: ModalLoop, loop: Loop, found: Crossings, way: int) -> End | None
     return End(first.gain, first.omega, modal.mode(first, loop), Certificate(0, 2 * level))
 
 
-def _limit(loop: Loop, upper: End | None, lower: End | None) -> GainLimit:
+def _limit(loop: Loop, upper: End | None, lower: End | None, stable: bool = True) -> GainLimit:
     mode = np.ones(loop.size, dtype=complex) if upper is None else upper.mode
     gain, omega, certificate = (math.inf, math.nan, None) if upper is None else (upper.at, upper.omega, upper.certificate)
     if lower is None:
-        return GainLimit(True, gain, 0.0, omega, mode, certificate)
-    return GainLimit(True, gain, lower.at, omega, mode, certificate, lower.certificate, lower.omega)
+        return GainLimit(stable, gain, 0.0, omega, mode, certificate)
+    return GainLimit(stable, gain, lower.at, omega, mode, certificate, lower.certificate, lower.omega)
 
 
 def _leads_from(modal: ModalLoop, delay: float = 0.0) -> float | None:

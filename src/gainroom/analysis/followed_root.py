@@ -1,0 +1,60 @@
+"""One closed-loop root of coupled loops, followed right of the stability boundary as all gains rise from where it crosses.
+
+det(I + g L(s)) = 0 where an eigenvalue λ of L(s) is −1/g. With its vectors x and yᵀ, yᵀx = 1, dλ/ds = yᵀ L' x. Followed is 1/λ = −g, which
+beside a pole of L, as of a resonance, is as good as linear in s.
+"""
+
+import numpy as np
+
+from ..system.loop import Loop
+
+STEP = 1.5  # of g to begin with
+LEAST_STEP = 1e-3
+ASIDE = 1e-5  # of s, at which L is looked at for its slope
+ROUNDS, CLOSE, CLEAR = 6, 1e-3, 0.03  # of Newton's method; its last step, of s and of how far s is from the boundary
+STRAY = 0.3  # of a step: farther from where the slopes at both its ends lead, the root that is found may be another
+
+
+def stays_unstable(loop: Loop, omega: float, gain: float) -> bool:
+    """Whether the root that leaves jω outwards, where all gains are times `gain` < 1, is right of the boundary for all from there to 1.
+
+    False says nothing: it comes back, or could not be followed.
+    """
+    s, slope = 1j * omega, _inverse(loop, 1j * omega, gain)[1]
+    step = STEP
+    while gain < 1:
+        following = min(1.0, gain * (1 + step))
+        rise = gain - following
+        found = _corrected(loop, s + rise / slope, following)
+        if found is None or abs(found[0] - s - 0.5 * rise * (1 / slope + 1 / found[1])) > STRAY * abs(found[0] - s):
+            step /= 2
+            if step < LEAST_STEP:
+                return False
+            continue
+        s, slope = found
+        if s.real <= 0:
+            return False
+        gain, step = following, 2 * step
+    return True
+
+
+def _corrected(loop: Loop, s: complex, gain: float) -> tuple[complex, complex] | None:
+    """The root near s with all gains times `gain`, and the slope of 1/λ there; None where there is none nearby."""
+    for _ in range(ROUNDS):
+        inverse, slope = _inverse(loop, s, gain)
+        move = -(gain + inverse) / slope
+        if not np.isfinite(move) or s.imag + move.imag <= 0:
+            return None
+        s += move
+        if abs(move) < min(CLOSE * abs(s), CLEAR * abs(s.real)):
+            return s, slope
+    return None
+
+
+def _inverse(loop: Loop, s: complex, gain: float) -> tuple[complex, complex]:
+    """1/λ of L(s), the one that is nearest to −`gain`, and its slope by s."""
+    here, beside = loop.core(np.array([s, s * (1 + ASIDE)]))
+    values, vectors = np.linalg.eig(here)
+    nearest = int(np.argmin(np.abs(1 / values + gain)))
+    left, right = np.linalg.inv(vectors)[nearest], vectors[:, nearest]
+    return 1 / values[nearest], -(left @ (beside - here) @ right) / (s * ASIDE * values[nearest] ** 2)
