@@ -103,7 +103,8 @@ def test_the_least_corner_counts(table):
 
 def test_what_is_not_in_the_table_has_the_lowest_gains(table):
     inside = angles_at(table, 0.6, 0.0)
-    lowest = min(table.highest, table.between * table.limits[1].min() / table.margin)
+    lowest = min(table.highest, table.outside * table.limits[1].min() / table.margin)
+    assert table.outside <= table.between
     cases = [(angles_at(table, 1.3, 0.0), 1), (angles_at(table, 0.6, -0.3), 1), (inside + 0.2 * (np.arange(12) == 5), 1)]
     cases += [(np.where(np.arange(12) == 3, bad, inside), 2) for bad in (np.nan, np.inf, -np.inf)]
     cases += [(inside[:-1], 2), ("?", 2)]
@@ -115,6 +116,35 @@ def test_what_is_not_in_the_table_has_the_lowest_gains(table):
         assert (found.status, found.certified) == (3, False)
         assert found.kp == pytest.approx(table.everywhere_factor * table.everywhere[0])
         assert (found.kp <= table.highest * table.own[:, 0].min(axis=0)).all()
+
+
+def test_postures_outside_are_told_and_their_gains_are_low_but_for_a_few(biped, table):
+    """Of postures like the 75 looked at a share of more than x lies lower with a probability of (1 − x)^75: 0.1 % for 26 of 300."""
+    rng, high, seen = np.random.default_rng(3), 0, []
+    for number in range(300):
+        contact = table.contacts[number % 3]
+        angles = angles_at(table, rng.uniform(-1.2, 2.4), rng.uniform(-0.6, 0.6)) + rng.uniform(-0.3, 0.3, 12)
+        gains = table.lookup(angles, contact)
+        seen.append((gains.status, gains.certified))
+        high += gains.factor * table.margin > limit(biped, table, angles, contact) * (1 + 1e-9)
+    assert set(seen) == {(1, False)}
+    assert (table.looked_outside, table.never) == (75, 0)
+    assert high <= 26
+
+
+def test_postures_outside_where_no_factor_is_safe_are_counted(biped, monkeypatch):
+    from gainroom.design.realtime import posture_table
+
+    def limit_of(self, contact, gains, values, offset=0.0):
+        if values[0] > KNEES.high:
+            raise gr.GainroomError("no factor")
+        return 2.0, True
+
+    monkeypatch.setattr(posture_table._Looks, "limit", limit_of)
+    made = gr.PostureTable.computed(biped, (KNEES, SWAY), samples=30)
+    assert made.never > 0
+    assert made.looked_outside + made.never == 30 * len(made.contacts)
+    assert made.outside == 1.0
 
 
 @pytest.mark.parametrize("option", ["-ffast-math", "-ffinite-math-only"])

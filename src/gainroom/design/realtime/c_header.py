@@ -27,7 +27,9 @@ TEMPLATE = """\
    where NAME_certified, that has been proved or counted from both sides. Between the points, and with joints up to NAME_aside [rad]
    beside the features, nothing is proved: the least of the cell's corners is taken, times NAME_between, the lowest ratio in
    NAME_looked_at random postures. In postures outside the table (status 1), for angles that are no numbers (2) and unknown
-   contacts (3) the gains are the lowest of the contact state, or those for unknown ones: nobody has looked there.
+   contacts (3) the gains are the lowest of the contact state, or those for unknown ones, times NAME_outside, the lowest ratio in
+   NAME_looked_outside random postures beyond the table; in NAME_never more no factor made the gains safe. They may be too high: a
+   status that is not 0 says that no margin is known.
 
    It does not compile with -ffast-math, which believes that every number is one. */
 #ifndef GUARD_H
@@ -47,7 +49,7 @@ typedef struct {
     double factor; /* on the contact state's own gains */
     double kp[GUARD_JOINTS], kd[GUARD_JOINTS];
     int certified; /* whether the limits at all corners of the cell are */
-    int status;    /* 0: in the table; 1: outside; 2: angles are no numbers; 3: unknown contact */
+    int status;    /* 0: in the table; 1: outside; 2: angles are no numbers; 3: unknown contact; but for 0 no margin is known */
 } NAME_gains;
 
 static inline int NAME_contact(const char *name) {
@@ -113,7 +115,7 @@ static inline int NAME_lookup(const double *angles, int contact, NAME_gains *gai
         for (long at = 1; at < GUARD_POINTS; at++)
             if (NAME_limits[contact][at] < least) least = NAME_limits[contact][at];
     }
-    gains->factor = NAME_between * least / NAME_margin;
+    gains->factor = (status == 0 ? NAME_between : NAME_outside) * least / NAME_margin;
     if (!(gains->factor < NAME_highest)) gains->factor = NAME_highest;
     for (int j = 0; j < GUARD_JOINTS; j++) {
         gains->kp[j] = gains->factor * NAME_kp[contact][j];

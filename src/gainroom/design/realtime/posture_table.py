@@ -9,6 +9,10 @@ lies in a cell of the grid; its factor is
 Nothing is proved about postures between the points. `between` is what was found there: postures drawn at random, joints beside the
 features up to `aside` included, are looked at, and the lowest ratio of limit to the least of the corners bounds all factors, where it is
 below 1. With n such postures a further one of the same kind lies below it with a probability of 1/(n + 1).
+
+Outside the grid, and farther beside it, the lowest gains of the contact state come back with a status that says so, times `outside`: the
+lowest ratio of limit to the table's least among random postures up to a grid's width beyond it and ASIDE beside it. Where no factor makes
+the gains safe such a posture is left out, and counted in `never`. No gains are known to keep the margin there.
 """
 
 import itertools
@@ -34,6 +38,8 @@ if TYPE_CHECKING:
     from ...system.system import System
 
 MOST_FEATURES, MOST_POINTS = 4, 100_000
+ASIDE = 0.3
+"""[rad] that joints stand beside the features, at most, in postures outside the table that are looked at."""
 FINE, OUTSIDE, NO_POSTURE, NO_CONTACT = range(4)
 """What a look-up says: a posture in the table; one that is not, or joints farther beside the features than was looked at; no numbers;
 an unknown contact state."""
@@ -56,7 +62,8 @@ class TableGains(NamedTuple):
     factor     on the contact state's own gains
     kp, kd     (n,) [N m/rad], [N m s/rad]
     certified  whether the limits at all corners of the cell are
-    status     FINE; else the gains are the lowest of the contact state, or those for unknown ones
+    status     FINE; else the gains are the lowest of the contact state, or those for unknown ones: they may be too high, as no margin is
+               known there, and a controller should go back into the table, or compute
     """
 
     factor: float
@@ -77,6 +84,7 @@ class PostureTable:
     limits     (contacts, points, …) the factor on the own gains at which the loop loses stability
     certified  of the same shape
     margin, between, highest, aside    as in the module's text; looked_at: postures that `between` is the lowest of
+    outside    as there, at most `between`, of looked_outside postures; never: of those where no factor makes the gains safe
     sample_time  of the control that the limits hold for [s]; 0: continuous
     """
 
@@ -96,6 +104,9 @@ class PostureTable:
     highest: float
     aside: float
     sample_time: float
+    outside: float = 1.0
+    looked_outside: int = 0
+    never: int = 0
 
     @property
     def weights(self) -> Floats:
@@ -159,7 +170,28 @@ class PostureTable:
                 looked_at += 1
                 between = min(between, looks.limit(name, table.own[name], values, offset)[0] / limits[row][cell].min())
                 lowest = min(lowest, looks.limit(name, table.everywhere, values, offset)[0])
-        return replace(found, between=float(between), looked_at=looked_at, everywhere_factor=float(min(highest, between * lowest / margin)))
+        outside, looked_outside, never = found._looked_outside(looks, samples, rng)
+        outside = min(between, outside)
+        factor = float(min(highest, outside * lowest / margin))
+        about = {"outside": float(outside), "looked_outside": looked_outside, "never": never}
+        return replace(found, between=float(between), looked_at=looked_at, everywhere_factor=factor, **about)
+
+    def _looked_outside(self, looks: "_Looks", samples: int, rng: np.random.Generator) -> tuple[float, int, int]:
+        """The lowest ratio outside the grid, of how many postures, and in how many further ones no factor makes the gains safe."""
+        lowest, count, never = math.inf, 0, 0
+        for row, name in enumerate(self.contacts):
+            for _ in range(samples):
+                values = [rng.uniform(2 * one.low - one.high, 2 * one.high - one.low) for one in self.features]
+                offset = rng.uniform(-1, 1, len(self.base)) * max(ASIDE, self.aside)
+                angles = looks.posture(values, offset)
+                if self._cell(_values(self.features, self.joints, self.base, angles), angles) is not None:
+                    continue
+                try:
+                    lowest = min(lowest, looks.limit(name, self.own[row], values, offset)[0] / self.limits[row].min())
+                    count += 1
+                except GainroomError:
+                    never += 1
+        return lowest, count, never
 
     def lookup(self, angles: ArrayLike, contact: str) -> TableGains:
         """Gains in the posture of joint `angles` (n,) [rad] on `contact`: what the C header gives. Raises nothing."""
@@ -196,6 +228,9 @@ class PostureTable:
             Constant("double", "margin", self.margin, "limits over it are factors"),
             Constant("double", "between", self.between),
             Constant("long", "looked_at", self.looked_at),
+            Constant("double", "outside", self.outside, "between, of postures that are not in the table"),
+            Constant("long", "looked_outside", self.looked_outside),
+            Constant("long", "never", self.never, "further ones there, where no factor makes the gains safe"),
             Constant("double", "highest", self.highest, "of the factors"),
             Constant("double", "aside", self.aside, "rad"),
             Constant("double", "sample_time", self.sample_time, "s: of the control that limits hold for; 0: continuous"),
@@ -214,7 +249,7 @@ class PostureTable:
         ]
 
     def _gains(self, row: int, limit: float, certified: bool, status: int) -> TableGains:
-        factor = min(self.highest, self.between * limit / self.margin)
+        factor = min(self.highest, (self.between if status == FINE else self.outside) * limit / self.margin)
         return _scaled(factor, self.own[row], certified, status)
 
     def _cell(self, values: Sequence[float], joints: Floats | None = None) -> tuple[slice, ...] | None:
