@@ -271,6 +271,18 @@ def test_the_written_robot_of_a_driven_follower_is_the_same(tmp_path, monkeypatc
     assert (body.joint_names, body.passive) == (("follow",), ("lead",))
 
 
+def test_a_robot_yaml_is_told_of_gains_that_no_motor_has(tmp_path):
+    """And takes them where `driven` says that there is one."""
+    write(tmp_path, PAIR, "pair.xml")
+    text = "model: {file: pair.xml}\njoints: {default: {}}\ndrive: {bandwidth: .inf, delay_ms: 1}\n"
+    control = "control: {type: pd, feedback: motor, kp: {default: 50, follow: 20}, kd: 4}\n"
+    plain = load_robot_system(write(tmp_path, text + control, "robot.yaml"))
+    assert any("gains of joints without a motor do not count" in warning and "follow" in warning for warning in plain.warnings)
+    driven = load_robot_system(write(tmp_path, text.replace("{default: {}}", "{default: {}, driven: [follow]}") + control, "robot.yaml"))
+    assert driven.source.joint_names == ("lead", "follow")
+    assert not any("without a motor do not count" in warning for warning in driven.warnings)
+
+
 def coaxial(first: str, second: str, more: str = "") -> str:
     """A leg whose hip has two joints on one axis, the `first` and the `second` of its body, and no link between them."""
     servos = "".join(f'<position joint="{name}" kp="17" kv="0.5"/>' for name in ("hip", "knee"))

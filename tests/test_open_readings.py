@@ -10,6 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 from gainroom.cli import main
+from gainroom.errors import GainroomError
 from gainroom.files.readings import FAMILIES, family_of
 
 STEP, TICKS = 2e-3, 1
@@ -172,6 +173,22 @@ def test_verdicts_that_agree_are_verdicts(capsys: pytest.CaptureFixture[str]):
     assert found["sentence"].startswith("Not safe")
     assert "--gains-run is not given: host (" in found["sentence"]
     assert [one["safe"] for one in found["readings"]] == [False, False]
+
+
+def test_a_reading_that_cannot_be_computed_does_not_end_the_audit(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    def fails(*_: object) -> None:
+        raise GainroomError("cannot be computed")
+
+    monkeypatch.setattr("gainroom.files.readings.drive_reading", fails)
+    _, found = told(capsys, leg(*HOST_UNSAFE, **HUMANOID), "--delay-ms", "4", "--rate-hz", "500", "--gearbox", "direct")
+    assert (found["sentence"].startswith("Not safe"), found["readings"]) == (True, [])
+
+
+def test_the_numbers_say_which_reading_they_are_of(capsys: pytest.CaptureFixture[str]):
+    _, found = told(capsys, leg())
+    option, limit = min(((one["option"], one["gain_limit"]) for one in found["readings"]), key=lambda one: one[1])
+    assert found["gain_limit"] == limit
+    assert f" With {option}: Vibration starts at {limit:.3g} × these gains" in found["sentence"]
 
 
 def test_every_family_has_its_source():

@@ -3,6 +3,7 @@
 SI and radians except where a key's name carries another unit. Keys that name joints are patterns: see name_patterns.py.
 """
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -96,7 +97,7 @@ def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path(), kn
         uncertainty=uncertainty,
         scenario=file.scenario.scenario(robot, file.control.space),
         assumptions=(*assumed, *guessed, *from_files),
-        warnings=(*body.doubts, *body.notes, *_outside(postures)),
+        warnings=(*body.doubts, *body.notes, *_without_motor(file, body), *_outside(postures)),
     )
 
 
@@ -143,6 +144,14 @@ def _angles(name: str, patterns: Mapping[str, float], joint_names: Sequence[str]
     """One posture's angles by joint name."""
     found = strongest(patterns, joint_names, f"postures.{dotted(name)}")
     return {joint: angle for joint, angle in zip(joint_names, found, strict=True) if angle is not None}
+
+
+def _without_motor(file: RobotFile, body: RigidBody) -> tuple[str, ...]:
+    """A warning about gains that are named for joints without a motor."""
+    named = {key for gains in (file.control.kp, file.control.kd) if isinstance(gains, dict) for key in gains}
+    names = [name for name in body.passive if name in named or re.escape(name) in named]
+    what = "gains of joints without a motor do not count; if they have one, name them in joints.driven"
+    return (f"{what}: {first_of_many(names)}",) if names else ()
 
 
 def _outside(postures: Mapping[str, Posture]) -> tuple[str, ...]:

@@ -164,7 +164,7 @@ def _mainly(result: Audit) -> str:
 
 def reason(result: Audit) -> str:
     """At which factor and at which delay these gains vibrate: limits, which leave no margin."""
-    worst, where = result.tightest, worst_gearboxes(result)
+    worst, where = result.tightest, f"{_read_as(result)}{worst_gearboxes(result)}"
     limit, delay = worst.limit, "The delay limit is not known."
     if math.isfinite(result.delay_limit):
         least = apart(result.delay_limit, result.system.delay, 3)
@@ -191,6 +191,11 @@ def reason(result: Audit) -> str:
     if worst.margins.paths is not None and worst.margins.paths.headroom < limit.gain:
         start = _weakest_path(worst.margins.paths)
     return f"{where} {start}. {delay}".strip()
+
+
+def _read_as(result: Audit) -> str:
+    """Of which reading all numbers are, where there are some."""
+    return next((f" With {one.option}:" for one in result.readings if one.audit.every is result.every), "")
 
 
 def besides(result: Audit) -> list[str]:

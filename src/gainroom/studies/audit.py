@@ -402,18 +402,18 @@ def audit(
     states = _moving(system)
 
     def stiffness(checkpoint: Callable[[], None]) -> NeededStiffness | None:
-        return _or_none(lambda: needed_stiffness(system, states, damping_ratio, after(checkpoint, quiet)))
+        return or_none(lambda: needed_stiffness(system, states, damping_ratio, after(checkpoint, quiet)))
 
-    if _or_none(lambda: Looks(system, states, unknown).kept):  # then it will be asked for
+    if or_none(lambda: Looks(system, states, unknown).kept):  # then it will be asked for
         jobs: list[Job[Any]] = [audited, stiffness]
         found, needed = side_by_side(jobs, lambda: None)
     else:
         found = audited(lambda: None)
-        needed = _or_none(lambda: needed_stiffness(system, found.states, damping_ratio, progress)) if found.safe else None
+        needed = or_none(lambda: needed_stiffness(system, found.states, damping_ratio, progress)) if found.safe else None
     return replace(found, needed=needed) if found.safe else found
 
 
-def _or_none(question: Callable[[], Answer]) -> Answer | None:
+def or_none(question: Callable[[], Answer]) -> Answer | None:
     """The answer to a question beside the main one, which it must never end; None where it cannot be computed."""
     try:
         return question()

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from .audit import Audit, ReadAs
+from .audit import Audit, ReadAs, or_none
 
 
 def least_of(readings: Sequence[ReadAs]) -> Audit:
@@ -17,7 +17,7 @@ def with_drives(host: Audit, drives: Callable[[], ReadAs | None], option: str, m
 
     No verdict where it is safe there.
     """
-    there = None if host.safe or host.withheld else drives()
+    there = None if host.safe or host.withheld else or_none(drives)
     if there is None:
         return host
     return replace(host, readings=(ReadAs(option, meaning, host), there), open=there.audit.safe)

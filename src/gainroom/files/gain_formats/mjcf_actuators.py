@@ -26,7 +26,7 @@ def read_mjcf(path: Path, text: str = "") -> GainFile:
     undamped = [joint for joint, gain in gains.items() if gain.kd == 0]
     if undamped:
         notes.append(
-            f"actuators without velocity feedback: {first_of_many(undamped)}; damping of the joint itself, where the model has any, is not "
-            "the controller's and is not counted: give kv"
+            f"actuators without velocity feedback: {first_of_many(undamped)}; damping of the joint itself, where the model has any, is the "
+            "controller's only with --joint-damping controller: give kv"
         )
     return GainFile(str(path), "MJCF", gains, notes=tuple(notes))
