@@ -151,6 +151,14 @@ def test_where_kp_and_kd_run_is_open_on_robots_whose_drives_take_them(robot: dic
     assert (status, there["gain_limit"]) == (0, pytest.approx(drive["gain_limit"]))
 
 
+def test_gains_in_a_drives_own_form_likewise(capsys: pytest.CaptureFixture[str]):
+    """60 N·m/rad and 5 N·m·s/rad per revolution: moteus computes them in the drive, whatever the robot is."""
+    Path("gains.yaml").write_text(f"moteus: {{'.*': {{kp: {60 * 2 * np.pi}, kd: {5 * 2 * np.pi}}}}}", "utf-8")
+    call = ("--delay-ms", "4", "--rate-hz", "500", "--gearbox", "direct", "--gains", "gains.yaml")
+    _, found = told(capsys, leg(*HOST_UNSAFE), *call)
+    assert found["sentence"].startswith("Not decided: --gains-run is not given")
+
+
 @pytest.mark.parametrize(
     ("robot", "options"),
     [
@@ -192,7 +200,7 @@ def test_the_numbers_say_which_reading_they_are_of(capsys: pytest.CaptureFixture
 
 
 def test_every_family_has_its_source():
-    assert all(re.search("sdk|20[0-9]{2}", one.source) for one in FAMILIES)
+    assert all(re.search("sdk|20[0-9]{2}|reference", one.source) for one in FAMILIES)
     assert family_of("example-robot-data:g1_29dof_rev_1_0.urdf") is not None
     assert family_of("example-robot-data:go2.urdf") is not None
     assert family_of("example-robot-data:panda.urdf") is None

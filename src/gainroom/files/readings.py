@@ -16,6 +16,7 @@ from ..errors import listed
 from ..robot.formats.model_names import locate
 from ..robot.formats.xml_text import read_xml
 from .audit_options import Audited, AuditOptions, audited
+from .gain_files import read_gains
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,15 @@ SDK2 = "unitree_sdk2: LowCmd.motor_cmd has q, dq, tau, kp and kd of each motor"
 LEGGED_SDK = "unitree_legged_sdk: LowCmd.motorCmd has q, dq, tau, Kp and Kd of each motor"
 BOOSTER_SDK = "booster_robotics_sdk: LowCmd.motor_cmd has q, dq, tau, kp and kd of each motor"
 CHEETAH = "Katz 2018, A low cost modular actuator for dynamic robots: position, velocity, kp, kd and torque by CAN, PD in the drive"
+MOTEUS = "moteus"
+"""And the form of gains that are those of such a drive."""
 FAMILIES = (
     DriveFamily("Unitree", "unitree", ".*", f"{SDK2}; {LEGGED_SDK}"),
     DriveFamily("Unitree", "a1|aliengo|b1|b2|go1|go2|laikago", "(F|R)(L|R)_(hip|thigh|calf)(_joint)?", LEGGED_SDK),
     DriveFamily("Unitree", "g1|h1|r1", "left_hip_(pitch|roll|yaw)_joint", SDK2),
     DriveFamily("Booster", "booster", ".*", BOOSTER_SDK),
     DriveFamily("Booster", "t1|k1", "Left_Hip_(Pitch|Roll|Yaw)", BOOSTER_SDK),
+    DriveFamily(MOTEUS, MOTEUS, ".*", "moteus' reference: position mode computes kp, ki and kd in the drive, at 30 kHz by default"),
     DriveFamily("MIT Mini Cheetah", "mini ?cheetah", ".*", CHEETAH),
 )
 """Known by their makers' interfaces. Which of the two a program uses is still its own: torques may be computed on the host and sent."""
@@ -92,7 +96,7 @@ def undamped(found: Audited) -> list[str]:
 
 def drive_reading(model: str, gains: Path | None, options: AuditOptions) -> Reading | None:
     """That kp and kd run in the drives, in a loop as slow as DRIVE_RATE_HZ; None where somebody has said where, or nothing is known."""
-    if options.gains_run is not None or family_of(model) is None:
+    if options.gains_run is not None or family_of(model, gains) is None:
         return None
     there = replace(options, gains_run="drive", rate_hz=None, drive_rate_hz=DRIVE_RATE_HZ, drive_delay_ms=DRIVE_DELAY_MS)
     option = f"--gains-run drive --drive-rate-hz {DRIVE_RATE_HZ:g} --drive-delay-ms {DRIVE_DELAY_MS:g}"
@@ -100,8 +104,10 @@ def drive_reading(model: str, gains: Path | None, options: AuditOptions) -> Read
     return Reading(option, meaning, audited(model, gains, there))
 
 
-def family_of(model: str) -> DriveFamily | None:
-    """The family of drives of a model in a file, or under a name of robot_descriptions."""
+def family_of(model: str, gains: Path | None = None) -> DriveFamily | None:
+    """The family of drives of a model, in a file or under a name of robot_descriptions, or of a file of gains that is a drive's own."""
+    if gains is not None and read_gains(gains).form == MOTEUS:
+        return next(one for one in FAMILIES if one.title == MOTEUS)
     path = locate(model)
     root = read_xml(path)
     named = " ".join([root.get("name", ""), root.get("model", ""), path.stem, path.parent.name]).lower()
