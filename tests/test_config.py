@@ -214,6 +214,7 @@ def test_a_key_that_is_missing_is_told_in_a_sentence_that_says_what_it_is():
         ("joint: {}\njoint: {}\n", "'joint' is given twice"),
         ("joint: !!python/object/apply:os.getcwd []\n", "tags (!) are not allowed"),
         ("[" * (MAX_DEPTH + 1), "deep"),
+        ("[" * 21, "nested more than 20 deep"),
         ("[" + "1, " * MAX_NODES + "1]", "more than"),
         ("<<: {joint: 1}\n", "unknown key"),
         ("1: 2\n", "a key must be a word"),

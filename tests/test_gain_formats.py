@@ -205,6 +205,9 @@ def test_moteus_gains_are_per_revolution(tmp_path: Path):
     assert kp == pytest.approx([each / (2 * math.pi) for each in (1, 2, 1, 1)])
     assert kd == pytest.approx([each / (2 * math.pi) for each in (0.1, 0.2, 0.1, 0.1)])
     assert notes == ()
+    for name, content in (("ki.cfg", dump.replace("ki 0", "ki 3")), ("ki.yaml", "moteus: {.*: {kp: 4, ki: 3, kd: 0.5}}")):
+        (tmp_path / name).write_text(content)
+        assert read_gains(tmp_path / name).gains[".*"].ki == pytest.approx(3 / (2 * math.pi))
 
 
 def test_a_policys_metadata(tmp_path: Path):

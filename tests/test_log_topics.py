@@ -65,6 +65,21 @@ def test_a_topic_that_is_named_for_commands_holds_them(measured: str, commanded:
         assert not log.notes
 
 
+@pytest.mark.parametrize("first", ["own", "path"])
+def test_a_name_that_says_it_itself_goes_before_one_whose_topic_does(first: str, tmp_path: Path):
+    """Though it was filtered: `effort` is a command by the topic alone. Likewise the time of all goes before that of one group."""
+    own, path = ("tau_cmd_filtered", TRUTH.target_torque), ("joint_commands/effort", TRUTH.target_torque + 1)
+    both = [own, path] if first == "own" else [path, own]
+    clocks = [("time", TRUTH.time), ("hip/time", TRUTH.time + 5)]
+    columns = dict([*(clocks if first == "own" else clocks[::-1]), ("joint_states/position", TRUTH.motor_position[:, 0])])
+    columns |= {name: values[:, 0] for name, values in both}
+    np.savetxt(tmp_path / "log.csv", np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    log = read_log(tmp_path / "log.csv")
+    took = {origin.channel: origin.column for origin in log.origins}
+    assert (took["target_torque"], took["time"]) == ("tau_cmd_filtered", "time")
+    assert log.signals["target_torque"][:, 0] == pytest.approx(TRUTH.target_torque[:, 0])
+
+
 def test_topics_that_nothing_tells_apart_name_the_flag(tmp_path: Path):
     """What is to be typed is there, once per channel, and it does what it says when it is typed."""
     import shlex

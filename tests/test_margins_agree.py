@@ -1,11 +1,14 @@
 """One joint is n = 1: the certified scan and the characteristic loci, which share no code, tell the same margins."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import gainroom as gr
 from draws import draw_setup
 from gainroom.analysis.coupled_margins import coupled_margins
+from gainroom.analysis.margin_record import PathMargins
 from independent.quick_margins import quick_margins
 
 FOLLOWED = 1e3  # the loci are followed to this factor, down to 1e-4, and those of one loop down to 1e-3
@@ -52,6 +55,34 @@ def test_scan_and_loci_agree(seed: int, sampled: bool):
     same(loci.peak_sensitivity, scan.peak_sensitivity, 1e-7)  # flat at its top, which the loci reach by parabolas
     if scan.delay_margin < 1.0:  # longer ones the loci leave out
         same(loci.delay_margin, scan.delay_margin, 1e-9 if loop.sample_time is None else 2e-5)  # a fraction of a tick is not just a phase
+
+
+def test_lower_margins_are_part_of_the_headroom():
+    """PID that a lower gain loses first: the loop is stable just inside 1 over the headroom and unstable beyond, by its roots."""
+    joint = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0)
+    loop = gr.build_loop(joint, gr.Drive(4000.0, 0.9, 5e-4), gr.PID(60.0, 500.0, 12.0), sample_time=1e-3)
+    found = gr.margins(loop)
+    assert 1.01 < 1 / found.lower_gain_margin < found.gain_margin
+    factor = 1 / found.gain_headroom
+    assert gr.is_stable(loop.scaled(1.001 * factor))
+    assert not gr.is_stable(loop.scaled(0.999 * factor))
+    assert found.least_gain_margin == found.gain_headroom
+    paths = PathMargins(others=3.0, lower_others=0.8, kd=4.0, lower_kd=0.5, certified=True)
+    assert paths.headroom == 1 / 0.8
+    assert replace(paths, lower_others=0.0).headroom == 1 / 0.5
+    assert replace(paths, lower_others=0.0, lower_kd=0.0).headroom == 3.0
+    assert replace(found, paths=replace(paths, lower_kd=0.999)).least_gain_margin == 1 / 0.999
+
+
+@pytest.mark.parametrize(
+    ("common", "alone", "least"), [(-0.5, (0.3, 0.9), 0.3), (0.2, (0.3, 0.9), 0.2), (-0.2, (0.3, 0.9), 0.2), (np.inf, (0.7, 0.6), 0.6)]
+)
+def test_the_least_phase_is_of_all_loops_together_and_of_each_alone(common: float, alone: tuple[float, float], least: float):
+    """Of either sign, in radians; what requirements bound."""
+    plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
+    found = gr.joint_margins(gr.build_loop(plant, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(np.full(2, 80.0), np.full(2, 4.0))))
+    changed = replace(found, phase_margin=common, one_loop=replace(found.one_loop, phase_margin=np.array(alone)))
+    assert changed.least_phase_margin == least
 
 
 def test_an_unstable_loop_with_a_counted_limit_is_certified():

@@ -119,6 +119,15 @@ def test_feet_closed_into_a_loop_leave_six_motions(body):
     assert model.compliance is None
 
 
+@pytest.mark.parametrize(("tilt", "left"), [(1e-12, 3), (1e-10, 3), (1e-7, 2), (1e-4, 2), (1.0, 2)])
+def test_a_held_direction_counts_as_its_own_from_a_billionth_on(tilt: float, left: int):
+    """Two rows that differ by `tilt`: round-off, up to 1e-10 here, holds nothing more; a leg 1e-7 from singular does."""
+    held = np.array([[1.0, 0.0, 0.0, 0.0], [1.0, tilt, 0.0, 0.0]])
+    motion = free_motion(np.eye(4), held)
+    assert motion.shape == (4, left)
+    assert_allclose(held[0] @ motion, 0, atol=1e-9)
+
+
 SOFT = {
     "one foot": [Contact("left_sole", stiffness=(2e5, 3e3), damping=(300.0, 20.0))],
     "both feet": [Contact("left_sole", stiffness=1e5), Contact("right_sole", "line", stiffness=(1e5, 2e3), damping=10.0)],
