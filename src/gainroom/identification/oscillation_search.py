@@ -38,6 +38,8 @@ SLOW_LINES = 3  # of a spectrum, which hold the trend
 UNDIMINISHED = 0.7  # of its size before: irregular motion that falls below decays
 SAME_FREQUENCY, TIMES = 0.05, 3  # relative: no further apart in so many successive windows
 BEYOND = 3.0  # times the frequency below which 99 % of the set-point's power lie
+MAIN = 0.3  # of the amplitude of all motion in the last third: less, beside a slower swing, is a part of it
+STEADY = 0.05  # damping ratio, either way, of an outer loop's swing: one that seems to grow faster is a sweep
 TRIES = 4  # oscillations that are looked at, each of a higher frequency
 STRIDES = (1, 4, 16, 64, 256)  # ticks whose mean is taken
 
@@ -115,13 +117,15 @@ def _in_piece(record: Record, side: str, reference: Floats | None, rows: slice, 
     found, tick = _found(deviation[rows], record.sample_time), record.sample_time
     ramp = reference is not None and float(np.ptp(reference[rows])) > 0
     away = departure(deviation[rows], tick, step) if reference is not None and side in POSITIONS and rows.stop == len(deviation) else None
-    if away is not None and away.vibration is not None and (found is None or not found.damping_ratio < RINGING):
+    beside = found is None or not found.damping_ratio < RINGING or (away is not None and found.amplitude < MAIN * away.size)
+    if away is not None and away.vibration is not None and beside:
         return Search(measured(record, side, rows, away.vibration, deviation, step), away=away)
-    decaying = None
-    for _ in range(TRIES):
+    decaying, size = None, math.sqrt(2) * float(np.std(deviation[rows][-(len(deviation[rows]) // 3) :]))
+    for attempt in range(TRIES):
         if found is None:
             break
-        seen = measured(record, side, rows, found, deviation, step) if _counts(found, record, rows, step, ramp) else None
+        counts = _counts(found, record, rows, step, ramp) and (attempt == 0 or found.amplitude > MAIN * size)
+        seen = measured(record, side, rows, found, deviation, step) if counts else None
         if seen is not None and reference is None and side in POSITIONS and as_commanded(seen, deviation[rows], tick):
             return Search(None, driven=seen.vibration.frequency, unasked=seen.vibration.amplitude)
         if seen is not None and _counts(seen.vibration, record, rows, step, ramp):
@@ -143,7 +147,7 @@ def _of_outer_loop(record: Record, side: str, reference: Floats, step: float) ->
     values, tick = record.channels[side], record.sample_time
     rows = slice(len(values) // 2, None)
     found = _found(values[rows], tick)
-    if found is None or found.damping_ratio >= RINGING or found.amplitude < max(MOVING_STEPS * step, VISIBLE_MOVING):
+    if found is None or abs(found.damping_ratio) > STEADY or found.amplitude < max(MOVING_STEPS * step, VISIBLE_MOVING):
         return None
     period = 2 * math.pi / found.frequency / tick
     if not follows(reference[rows], values[rows], tick, found) or not follows_position(reference, values, period):

@@ -23,6 +23,8 @@ LEAST_FLAT = 0.03  # share of rows at a limit beyond that of a sine
 LEVELS = (0.999, 0.97, 0.93, 0.88, 0.8, 0.7)  # quantiles of a torque that may be its limit
 STANDS = 0.04  # of the largest speed in the vibration: slower, the joint stands still
 STANDING_PERIODS = 4.0  # over which that is counted
+SPEED_OVER = (0.02, 0.04, 0.08)  # of a period
+TURNED = 0.02  # of the frequency, that the phases of successive periods may correct it by
 HARMONICS = 5
 
 
@@ -90,7 +92,7 @@ def measured(
     if not irregular:
         found = _followed(values, tick, found)
     look = slice(-min(len(values), max(FEWEST_SAMPLES, math.ceil(LOOKED_AT * period))), None)
-    parts = {name: complex(parts_in(column[rows][:, None], tick, found)[0]) for name, column in record.channels.items()}
+    parts = {name: complex(parts_in(column[rows][len(values) // 3 :, None], tick, found)[0]) for name, column in record.channels.items()}
     torque = next((name for name in TORQUES[::-1] if record.has(name)), None)
     clipped, limit, small, effort = math.nan, math.nan, False, math.nan
     if torque is not None:
@@ -135,7 +137,7 @@ def power_of(torque: complex, velocity: complex) -> float:
 
 
 def _followed(values: Floats, tick: float, found: Vibration) -> Vibration:
-    """With growth and amplitude from the amplitude period by period over the last ones: a limit cycle's pole tells neither."""
+    """With growth and amplitude, and a finer frequency, from amplitude and phase period by period: a limit cycle's pole tells neither."""
     period = 2 * math.pi / found.frequency / tick
     values = values[len(values) // 3 :]
     width = max(4, round((2 if len(values) > 12 * period else 1) * period))  # of a few periods one each
@@ -145,11 +147,15 @@ def _followed(values: Floats, tick: float, found: Vibration) -> Vibration:
     time = np.arange(width) * tick
     basis = np.column_stack([np.cos(found.frequency * time), np.sin(found.frequency * time), np.ones(width), time])
     blocks = values[len(values) - count * width :].reshape(count, width).T
-    sizes = np.hypot(*np.linalg.lstsq(basis, blocks, rcond=None)[0][:2])
+    cosine, sine = np.linalg.lstsq(basis, blocks, rcond=None)[0][:2]
+    sizes, began = np.hypot(cosine, sine), np.arange(count) * width * tick
     if not np.all(sizes > 0):
         return found
+    turned = np.unwrap(np.angle(cosine - 1j * sine) - found.frequency * began)
+    off = float(np.polyfit(began, turned, 1)[0])
+    frequency = found.frequency + off if abs(off) < TURNED * found.frequency else found.frequency
     rate, last = np.polyfit((np.arange(count) - count + 0.5) * width * tick, np.log(sizes), 1)  # from the middles of the blocks to the end
-    return Vibration(found.frequency, float(rate), float(np.exp(last)))
+    return Vibration(frequency, float(rate), float(np.exp(last)))
 
 
 def _clipping(record: Record, rows: slice, look: slice) -> tuple[float, float]:
@@ -202,8 +208,11 @@ def _harmonics(values: Floats, tick: float, omega: float) -> tuple[float, float]
 
 
 def _standing(values: Floats, step: float, period: float) -> float:
-    """Share of the rows in which the position rests: by its speed over a fiftieth of a period."""
-    span = max(1, round(period / 50))
-    speed = np.abs(values[span:] - values[:-span])
-    most = float(np.quantile(speed, 0.98))
-    return float(np.mean(speed <= max(STANDS * most, 1.01 * step))) if most > 4 * step else math.nan
+    """Share of the rows in which the position rests: by its speed over a fiftieth of a period, or as much more as the encoder needs."""
+    for share in SPEED_OVER:
+        span = max(1, round(share * period))
+        speed = np.abs(values[span:] - values[:-span])
+        most = float(np.quantile(speed, 0.98))
+        if most > 4 * step:
+            return float(np.mean(speed <= max(STANDS * most, 1.01 * step)))
+    return math.nan

@@ -38,6 +38,8 @@ def departure(values: Floats, tick: float, step: float) -> Departure | None:
     counted = peaks > 0.02 * float(size.max())  # noise near zero makes swings of its own
     places = np.array(edges[:-1])[counted]
     peaks = peaks[counted]
+    if len(peaks) > 2 and peaks[-1] < peaks[-2] and size[-1] >= 0.99 * peaks[-1]:  # the log ends in the middle of a swing
+        places, peaks = places[:-1], peaks[:-1]
     if len(peaks) >= SWINGS and len(peaks) < len(values) / 8:
         late = peaks[-3:]
         if (

@@ -29,7 +29,7 @@ def follows_position(reference: Floats, position: Floats, period: float) -> bool
 
 
 def _made(reference: Floats, position: Floats, period: float) -> bool:
-    rows, held = _set_rows(reference, period)
+    rows, held, own_held = _set_rows(reference, period)
     if len(rows) < FEWEST:
         return False
     values = reference[rows]
@@ -41,13 +41,15 @@ def _made(reference: Floats, position: Floats, period: float) -> bool:
         return False
     wanted, last, second, third = (values[places - back] for back in range(4))
     knots = int(np.clip(len(places) // 12, 3, 10))
-    own = _left([*_bent(last, knots), second, third, second * np.abs(second - second.mean())], wanted)
-    own = min(own, _beside_harmonics(values, rows, 2 * math.pi / period, held))
     at = rows[places]
+    past = [*_bent(last, knots), second, third, second * np.abs(second - second.mean())]
+    between = [reference[at - back * own_held] for back in (1, 2, 3)] if own_held < held else []
+    past += between
+    own = min(_left(past, wanted), _beside_harmonics(values, rows, 2 * math.pi / period, held))
 
     def left(late: int, ahead: float) -> float:
         here, before = position[at - late], position[np.maximum(at - late - held, 0)]
-        return _left([*_bent(here + ahead * (here - before), knots), before, last], wanted)
+        return _left([*_bent(here + ahead * (here - before), knots), before, last, *between[:1]], wanted)
 
     coarse = max(1, LATEST * held // MOST_DELAYS)
     best, late = min((left(late, ahead), late) for late in range(0, LATEST * held + 1, coarse) for ahead in AHEAD)
@@ -56,12 +58,12 @@ def _made(reference: Floats, position: Floats, period: float) -> bool:
     return best < MADE * own and best < EXPLAINED * float(values.var())
 
 
-def _set_rows(reference: Floats, period: float) -> tuple[Integers, int]:
-    """Rows in which the set-point is set, also to what it was, and their usual distance; of those that come often in a period a share."""
+def _set_rows(reference: Floats, period: float) -> tuple[Integers, int, int]:
+    """Rows in which the set-point is set, also to what it was, of many in a period a share; their distance, and that of all."""
     changed = np.flatnonzero(np.diff(reference)) + 1
     between = np.diff(changed)
     if len(between) < FEWEST // 2:
-        return np.zeros(0, dtype=int), 0
+        return np.zeros(0, dtype=int), 0, 0
     lengths, counts = np.unique(between, return_counts=True)
     held = int(lengths[np.argmax(counts)])
     rows = [int(changed[0])]
@@ -70,7 +72,7 @@ def _set_rows(reference: Floats, period: float) -> tuple[Integers, int]:
         rows += [round(first + length * k / count) for k in range(1, count + 1)]
     every = max(1, round(period / PER_PERIOD / held)) if held < period / PER_PERIOD / 2 else 1
     kept = np.array(rows[::every])
-    return kept[kept >= 2 * LATEST * held * every], held * every
+    return kept[kept >= 2 * LATEST * held * every], held * every, held
 
 
 def _bent(values: Floats, knots: int) -> list[Floats]:

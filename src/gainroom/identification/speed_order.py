@@ -41,7 +41,7 @@ class Turning:
     @property
     def scales(self) -> bool:
         """Whether the frequency goes with the speed."""
-        clear = LEAST_SHARE if self.scaled < TIMES_FIXED * self.fixed else LEAST_SHARE / 3
+        clear = LEAST_SHARE if self.scaled < TIMES_FIXED * self.fixed else LEAST_SHARE / 6
         return self.speeds > 0 and self.scaled > max(clear, self.fixed)
 
 

@@ -146,6 +146,11 @@ TEXTS: dict[str, Callable[[Evidence], str]] = {
         else "the controller drives the motion, and does not brake it"
     ),
     "unstable": lambda one: f"it grows, where the loop of the model is stable by a factor of {digits(one.value, '', 3)}",
+    "odd_harmonics": lambda one: (
+        f"odd harmonics of {digits(100 * one.value, '%', 2)} and hardly any even ones"
+        if one.weight > 0
+        else "no harmonics, which a gap would make"
+    ),
     "integral": lambda one: "the set-point rests and the controller has no integral: nothing builds up torque",
     "answers": lambda one: "the set-point swings as a law of the measured position" if one.value else "the set-point follows no position",
     "turning": lambda one: (

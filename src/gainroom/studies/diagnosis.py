@@ -82,7 +82,7 @@ class Diagnosis:
         limit = self.predicted.limit.gain
         if self.cause is not None and self.cause.name in AT_LIMIT:
             limit = min(limit, 1.0)
-            if self.predicted.left == self.predicted.left:
+            if self.oscillation is not None and self.oscillation.state == "sustained" and self.predicted.left == self.predicted.left:
                 limit = min(limit, self.predicted.left)
         return limit / self.required
 

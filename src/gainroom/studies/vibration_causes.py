@@ -34,6 +34,7 @@ FAINT = 0.1  # cosine of torque and velocity: less is nearly a quarter period be
 UNSUPPORTED = 1.0  # [nats] for none of these: a cause needs more to be named
 WHOLE, MOST_ORDERS = 0.03, 200  # periods per turn of the motor: nearer to a whole number, up to so many
 MOST_SOFTENED = 0.95  # of the stiffness: what is left beside a gap
+BENT = 0.02  # third and fifth harmonics over the first, of a torque that goes to and fro through a gap
 SURELY_STABLE = 1.3  # gain margin by the model beyond which what grows is not its loop
 SPARED = 0.6  # of the limit: margin that a stable prediction leaves where parameters are a few percent off
 
@@ -110,9 +111,8 @@ def _stick_slip(seen: RecordedOscillation, predicted: Prediction | None) -> list
         found.append(_braked(seen, predicted, -3.0))
     if predicted is not None and predicted.crossover > 0:
         slow = math.log(seen.vibration.frequency / predicted.crossover)
-        found.append(
-            Evidence("crossover", seen.vibration.frequency, predicted.crossover, 1.5 if slow < 0 else max(MOST_AGAINST, -4 * slow))
-        )
+        least = MOST_AGAINST if seen.turning is None else -1.0  # along a motion it is as fast as the motion makes it
+        found.append(Evidence("crossover", seen.vibration.frequency, predicted.crossover, 1.5 if slow < 0 else max(least, -4 * slow)))
     if predicted is not None and seen.turning is None and not predicted.integrates:  # at rest nothing builds up without an integral
         found.append(Evidence("integral", 0.0, 1.0, -3.0))
     if seen.steps < FEW_STEPS or seen.irregular:
@@ -146,7 +146,9 @@ def _structural(seen: RecordedOscillation, predicted: Prediction | None) -> list
         return found
     off, response = _off(predicted, seen), _response_off(predicted)
     if not math.isnan(off):
-        found.append(Evidence("frequency", seen.vibration.frequency, predicted.frequency, min(1.5, -_agrees(off, SAME_FREQUENCY))))
+        found.append(
+            Evidence("frequency", seen.vibration.frequency, predicted.frequency, float(np.clip(-_agrees(off, SAME_FREQUENCY), -0.5, 1.5)))
+        )
     if not math.isnan(response):
         found.append(Evidence("response", response, OTHER_RESPONSE, min(MOST_FOR, 4 * (response - 0.5))))
     if seen.state == "growing" and predicted.limit.stable and predicted.limit.gain > SURELY_STABLE:
@@ -198,7 +200,7 @@ def _ripple(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evi
 def _forced(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
     """For a torque that does not come from the controller."""
     scales = seen.turning is not None and seen.turning.scales
-    found = [_steps_against(seen), _braked(seen, predicted, 3.0)]
+    found = [_steps_against(seen), _braked(seen, predicted, 3.0 if scales or seen.turning is None else 1.0)]
     if seen.turning is not None and not scales and seen.standing > STANDING - 0.1:  # along a steady motion friction has it stand
         found.append(Evidence("standing", seen.standing, 0.0, -3.0))
     if seen.state == "sustained":
@@ -219,10 +221,12 @@ def _forced(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evi
 
 def _backlash(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
     found = [_steps_against(seen), _answered_against(seen), _braked(seen, predicted, -3.0), _standing_against(seen)]
-    if seen.state != "sustained":
-        found.append(Evidence("growth", seen.vibration.growth_rate, 0.0, -2.0))
+    found.append(Evidence("growth", seen.vibration.growth_rate, 0.0, 0.5 if seen.state == "sustained" else -2.0))
     if _clipped(seen, predicted):
         found.append(Evidence("clipped", seen.clipped, 0.0, -1.5))
+    if seen.even == seen.even:  # alike to either side, and not straight
+        bent = seen.odd > max(BENT, 4 * seen.even)
+        found.append(Evidence("odd_harmonics", seen.odd, math.nan, 0.7 if bent else -1.0 if seen.odd < BENT / 4 else 0.0))
     if predicted is None or math.isnan(predicted.softened[0]):
         return found
     share, off = predicted.softened
@@ -235,7 +239,8 @@ def _aliasing(seen: RecordedOscillation, predicted: Prediction | None) -> list[E
     if predicted is None or predicted.alias is None:
         return [Evidence("alias", math.nan, math.nan, MOST_AGAINST)]
     alias, found = predicted.alias, [_steps_against(seen)]
-    off = abs(math.log(alias.frequency / predicted.frequency)) if predicted.frequency > 0 else math.inf
+    own = [one for one in (predicted.frequency, predicted.limit.frequency) if one > 0]  # a torque limit takes it toward that at the limit
+    off = min((abs(math.log(alias.frequency / one)) for one in own), default=math.inf)
     found.append(Evidence("alias", alias.frequency, predicted.frequency, _agrees(off, SAME_FREQUENCY)))
     found.append(
         Evidence("gain_margin", predicted.limit.gain, 1.0, _agrees(max(0.0, math.log(max(predicted.limit.gain, 1e-9))), SAME_MARGIN))

@@ -55,7 +55,8 @@ class Prediction:
     applied     gains of the log over those of the file, which the loop here has
     power       cosine of torque and velocity, where the actual torque is not in the log, by the model of the drive
     moved       [rad] amplitude of the position that the torque makes by the model; NaN likewise
-    left        share of the gains that a torque limit leaves in a sustained vibration: they are at their limit then; NaN where none is
+    left        share of the gains that a torque limit leaves, the describing function: of a sustained vibration, that to their limit; NaN
+                where it is not measured
     softened    stiffness, over the file's, with which position over torque is as measured (its describing function, of a gap), and
                 how far that is off, |ln|; NaN where it is not measured
     alias       what the vibration is at another frequency, which the log's rate folds to the one seen; None where it is no slower than
@@ -166,7 +167,7 @@ def _left(found: Prediction, seen: RecordedOscillation) -> float:
     """Torque at the vibration over what the controller asks for, by the model: the describing function of a limit."""
     torque = next((name for name in APPLIED if name in seen.parts), None)
     asked = _control(found.loop, replace(seen, parts={**seen.parts, "target_torque": seen.parts[torque]})) if torque else complex(math.nan)
-    if torque is None or seen.state != "sustained" or seen.irregular:
+    if torque is None or seen.irregular:
         return math.nan
     drives = complex(_behind(found.loop, "target_torque", _point(seen))[0] / _behind(found.loop, torque, _point(seen))[0])
     return min(abs(asked / drives), 1.0)
@@ -193,14 +194,14 @@ def _alias(found: Prediction, seen: RecordedOscillation, tick: float) -> Alias |
     """That frequency of those which a log with `tick` [s] folds to the one seen at which the model's loop fits best."""
     assert found.loop.parts is not None
     side, torque = f"{found.loop.parts.feedback}_position", next((name for name in APPLIED if name in seen.parts), None)
-    own = found.loop.sample_time
-    if own is None or own > SLOW_LOG * tick:
+    every = found.loop.sample_time
+    if every is None or every > SLOW_LOG * tick:
         return None
     best, least = None, math.inf
     for turns in range(1, MOST_FOLDS):
         for sign in (-1, 1):
             omega = 2 * math.pi * turns / tick + sign * seen.vibration.frequency
-            if not omega * own < math.pi:
+            if not omega * every < math.pi:
                 continue
             there = replace(seen.vibration, frequency=omega)
             parts = {name: value if sign > 0 else value.conjugate() for name, value in seen.parts.items()}
@@ -208,7 +209,7 @@ def _alias(found: Prediction, seen: RecordedOscillation, tick: float) -> Alias |
             response = complex(math.nan)
             if torque is not None and side in parts and parts[torque]:
                 response = parts[side] / parts[torque] / complex(_behind(found.loop, torque, _point(folded))[0])
-            off = abs(math.log(omega / found.frequency)) if found.frequency > 0 else math.inf
+            off = min((abs(math.log(omega / own)) for own in (found.frequency, found.limit.frequency) if own > 0), default=math.inf)
             unlike = abs(np.log(response)) if response == response else 0.0
             if off / SAME_FREQUENCY + unlike / SAME_RESPONSE < least:
                 best, least = Alias(omega, response, _control(found.loop, folded)), off / SAME_FREQUENCY + unlike / SAME_RESPONSE
