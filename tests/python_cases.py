@@ -1,6 +1,13 @@
 """Short Python, each to find `k`, for test_python_values: what the reader follows, and what it refuses."""
 
 READ = """
+def twice(f):
+    def g(*a): return 2 * f(*a)
+    return g
+@twice
+def k(x): return x
+k = k(3.0)
+---
 from enum import Enum
 class M(Enum):
     HIP = 100.0
@@ -420,13 +427,6 @@ class Meta(type):
 class Q(metaclass=Meta):
     k = 1.0
 k = Q.k
----
-def twice(f):
-    def g(*a): return 2 * f(*a)
-    return g
-@twice
-def k(x): return x
-k = k(3.0)
 ---
 class P:
     def __init_subclass__(cls): cls.k = 9.0

@@ -427,6 +427,8 @@ class Calls(Interpreter):
                 if not has and (REST in record.fields or record.owner is None or (name == "getattr" and not rest)):
                     raise NotKnown
                 return has if name == "hasattr" else self.attribute(node, record, key) if has else rest[0]
+            case "getattr", [list() | dict() | str() as owner, str() as key]:
+                return self.attribute(node, owner, key)
             case "setattr", [Record() as record, str() as key, value]:
                 self.set_field(node, record, key, value)
                 return None

@@ -118,6 +118,8 @@ class Scope:
     """Names that are another scope's: global, nonlocal."""
     is_class: bool = False
     is_comprehension: bool = False
+    unstable: "dict[str, Unknown]" = field(default_factory=dict)
+    """Names of what may be changed at any time, and by what."""
 
     def find(self, name: str) -> Any:
         """The value, or None where nobody has the name."""
@@ -131,10 +133,11 @@ class Scope:
         return around.find(name) if around is not None else None
 
     def store(self, name: str, value: Any) -> None:
-        if name in self.outside:
-            self.outside[name].names[name] = value
-        else:
-            self.names[name] = value
+        scope = self.outside.get(name, self)
+        if name in scope.unstable:
+            spoil(value, scope.unstable[name])
+            value = value if isinstance(value, dict | list | Record) else scope.unstable[name]
+        scope.names[name] = value
 
     @property
     def module(self) -> "Scope":

@@ -242,6 +242,40 @@ class Interpreter:
         return unknown.held() if calls_own or self.holds_record(node, *names) else unknown
 
 
+def changed_names(function: Function, seen: set[ast.AST] | None = None) -> set[str]:
+    """The names around a function whose objects it may change when it is run."""
+    seen = set() if seen is None else seen
+    if function.node in seen or len(seen) > MOST_CALLS:
+        return set()
+    seen.add(function.node)
+    body: list[ast.AST] = [function.node.body] if isinstance(function.node, ast.Lambda) else list(function.node.body)
+    arguments = function.node.args
+    own = {each.arg for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg) if each}
+    found: set[str] = set()
+    for node in own_nodes(body, ()):
+        match node:
+            case ast.Global(names=names):
+                found |= set(names)
+            case ast.Name(id=name, ctx=ast.Store()):
+                own.add(name)
+            case ast.Attribute(value=owner, ctx=ast.Store() | ast.Del()) | ast.Subscript(value=owner, ctx=ast.Store() | ast.Del()):
+                found |= _names_in(owner)
+            case ast.Call(func=called, args=given, keywords=named):
+                for each in (*given, *(keyword.value for keyword in named)):
+                    found |= _names_in(each)
+                if isinstance(called, ast.Attribute) and called.attr not in HARMLESS:
+                    found |= _names_in(called.value)
+                inner = function.scope.find(called.id) if isinstance(called, ast.Name) else None
+                if inner is not None and isinstance(inner.value, Function):
+                    found |= changed_names(inner.value, seen)
+    stated = {name for node in own_nodes(body) if isinstance(node, ast.Global) for name in node.names}
+    return found - (own - stated)
+
+
+def _names_in(node: ast.AST) -> set[str]:
+    return {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}
+
+
 def function_scope(function: Function, names: dict[str, Any]) -> Scope:
     """A scope for a function's body, in which its global and nonlocal names are those of the scopes around it."""
     scope = Scope(names, function.scope)

@@ -34,7 +34,7 @@ from .python_objects import (
     text_of,
     truth,
 )
-from .python_undecided import Budget, TooLong, Undecided, own_nodes
+from .python_undecided import Budget, TooLong, Undecided, changed_names, own_nodes
 
 MOST_FILES = 20
 """Files beside that are read with one."""
@@ -226,7 +226,9 @@ class _Reader(Expressions):
                 found = self.value(value)
                 for target in targets:
                     self.assign(target, found)
-            case ast.AnnAssign(target=target, value=value):
+            case ast.AnnAssign(target=target, annotation=annotation, value=value):
+                if any(isinstance(each, ast.Call) for each in ast.walk(annotation)):
+                    self.undecided(annotation, [annotation])
                 if value is not None:
                     self.assign(target, self.value(value))
             case ast.AugAssign(target=target, op=op, value=value):
@@ -269,7 +271,9 @@ class _Reader(Expressions):
                 _imports(each.body, (ast.Assign,)) for each in handlers
             ):
                 self._imported_either_way(node)
-            case ast.Pass() | ast.Global() | ast.Nonlocal() | ast.Assert():
+            case ast.Assert(test=test):
+                self.value(test)
+            case ast.Pass() | ast.Global() | ast.Nonlocal():
                 pass
             case _:
                 self._not_decided(node)
@@ -494,13 +498,20 @@ class _Reader(Expressions):
 
     def _function(self, node: ast.FunctionDef) -> Any:
         made = Function(node.name, node, self.scope, self.defaults(node.args), self.source)
+        others: list[ast.expr] = []
         for each in node.decorator_list:
             name = last_name(each.func if isinstance(each, ast.Call) else each)
             if name in ("staticmethod", "classmethod", "property", "cached_property"):
                 made.kind = "property" if name == "cached_property" else name
             elif name not in ("cache", "lru_cache", "wraps", "override", "overload"):
+                others.append(each)
+        result: Any = made
+        for each in reversed(others):
+            function = self.value(each)
+            if not isinstance(function, Function | Partial):
                 return Unknown(node.lineno, f"@{text_of(each)[:60]}", "is not followed", is_free=False, source=self.told)
-        return made
+            result = self.call(each, function, [result], {})
+        return result
 
     def _class(self, node: ast.ClassDef) -> Any:
         """The class with its own fields, and with the classes of this file that it inherits from."""
@@ -522,11 +533,14 @@ class _Reader(Expressions):
         record.own_order = tuple(_dataclass_names(node)) if fields_by_name else ()
         order = [name for each in reversed(record.lineage) for name in each.own_order]
         record.order = tuple(dict.fromkeys(order)) if not foreign or is_tuple else ()
-        with self.inside(Scope(record.fields, self.scope, is_class=True)):
+        stated = {name for each in own_nodes(node.body) if isinstance(each, ast.Global) for name in each.names}
+        with self.inside(Scope(record.fields, self.scope, dict.fromkeys(stated, self.scope.module), is_class=True)):
             self.block(node.body)
-        for value in record.fields.values():
+        for name, value in record.fields.items():
             if isinstance(value, Function) and value.owner is None:
                 value.owner = record
+            if isinstance(value, Function) and name.startswith("__") and name not in ("__init__", "__post_init__"):
+                self._may_run_at_any_time(value)
         if problem := self._not_followed_in(node, record, ancestors, bases):
             return Unknown(node.lineno, f"class {node.name}", problem, is_free=False, source=self.told)
         if any(kind in ENUMERATIONS for kind in record.kinds):
@@ -534,6 +548,21 @@ class _Reader(Expressions):
             is_mixed = len(node.bases) > 1 or "Flag" in record.kinds  # with text or a number, which it may be equal to
             record.fields = {key: _member(key, value, is_mixed) for key, value in record.fields.items()}
         return self._decorated(node, record)
+
+    def _may_run_at_any_time(self, function: Function) -> None:
+        """What a special method may change is unknown from here on: == and len() run one, and so does much else."""
+        told = Unknown(
+            function.node.lineno, f"def {function.name}", "may be run at any time, and change it", is_free=False, source=self.told
+        )
+        for name in changed_names(function):
+            scope = self.scope.module
+            if name in scope.names:
+                spoil(scope.names[name], told)
+            if name in scope.names and not isinstance(scope.names[name], Function | Record | Unknown):
+                scope.unstable[name] = told
+                scope.store(name, scope.names[name])
+            elif name not in scope.names:
+                scope.unstable[name] = told
 
     def _not_followed_in(self, node: ast.ClassDef, record: Record, ancestors: tuple[Record, ...] | None, bases: list[Any]) -> str:
         """Why a class is none that is followed; empty for one that is."""
