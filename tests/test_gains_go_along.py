@@ -217,6 +217,27 @@ def test_rigid_that_was_said_is_not_unknown_afterwards(folder: Path, capsys: pyt
     assert ("inf" if said[1] == "inf" else "hip=inf") in flags
 
 
+ODD = [("hip.2-x", "knee (l)"), ("on", "y"), ("J|1", "J=2"), ("left hip", "knee+")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", ODD)
+@pytest.mark.parametrize("form", FORMS)
+def test_names_that_look_like_patterns_are_names(folder: Path, capsys: pytest.CaptureFixture[str], form: str, names: tuple[str, str]):
+    for old, new in zip(("hip", "knee"), names, strict=True):
+        leg = (folder / "leg.xml").read_text("utf-8")
+        (folder / "leg.xml").write_text(leg.replace(f'"{old}"', f'"{new}"'), "utf-8")
+    gains = {name: {"kp": 60.0, "kd": 3.0, "motor_inertia": 0.2, "effort_limit": 30.0} for name in names}
+    (folder / "gains.json").write_text(json.dumps({"gains": gains, "posture": {names[1]: 0.7}, "sample_rate_hz": 400}), "utf-8")
+    first = audited(capsys, "gains.json")
+    assert first["posture"] == {names[0]: 0.0, names[1]: 0.7}
+    target, said = exported(capsys, folder, first, form)
+    model = [target, "--delay-ms", "3"] if form == "mjcf" else ["leg.xml", "--delay-ms", "3", "--gains", target]
+    second = told(capsys, "audit", *model, *said["audit_with"])
+    assert second["gain_limit"] == pytest.approx(first["gain_limit"], rel=1e-12)  # an MJCF's armature is a sum
+    assert second["posture"] == first["posture"]
+
+
 def test_gearboxes_that_nobody_knows_stay_unknown(folder: Path, capsys: pytest.CaptureFixture[str]):
     first = audited(capsys, "gains.yaml", "--rate-hz", "400")
     (folder / "answer.json").write_text(json.dumps(first), "utf-8")

@@ -3,11 +3,11 @@
 import json
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from ...errors import GainroomError, first_of_many, listed
+from ...errors import GainroomError, first_of_many, listed, nearest
 from ...io.validation import checked, number, require_one_of
 from ...io.yaml_text import shown
 from .gain_record import ACTUATOR, ANGLE, GAINS_RUN, NOT_NEGATIVE, Gain, GainFile, Origin
@@ -28,6 +28,21 @@ MARGINS = {
 OF_ROBOT = {"states", "recommended", "unstable_at"}
 OF_AUDIT = {"states", "joints", "delay_limit_ms"}
 """Keys by which an answer is known."""
+
+
+@dataclass(frozen=True)
+class AnsweredGains(GainFile):
+    """Gains by joint: an answer has no patterns, whatever its names look like."""
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        return tuple(self.gains)
+
+    def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
+        for name in self.gains:
+            if name not in joint_names:
+                raise GainroomError(f"{self.source}: gains.{shown(name)} matches no joint{nearest(name, tuple(joint_names), 'joint')}")
+        return [[self.gains[name]] if name in self.gains else [] for name in joint_names]
 
 
 def answer_in(text: str) -> dict[str, Any] | None:
@@ -87,7 +102,7 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
         actuator = {key: actuators[name].get(key) for key in ACTUATOR}
         gains[name] = _gain({**vars(gains[name]), **actuator}, f"{source}: actuators.{shown(name)}")
     origin = Origin(str(data.get("robot") or ""), margins=margins, **_place(data, max(delays, default=None), source))
-    return GainFile(source, form, gains, notes=tuple(notes), postures=postures, origin=origin)
+    return AnsweredGains(source, form, gains, notes=tuple(notes), postures=postures, origin=origin)
 
 
 def _number(data: Mapping[str, Any], key: str, owner: str) -> float | None:
