@@ -166,6 +166,16 @@ SCHEMES: dict[str, dict[str, str]] = {
         "tau_spring": "",
     },
     "one with a name": {"t": "time", "knee_pos": "knee:motor_position", "velocity": "knee:motor_velocity", "torque": "knee:actual_torque"},
+    "written as one": {
+        "utime": "time",
+        "qdes": "reference",
+        "qact": "motor_position",
+        "taucmd": "target_torque",
+        "motorvel": "motor_velocity",
+    },
+    "estimated": {"time_from_start": "time", "theta_hat": "motor_position", "tau_hat": "actual_torque", "theta_ref": "reference"},
+    "a speed that is no joint's": {"time": "time", "q1": "1:motor_position", "qd1": "1:motor_velocity", "omega_x": ""},
+    "units behind a stroke": {"t/s": "time", "q/rad": "motor_position", "tau_soll/Nm": "target_torque", "tau_ist/Nm": "actual_torque"},
     "numbered twice": {
         "t": "time",
         "q1": "1:motor_position",

@@ -6,7 +6,7 @@ left out, with the option that decides.
 
 import re
 import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ...errors import first_of_many
@@ -135,8 +135,11 @@ def _uneven(claims: list[Claim]) -> tuple[list[Claim], list[tuple[list[Claim], s
 def _sides(claims: list[Claim]) -> tuple[list[Claim], list[Claim]]:
     """`joint_angle` beside `motor_angle` is the link's, and so is `q` beside `theta`; and those that were changed."""
     changed: dict[int, Claim] = {}
-    for joint in {claim.joint for claim in claims}:
-        own = [(k, claim) for k, claim in enumerate(claims) if claim.joint == joint and not claim.given]
+    joints: dict[str, list[tuple[int, Claim]]] = {}
+    for k, claim in enumerate(claims):
+        if not claim.given:
+            joints.setdefault(claim.joint, []).append((k, claim))
+    for own in joints.values():
         motor = any(claim.channel in MOTION and claim.side == "motor" for _, claim in own)
         both = {"theta", "q"} <= {claim.side for _, claim in own if claim.channel == "motor_position"}
         for channel, other in MOTION.items():
@@ -164,19 +167,18 @@ def _joints_that_are_none(claims: list[Claim]) -> tuple[list[Claim], list[tuple[
             gone.append(({""}, f"they name no joint, and others do ({first_of_many(named)})"))
         else:
             gone.append(({*named}, f"{first_of_many(named)} may be another joint, or something else of the only one"))
-    longer = {
-        joint
-        for joint in named
-        for other in named
-        if other != joint and _parts(other) < _parts(joint) and channels[joint] < channels[other]
-    }
-    if longer:
-        gone.append((longer, "whether that is a joint of its own is not known"))
+    placed = {joint for joint in named if channels[joint] & {*POSITIONS}}
+    doubtful = {joint for joint in named if (placed and joint not in placed) or _holds_another(joint, channels)}
+    if doubtful:
+        gone.append((doubtful, "whether that is a joint of its own is not known"))
     return _without(claims, gone)
 
 
-def _parts(joint: str) -> set[str]:
-    return {part for part in re.split(r"[_\W]+", joint.lower()) if part}
+def _holds_another(joint: str, channels: Mapping[str, set[str]]) -> bool:
+    """Whether a joint's name is another's and more, with fewer channels: `hip_left` beside `hip`."""
+    parts = re.split(r"([_\W]+)", joint)
+    shorter = {"".join(parts[first:last]) for first in range(0, len(parts), 2) for last in range(first + 1, len(parts) + 1, 2)}
+    return any(channels[joint] < channels[other] for other in shorter - {joint, ""} if other in channels)
 
 
 def _without(claims: list[Claim], gone: list[tuple[set[str], str]]) -> tuple[list[Claim], list[tuple[list[Claim], str]]]:

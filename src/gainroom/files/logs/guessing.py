@@ -8,7 +8,7 @@ it stands where none can. What a name leaves open is a doubt: such a column is n
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 
 from ...simulation.run_record import REFERENCE_SIGNAL
 from .channels import CHANNELS
@@ -49,6 +49,10 @@ DIMENSIONS = {"time": "time", "position": "angle", "velocity": "speed", "torque"
 SAYING = COMMANDING | MEASURING | FEEDFORWARD | OTHER | FILLERS | LOCALLY_COMMANDING
 LETTERS = {"p": "position", "v": "velocity", "t": "torque"}
 """Quantities of motor protocols: `p_des`, `v_fb`."""
+MOST_LETTERS = 300
+"""Of a name that is read; longer ones are no names."""
+MOST_KEPT = 1 << 14
+"""Parts of names whose words are kept: those of one file, again and again."""
 COORDINATES = frozenset(("q", "theta", "encoder", "enc", "angle"))
 """Words that name a coordinate where another quantity stands beside them: `theta_vel`, `q_torque`."""
 FEED_FORWARD_DOUBT = "a feed-forward torque, which is all of the command only where the drive's own kp and kd are 0"
@@ -95,7 +99,7 @@ class Naming:
 
     @classmethod
     def of(cls, names: Iterable[str]) -> "Naming":
-        texts = [*names]
+        texts = [text for text in names if len(text) <= MOST_LETTERS]
         beside: dict[tuple[str, ...], set[str]] = {}
         gains = set()
         roles = COMMANDING | MEASURING | FEEDFORWARD
@@ -136,6 +140,8 @@ def channel_of(text: str, whole: bool = False, commanded: bool = False, naming: 
     whole       the joint is known otherwise: what stands before the channel's name is no joint's, and nothing may stand behind it
     commanded   it stands among commands
     """
+    if len(text) > MOST_LETTERS:
+        return None
     if naming.dataset and (part := _dataset_part(text)):
         return Guess("motor_position" if part == "state" else REFERENCE_SIGNAL, text.partition("[")[2].rstrip("]"), "", BARE)
     own = None if whole else _own(text)
@@ -153,7 +159,7 @@ def channel_of(text: str, whole: bool = False, commanded: bool = False, naming: 
 
 def is_commanding(path: str, otherwise: bool = False) -> bool:
     """Whether a path, as of a topic, is that of commands: its last part that says so decides."""
-    for part in reversed(re.split(r"[/.]", path)):
+    for part in reversed(re.split(r"[/.]", path[-MOST_LETTERS:])):
         said = {_plain(word[0].lower()) for word in WORD.finditer(part)}
         if said & COMMANDING:
             return True
@@ -210,12 +216,30 @@ class _Word:
     piece: int
 
 
+@lru_cache(MOST_KEPT)
 def _words(part: str) -> list[_Word]:
-    found = []
+    found, piece, end = [], 0, 0
     for word in WORD.finditer(part):
-        piece = len(re.findall(r"[^A-Za-z0-9]+", part[: word.start()]))
-        found.append(_Word(word[0], _plain(word[0].lower()), word.start(), word.end(), piece))
+        start = word.start()
+        piece += bool(re.search(r"[^A-Za-z0-9]", part[end:start]))
+        end = word.end()
+        for text in _pieces(word[0]):
+            found.append(_Word(text, _plain(text.lower()), start, start + len(text), piece))
+            start += len(text)
     return found
+
+
+@lru_cache(MOST_KEPT)
+def _pieces(word: str) -> tuple[str, ...]:
+    """A word, or the two that are written as one: `poscmd`, `qdes`, `motorpos`."""
+    plain = word.lower()
+    if _plain(plain) in ONE_WORD:
+        return (word,)
+    for k in range(1, len(word)):
+        one, other = plain[:k], plain[k:]
+        if (one in MEASURABLE and other in BESIDE and len(other) > 2) or (one in BESIDE and other in MEASURABLE and k > 2):
+            return word[:k], word[k:]
+    return (word,)
 
 
 class _Parse:
@@ -401,6 +425,10 @@ ROLES = COMMANDING | LOCALLY_COMMANDING | MEASURING | FEEDFORWARD | FILLERS
 TURNING = COORDINATES | {"tau", "dq", "qd", "omega", "dtheta", "qdot"}
 """Words behind which an `m` is the motor's."""
 
+BESIDE = ROLES | {*SIDE_OF}
+MEASURABLE = frozenset(word for quantity, words in QUANTITIES.items() for word in words if quantity != "time")
+ONE_WORD = MEASURABLE | BESIDE | OTHER | CONTAINERS
+
 
 def _is_command(quantity: str, roles: set[str], letter: bool) -> bool | None:
     """Whether the words beside a quantity make it a command; None where they say neither."""
@@ -433,6 +461,7 @@ def _elsewhere(above: Iterable[str]) -> bool:
 
 def joint_in(path: str) -> str:
     """The joint's name in what is left of a column's, or in a topic's: the last part of a path that names one."""
+    path = path[-MOST_LETTERS:]
     parts = (_joint_part(part) for part in re.split(r"[/.]", path.strip("_ ./-[](){}<>:")))
     return ([part for part in parts if part] or [""])[-1]
 

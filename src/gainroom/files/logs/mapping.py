@@ -154,7 +154,9 @@ def _joints(
             f"(to give a column to a joint: --columns {typed})"
         )
         found = {joint: claims for joint, claims in found.items() if joint in measured}
-    wanted = {joint or ONE_JOINT: claims for joint, claims in sorted(found.items(), key=lambda item: _first(item[1], columns))}
+    places = {column.name: place for place, column in enumerate(columns)}
+    order = sorted(found.items(), key=lambda item: min(places[claim.column.name] for claim in item[1]))
+    wanted = {joint or ONE_JOINT: claims for joint, claims in order}
     kept = {joint: claims for joint, claims in wanted.items() if options.wants(joint)}
     if not kept:
         raise GainroomError(
@@ -162,10 +164,6 @@ def _joints(
             + "; ".join([first_of_many([*wanted]), *left])
         )
     return kept, notes, {claim.column.name for claims in found.values() for claim in claims}
-
-
-def _first(claims: Sequence[Claim], columns: Sequence[Column]) -> int:
-    return min(columns.index(claim.column) for claim in claims)
 
 
 def _origin(claim: Claim, joint: str, options: LogOptions, path: Path) -> Origin:

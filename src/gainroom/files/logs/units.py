@@ -2,6 +2,7 @@
 
 import math
 import re
+from functools import lru_cache
 
 from ...errors import GainroomError, one_line
 
@@ -17,6 +18,8 @@ SI = {"time": "s", "angle": "rad", "speed": "rad/s", "torque": "Nm", "current": 
 """The unit of numbers that none is stated of."""
 TICKS = {"angle": re.compile(r"ticks/([0-9.eE+]{1,20})"), "speed": re.compile(r"ticks/([0-9.eE+]{1,20})/s")}
 """Encoder steps: how many of them are one revolution."""
+MOST_LETTERS = 40
+"""Of a unit."""
 SPELLINGS = {
     spelling: unit
     for unit, spellings in {
@@ -39,6 +42,11 @@ SPELLINGS = {
 
 def known_unit(text: str, dimension: str) -> str | None:
     """The unit of `dimension` that `text` writes, in whatever spelling; None where it writes none."""
+    return _known(text, dimension) if len(text) <= MOST_LETTERS else None
+
+
+@lru_cache(1 << 12)
+def _known(text: str, dimension: str) -> str | None:
     plain = re.sub(r"[\s·*⋅]|(?<=\w)\.(?=\w)", "", text.strip())
     plain = SPELLINGS.get(plain.lower(), plain).replace("/sec", "/s")
     units = UNITS[dimension]

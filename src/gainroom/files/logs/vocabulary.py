@@ -9,10 +9,10 @@ def words(text: str) -> tuple[str, ...]:
 
 
 QUANTITIES: Mapping[str, tuple[str, ...]] = {
-    "time": words("time timestamp time_stamp stamp t tout datetime date_time seconds secs elapsed clock"),
-    "position": words("position pos angle q encoder enc theta qpos jointpos"),
+    "time": words("time timestamp time_stamp stamp t tout datetime date_time seconds secs elapsed clock utime"),
+    "position": words("position pos angle ang q encoder enc theta qpos jointpos"),
     "velocity": words("velocity vel speed qdot q_dot dq qd dtheta theta_dot qvel thetadot omega jointvel"),
-    "torque": words("torque tau effort moment trq qfrc jointfrc actuatorfrc force frc"),
+    "torque": words("torque tau effort eff moment trq qfrc jointfrc actuatorfrc force frc"),
     "current": words("current curr iq i_q amps"),
 }
 """Spellings of each, the surest first; some words have two parts."""
@@ -52,7 +52,7 @@ PLURALS = {
 }
 COMMANDING = frozenset(
     words(
-        """command commanded cmd target desired des reference ref setpoint set_point goal demand demanded dem setp sp computed
+        """command soll commanded cmd target desired des reference ref setpoint set_point goal demand demanded dem setp sp computed
         output_effort"""
     )
 )
@@ -61,7 +61,8 @@ LOCALLY_COMMANDING = frozenset(words("control controlled input in_cmd trajectory
 """The same of words that stand beside the quantity itself; in a path they say whose it is."""
 MEASURING = frozenset(
     words(
-        """state feedback fb fbk measured meas mes actual act status present estimate estimated est applied sensed real response net
+        """state hat ist fdb feedback fb fbk measured meas mes actual act status present estimate estimated est applied sensed real response
+        net
         observation"""
     )
 )
@@ -110,7 +111,10 @@ CONTAINERS = frozenset(
 )
 """Parts of a path, and words in one, that name no joint."""
 TIME_BESIDE = frozenset(
-    words("""sim simulation ros robot pi system log relative rel monotonic unix epoch utc elapsed time stamp recv rx local abs field""")
+    words(
+        """from since start sim simulation ros robot pi system log relative rel monotonic unix epoch utc elapsed time stamp recv rx
+        local abs field"""
+    )
 )
 """Words beside one for time that leave it the time of the rows."""
 SIDES = frozenset(
