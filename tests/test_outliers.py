@@ -122,3 +122,6 @@ def test_a_row_of_nonsense_in_a_command_hides_no_vibration():
     assert np.flatnonzero(found.outliers.rows).tolist() == [1234]
     pulses = np.where(np.arange(4000) % 400 == 100, 5.0, 0.0)  # an excitation
     assert without_outliers(record(SWING, target_torque=pulses), commands=True)[1].count == 0
+    kick = np.where(np.arange(4000) == 300, 3000.0, torque)  # of a differenced error, where the set-point steps
+    stepped = record(SWING, reference=np.where(np.arange(4000) < 300, 0.0, 0.05), target_torque=kick)
+    assert without_outliers(stepped, commands=True)[1].count == 0

@@ -50,7 +50,7 @@ def without_outliers(record: Record, commands: bool = False) -> tuple[Record, Ou
 
     commands   commanded torques too, where they have a pulse of a few rows that is many times all others: pulses may be an excitation
     """
-    spoilt = {name: _pulses(record.channels[name]) for name in COMMANDED if commands and record.has(name)}
+    spoilt = {name: _pulses(record, name) for name in COMMANDED if commands and record.has(name)}
     if any(rows.any() for rows in spoilt.values()):
         record, first = _made_of_neighbours(record, spoilt)
         record, more = without_outliers(record)
@@ -90,11 +90,18 @@ def _measured(record: Record) -> dict[str, Floats]:
     return {name: record.channels[name] for name in MEASURED if record.has(name)}
 
 
-def _pulses(values: Floats) -> Booleans:
-    """(m,) rows of a command that are many times as large as nearly all others, alone or a few together."""
+def _pulses(record: Record, name: str) -> Booleans:
+    """(m,) rows of a command many times as large as nearly all others, alone or a few together, where the set-point does not jump."""
+    values = record.channels[name]
     size = np.abs(values - np.median(values))
     most = float(np.quantile(size, 1 - MOST))
-    return outlying(values, size <= PULSE * most) if most > 0 else np.zeros(len(values), dtype=bool)
+    if most == 0:
+        return np.zeros(len(values), dtype=bool)
+    jumps = np.zeros(len(values), dtype=bool)
+    if record.has("reference"):
+        change = np.abs(np.diff(record.channels["reference"], prepend=record.channels["reference"][0]))
+        jumps = np.convolve(change > FAR * np.quantile(change, 1 - MOST), np.ones(2 * LONGEST + 1), mode="same") > 0.5
+    return outlying(values, (size <= PULSE * most) | jumps)
 
 
 def _ordinary(record: Record, name: str) -> Booleans:

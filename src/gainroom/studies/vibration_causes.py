@@ -8,6 +8,12 @@ At the complex frequency s = σ + jω of a vibration a linear loop has 1 + L(s) 
                           (describing function N(A) ≤ 1 of a limit: N L = −1 at the lower end of the stable gains)
     stick_slip            slower than the loop's crossover, the joint stands still in every period while the torque builds up
     quantisation          an amplitude of about an encoder's step, which is a relay: its describing function is unbounded at small ones
+    external_torque       without friction, gap or limit an amplitude stays only if it is driven from outside, and then the torque of the
+                          controller brakes: its mean power on the motion is negative
+    torque_ripple         likewise, and the frequency goes with the speed
+    backlash              P(s) is that of a gear with a part of its stiffness, the describing function of a gap
+    aliasing              at a frequency that the log's rate folds to the one seen the model's loop is at its limit, and P(s) as modelled
+    outer_loop            the set-point swings, and is a law of the measured position
 
 Each piece of evidence adds nats, within ±4, to the logarithm of a cause's likelihood; the weights are round numbers.
 """
@@ -34,6 +40,7 @@ FAINT = 0.1  # cosine of torque and velocity: less is nearly a quarter period be
 UNSUPPORTED = 1.0  # [nats] for none of these: a cause needs more to be named
 WHOLE, MOST_ORDERS = 0.03, 200  # periods per turn of the motor: nearer to a whole number, up to so many
 MOST_SOFTENED = 0.95  # of the stiffness: what is left beside a gap
+NEARLY = 0.85  # gain margin by the model of a loop that may well be stable, where parameters are a few percent off
 BENT = 0.02  # third and fifth harmonics over the first, of a torque that goes to and fro through a gap
 SURELY_STABLE = 1.3  # gain margin by the model beyond which what grows is not its loop
 SPARED = 0.6  # of the limit: margin that a stable prediction leaves where parameters are a few percent off
@@ -131,7 +138,7 @@ def _quantisation(seen: RecordedOscillation, predicted: Prediction | None) -> li
     if seen.state != "sustained":
         found.append(Evidence("growth", seen.vibration.growth_rate, 0.0, -0.5 if steps <= FEW_STEPS else -1.5))
     off = _off(predicted, seen)
-    if predicted is not None and predicted.limit.stable and not math.isnan(off):  # steps excite what is damped least
+    if predicted is not None and predicted.limit.gain > NEARLY and not math.isnan(off):  # steps excite what is damped least
         found.append(
             Evidence("frequency", seen.vibration.frequency, predicted.frequency, float(np.clip(_agrees(off, SAME_FREQUENCY), 0, 1)))
         )
