@@ -17,7 +17,7 @@ from gainroom.identification.motion import motion_of
 from gainroom.identification.prediction import Between, Noise, Signals
 from gainroom.identification.record import Record
 from gainroom.identification.rivals import rivals_of, rivals_text
-from gainroom.identification.torque_balance import Spectra, through_drive, torque_balance
+from gainroom.identification.torque_balance import Balance, Spectra, through_drive, torque_balance
 
 TICK, COUNT = 1e-3, 6000
 TIME = TICK * np.arange(COUNT)
@@ -233,3 +233,12 @@ def test_the_torque_that_the_joint_got_is_fitted_where_it_is_not_the_command(lim
     assert [text for text in found.warnings if "the joint is fitted to" in text]
     for name, value in {"motor_inertia": MOTOR, "link_inertia": LINK, "stiffness": STIFFNESS}.items():
         assert found.parameters[name].value == pytest.approx(value, rel=0.01)
+
+
+@pytest.mark.parametrize("others", [0.0, 1e-3, 0.02, 0.6])
+def test_a_loop_that_rings_does_not_hide_the_other_bands(others: float):
+    """Two bands may have all of the power: a band counts from a hundredth of three times what is in the others, of all of it at most."""
+    power = np.append([(1 - others) / 2] * 2, others * np.array([0.5, 0.4, 0.099, 0.001]))
+    left = np.array([1e-4, 2e-4, 0.3, 0.2, 0.4, 50.0])
+    balance = Balance(np.ones((6, 2)), left, power, np.zeros(6))
+    assert balance.most == pytest.approx(0.4 if others else 2e-4)  # the last has a tenth of a percent of the others: noise

@@ -13,17 +13,18 @@ from collections.abc import Mapping
 from .estimate import Estimate, quantile
 
 FRICTION = ("viscous", "coulomb", "link_coulomb")
+NOT_NEGATIVE = (*FRICTION, "delay")
 HIDDEN = 0.2  # of the viscous friction that Coulomb friction comes to: what may be missing of the damping beside it
 NO_DAMPING = 1e-3  # of its error: a damping that is less is 0
 
 
 def friction_not_below_zero(parameters: Mapping[str, Estimate]) -> tuple[dict[str, Estimate], list[str]]:
-    """The parameters without friction below 0 where the interval reaches 0, and a warning of viscous friction that is surely below 0.
+    """The parameters without friction or delay below 0 where the interval reaches 0, and a warning of friction that is surely below 0.
 
     What is bounded is wrong by as much as it was below 0 at least, so that its interval keeps its half-width above 0.
     """
     found = dict(parameters)
-    for name in FRICTION:
+    for name in NOT_NEGATIVE:
         if name in found and found[name].low < 0 <= found[name].high:
             was = found[name]
             high = was.high if was.value >= 0 else max(was.high, was.half_width)

@@ -51,6 +51,7 @@ UNUSED = 0.1  # of its motion: an encoder's noise from which on it tells nothing
 INERTIAL = "motor_inertia", "link_inertia", "inertia", "stiffness"
 HELD = 1e12  # information: as good as known
 MEMORY, FEWEST_BLOCKS = 3.0, 10  # periods that a residual remembers, and blocks of them
+MOST_AHEAD = 1.0  # ticks: a delay that is this far below 0 is none
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
 
@@ -251,10 +252,13 @@ def _selected(record: Record, source: _Source, measured: FrequencyResponse, seen
     stiff = rough_joint(measured, tick, source.delays, elastic=False)
     full = _Fitting(record, source, rough, elastic=True, friction=True)
     whole = full.short() if full.short().converged else full.again()
+    if _unknown(whole):  # feedback may have made most of the torque; what it did not make shows another joint
+        other = _Fitting(record, source, rough_joint(seen, tick, source.delays, elastic=True), elastic=True, friction=True)
+        full = min((full, other), key=lambda fitting: fitting.short().cost)
+        whole = full.short()
     rigid = _Fitting(record, source, stiff, elastic=False, friction=True)
     rows = len(whole.errors)
-    unknown = whole.variance[2, 2] ** 0.5 > MOST_RELATIVE
-    if unknown or _criterion(rigid.short(), rows) < _criterion(whole, rows):
+    if _unknown(whole) or _criterion(rigid.short(), rows) < _criterion(whole, rows):
         warnings.append(
             f"no resonance is found between {measured.omega[measured.excited][0] / 2 / math.pi:.3g} and "
             f"{measured.omega[measured.excited][-1] / 2 / math.pi:.3g} Hz: the joint is fitted as rigid; to find its stiffness "
@@ -265,6 +269,11 @@ def _selected(record: Record, source: _Source, measured: FrequencyResponse, seen
     if _criterion(free.short(full), rows) < _criterion(whole, rows):
         return free.result("two-mass", measured, seen, warnings)
     return full.result("two-mass with friction", measured, seen, warnings)
+
+
+def _unknown(fit: Maximum) -> bool:
+    """Whether a fit of two masses leaves the stiffness open."""
+    return bool(fit.variance[2, 2] ** 0.5 > MOST_RELATIVE)
 
 
 def _criterion(fit: Maximum, rows: int) -> float:
@@ -326,7 +335,7 @@ class _Fitting:
         best = self.short()
         joint, *_ = self.model.parts(best.parameters)
         self.signals = self._signals(joint)
-        best = likeliest(self.model, self.signals, best.parameters, self.prior, 30)
+        best = self._not_ahead(likeliest(self.model, self.signals, best.parameters, self.prior, 30))
         joint, drive, friction, noise, between = self.model.parts(best.parameters)
         # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
         # The wider law is one that the fitted friction stands for, so that it says nothing of the friction's own numbers.
@@ -340,7 +349,8 @@ class _Fitting:
         tests = residual_tests(best.errors, best.variances, self.signals, measured, balance)
         rivals = () if tests.adequate else self._rivals(drive, between, measured)
         warnings = [*warnings, *([rivals_text(rivals)] if rivals else [])]
-        variance = variance + self.model.law_error(best.parameters, MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained)
+        law = MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained
+        variance = variance + self.model.law_error(best.parameters, law, float(measured.omega[measured.excited][-1]))
         physical = self.model.physical
         errors = np.sqrt(np.diag(variance))
         self._require_told(float(errors[0] if name == "rigid" else np.hypot(errors[0], errors[1])), tests, rivals)
@@ -350,8 +360,9 @@ class _Fitting:
         parameters = self.model.estimates(best.parameters, variance)
         if name != "rigid":
             parameters |= resonances(best.parameters, variance)
-        _refuse_impossible(parameters, self.record.sample_time)
-        if not (tests.follows or tests.repeats):  # a wrong model's friction holds whatever else it does not explain
+        # A wrong model's delay and friction hold whatever else it does not explain.
+        _refuse_impossible(parameters, self.record.sample_time, delayed=not rivals)
+        if not (rivals or tests.follows or tests.repeats):
             self._require_over_friction(parameters)
         scale = self.model.slopes(best.parameters)
         covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
@@ -378,6 +389,16 @@ class _Fitting:
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), rivals, (*warnings, *note),
         )  # fmt: skip
 
+    def _not_ahead(self, best: Maximum) -> Maximum:
+        """Where the best delay is below 0, as no less than 0 can be predicted with, that at 0 with what more of it would change."""
+        if "delay" not in self.model.names:
+            return best
+        place = self.model.names.index("delay")
+        if not -MOST_AHEAD < best.parameters[place] < 0:
+            return best
+        point = np.where(np.arange(len(best.parameters)) == place, 0.0, best.parameters)
+        return likeliest(self.model, self.signals, point, self.prior, 0)
+
     def _blocks(self, joint: ElasticJoint) -> int:
         """Blocks of time that are MEMORY periods of the slower resonance at least, as long as the residual remembers."""
         if not math.isfinite(joint.stiffness):
@@ -394,17 +415,18 @@ class _Fitting:
         return tuple(rivals_of(Spectra(middle, measured), acting_torque(middle, drive, between), made, begin))
 
     def _require_told(self, inertia: float, tests: Residuals, rivals: Sequence[Rival]) -> None:
-        """Raise GainroomError where the log does not tell the whole inertia, of relative error `inertia`, or its channels disagree."""
+        """Raise GainroomError where the log does not tell the whole inertia, of relative error `inertia`, or its channels disagree.
+
+        Not where `rivals` say why: that is the answer.
+        """
         apart = encoders_apart(self.positions)
+        if rivals and not apart:
+            return
         if inertia > 2 * MOST_INERTIA and not tests.adequate:
             raise GainroomError(
                 f"joint: neither a rigid nor a two-mass joint with a linear spring explains the motion: {self.source.name} still explains "
                 f"{100 * tests.explained:.0f} % of what is left; "
-                + (
-                    rivals_text(rivals)
-                    or apart
-                    or "look whether the position is that of the motor, and record without limits on the torque"
-                )
+                + (apart or "look whether the position is that of the motor, and record without limits on the torque")
             )
         if apart and not tests.adequate:
             raise GainroomError(f"joint: {apart}")
@@ -425,13 +447,14 @@ class _Fitting:
             )
 
 
-def _refuse_impossible(parameters: Mapping[str, Estimate], tick: float) -> None:
+def _refuse_impossible(parameters: Mapping[str, Estimate], tick: float, delayed: bool) -> None:
+    """Raise GainroomError for a resonance above half the tick rate and, where the delay is the joint's (`delayed`), for one below 0."""
     resonance, delay, highest = parameters.get("resonance"), parameters.get("delay"), math.pi / tick
     explains = "no joint explains this motion; look at signs, units and columns, and whether rows are left out"
     if resonance is not None and resonance.value > highest:
         seen, most = (omega / 2 / math.pi for omega in (resonance.value, highest))
         raise GainroomError(f"joint: the resonance that fits, {seen:.3g} Hz, is above half the tick rate, {most:.4g} Hz: {explains}")
-    if delay is not None and delay.high < -tick:
+    if delayed and delay is not None and delay.high < -tick:
         raise GainroomError(f"joint: the delay that fits, {1e3 * delay.value:.3g} ms, is negative: {explains}")
 
 

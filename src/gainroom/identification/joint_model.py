@@ -15,9 +15,9 @@ from .record import resolution
 Prior = tuple[Floats, Floats]
 """Mean and information (p,) of what is known beforehand."""
 LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
-LAW_DAMPING, LAW_FRICTION, LAW_COMMON = 40.0, 0.05, 0.7
-"""How much more of the damping than of the stiffness a wrong law of friction takes, how much of one side's it lays to the other, and how
-much of its variance is common to inertias and stiffness."""
+LAW_DAMPING, LAW_FRICTION, LAW_COMMON, LAW_DELAY = 40.0, 0.05, 0.7, 5.0
+"""How much more of the damping than of the stiffness a wrong law of friction takes, how much of one side's it lays to the other, how
+much of its variance is common to inertias and stiffness, and how much more of a phase it is."""
 BEFOREHAND = {
     "viscous": (0.0, 0.3),
     "coulomb": (0.0, 0.5),
@@ -28,6 +28,7 @@ BEFOREHAND = {
     "noise drift": (math.log(1e-3), 3.0),
     "noise turning": (math.log(0.05), 2.0),
     "bandwidth": (math.log(1.5), 1.0),
+    "damping ratio": (math.log(0.8), 0.25),
     "early": (0.0, 0.5),
     "curved": (-1 / 12, 0.2),
 }
@@ -36,7 +37,6 @@ WEIGHT, WEIGHT_ALONE = {"motor_inertia": -0.2, "link_inertia": -1.9, "stiffness"
 """What the logarithms change by per W/K of a weight that is not in the model, as simulated joints of 8 to 26 Hz did, and what of the
 stiffness changes by itself."""
 TELLS, MOST_WEIGHT = 0.1, 0.02  # [rad] deviation of the angle from which on a weight's change is told; of W/K: more would be seen
-DAMPING_RATIO = 0.8  # of a current loop whose bandwidth is fitted to the motion
 DAMPING_DEVIATION, READING_DEVIATION = 2.0, 1.5  # of the logarithms, about their start
 
 
@@ -47,7 +47,7 @@ class JointModel:
     Inertias, stiffness, damping and noise are logarithms in the point; friction is in units of `torque` [N m] and `speed` [rad/s]; the
     delay in ticks.
 
-    free_delay, free_drive   delay and the current loop's bandwidth are fitted; sampled: and so is what the torque does between its samples
+    free_delay, free_drive   delay and the current loop are fitted; sampled: and so is what the torque does between its samples
     """
 
     elastic: bool
@@ -81,7 +81,7 @@ class JointModel:
     @property
     def names(self) -> tuple[str, ...]:
         """All of the point's."""
-        between = [*(["bandwidth"] if self.free_drive else []), *(["early", "curved"] if self.sampled else [])]
+        between = [*(["bandwidth", "damping ratio"] if self.free_drive else []), *(["early", "curved"] if self.sampled else [])]
         readings = [f"noise reading {k}" for k in range(self.outputs)]
         return (*self.physical, *between, "noise torque", "noise drift", "noise turning", *readings)
 
@@ -102,7 +102,11 @@ class JointModel:
             "weight_sine": 0.0,
             "weight_cosine": 0.0,
             "delay": delay / self.sample_time,
-            **{name: BEFOREHAND[name][0] for name in BEFOREHAND if name.startswith(("noise", "bandwidth", "early", "curved"))},
+            **{
+                name: BEFOREHAND[name][0]
+                for name in BEFOREHAND
+                if name.startswith(("noise", "bandwidth", "damping ratio", "early", "curved"))
+            },
             **{f"noise reading {k}": math.log(value) for k, value in enumerate(readings)},
         }
         return np.array([values[name] for name in self.names])
@@ -133,35 +137,40 @@ class JointModel:
         friction *= self.torque * np.array([1, 1, 1 / self.speed, 1, 1])
         drive = replace(self.drive, delay=max(v["delay"], 0.0) * self.sample_time) if self.free_delay else self.drive
         if self.free_drive:
-            drive = replace(drive, bandwidth=math.exp(v["bandwidth"]) / self.sample_time, damping_ratio=DAMPING_RATIO)
+            drive = replace(drive, bandwidth=math.exp(v["bandwidth"]) / self.sample_time, damping_ratio=math.exp(v["damping ratio"]))
         between = Between(v["early"], v["curved"]) if self.sampled else Between()
         torque, drift, turning = (self.torque * math.exp(v[f"noise {name}"]) for name in ("torque", "drift", "turning"))
         readings = np.exp([v[f"noise reading {k}"] for k in range(self.outputs)])
         return joint, drive, friction, Noise(torque, drift, turning, readings), between
 
-    def law_error(self, point: Floats, relative: float) -> Floats:
+    def law_error(self, point: Floats, relative: float, fastest: float = math.inf) -> Floats:
         """(p, p) covariance of the point where the joint's law is off by so much, `relative` to inertia and stiffness.
 
-        What is wrong with the torque scales both inertias and the stiffness alike, and leaves the resonance.
+        What is wrong with the torque scales both inertias and the stiffness alike, and leaves the resonance. A delay taken for a lag of the
+        current loop shows in the cube of the frequency alone, of which `fastest` [rad/s] is the highest that is excited.
         """
         sizes: dict[str, float] = dict.fromkeys(("motor_inertia", "inertia", "link_inertia", "stiffness"), relative)
         scaled = np.array([sizes.get(name, 0.0) for name in self.names])
         alone = {"damping": LAW_DAMPING * relative}
         if self.friction:
             alone["link_coulomb"] = LAW_FRICTION * abs(float(point[self.names.index("coulomb")]))
+        if self.free_drive:
+            speed, ratio = (math.exp(point[self.names.index(name)]) for name in ("bandwidth", "damping ratio"))
+            alone["delay"] = min(LAW_DELAY * relative * speed**2 / (fastest * self.sample_time) ** 3, 2 * ratio / speed)
         others = np.diag([alone.get(name, 0.0) ** 2 for name in self.names])
         return LAW_COMMON * np.outer(scaled, scaled) + (1 - LAW_COMMON) * np.diag(scaled**2) + others
 
     def weight_error(self, point: Floats, variance: Floats, swing: float) -> Floats:
         """(p, p) covariance of the point from a weight that pulls the link back as a spring to the ground, W of a stiffness K + W.
 
-        A joint that swings by little (`swing`, deviation [rad]) tells its weight's torque and not how that changes with the angle: W is
-        known to the size of that torque. It is taken for stiffness, K/J_L = (K + W)/J_L: link inertia and stiffness are off by 2 and 1 W/K.
+        W is the torque of the weight, as far as it is known. Where the link is measured and swings by much (`swing`, deviation [rad]), the
+        change of that torque is fitted. Else it is taken for stiffness, K/J_L = (K + W)/J_L: link inertia and stiffness are off by 2 and
+        1 W/K.
         """
         if not self.elastic:
             return np.zeros_like(variance)
         places = [self.names.index(name) for name in ("weight_sine", "weight_cosine")]
-        size = float(np.sqrt(np.sum(point[places] ** 2))) / (1 + (swing / TELLS) ** 2)
+        size = float(np.sqrt(np.sum(point[places] ** 2))) / (1 + (swing / TELLS) ** 2 if self.outputs == 2 else 1.0)
         unknown = self.torque * math.hypot(size, float(variance[places[0], places[0]] ** 0.5))
         share = min(unknown / math.exp(point[self.names.index("stiffness")]), MOST_WEIGHT)
         common = np.array([WEIGHT.get(name, 0.0) for name in self.names])

@@ -12,6 +12,7 @@ from ..system.linear.arrays import Complexes, Floats, Integers
 TURNING = 0.15  # of the root mean square velocity: slower, a side turns round, and no law of friction is to be trusted
 AFTER = 3.0  # radians of the resonance that a predictor takes to find back
 PASSED = 4.0  # times the resonance: faster motion is the encoder's noise
+SLOW = 0.3  # times the antiresonance: about it the fit itself tells how the link moves, and would confirm whatever weight it began with
 LEAST_DAMPING = 0.02  # of critical, when the link's motion is reckoned from the motor's: noise at the antiresonance is not to ring on
 STRIBECK = 0.3  # of Coulomb friction: another law that friction may have
 STRIBECK_VELOCITIES = 0.2, 1.0  # times the velocity's deviation, up to which it may be larger
@@ -59,7 +60,8 @@ def motion_of(positions: Floats, linked: bool, sample_time: float, joint: Elasti
         spring = joint.stiffness + 1j * omega * max(joint.damping, 2 * LEAST_DAMPING * joint.stiffness / resonance)
         passed = spring / (spring - joint.link_inertia * omega**2)
         link = filtered(raw, smooth * passed)
-        resting = positions[0, 0] + filtered(resting - positions[0, 0], smooth * passed)
+        slow = 1 / (1 + (omega / (SLOW * joint.antiresonance)) ** 4)
+        resting = positions[0, 0] + filtered(resting - positions[0, 0], slow * passed)
     else:
         link = motor
     slow = (2 if cautious else 1) * TURNING * float(np.std(motor))

@@ -22,6 +22,7 @@ TAPER = 0.05  # of the record, at either end
 OCTAVE = 2 ** (1 / 3)  # a band's highest over its lowest frequency
 LINES = 8  # of the spectrum in a band, at least
 LEAST_POWER = 0.01  # of the torque's in a band that counts: with less, friction and noise rule it
+RINGING, BESIDES = 2, 3.0  # bands of a loop that rings may have all of it: then of so many times what is in the others
 LAW, MOST_DRY = (
     0.1,
     0.3,
@@ -49,7 +50,9 @@ class Balance:
     @property
     def worst(self) -> int:
         """The band of which most is left, of those with power."""
-        return int(np.argmax(np.where(self.power >= LEAST_POWER, self.left, -1.0)))
+        others = float(np.sort(self.power)[:-RINGING].sum())
+        least = LEAST_POWER * (min(BESIDES * others, 1.0) if others > 0 else 1.0)
+        return int(np.argmax(np.where(self.power >= least, self.left, -1.0)))
 
     @property
     def most(self) -> float:
