@@ -117,6 +117,12 @@ def test_a_set_is_found_at_any_depth_and_by_the_keys_that_lead_to_it(text: str, 
         (f"arm: {{gains: {{l_hip: {P_I_D}}}}}\nleg: {{gains: {{l_hip: {P_I_D}}}}}", "name one, g.yaml:leg, or leave one in the file"),
         ("kps: [1]\nkds: [1]\nhip: {kp: 3}", "name one, g.yaml:. (., hip)"),
         ("a: {control: {stiffness: {hip: 1}, damping: {hip: 1}}}\nb: {l_hip: {kp: 1}}", "name one, g.yaml:a.control (a.control, b)"),
+        (f"{PARTS}  arm: {{stiffness: {{hip: 1}}, damping: {{hip: 1}}}}", "name one, g.yaml:control (control, control.arm)"),
+        (WRITTEN.replace("actuators: {}", "more: {x: {joint_names_expr: [a], stiffness: 1}}"), "(scene.robot, scene.ball.more)"),
+        (
+            WRITTEN.replace("    init_state", "    extra: {x: {joint_names_expr: [a], stiffness: 1}}\n    init_state"),
+            "(scene.robot, scene.robot.extra)",
+        ),
         (f"{WRITTEN}\nkps: [1]\nkds: [1]", "name one, g.yaml:. (., scene.robot)"),
     ],
 )
@@ -134,6 +140,9 @@ def test_gains_by_part_of_a_joints_name():
     assert refusal(PARTS.replace("decimation: 10", "control_type: T")) == "control: control_type 'T' must be 'P', a position controller"
     assert "damping: 3 is no mapping" in refusal("control: {stiffness: {hip: 1}, damping: 3}")
     assert "damping: names no 'knee'" in refusal("control: {stiffness: {knee: 1}, damping: {hip: 3}}")
+    more = PARTS.replace("decimation: 10", "arm_stiffness: {elbow: 3.0}")
+    assert refusal(more) == "control: arm_stiffness: gains of further joints are read from stiffness and damping alone: write them there"
+    assert read(PARTS.replace("decimation: 10", "stiffness_range: [0.9, 1.1]")).kp.tolist() == [200, 90, 200, 80]
     turned = read(PARTS.replace("knee: 0.6, r_knee: 0.7", "r_knee: 0.7, knee: 0.6"))
     assert "'knee' is a part of 'r_knee', which stands before it" in turned.unread_postures["default_joint_angles"]
 

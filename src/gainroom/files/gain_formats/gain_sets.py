@@ -95,8 +95,10 @@ def _sets(data: Any, path: Path = (), around: Mapping[str, Any] | None = None, o
         yield GainSet(path, data, around or {}, order, reader)
     elif "p" in data and not isinstance(data["p"], dict | list):
         yield GainSet(path, data, around or {}, order, None)
-    if reader in (None, _arrays):
+    if reader is None or reader in BESIDE_OTHERS:
         for key, each in data.items():
+            if reader is not None and key in BESIDE_OTHERS[reader]:
+                continue
             if reader is _arrays and is_plain_gain({key: each}):
                 yield GainSet((*path, key), {key: each}, data, order, _plain)
             yield from _sets(each, (*path, key), data, order)
@@ -107,13 +109,13 @@ def _reader(data: dict[str, Any], path: Path) -> Callable[[GainSet, str], GainFi
     if "moteus" in data:
         return lambda each, source: read_moteus({"moteus": each.data["moteus"]} if path else each.data, source)
     if has_groups(data):
-        return lambda each, source: read_actuator_data(each.data, source)
+        return _groups
     if is_plain_gain(data) and ("gains" in data or not has_arrays(data)):
         return _plain
     if has_arrays(data):
         return _arrays
     if has_parts(data, path[-1] if path else ""):
-        return lambda each, source: read_parts(each.data, each.around, source)
+        return _parts
     return None
 
 
@@ -121,8 +123,20 @@ def _plain(each: GainSet, source: str) -> GainFile:
     return read_plain(each.data, source)
 
 
+def _groups(each: GainSet, source: str) -> GainFile:
+    return read_actuator_data(each.data, source)
+
+
+def _parts(each: GainSet, source: str) -> GainFile:
+    return read_parts(each.data, each.around, source)
+
+
 def _arrays(each: GainSet, source: str) -> GainFile:
     return read_arrays(each.data, ArrayNames.of({**each.order, **each.data}, {}), source)
+
+
+BESIDE_OTHERS: dict[Any, tuple[str, ...]] = {_arrays: (), _groups: ("actuators", "articulation"), _parts: ("stiffness", "damping")}
+"""Sets beside whose own keys others may stand."""
 
 
 def _only(data: Any, path: Path) -> Any:

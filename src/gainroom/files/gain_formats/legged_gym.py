@@ -12,8 +12,9 @@ from typing import Any
 from ...errors import GainroomError, nearest
 from ...io.validation import checked, dotted
 from ...io.yaml_text import shown
+from .gain_arrays import part_of
 from .gain_record import ANGLE, NOT_NEGATIVE, Gain, GainFile
-from .python_objects import Alike, Record, Unknown, fields_of
+from .python_objects import Alike, Function, Record, Unknown, fields_of
 from .python_values import PythonValues, one_robot
 
 POSITION = "P"
@@ -118,6 +119,10 @@ def _gains(control: Mapping[str, Any], owner: str) -> tuple[dict[str, Gain], tup
         raise GainroomError(
             f"{owner}: control_type {kind if isinstance(kind, Unknown) else shown(kind)} must be 'P', a position controller"
         )
+    for key in control:
+        part = part_of(key) if isinstance(key, str) else None
+        if part is not None and part[0] and part[1] in ("kp", "kd") and not isinstance(control[key], Function):
+            raise GainroomError(f"{owner}: {key}: gains of further joints are read from stiffness and damping alone: write them there")
     pair = [control.get(key) for key in GAINS]
     if all(isinstance(each, int | float) for each in pair):
         return {"": Gain(*(checked(f"{owner}: {key}", each, NOT_NEGATIVE) for key, each in zip(GAINS, pair, strict=True)))}, ()
