@@ -121,6 +121,7 @@ RIGID = {
     "a number for all": ({"stiffness": math.inf}, None),
     "joint by joint": ({"gearboxes": ("bend.*=direct", "twist.*=direct")}, None),
     "half in words, half in numbers": ({"gearboxes": ("bend.*=direct",), "of_joints": (("stiffness", "twist.*", math.inf),)}, None),
+    "with kd on the drive": ({"gearboxes": ("direct",), "gains_run": "split", "drive_rate_hz": 2000.0, "drive_delay_ms": 0.1}, None),
     "in the file of gains": ({}, "rigid"),
     "nobody": ({}, None),
 }

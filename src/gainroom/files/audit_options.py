@@ -22,7 +22,7 @@ from ..robot.body import Base, RigidBody
 from ..robot.contact import ContactKind
 from ..robot.formats.model_files import joint_order, load_model
 from ..robot.formats.model_names import locate
-from ..robot.gearbox_types import GearboxRange, gearbox_range
+from ..robot.gearbox_types import DIRECT, GearboxRange, gearbox_range
 from ..robot.linkage import ties_base
 from ..robot.name_patterns import DEFAULT, select
 from ..system.linear.arrays import Floats
@@ -109,7 +109,7 @@ class AuditOptions:
             raise GainroomError(f"--damping {given[0]:g}: is of elastic gearboxes; give --stiffness too")
         if self.gearboxes and self.stiffness is not None:
             raise GainroomError("--gearbox: a range of stiffness for a type; with --stiffness it is known: give one of the two")
-        if self.gearboxes and self.gains_run == "split":
+        if any(text.rpartition("=")[2] != DIRECT for text in self.gearboxes) and self.gains_run == "split":
             raise GainroomError("--gearbox: ranges are not known with --gains-run split; give --stiffness and --damping")
 
     def _require_drive(self) -> None:

@@ -37,7 +37,7 @@ DENSE = 5e4
 """[kg/m³] the same of a robot that is also heavy for its size."""
 HEAVIEST = 1000.0
 """[kg/m²] mass over the square of the size of a robot that is heavy for it."""
-LIGHTEST = 0.3
+LIGHTEST = 0.5
 """[kg/m²] mass over the square of the size."""
 LONGEST = 60.0
 """[m]"""
