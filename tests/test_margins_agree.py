@@ -8,7 +8,8 @@ import pytest
 import gainroom as gr
 from draws import draw_setup
 from gainroom.analysis.coupled_margins import coupled_margins
-from gainroom.analysis.margin_record import PathMargins
+from gainroom.analysis.first_crossing import Certificate
+from gainroom.analysis.margin_record import PathMargins, worst_of
 from independent.quick_margins import quick_margins
 
 FOLLOWED = 1e3  # the loci are followed to this factor, down to 1e-4, and those of one loop down to 1e-3
@@ -79,10 +80,46 @@ def test_lower_margins_are_part_of_the_headroom():
 )
 def test_the_least_phase_is_of_all_loops_together_and_of_each_alone(common: float, alone: tuple[float, float], least: float):
     """Of either sign, in radians; what requirements bound."""
-    plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
-    found = gr.joint_margins(gr.build_loop(plant, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(np.full(2, 80.0), np.full(2, 4.0))))
+    found = two_margins()
     changed = replace(found, phase_margin=common, one_loop=replace(found.one_loop, phase_margin=np.array(alone)))
     assert changed.least_phase_margin == least
+
+
+def two_margins() -> gr.Margins:
+    plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
+    return gr.joint_margins(gr.build_loop(plant, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(np.full(2, 80.0), np.full(2, 4.0))))
+
+
+@pytest.mark.parametrize(
+    ("upper", "lower", "certified"),
+    [(True, True, True), (True, False, False), (False, True, False), (True, None, True), (None, None, True)],
+)
+def test_a_limit_is_certified_where_every_end_is(upper: bool | None, lower: bool | None, certified: bool):
+    """None: there is no such end."""
+    ends = [None if holds is None else Certificate(0, 1 if holds else 0) for holds in (upper, lower)]
+    assert replace(two_margins().limit, certificate=ends[0], lower_certificate=ends[1]).certified == certified
+
+
+def test_the_worst_of_loops_has_every_margin_of_the_one_that_has_least():
+    """Each number of one of two loops is the worse one; what is not certified of one is not of both."""
+    one = two_margins()
+    ranges = {
+        "gain_margin": ([3.0, 9.0], [4.0, 8.0]),
+        "lower_gain_margin": ([0.2, 0.0], [0.1, 0.3]),
+        "phase_margin": ([0.5, 0.9], [0.6, 0.4]),
+    }
+    pair = [replace(one.one_loop, **{name: np.array(values[k]) for name, values in ranges.items()}) for k in (0, 1)]
+    pair[1] = replace(pair[1], certified=np.array([True, False]))
+    paths = [PathMargins(3.0, 0.2, 5.0, 0.0, True), PathMargins(4.0, 0.1, 2.0, 0.3, False)]
+    both = [replace(one, one_loop=loop, paths=path, phase_margin=sign * 0.3) for loop, path, sign in zip(pair, paths, (1, -2), strict=True)]
+    for given in (both, both[::-1]):
+        worst = worst_of(given)
+        assert worst.one_loop.gain_margin.tolist() == [3.0, 8.0]
+        assert worst.one_loop.lower_gain_margin.tolist() == [0.2, 0.3]
+        assert worst.one_loop.phase_margin.tolist() == [0.5, 0.4]
+        assert worst.one_loop.certified.tolist() == [True, False]
+        assert worst.paths == PathMargins(3.0, 0.2, 2.0, 0.3, False)
+        assert worst.phase_margin == 0.3  # of the loop whose smallest phase is smallest, with its sign
 
 
 def test_an_unstable_loop_with_a_counted_limit_is_certified():

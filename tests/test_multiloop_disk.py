@@ -32,6 +32,7 @@ def test_one_joint_has_its_own_margin(seed, sampled):
     assert disk.margin == found.disk_margin
     assert disk.frequency == found.disk_margin_frequency
     assert disk.certified
+    assert disk.margin * 0.99 <= disk.lower_margin * (1 + 1e-12)  # what is proved of one loop: 1 %
     if disk.margin < 2:
         assert np.abs((disk.factors - 1) / (disk.factors + 1)) * 2 == pytest.approx([disk.margin], rel=1e-9)
         around = disk.frequency if disk.frequency > 0 else 1.0
