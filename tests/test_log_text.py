@@ -1,6 +1,7 @@
 """Text as spreadsheets, drives and `rostopic echo -p` write it: times of day, no header, UTF-16, names of joints beside their numbers."""
 
 import csv
+import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -136,3 +137,27 @@ def test_columns_that_only_look_like_names(tmp_path: Path):
         path.write_text("time,name0,name1,position0,position1\n" + rows, "utf-8")
         with log_reader(path) as reader:
             assert reader.joint_names in {("0", "1"), ("0", "b")}
+
+
+@pytest.mark.parametrize("name", ["entries.json", "lists.json", "log.npz", "dates.npz", "log.parquet"])
+def test_times_of_day_in_other_formats(name: str, tmp_path: Path):
+    """The same texts, and numpy's own dates; a float of seconds since 1970 has 0.24 us."""
+    times = clock(begun("2024-05-01T00:00:00"), "%Y-%m-%dT%H:%M:%S.%f")
+    angle, path = ANGLE[:, 0], tmp_path / name
+    if name == "entries.json":
+        path.write_text(json.dumps([{"time": time, "position": each} for time, each in zip(times, angle.tolist(), strict=True)]), "utf-8")
+    elif name == "lists.json":
+        path.write_text(json.dumps({"time": times, "position": angle.tolist()}), "utf-8")
+    elif name == "log.npz":
+        np.savez(path, time=np.array(times), position=angle)
+    elif name == "dates.npz":
+        np.savez(path, time=np.array(times, "M8[us]"), position=angle)
+    else:
+        import pyarrow
+        import pyarrow.parquet
+
+        pyarrow.parquet.write_table(pyarrow.table({"time": times, "position": angle, "mode": ["run"] * ROWS}), path)
+    log = read_log(path)
+    assert log.time - log.time[0] == pytest.approx(5e-4 * np.arange(ROWS), abs=5e-7)
+    assert log.began + log.time[0] == pytest.approx(1_714_521_600, abs=1e-3)
+    assert np.array_equal(log.joint().channels["motor_position"], angle)

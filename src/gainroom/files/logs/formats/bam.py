@@ -10,6 +10,7 @@ import numpy as np
 from ....errors import GainroomError, one_line
 from ..table import MOST_COLUMNS, LogFormat, Table, bounded, checked_file
 from .arrays import ArrayTable, NamedArray
+from .text_times import is_time, times_in
 
 MOST_TEXT = 1 << 28
 """Bytes: a parsed JSON takes some ten times its text in memory, and a minute of BAM's samples is 2 MB."""
@@ -43,17 +44,34 @@ def _columns(path: Path, entries: list[object]) -> dict[str, NamedArray]:
     for entry in entries:
         if not isinstance(entry, dict):
             raise GainroomError(f"{path}: entries must be objects with numbers; one is {one_line(repr(entry), 40)}")
-        names.update(dict.fromkeys(key for key, value in entry.items() if isinstance(value, bool | int | float)))
+        names.update(dict.fromkeys(key for key, value in entry.items() if _may_be(value)))
         bounded(path, "number of columns", len(names), MOST_COLUMNS)
-    return {name: NamedArray.of(np.array([_number(entry.get(name)) for entry in entries])) for name in names}  # type: ignore[attr-defined]
+    return _named({name: [entry.get(name) for entry in entries] for name in names})  # type: ignore[attr-defined]
 
 
 def _lists(data: dict[str, object]) -> dict[str, NamedArray]:
-    return {
-        name: NamedArray.of(np.array([_number(each) for each in values]))
-        for name, values in data.items()
-        if isinstance(values, list) and values and all(each is None or isinstance(each, bool | int | float) for each in values)
-    }
+    return _named(
+        {
+            name: values
+            for name, values in data.items()
+            if isinstance(values, list) and values and all(each is None or _may_be(each) for each in values)
+        }
+    )
+
+
+def _may_be(value: object) -> bool:
+    """Whether it is a number, or a time in text."""
+    return isinstance(value, bool | int | float) or (isinstance(value, str) and is_time(value))
+
+
+def _named(columns: dict[str, list[object]]) -> dict[str, NamedArray]:
+    """Columns of numbers, and of times in text."""
+    found = {}
+    for name, values in columns.items():
+        times = times_in(values)
+        numbers = [_number(value) for value in values] if times is None else times
+        found[name] = NamedArray.of(np.array(numbers), "" if times is None else "s")
+    return found
 
 
 def _number(value: object) -> float:

@@ -17,6 +17,7 @@ import numpy as np
 from ....errors import GainroomError, first_of_many, one_line
 from ..table import LogFormat, Table, checked_file
 from .arrays import ArrayTable, NamedArray
+from .text_times import times_in
 from .zip_entries import ZipEntries
 
 MAGIC = b"\x93NUMPY"
@@ -48,6 +49,10 @@ class Npz(LogFormat):
                     left.append(name)
                 elif values.dtype.kind in "US" and values.ndim == 1 and name.rsplit("/", 1)[-1] in LABELS:
                     labels = tuple(map(str, values.astype(str).tolist()))
+                elif values.dtype.kind == "U" and values.ndim == 1 and (times := times_in(values.tolist())) is not None:
+                    arrays[name] = NamedArray.of(times, "s")
+                elif values.dtype.kind == "M" and values.ndim == 1:
+                    arrays[name] = NamedArray.of(values.astype("M8[ns]").astype(np.int64), "ns")
                 elif values.dtype.names:
                     arrays |= {f"{name}.{field}": NamedArray.of(values[field]) for field in values.dtype.names if _is_number(values[field])}
                 elif _is_number(values):
@@ -85,7 +90,7 @@ def _array(path: Path, name: str, data: bytes) -> Any:
 
 
 def _type(described: object) -> "np.dtype[Any] | None":
-    """Of numbers, texts, and records of numbers; None of anything else, above all of objects, which are pickles."""
+    """Of numbers, texts, dates, and records of numbers; None of anything else, above all of objects, which are pickles."""
     if isinstance(described, list):
         fields = [each for each in described if isinstance(each, tuple) and len(each) == 2 and isinstance(each[1], str)]
         if len(fields) < len(described) or any(np.dtype(kind).kind not in "fiubUS" for _, kind in fields):
@@ -94,4 +99,4 @@ def _type(described: object) -> "np.dtype[Any] | None":
     if not isinstance(described, str):
         return None
     dtype = np.dtype(described)
-    return dtype if dtype.kind in "fiubUS" else None
+    return dtype if dtype.kind in "fiubUSM" else None

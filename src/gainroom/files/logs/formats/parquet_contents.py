@@ -19,6 +19,7 @@ from ..table import MOST_COLUMNS, MOST_PIECE, MOST_ROWS, bounded, library, whole
 from .parquet_pages import page_sizes
 from .ros_types import MOST_ENTRIES
 from .served import Answer, Handler, serve
+from .text_times import TextClock, times_in
 
 PROBED = 100
 """Rows that show how long the lists of a column are."""
@@ -57,6 +58,8 @@ class _Contents:
         others = []
         for field in schema:
             unit = self._unit(field, field.type) if schema.names.count(field.name) == 1 else None
+            if unit is None and schema.names.count(field.name) == 1 and self._holds_times(field):
+                unit = "s"
             for name, place in self._parts(field) if unit is not None else ():
                 if self._places.setdefault(name, (field.name, place)) == (field.name, place):
                     self.columns.append((name, unit or ""))
@@ -64,6 +67,17 @@ class _Contents:
             if field.name not in {own for own, _ in self._places.values()}:
                 others.append(field.name)
         self.notes = [f"columns without numbers: {first_of_many(others)}"] if others else []
+
+    def _is_text(self, kind: Any) -> bool:
+        return self._arrow.types.is_string(kind) or self._arrow.types.is_large_string(kind)
+
+    def _holds_times(self, field: Any) -> bool:
+        """Whether a column of texts is one of times: by its first rows."""
+        if not self._is_text(field.type):
+            return False
+        self._check_pages([field.name])
+        first = next(self._file.iter_batches(batch_size=PROBED, columns=[field.name], use_threads=False), None)
+        return first is not None and times_in(first.column(0).to_pylist()) is not None
 
     def _is_list(self, kind: Any) -> bool:
         types = self._arrow.types
@@ -106,12 +120,18 @@ class _Contents:
         fields = [*dict.fromkeys(self._places[name][0] for name in names)]
         self._check_pages(fields)
         taken_off: dict[str, float] = {}
+        clocks: dict[str, TextClock] = {}
         rows = min(rows, MOST_PIECE // (8 * len(names)))
         for batch in self._file.iter_batches(batch_size=rows, columns=fields, use_threads=False):
             found: dict[str, Floats] = {}
             for field in fields:
                 wanted = {name: self._places[name][1] for name in names if self._places[name][0] == field}
-                found |= self._values(field, batch.column(field), wanted, taken_off)
+                if self._is_text(batch.column(field).type):
+                    clock = clocks.setdefault(field, TextClock())
+                    found[field] = clock.seconds([text or "" for text in batch.column(field).to_pylist()])
+                    taken_off[field] = float(clock.base or 0)
+                else:
+                    found |= self._values(field, batch.column(field), wanted, taken_off)
             yield {"taken_off": taken_off}, np.array([found[name] for name in names])
 
     def _values(self, field: str, column: Any, wanted: dict[str, int | None], taken_off: dict[str, float]) -> dict[str, Floats]:

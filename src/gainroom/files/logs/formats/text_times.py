@@ -16,8 +16,19 @@ TIME = re.compile(
 )
 DAY, HOUR = 86_400, 3_600
 EPOCH = date(1970, 1, 1).toordinal()
+PROBED = 100
+"""Texts that show whether a column is one of times."""
 MOST_LETTERS = 60
 NONE = -(1 << 62)
+
+
+def times_in(texts: Sequence[object]) -> Floats | None:
+    """(k,) [s] of a column of such texts, from 1970 or from a midnight; None where fewer than half of the first ones are times."""
+    some = [text for text in texts[:PROBED] if isinstance(text, str) and text]
+    if not some or 2 * sum(map(is_time, some)) < len(some):
+        return None
+    clock = TextClock()
+    return clock.seconds([text if isinstance(text, str) else "" for text in texts]) + (clock.base or 0)
 
 
 def is_time(text: str) -> bool:
