@@ -473,6 +473,11 @@ class Calls(Interpreter):
                         if self._decided(each if function is None else self.call(node, function, [each], {}))
                     ]
                 )
+        return self._of_values(node, name, given, named)
+
+    def _of_values(self, node: ast.AST, name: str, given: list[Any], named: dict[str, Any]) -> Any:
+        """Functions of Python's own whose answer is a truth, a number or text."""
+        match name, given:
             case "any" | "all", [value]:
                 turns = map(self._decided, self.items(node, value))
                 return any(turns) if name == "any" else all(turns)
