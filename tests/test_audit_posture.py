@@ -75,7 +75,7 @@ def test_postures_matter_and_are_told(leg: Path, tmp_path: Path, capsys: pytest.
     call = ["audit", str(leg), "--delay-ms", "2", "--rate-hz", "1000", "--posture", "home", "--report", str(page)]
     told = []
     for options in (["--json"], []):
-        assert main([*call, *options]) == 0
+        assert main([*call, *options]) == 1
         told.append(" ".join(capsys.readouterr().out.split()))
     facts = json.loads(told[0])
     assert facts["posture"] == {"hip": -0.4, "knee": 0.8, "ankle": 1.4}

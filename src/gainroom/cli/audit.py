@@ -95,7 +95,7 @@ def audit(
       gainroom audit robot.xml --delay-ms 2 --simulator mujoco --timestep 0.005 --pd explicit
       gainroom audit robot.xml --delay-ms 4 --rate-hz 500 --gains-run split --drive-rate-hz 20000 --drive-delay-ms 0.05
 
-    Exit status: 0 safe; 1 not safe, unstable in the simulator, or without a verdict (a model that no robot has); 2 a file or the call is
+    Exit status: 0 safe; 1 not safe, unstable in the simulator, or not decided (what decides is not given); 2 a file or the call is
     wrong.
     """
     from ..files.audit_options import audited
@@ -147,9 +147,7 @@ def audit(
             from ..report.audit import audit_page
 
             page.write(audit_page(result, typed_command(context, "write_robot"), simulated, swept, call))
-    return (
-        0 if result.safe and not result.withheld and (simulated is None or simulated.limit.stable) and (swept is None or swept.safe) else 1
-    )
+    return 0 if result.safe and result.decided and (simulated is None or simulated.limit.stable) and (swept is None or swept.safe) else 1
 
 
 def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: "Callable[[Audited], Audit]") -> "tuple[Audit, Audited]":
@@ -191,7 +189,7 @@ def _facts(
     return {
         "robot": result.system.source.name,
         "gainroom": __version__,
-        "safe": result.safe and not result.withheld,
+        "safe": result.safe and result.decided,
         "decided": result.decided,
         "sentence": audit_sentence(result),
         "requirements_met": result.safe,
