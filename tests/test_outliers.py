@@ -40,6 +40,8 @@ def replaced(rows: list[int], values: float | list[float], of: np.ndarray = SWIN
         ([0, 1], 1.0),
         ([3999], -4.0),
         ([10, 1200, 3990], 1e4),
+        ([2500], 1e6),
+        ([2500], 65535.0),
     ],
 )
 def test_outliers_are_found_and_the_vibration_beside_them(rows: list[int], value: float | list[float]):
@@ -125,3 +127,17 @@ def test_a_row_of_nonsense_in_a_command_hides_no_vibration():
     kick = np.where(np.arange(4000) == 300, 3000.0, torque)  # of a differenced error, where the set-point steps
     stepped = record(SWING, reference=np.where(np.arange(4000) < 300, 0.0, 0.05), target_torque=kick)
     assert without_outliers(stepped, commands=True)[1].count == 0
+
+
+@pytest.mark.parametrize("last", [2508, 4000])
+def test_turns_of_an_encoder_are_taken_off(last: int):
+    """For some rows, or from there on; the set-point may be counted likewise. A step of the set-point by a turn stays."""
+    shifted = SWING + np.where((np.arange(4000) >= 2500) & (np.arange(4000) < last), 2 * np.pi, 0.0)
+    for reference in (np.full(4000, 0.05), 0.05 + np.where((np.arange(4000) >= 2495) & (np.arange(4000) < last), 2 * np.pi, 0.0)):
+        log = record(shifted, reference=reference)
+        cleaned, found = without_outliers(log)
+        assert found.turned[0] == "motor_position"
+        assert np.abs(cleaned.channels["motor_position"] - SWING).max() < 1e-9
+        assert diagnose(log).vibrates
+    smooth = 2 * np.pi / (1 + np.exp(-(TIME - 2) / 0.01))
+    assert without_outliers(record(smooth, reference=np.where(TIME < 2, 0.0, 2 * np.pi)))[1].turned == ()

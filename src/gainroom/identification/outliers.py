@@ -7,16 +7,17 @@ much in other rows. A command may be anything, and is not judged.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..system.linear.arrays import Booleans, Floats
-from .record import Record, resolution
+from .record import Record
 
 MEASURED = ("motor_position", "link_position", "motor_velocity", "link_velocity", "actual_torque", "joint_torque", "current")
 """By a sensor."""
+POSITIONS = ("motor_position", "link_position")
 TORQUES = ("actual_torque", "joint_torque", "current")
 COMMANDED = ("target_torque", "demand_torque")
 """A pulse of one of these makes one of a torque."""
@@ -29,15 +30,20 @@ MOST = 0.02  # share of the rows, beyond LEAST_MANY of them: more are what this 
 LEAST_MANY = 5
 BEYOND = 5.0  # times the size that a torque has in nearly all rows, and the range of its command nearby: a step of the encoder makes pulses
 PULSE = 30.0  # likewise of a command, where such rows are asked for
+TURN, ALIKE = 2 * np.pi, 0.01  # [rad], and how near to a whole one, relative
 MOST_LOOKED_AT = 2000  # rows that may be outliers: more, and the share above is exceeded or nearly
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """rows (m,) True where a row was left out; channels: by name, in how many rows its reading was far off."""
+    """rows (m,) True where a row was left out; channels: by name, in how many rows its reading was far off.
+
+    turned   channels whose jumps by whole turns were taken off
+    """
 
     rows: Booleans
     channels: Mapping[str, int] = field(default_factory=dict)
+    turned: tuple[str, ...] = ()
 
     @property
     def count(self) -> int:
@@ -54,9 +60,29 @@ def without_outliers(record: Record, commands: bool = False) -> tuple[Record, Ou
     if any(rows.any() for rows in spoilt.values()):
         record, first = _made_of_neighbours(record, spoilt)
         record, more = without_outliers(record)
-        return record, Outliers(first.rows | more.rows, {**first.channels, **more.channels})
+        return record, Outliers(first.rows | more.rows, {**first.channels, **more.channels}, more.turned)
     found = {name: outlying(values, _ordinary(record, name) if name in TORQUES else None) for name, values in _measured(record).items()}
-    return _made_of_neighbours(record, found)
+    record, outliers = _made_of_neighbours(record, found)
+    record, turned = _without_turns(record)
+    return record, replace(outliers, turned=turned)
+
+
+def _without_turns(record: Record) -> tuple[Record, tuple[str, ...]]:
+    """With positions that go on where a reading jumps by whole turns, as an encoder's that was counted anew, and of which that is so.
+
+    No joint turns that fast. A set-point that jumps so beside a position does it for the same reason.
+    """
+    turned = {}
+    for name in (*POSITIONS, "reference"):
+        if record.has(name) and (name != "reference" or turned):
+            values = record.channels[name]
+            change = np.diff(values)
+            turns = np.round(change / TURN)
+            sudden = np.abs(change) > FAR_AT_END * np.quantile(np.abs(change), 1 - MOST)
+            jumps = (turns != 0) & (np.abs(change - turns * TURN) < ALIKE * TURN) & sudden
+            if jumps.any():
+                turned[name] = values - np.concatenate([[0.0], np.cumsum(np.where(jumps, turns * TURN, 0.0))])
+    return (replace(record, channels={**record.channels, **turned}) if turned else record), tuple(turned)
 
 
 def _made_of_neighbours(record: Record, found: Mapping[str, Booleans]) -> tuple[Record, Outliers]:
@@ -78,12 +104,13 @@ def _made_of_neighbours(record: Record, found: Mapping[str, Booleans]) -> tuple[
 
 def outliers_text(found: Outliers, time: Floats) -> list[str]:
     """The note on rows that were left out; empty where there are none. `time` (m,) of the record [s]."""
+    turned = [f"{' and '.join(found.turned)} jumps by whole turns and goes on without them"] if found.turned else []
     if not found.count:
-        return []
+        return turned
     rows = np.flatnonzero(found.rows)
     at = ", ".join(f"{value:.6g}" for value in time[rows][:LEAST_MANY]) + (", …" if len(rows) > LEAST_MANY else "")
     many = "1 row was left out: its reading" if found.count == 1 else f"{found.count} rows were left out: their readings"
-    return [f"{many} of {' and '.join(found.channels)} cannot be beside those of the rows before and behind (outliers, at {at} s)"]
+    return [f"{many} of {' and '.join(found.channels)} cannot be beside those of the rows before and behind (outliers, at {at} s)", *turned]
 
 
 def _measured(record: Record) -> dict[str, Floats]:
@@ -120,7 +147,11 @@ def outlying(values: Floats, excused: Booleans | None = None) -> Booleans:
     """(m,) rows of `values` that are outliers; those `excused` (m,) are none."""
     rows = np.zeros(len(values), dtype=bool)
     change = np.abs(np.diff(values))
-    least = FAR * max(resolution(values), 1e-9 * float(np.quantile(np.abs(values), 0.9)))
+    digits = 1e-9 * float(np.quantile(np.abs(values), 0.9))
+    different = np.unique(values)
+    steps = np.diff(different)
+    repeats = len(different) <= 0.9 * len(values)
+    least = FAR * max(float(steps[steps > digits].min(initial=np.inf)) if repeats else 0.0, digits)
     if len(values) < 4 * LONGEST or not np.isfinite(least):
         return rows
     usual = FAR * np.quantile(change, 0.5)
