@@ -116,3 +116,20 @@ def test_what_was_not_seen_is_not_saved(opened: tuple[Bench, Path]):
     with pytest.raises(GainroomError, match="have changed since the difference was shown"):
         page.asked(gains_of(bench, 0.5), digest_of("something else"))
     assert file.read_text("utf-8") == before
+
+
+def test_copied_gains_have_the_limits_of_the_file(tmp_path: Path):
+    """As the forms of export have them; a joint without a limit gets none."""
+    import mujoco
+
+    text = ROBOT.partition("tasks:")[0].replace("joints:\n", "joints:\n  elbow: {effort_limit: 30.0}\n", 1)
+    assert "effort_limit" in text
+    file = write_arm(tmp_path, text)
+    bench = RobotBench(Opened(text, str(file), tmp_path, file))
+    view = View()
+    assert "u_clamp_max: 30.0, u_clamp_min: -30.0" in bench.copied(view, "ros2_control")
+    links = '<body><joint name="{0}"/><geom size="0.1"/></body>'
+    bodies = "".join(links.format(name) for name in ("shoulder", "elbow"))
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody>{bench.copied(view, 'mjcf')}</mujoco>")
+    assert model.actuator_forcelimited.tolist() == [0, 1]
+    assert model.actuator_forcerange[1].tolist() == [-30, 30]

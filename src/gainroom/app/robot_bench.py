@@ -176,7 +176,11 @@ class RobotBench:
         channels, system = self._channels, self.system(view)
         if channels.of_tasks:
             raise GainroomError(f"{form}: holds gains of joints, not of tasks; copy as yaml")
-        gains = {name: gain_of(own, form) for name, own in zip(channels.names, channels.gains(view), strict=True)}
+        limits = system.source.actuators.known["effort_limit"].tolist()
+        gains = {
+            name: replace(gain_of(own, form), effort_limit=None if math.isnan(limit) else limit)
+            for name, own, limit in zip(channels.names, channels.gains(view), limits, strict=True)
+        }
         rate = system.control.sample_time
         kept = self._kept(system, view)
         return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {kept}", None if rate is None else 1 / rate)

@@ -140,6 +140,11 @@ def legged_gym_text(goal: Carried, header: Sequence[str]) -> str:
     return f"{start}    class control({base}.control):\n{''.join(fields)}{state}"
 
 
+def force_limits(effort: float) -> dict[str, str]:
+    """The attributes of an MJCF's actuator that limit its force either way."""
+    return {"forcerange": f"{number_text(-effort)} {number_text(effort)}", "forcelimited": "true"}
+
+
 def _alike(gains: Mapping[str, Gain]) -> list[tuple[Gain, list[str]]]:
     groups: dict[Gain, list[str]] = {}
     for name, gain in gains.items():
@@ -175,8 +180,10 @@ def copied_gains(gains: Mapping[str, Gain], form: str, margins: str, rate: float
         raise GainroomError("mjcf: a position actuator holds no integral gain; ros2_control and yaml do")
     from xml.sax.saxutils import quoteattr  # loads urllib, http and ssl
 
-    lines = [
-        f"  <position joint={quoteattr(name)} kp={quoteattr(number_text(gain.kp))} kv={quoteattr(number_text(gain.kd))}/>\n"
-        for name, gain in gains.items()
-    ]
+    lines = []
+    for name, gain in gains.items():
+        attributes = {"joint": name, "kp": number_text(gain.kp), "kv": number_text(gain.kd)}
+        if gain.effort_limit is not None:
+            attributes |= force_limits(gain.effort_limit)
+        lines.append(f"  <position {' '.join(f'{key}={quoteattr(value)}' for key, value in attributes.items())}/>\n")
     return f"<!-- {' '.join(header).replace('--', '- -')} -->\n<actuator>\n{''.join(lines)}</actuator>\n"

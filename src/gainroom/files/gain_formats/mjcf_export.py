@@ -17,7 +17,7 @@ from ...robot.formats.mjcf import joint_and_actuators
 from ...robot.formats.mjcf_file import ActuatorElement, compile_mjcf
 from ...robot.formats.model_files import position_gains
 from ...robot.formats.xml_text import parse_xml
-from .export_text import number_text
+from .export_text import force_limits, number_text
 from .gain_record import Gain
 
 SERVOS = ("position", "intvelocity", "pid")
@@ -166,7 +166,7 @@ def _rewritten(places: _Places, tag: Tag, element: ActuatorElement, gain: Gain, 
     """The edits that give an actuator these gains, and a limit, on the joint's side; its own stand before the gear."""
     source = places.content[tag.start : tag.end].decode()
     kp, kd = gain.kp / element.gear**2, gain.kd / element.gear**2
-    limits = {} if gain.effort_limit is None else _limits(gain.effort_limit / abs(element.gear))
+    limits = {} if gain.effort_limit is None else force_limits(gain.effort_limit / abs(element.gear))
     source = _with(source, limits)
     if tag.name in SERVOS:
         source = _with(source, {"kp": number_text(kp), "kv": number_text(kd), "dampratio": None})
@@ -188,11 +188,6 @@ def _rewritten(places: _Places, tag: Tag, element: ActuatorElement, gain: Gain, 
     else:
         raise GainroomError(f"{path}: joint {shown(element.joint)}: <{tag.name}> takes no kp and kd; make it a <position>")
     return [(tag.start, tag.end, source)]
-
-
-def _limits(effort: float) -> dict[str, str]:
-    """An actuator's attributes that limit its force either way."""
-    return {"forcerange": f"{number_text(-effort)} {number_text(effort)}", "forcelimited": "true"}
 
 
 def _with(source: str, changes: Mapping[str, str | None]) -> str:
@@ -219,7 +214,7 @@ def _inserted(places: _Places, missing: Sequence[str], gains: Mapping[str, Gain]
     for joint in missing:
         kp, kd, limit = number_text(gains[joint].kp), number_text(gains[joint].kd), gains[joint].effort_limit
         tag = f'<position joint={quoteattr(joint)} kp="{kp}" kv="{kd}" gear="1"/>'
-        lines.append(f"{INDENT * 2}{_with(tag, {} if limit is None else _limits(limit))}\n")
+        lines.append(f"{INDENT * 2}{_with(tag, {} if limit is None else force_limits(limit))}\n")
     whole = [section for section in places.sections if section.close]
     if whole:
         at = places.content.rindex(b"<", 0, whole[-1].close + 1)
