@@ -40,6 +40,9 @@ def coupled_margins(loop: Loop, largest: bool = True) -> Margins:
     one_loop = replace(one_loop_margins(sweep, largest), phase_margin=own_phase, peak_sensitivity=own_heights)
     disk = _disk(loop)
     certificates = [end.certificate.holds for end in (phase, delay) if end is not None]
+    # Beside a resonance without damping roots are counted that grow by LOCI.tilt: slow ones may cross the boundary well before.
+    crossed = np.array([limit.frequency, limit.lower_frequency, *(end.omega for end in (phase, delay) if end is not None)])
+    certificates.append(not np.any(sweep.boundary.leans(crossed[np.isfinite(crossed)]) > 0))
     return Margins(
         limit,
         one_loop,

@@ -19,6 +19,7 @@ from .two_paths import TwoPaths
 NEAREST_FACTORS = 10.0  # of the factors that are searched first on coupled loops; most limits lie below
 FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
+NEAR_TOP = 0.8  # of the upper end of an interval between crossings
 JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at which roots are counted beside those between crossings
 
 
@@ -159,8 +160,9 @@ def _inside_below(sweep: Sweep) -> float | None:
     if sweep.full:  # with thousands of crossings
         return None
     edges = sorted({SEARCH.lowest, 1.0, *(one.at for one in gains(sweep).crossings() if one.at < 1)})
-    factors = [*JUST_BELOW.tolist(), *(math.sqrt(low * high) for low, high in pairwise(edges))]
-    return next((factor for factor in sorted(factors, reverse=True) if _is_inside(sweep, factor)), None)
+    # Of each interval its middle, and a place near its top: wide ones may hold a lower end, further down than crossings are looked for.
+    inner = [max(math.sqrt(low * high), share * high) for low, high in pairwise(edges) for share in (0.0, NEAR_TOP)]
+    return next((factor for factor in sorted({*JUST_BELOW.tolist(), *inner}, reverse=True) if _is_inside(sweep, factor)), None)
 
 
 def _is_inside(sweep: Sweep, factor: float) -> bool:

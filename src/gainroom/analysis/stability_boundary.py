@@ -22,7 +22,8 @@ class Resolution:
     growth: float = 0.7  # largest change of ln|λ| between samples
     large: float = 1e3  # eigenvalues beyond this belong to integrators
     undamped: float = 1e-8  # damping ratio below which a resonance counts as undamped
-    tilt: float = 1e-9  # damping ratio, negative, of the ray that takes the place of the boundary then
+    tilt: float = 1e-9  # damping ratio, negative, of points that take the place of the boundary there
+    lean: float = 1e-3  # of its frequency, to either side, up to where they do
     huge: float = 1e9  # eigenvalues beyond this drown the small ones in round-off
     nothing: float = 1e-150  # eigenvalues smaller than this are zero
     noise: float = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
@@ -54,15 +55,23 @@ class Boundary:
     def __init__(self, loop: Loop) -> None:
         self.loop = loop
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
-        # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
-        # slower than LOCI.tilt is not counted.
+        # A resonance without damping is a pole on the boundary, which the loci pass at infinity: beside it the boundary leans to the right,
+        # and what grows slower than LOCI.tilt is not counted.
         corners = loop.corner_frequencies.every
-        self.undamped = bool(np.any((corners.imag > 0) & (np.abs(corners.real) < LOCI.undamped * corners.imag)))
-        self._ray = 1j + LOCI.tilt if self.undamped else 1j  # s = ω (j + LOCI.tilt)
+        centers = corners.imag[(corners.imag > 0) & (np.abs(corners.real) < LOCI.undamped * corners.imag)]
+        if self.last is not None:  # those above half the sample rate are aliased below it
+            centers = np.abs((centers + self.last) % (2 * self.last) - self.last)
+        self._leaning = distinct(centers[centers > 0])
+        self.undamped = bool(len(self._leaning))
 
     def points(self, omega: Floats) -> Complexes:
-        """s (k,) at omega (k,)."""
-        return self._ray * omega
+        """s (k,) at omega (k,): jω, but beside what has no damping."""
+        return omega * (1j + LOCI.tilt * self.leans(omega)) if self.undamped else 1j * omega
+
+    def leans(self, omega: Floats) -> Floats:
+        """(k,) of LOCI.tilt, the share by which the boundary leans to the right at omega (k,)."""
+        away = np.abs(np.subtract.outer(omega, self._leaning) / self._leaning)
+        return np.clip(1 - away.min(axis=1, initial=np.inf) / LOCI.lean, 0.0, 1.0)
 
     def core(self, omega: Floats) -> Complexes:
         """L (k, r, r) at omega (k,), as far as the gains reach."""
@@ -87,7 +96,7 @@ class Boundary:
         """The measured positions (n,) of the locus that is at `value` at `omega`, and of those that are equal; the largest part 1."""
         (values,), (vectors,) = self.eigen(np.array([omega]))
         equal = vectors[:, equal_to(values[np.argmin(np.abs(values - value))], values)]
-        return common_mode(self.loop.lifted(self._ray * omega, equal))
+        return common_mode(self.loop.lifted(complex(self.points(np.array([omega]))[0]), equal))
 
     def crossings(self, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats]) -> tuple[Floats, Complexes]:
         """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω and λ.
