@@ -207,6 +207,9 @@ ASKED = {
     "t,motor_state[0].q,motor_cmd[0].tau,motor_cmd[0].kp": ("motor_cmd[0].tau", "kp and kd are 0"),
     "t,knee_pos,knee_tau_odd,knee_vel": ("knee_tau_odd", "'odd'"),
     "t,hip_pos,hip_vel,hip_tau,hip_left_pos": ("hip_left_pos", "joint of its own"),
+    "t,q,tau,reference_encoder": ("reference_encoder", "says both"),
+    "t,input_torque,output_torque,q": ("input_torque", "gearbox's", "target_torque=input_torque", "actual_torque=input_torque"),
+    "t,motor_pos,output_pos": ("output_pos", "measured there", "link_position=output_pos"),
     "t,motor_pos,q": ("q", "link_position=q"),
 }
 

@@ -62,6 +62,5 @@ def test_the_pages_of_our_own_logs_have_checksums(tmp_path: Path):
         log.write({"time": 1e-3 * np.arange(ROWS), "motor_position": angle})
     content = path.read_bytes()
     place = content.index(angle[50].tobytes())
-    for bit in (0, 3, 7):
-        path.write_bytes(content[:place] + bytes([content[place] ^ 1 << bit]) + content[place + 1 :])
-        assert_refused(lambda: read_log(path), ["log.parquet", "CRC"])
+    path.write_bytes(content[:place] + bytes([content[place] ^ 8]) + content[place + 1 :])
+    assert_refused(lambda: read_log(path), ["log.parquet", "CRC"])

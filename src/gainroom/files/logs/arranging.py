@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ...errors import first_of_many
-from .guessing import COMMAND_DOUBT, COMMAND_OF, ROLE_DOUBT
+from .guessing import COMMAND_DOUBT, COMMAND_OF, INPUT_DOUBT, ROLE_DOUBT
 from .table import TIME, Column
 
 NUMBERED = re.compile(r"(?:joint|j|q|dof|motor|m|axis)_?([0-9]+)")
@@ -85,14 +85,15 @@ def _other_side(channel: str) -> str:
 def _asked(claims: Sequence[Claim], why: str) -> str:
     names = [claim.column.name for claim in claims]
     verb = "columns" if len(names) > 1 else "column"
-    ways = [flag(claims[0].channel, claims[0])]
-    command = COMMAND_OF.get(claims[0].channel)
+    channel = claims[0].channel
+    ways = [flag(channel, claims[0])]
+    other = COMMAND_OF.get(channel) or next((measured for measured, command in COMMAND_OF.items() if command == channel), "")
     if why == COMMAND_DOUBT:
         ways.append(flag("reference", claims[0]))
-    elif why == OUTPUT_DOUBT and claims[0].channel in MOTION:
-        ways = [flag(MOTION[claims[0].channel], claims[0])]
-    elif why == ROLE_DOUBT and command:
-        ways.append(flag(command, claims[0]))
+    elif why == OUTPUT_DOUBT and channel in MOTION:
+        ways = [flag(MOTION[channel], claims[0])]
+    elif why in (ROLE_DOUBT, INPUT_DOUBT) and other:
+        ways.append(flag(other, claims[0]))
     return f"{verb} {first_of_many(names)} not used: {why} (to take it: {' or '.join(ways)})"
 
 

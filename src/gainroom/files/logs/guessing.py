@@ -59,6 +59,8 @@ FEED_FORWARD_DOUBT = "a feed-forward torque, which is all of the command only wh
 GAINS = frozenset(("kp", "kd"))
 COMMAND_DOUBT = "a command, but of torque or of position is not said"
 METRES_DOUBT = "in metres, or the motor's: the name may mean either"
+INPUT_DOUBT = "a controller's input, or the gearbox's: the name may mean either, beside an output"
+ENCODERS = frozenset(("encoder", "enc"))
 ROLE_DOUBT = "a command or a measurement: the name says both"
 
 
@@ -89,6 +91,7 @@ class Naming:
     sided      `theta_m` stands beside `theta_l`: the motor's and the link's, not a left joint's
     lettered   `p_des` stands beside `v_des`, and no column says position in full
     dataset    a LeRobot data set: `observation.state` is where the joints are, `action` where they shall be
+    geared     `input_torque` stands beside `output_torque`: a gearbox's sides, or a controller's
     gains      what holds a drive's own kp and kd beside its set-points: `motor_cmd[3]`
     """
 
@@ -96,6 +99,7 @@ class Naming:
     lettered: bool = False
     dataset: bool = False
     gains: frozenset[str] = frozenset()
+    geared: bool = False
 
     @classmethod
     def of(cls, names: Iterable[str]) -> "Naming":
@@ -103,7 +107,7 @@ class Naming:
         beside: dict[tuple[str, ...], set[str]] = {}
         gains = set()
         roles = COMMANDING | MEASURING | FEEDFORWARD
-        letters, spelled = set(), False
+        letters, spelled, lower = set(), False, {text.lower() for text in texts}
         for text in texts:
             found = [word[0].lower() for word in WORD.finditer(text) if not word[0].isdigit()]
             if len(found) > 1:
@@ -116,7 +120,8 @@ class Naming:
                 gains.add("/".join(parts))
         sided = any({"m", "l"} <= letters and "r" not in letters for letters in beside.values())
         dataset = any(_dataset_part(text) == "state" for text in texts)
-        return cls(sided, "p" in letters and len(letters) > 1 and not spelled, dataset, frozenset(gains))
+        geared = any("input" in text.lower() and re.sub("input", "output", text.lower()) in lower for text in texts)
+        return cls(sided, "p" in letters and len(letters) > 1 and not spelled, dataset, frozenset(gains), geared)
 
 
 def _dataset_part(text: str) -> str:
@@ -325,17 +330,18 @@ class _Parse:
         doubts = {
             FEED_FORWARD_DOUBT: bool(roles & FEEDFORWARD) or (channel == "target_torque" and "/".join(above) in self._naming.gains),
             ROLE_DOUBT: self._is_both(command, roles, above),
+            INPUT_DOUBT: self._naming.geared and "input" in roles,
             METRES_DOUBT: metres,
             f"what {strange!r} says of it is not known": bool(strange),
         }
         return Guess(channel, name, self._unit, rank, side, next((text for text, holds in doubts.items() if holds), ""))
 
-    @staticmethod
-    def _is_both(command: bool | None, roles: set[str], above: list[str]) -> bool:
-        """Whether words say that it is commanded and that it is measured: in one part, or as `servo_control.torque` may."""
+    def _is_both(self, command: bool | None, roles: set[str], above: list[str]) -> bool:
+        """Whether words say both: in one part (`reference_encoder`), or as those of `servo_control.torque` may."""
         if command is None:
             return bool(above) and [word.plain for word in _words(above[-1])][-1:] == ["control"]
-        return command and bool(roles & MEASURING - {"state"}) and bool(roles & COMMANDING)
+        measured = bool(roles & MEASURING - {"state"}) or bool({word.plain for word in self._words} & ENCODERS)
+        return command and measured and bool(roles & COMMANDING)
 
     def _side(self, spelled: str, first: int, last: int, above: list[str]) -> tuple[str, bool]:
         """The side of the gearbox that words beside the quantity say, or the part above it; and whether a `d` behind it says desired."""
