@@ -91,6 +91,8 @@ C = "float kp[1] = {1}; float kd[1] = {1}; float arm_kp[1] = {2}; float arm_kd[1
         ("g.yaml", DEPLOY.replace("[6, 1, 2]", "[6, 1]"), "arm_waist_kps has 3 numbers and arm_waist_kds 2"),
         ("g.cpp", C, "arm_kp and arm_kd are gains of further"),
         ("g.cpp", C.replace("{2}", "{K}", 1), "line 1: arm_kp: 'K' must be a number"),
+        ("g.py", "from other import tune\nclass C:\n    kps = [1]\n    kds = [1]\ntune(C)", "line 5: kps: 'tune(C)' is not run"),
+        ("g.py", "class C:\n    kps = [1]\n    kds = [1]\nsetattr(C, NAME, 3)", "line 4: kps: 'setattr(C, NAME, 3)' is not"),
         ("g.txt", "kp: 1 2\nkd: 1 1\narm_kp: 3\narm_kd: 3", "arm_kp and arm_kd are gains of further joints, and nothing names these"),
     ],
 )

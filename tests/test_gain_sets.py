@@ -143,6 +143,8 @@ def test_gains_by_part_of_a_joints_name():
     more = PARTS.replace("decimation: 10", "arm_stiffness: {elbow: 3.0}")
     assert refusal(more) == "control: arm_stiffness: gains of further joints are read from stiffness and damping alone: write them there"
     assert read(PARTS.replace("decimation: 10", "stiffness_range: [0.9, 1.1]")).kp.tolist() == [200, 90, 200, 80]
+    varied = "task: {joints: {stiffness: {range: [0.9, 1.1], operation: scaling}, damping: {range: [0.9, 1.1], operation: scaling}}}"
+    assert read(PARTS + varied).kp.tolist() == [200, 90, 200, 80]
     turned = read(PARTS.replace("knee: 0.6, r_knee: 0.7", "r_knee: 0.7, knee: 0.6"))
     assert "'knee' is a part of 'r_knee', which stands before it" in turned.unread_postures["default_joint_angles"]
 

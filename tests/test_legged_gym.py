@@ -143,6 +143,43 @@ def test_the_armature_of_the_asset_is_every_motors_inertia(tmp_path: Path, writt
         read_gains(write(tmp_path, text.replace(written, "armature = rotor")))
 
 
+SMALL = """
+class Base:
+    class control:
+        stiffness = {"hip": 10.0, "knee": 20.0}
+        damping = {"hip": 1.0, "knee": 2.0}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "kp"),
+    [
+        ("Base.control.stiffness['hip'] = 30.0", [30, 20]),
+        ("class B(Base):\n    class control(Base.control):\n        stiffness = {**Base.control.stiffness, 'knee': 5.0}", [10, 5]),
+        ("for k in Base.control.stiffness: Base.control.stiffness[k] *= 3", [30, 60]),
+    ],
+)
+def test_what_changes_a_class_counts(text: str, kp: list[float], tmp_path: Path):
+    name = ":B" if "class B" in text else ""
+    path = write(tmp_path, SMALL + text)
+    assert gains_of(read_gains(Path(f"{path}{name}")), ("hip", "knee")).kp.tolist() == kp
+
+
+@pytest.mark.parametrize(
+    ("body", "line"),
+    [
+        ("    def __init__(self):\n        self.control.stiffness['hip'] = 30.0", 7),
+        ("    def __init__(self):\n        self.soften()\n    def soften(self):\n        self.control.damping = {}", 9),
+        ("    def __init__(self):\n        setattr(self.control, 'stiffness', {})", 7),
+    ],
+)
+def test_an_init_that_may_change_the_gains_is_refused(tmp_path: Path, body: str, line: int):
+    with pytest.raises(GainroomError, match=f"line {line}: B.* mentions the gains and may change them where an object is made"):
+        read_gains(write(tmp_path, f"{SMALL}class B(Base):\n{body}\n"))
+    harmless = "class B(Base):\n    def __init__(self):\n        self.name = 'b'\n"
+    assert read_gains(write(tmp_path, SMALL + harmless)).form == "legged_gym"
+
+
 def test_a_class_whose_base_is_not_read_is_named(tmp_path: Path):
     """As legged_gym's own flat configurations, which inherit the gains of another folder's file; beside it they are read."""
     flat = "from robots import {0}\nclass FlatCfg( {0} ):\n    class terrain( {0}.terrain ):\n        mesh_type = 'plane'\n"

@@ -196,7 +196,7 @@ def _without_actuators(values: PythonValues, source: str, chosen: str) -> GainFi
     if arrays and (chosen or any(map(_is_array, arrays.values()))):
         name = one_robot(arrays, source, chosen, "gains", "robot")
         for key, value in arrays[name].items():
-            if isinstance(value, Unknown) and (key.lower() in (*ORDERS, *INDICES, *KD) or is_gain_array(key)):
+            if isinstance(value, Unknown) and (key is REST or key.lower() in (*ORDERS, *INDICES, *KD) or is_gain_array(key)):
                 raise GainroomError(f"{source}: line {value.line}: {key}: {value}")
         lists = {key: value for key, value in arrays[name].items() if isinstance(key, str) and isinstance(value, list | tuple)}
         return read_arrays(lists, ArrayNames.of(lists, {}), source, values.lines if not name else None)

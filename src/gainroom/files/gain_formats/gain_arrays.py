@@ -136,9 +136,9 @@ def _key(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", ENDING.sub("", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name[:200]).lower()))
 
 
-def is_gain_array(name: str) -> bool:
+def is_gain_array(name: object) -> bool:
     """Whether a name is one of those that arrays of kp have."""
-    return name.lower() in KP
+    return isinstance(name, str) and name.lower() in KP
 
 
 def has_arrays(data: Mapping[str, Any]) -> bool:

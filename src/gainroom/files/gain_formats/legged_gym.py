@@ -4,6 +4,7 @@
 and none where no key does. `class init_state` has `default_joint_angles`, the posture about which a policy acts.
 """
 
+import ast
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -52,9 +53,24 @@ def legged_gym_robots(values: PythonValues) -> dict[str, Record]:
         if isinstance(value, Record) and value.is_class:
             control = value.inherited(CONTROL)
             named = isinstance(control, Record) and control.is_class and {*GAINS} & fields_of(control).keys()
+            if named and (method := _changes_gains(value)) is not None:
+                told = "mentions the gains and may change them where an object is made: write them into the class"
+                raise GainroomError(f"{values.source}: line {method.node.lineno}: {name}.{method.name} {told}")
             if named and not any(_same(value, other) for other in found.values()):
                 found[name] = value
     return found
+
+
+def _changes_gains(kind: Record) -> Function | None:
+    """A method that may change the gains of a class when an object of it is made."""
+    if not isinstance(kind.inherited("__init__"), Function):
+        return None
+    methods = [each for each in fields_of(kind).values() if isinstance(each, Function)]
+    return next((each for each in methods if any(_names_gains(node) for node in ast.walk(each.node))), None)
+
+
+def _names_gains(node: ast.AST) -> bool:
+    return (isinstance(node, ast.Attribute) and node.attr in GAINS) or (isinstance(node, ast.Constant) and node.value in GAINS)
 
 
 def _same(one: Record, other: Record) -> bool:
@@ -93,8 +109,9 @@ def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, note
 def has_parts(data: Mapping[str, Any], key: str) -> bool:
     """Whether a mapping of a YAML file, behind a `key`, has stiffness and damping by part of joints' names, or for all under `control`."""
     pair = [data.get(name) for name in GAINS]
-    if all(isinstance(each, dict) for each in pair):
-        return True
+    parts = [each for each in pair if isinstance(each, dict)]
+    if len(parts) == len(pair):  # ranges of a randomisation are none
+        return key == CONTROL or all(any(isinstance(value, int | float) for value in each.values()) for each in parts)
     return key == CONTROL and all(each is not None and not isinstance(each, list) for each in pair)
 
 
