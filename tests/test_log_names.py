@@ -1,11 +1,14 @@
 """Names of columns as they stand together in a file: all words count, a command and a measurement are one joint's, the rest is asked."""
 
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gainroom.files.logs import LogReader, log_reader
+from gainroom.files.logs import LogOptions, LogReader, log_reader
+from gainroom.files.logs.options import assignments
 from refusals import assert_refused
 
 
@@ -220,6 +223,19 @@ def test_what_a_name_leaves_open_is_asked(header: str, tmp_path: Path):
     with log_reader(header_of(tmp_path / "log.csv", header)) as reader:
         assert column not in found(reader)
         assert any(column in note and all(word in note for word in words) for note in reader.notes), reader.notes
+
+
+@pytest.mark.parametrize("header", ASKED)
+def test_what_is_asked_can_be_typed(header: str, tmp_path: Path):
+    """The options of the note, each typed: the column is then used, as that channel."""
+    column, path = ASKED[header][0], header_of(tmp_path / "log.csv", header)
+    with log_reader(path) as reader:
+        (note,) = (note for note in reader.notes if column in note)
+    typed = [shlex.split(text)[0] for text in re.findall(r"--columns ('[^']*'|[^ );]+)", note)]
+    assert typed
+    for each in typed:
+        with log_reader(path, LogOptions(columns=assignments([each], "columns"))) as reader:
+            assert found(reader)[column].endswith(each.partition("=")[0].partition(".")[0])
 
 
 def test_nothing_but_what_is_asked_is_an_error(tmp_path: Path):

@@ -56,18 +56,19 @@ def arrange(claims: Iterable[Claim]) -> Arranged:
     every = _outputs(_one_name(list(claims)))
     notes, told = [], set()
     doubtful = [claim for claim in every if claim.doubt]
-    for doubt in dict.fromkeys(claim.doubt for claim in doubtful):
-        notes.append(_asked([claim for claim in doubtful if claim.doubt == doubt], doubt))
     standing = [claim for claim in every if not claim.doubt]
     standing, sided = _sides(standing)
     standing, strangers = _joints_that_are_none(standing)
     standing, uneven = _uneven(standing)
     strangers += uneven
+    joints = {claim.joint for claim in standing}
+    for doubt in dict.fromkeys(claim.doubt for claim in doubtful):
+        notes.append(_asked([claim for claim in doubtful if claim.doubt == doubt], doubt, joints))
     told = {claim.column.name for claim in (*doubtful, *sided, *(claim for claims, _ in strangers for claim in claims))}
     for claim in sided[:1]:
         other = flag(_other_side(claim.channel), claim)
         notes.append(f"column {claim.column.name!r} was taken as {claim.channel}: others are the motor's (else: {other})")
-    notes += [_asked(claims, why) for claims, why in strangers]
+    notes += [_asked(claims, why, joints) for claims, why in strangers]
     return Arranged(standing, notes, told)
 
 
@@ -82,18 +83,20 @@ def _other_side(channel: str) -> str:
     return next(motor for motor, link in MOTION.items() if link == channel)
 
 
-def _asked(claims: Sequence[Claim], why: str) -> str:
+def _asked(claims: Sequence[Claim], why: str, joints: set[str]) -> str:
+    """What was not used, and what to type to have the first of it; of the only joint, where its own is none of `joints`."""
     names = [claim.column.name for claim in claims]
+    first = claims[0] if claims[0].joint in joints else replace(claims[0], joint="")
     verb = "columns" if len(names) > 1 else "column"
     channel = claims[0].channel
-    ways = [flag(channel, claims[0])]
+    ways = [flag(channel, first)]
     other = COMMAND_OF.get(channel) or next((measured for measured, command in COMMAND_OF.items() if command == channel), "")
     if why == COMMAND_DOUBT:
-        ways.append(flag("reference", claims[0]))
+        ways.append(flag("reference", first))
     elif why == OUTPUT_DOUBT and channel in MOTION:
-        ways = [flag(MOTION[channel], claims[0])]
+        ways = [flag(MOTION[channel], first)]
     elif why in (ROLE_DOUBT, INPUT_DOUBT) and other:
-        ways.append(flag(other, claims[0]))
+        ways.append(flag(other, first))
     return f"{verb} {first_of_many(names)} not used: {why} (to take it: {' or '.join(ways)})"
 
 
