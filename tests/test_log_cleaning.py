@@ -121,6 +121,18 @@ def test_a_rate_instead_of_stamps(tmp_path: Path):
     assert np.array_equal(read_log(path, options=LogOptions(sample_rate=2000.0, start=0.1, end=0.15)).time, np.arange(200, 301) / 2000)
 
 
+@pytest.mark.parametrize(("row", "stamp"), [(700, 1e8), (700, 90.0), (0, 1e7), (1998, 50.0)])
+def test_a_stamp_from_the_future_costs_one_row(row: int, stamp: float, tmp_path: Path):
+    """Those behind it are not late; where a clock begins again, they are, and the log is refused."""
+    time = 1e-3 * np.arange(2000)
+    time[row] = stamp
+    log = read_log(csv(tmp_path / "log.csv", "time,q", time, np.arange(2000.0)))
+    assert (log.quality.ahead, log.quality.backwards) == (1, 0)
+    assert len(log.time) == 1999
+    again = np.concatenate([1e-3 * np.arange(1000)] * 2)
+    assert_refused(lambda: read_log(csv(tmp_path / "again.csv", "time,q", again, np.arange(2000.0))), ["again.csv", "earlier"])
+
+
 def joint_log(ticks: np.ndarray, jitter: float = 0.0) -> JointLog:
     rng = np.random.default_rng(0)
     time = 1e-3 * (ticks + jitter * rng.uniform(-1, 1, len(ticks)))

@@ -41,7 +41,8 @@ def test_json_of_every_format(name: str, tmp_path: Path):
         *("sentence", "rows", "duration", "sample_rate_hz", "jitter_ms", "complete", "began", "cut", "missing", "gaps", "joints", "time"),
         *("allows", "unused", "warnings"),
     }
-    assert (facts["rows"], facts["complete"], facts["cut"]) == (500, True, {"not_finite": 0, "duplicate": 0, "backwards": 0})
+    cut = {"not_finite": 0, "duplicate": 0, "backwards": 0, "ahead": 0}
+    assert (facts["rows"], facts["complete"], facts["cut"]) == (500, True, cut)
     assert facts["sample_rate_hz"] == pytest.approx(1000, rel=1e-6)
     assert facts["duration"] == pytest.approx(0.499)
     position = facts["joints"][0]["channels"]["motor_position"]

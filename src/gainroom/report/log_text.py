@@ -91,6 +91,8 @@ def _cuts(quality: Quality) -> list[str]:
         found.append(f"{quality.duplicate} rows were cut: their time stamp is that of the row before.")
     if quality.backwards:
         found.append(f"{quality.backwards} rows were cut: their time stamp is earlier than one before.")
+    if quality.ahead:
+        found.append(f"{quality.ahead} rows were cut: their time stamp is far later than all that follow.")
     if quality.gaps:
         longest = digits(1e3 * quality.longest_gap, "ms")
         found.append(f"{quality.dropped} ticks are missing in {quality.gaps} gaps, the longest of {longest}.")
@@ -158,7 +160,7 @@ def facts(survey: Survey) -> dict[str, Any]:
         "jitter_ms": 1e3 * quality.jitter,
         "complete": log.complete,
         "began": log.began,
-        "cut": {"not_finite": quality.not_finite, "duplicate": quality.duplicate, "backwards": quality.backwards},
+        "cut": {"not_finite": quality.not_finite, "duplicate": quality.duplicate, "backwards": quality.backwards, "ahead": quality.ahead},
         "missing": dict(quality.missing),
         "gaps": {"count": quality.gaps, "dropped_ticks": quality.dropped, "longest_ms": 1e3 * quality.longest_gap},
         "joints": [{"name": joint, "channels": _channel_facts(survey, joint)} for joint in log.joint_names],

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import GainroomError
-from ...system.linear.arrays import Floats
+from ...system.linear.arrays import Booleans, Floats
 from .clock import LEAST_ROWS, PAUSE, tick_of, ticks_of
 from .record import Quality
 
@@ -18,6 +18,10 @@ MOST_BACKWARDS = 0.2
 exchange a few rows; more, and it is another column, two logs in one file, or a clock that is too coarse."""
 JUDGED = 20
 """Rows from which on these shares say something."""
+AHEAD = 100.0
+"""Ticks that a stamp is later than all that follow, to be wrong by itself: the rows behind it are not late."""
+FEW_AHEAD, SHARE_AHEAD = 3, 1e-3
+"""Rows of a block that may be so; more, and a clock began again."""
 BLOCK = 8192
 """Stamps that are looked at together; smaller blocks of rows wait for each other."""
 
@@ -30,7 +34,7 @@ class Cleaner:
 
     def __init__(self, path: Path, names: Sequence[str]) -> None:
         self._path, self._names = path, names
-        self._rows = self._not_finite = self._duplicate = self._backwards = 0
+        self._rows = self._not_finite = self._duplicate = self._backwards = self._ahead = 0
         self._missing = np.zeros(len(names) + 1, dtype=int)
         self._latest = -np.inf
         self._clock = _Clock()
@@ -48,14 +52,17 @@ class Cleaner:
             finite = np.ones(len(time), dtype=bool)
         self._rows += len(time)
         self._not_finite += len(time) - int(finite.sum())
-        stamps = time[finite]
+        early = ahead(time[finite])
+        self._ahead += int(early.sum())
+        rows = np.flatnonzero(finite)[~early]
+        stamps = time[rows]
         before = np.maximum.accumulate(np.concatenate([[self._latest], stamps]))
         rising = stamps > before[:-1]
         same = int(np.sum(stamps == before[:-1]))
         self._duplicate += same
         self._backwards += len(stamps) - int(rising.sum()) - same
         self._latest = float(before[-1])
-        good = np.flatnonzero(finite)[rising]
+        good = rows[rising]
         if len(good) < len(time):
             time, columns = time[good], [values[good] for values in columns]
         self._clock.tick(time)
@@ -70,6 +77,7 @@ class Cleaner:
                 not_finite=self._not_finite,
                 duplicate=self._duplicate,
                 backwards=self._backwards,
+                ahead=self._ahead,
                 missing={name: int(count) for name, count in zip(("time", *self._names), self._missing, strict=True) if count},
             )
         )
@@ -92,6 +100,17 @@ class Cleaner:
                 f"{path}: {late} of {stamped} rows {what}; at most {MOST_BACKWARDS:.0%} may: name another column for time, cut the file "
                 "where its clock begins again, or give the sample rate"
             )
+
+
+def ahead(stamps: Floats) -> Booleans:
+    """(m,) a few stamps that are far later than all that follow."""
+    found = np.zeros(len(stamps), dtype=bool)
+    steps = np.diff(stamps)
+    if len(stamps) < JUDGED or not (steps < 0).any():
+        return found
+    tick = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    found[:-1] = stamps[:-1] - np.minimum.accumulate(stamps[::-1])[::-1][1:] > AHEAD * tick
+    return found if tick > 0 and found.sum() <= max(FEW_AHEAD, SHARE_AHEAD * len(stamps)) else np.zeros(len(stamps), dtype=bool)
 
 
 class _Clock:

@@ -15,7 +15,7 @@ from ...io.validation import LARGEST
 from ...system.linear.arrays import Floats
 from .abilities import TORQUES
 from .channels import CHANNELS
-from .cleaning import Cleaner
+from .cleaning import Cleaner, ahead
 from .formats import format_of
 from .mapping import map_columns
 from .options import LogOptions
@@ -179,6 +179,7 @@ class _Stamps:
         if origin is None or stamps is None:
             return cls(rate or 1.0, 0.0, 0.0)
         finite = stamps[np.isfinite(stamps)]
+        finite = finite[~ahead(finite)]
         raw = float(finite[0]) if len(finite) else 0.0
         first = raw * origin.factor
         made = cls(origin.factor, 0.0, first) if abs(first) <= EPOCH else cls(origin.factor, raw, 0.0)

@@ -44,6 +44,7 @@ class Quality:
     not_finite       rows cut since a number was missing or not finite; `missing`: how often by column
     duplicate        rows cut since their time stamp was there already
     backwards        rows cut since their time stamp was earlier than one before
+    ahead            rows cut since their time stamp was far later than all that follow
     gaps             where ticks are without a row; `dropped` ticks are missing in them, the longest lasts `longest_gap` [s]
     jitter           standard deviation of the time between neighbouring rows [s], gaps apart
     off_ticks        root mean square distance of a stamp from its tick [ticks]
@@ -54,6 +55,7 @@ class Quality:
     not_finite: int = 0
     duplicate: int = 0
     backwards: int = 0
+    ahead: int = 0
     missing: Mapping[str, int] = field(default_factory=dict)
     gaps: int = 0
     dropped: int = 0
@@ -65,7 +67,7 @@ class Quality:
     @property
     def cut(self) -> int:
         """Rows that were left out."""
-        return self.not_finite + self.duplicate + self.backwards
+        return self.not_finite + self.duplicate + self.backwards + self.ahead
 
 
 @dataclass(frozen=True, eq=False)
