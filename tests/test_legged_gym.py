@@ -97,6 +97,8 @@ def test_of_several_robots_one_is_named(tmp_path: Path, capsys: pytest.CaptureFi
     path = write(tmp_path, CONFIG + soft)
     with pytest.raises(GainroomError, match=r"holds the gains of 2 robots; name one, .*:BipedRoughCfg"):
         read_gains(path)
+    with pytest.raises(GainroomError, match=r"'HardCfg' holds no gains \(classes: BipedRoughCfg, SoftCfg\)"):
+        read_gains(Path(f"{path}:HardCfg"))
     assert gains_of(read_gains(Path(f"{path}:SoftCfg")), ("knee", "hip", "hip_roll", "ankle")).kp.tolist() == [3, 1, 2, 4]
     assert gains_of(read_gains(Path(f"{path}:SoftCfg")), ("knee", "hip", "hip_roll", "ankle")).kd.tolist() == [5, 4, 5, 2]
 

@@ -290,7 +290,6 @@ def kp_of(text: str, name: str = "ROBOT", folder: Path | None = None) -> list[fl
         ("ROBOT = Art(actuators={'a': A, 'b': B})\ndel ROBOT.actuators['b']", [10, 0]),
         ("ROBOT = Art(actuators=[A, B])\nROBOT.actuators[1:] = []", [10, 0]),
         ("views = {'a': A}\nall = views.values()\nviews['b'] = B\nROBOT = Art(actuators=tuple(all))", [10, 20]),
-        ("once = (x for x in (A, B))\nfirst = list(once)\nROBOT = Art(actuators=[A, *once])", [10, 0]),
         ("ROBOT = Art(actuators=tuple(x for x in [A, B] if x.stiffness > 15))", [0, 20]),
         ("import numpy as np\nkp = 3 * np.array([1.0, 2.0])\nA.stiffness = kp[1]\nROBOT = Art(actuators=[A])", [6, 0]),
         ("from copy import copy\nC = copy(A)\nC.stiffness = 7.0\nROBOT = Art(actuators=[A])", [10, 0]),

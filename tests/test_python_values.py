@@ -36,6 +36,36 @@ def test_what_is_not_followed_is_refused_with_its_line(text: str):
         kp_of(text)
 
 
+@pytest.mark.parametrize(
+    "late",
+    [
+        "g = (x * n for x in (1.0, 2.0))",
+        "g = map(lambda x: x * n, (1.0, 2.0))",
+        "g = filter(lambda x: x > n, (1.0, 2.0, 9.0))",
+        "g = zip((n,), (1.0,))",
+        "g = enumerate(row)",
+        "g = reversed(row)",
+        "g = h = (x for x in row)",
+        "g, h = (x for x in row), 1",
+    ],
+)
+def test_what_is_gone_through_later_is_refused(late: str):
+    """Python looks at n and row where the items are taken, one by one: after they were changed here, and after some were taken."""
+    row = "n = 1.0\nrow = [1.0, 2.0]\n"
+    after = "n = 5.0\nrow.append(3.0)\n"
+    for use in ("k = sum(map(float, g))", "k = float(len(list(g)))", "for k in g: pass", "def f(k): return sum(k)\nk = f(g)"):
+        with pytest.raises(GainroomError, match=r"is gone through later, which is not followed: write list|'for k in g' cannot be decided"):
+            kp_of(row + late + "\n" + after + use)
+    assert kp_of(row + "g = list(row)\n" + after + "k = sum(g)") == 3.0
+
+
+def test_a_private_name_of_two_classes_is_refused():
+    base = "class P:\n    def __init__(self): self.__k = 3.0\n    def get(self): return self.__k\n"
+    assert kp_of(base + "k = P().get()") == 3.0
+    with pytest.raises(GainroomError, match="'class C' has a private name that a class which it inherits from has"):
+        kp_of(base + "class C(P):\n    def more(self): self.__k = 5.0\nc = C()\nc.more()\nk = c.get()")
+
+
 CLASSES = """
 @configclass
 class BaseCfg(ArticulationCfg):

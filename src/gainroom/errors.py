@@ -73,7 +73,7 @@ def nearest(name: str, names: Sequence[str], kind: str) -> str:
     """What may have been meant, and what there is: the end of a message about an unknown name."""
     close = difflib.get_close_matches(name, names, 1, cutoff=0.5)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"{hint} ({kind}s: {first_of_many(names) or 'none'})"
+    return f"{hint} ({kind}{'es' if kind.endswith('s') else 's'}: {first_of_many(names) or 'none'})"
 
 
 def typo_of(name: str, known: Sequence[str]) -> str:

@@ -226,6 +226,7 @@ class Calls(Interpreter):
         names = self.bound(function, given, named)
         if names is None:
             raise NotKnown
+        names = {name: self.kept(node, value) if isinstance(value, Once) else value for name, value in names.items()}
         if self.calls >= MOST_CALLS:
             raise self.refusal(node, f"functions call each other more than {MOST_CALLS} deep")
         body = function.node.body
@@ -503,6 +504,10 @@ class Calls(Interpreter):
             case "bool", [value]:
                 return self._decided(value)
         raise NotKnown(next((each for each in given if isinstance(each, Unknown)), None))
+
+    def kept(self, node: ast.AST, value: Once) -> Any:
+        """What a generator, zip, map, … is once it has a name: it is gone through later, when other things may stand in it."""
+        return self.unknown(node, *value.left, why="is gone through later, which is not followed: write list(…)")
 
     def set_field(self, node: ast.AST, record: Record, name: str, value: Any) -> None:
         """record.name = value, as Python has it."""

@@ -53,6 +53,8 @@ class Record:
     is_copied: bool = False
     ancestors: tuple["Record", ...] = ()
     own_order: tuple[str, ...] = ()
+    private: frozenset[str] = frozenset()
+    """Names of a class that begin with two underscores, which another class's are not."""
     is_enumeration: bool = False
     made: "list[Record]" = field(default_factory=list)
     """Of a class whose names are no fields: its objects, which see what becomes of it."""

@@ -22,6 +22,7 @@ from .python_objects import (
     Array,
     Function,
     Member,
+    Once,
     Partial,
     Record,
     Scope,
@@ -397,6 +398,8 @@ class _Reader(Expressions):
             self.lines[name] = getattr(node, "lineno", 0)
 
     def assign(self, target: ast.expr, value: Any) -> None:
+        if isinstance(value, Once):
+            value = self.kept(target, value)
         match target:
             case ast.Name(id=name):
                 self.scope.store(name, value)
@@ -571,6 +574,10 @@ class _Reader(Expressions):
         metaclass = next((each.value for each in node.keywords if each.arg == "metaclass"), None)
         if metaclass is not None and last_name(metaclass) not in ("ABCMeta", "EnumMeta", "EnumType"):
             return f"has the metaclass {text_of(metaclass)}, which is not followed"
+        written = {getattr(each, "attr", getattr(each, "id", "")) for each in ast.walk(node)}
+        record.private = frozenset(name for name in written if name.startswith("__") and not name.endswith("__"))
+        if any(record.private & each.private for each in ancestors):
+            return "has a private name that a class which it inherits from has, too"
         if any("__init_subclass__" in each.fields for each in ancestors):
             return "inherits __init_subclass__, which is not followed"
         if any("InitVar" in text_of(each.annotation) for each in node.body if isinstance(each, ast.AnnAssign)):
