@@ -8,7 +8,7 @@ import pytest
 import gainroom as gr
 from gainroom.identification.estimate import Estimate, interval, log_interval
 from gainroom.identification.frequency_response import fitted_response, frequency_response, given_torque
-from gainroom.identification.friction_estimates import damping_beside_friction, friction_not_below_zero
+from gainroom.identification.friction_estimates import damping_beside_friction, friction_not_below_zero, viscous_beside_friction
 from gainroom.identification.joint import JointFit, identify_joint
 from gainroom.identification.motion import motion_of
 from gainroom.identification.prediction import Noise, Signals, prediction_errors, stationary
@@ -144,6 +144,7 @@ def test_viscous_friction_below_0_is_stribeck_friction_or_none(friction: Frictio
         dry, slope = np.linalg.lstsq(np.column_stack([np.sign(velocity), velocity]), friction.torque(velocity), rcond=None)[0]
         assert slope < 0
         assert holds(viscous, slope)
+        assert holds(viscous, friction.viscous)
         assert holds(coulomb, dry)
         assert len(told) == 1
         assert f"{viscous.value:.2g}" in told[0]
@@ -427,3 +428,18 @@ def test_damping_is_not_told_more_sharply_than_friction_allows():
     assert "friction hides the damping" in note[0]
     swapped = exact | {"coulomb": exact["link_coulomb"], "link_coulomb": exact["coulomb"], "damping": interval(50.0, 1.0)}
     assert damping_beside_friction(swapped, speed)[0].high - 50.0 == pytest.approx(1.96 + 0.2 * slope * 0.25**2, rel=5e-3)
+
+
+@pytest.mark.parametrize("rest", [0.05, 0.3, 1.0, 3.0])
+def test_friction_that_is_larger_near_rest_is_within_the_viscous_friction_s_interval(rest: float):
+    """Least squares of Coulomb and viscous friction on a Stribeck law that rises by 0.3 F, at a Gaussian velocity; no viscous in truth."""
+    velocity, size, speed = 0.5 * np.random.default_rng(0).standard_normal(200_000), 2.0, 0.5
+    law = size * np.sign(velocity) * (1 + 0.3 * np.exp(-((velocity / (rest * speed)) ** 2)))
+    dry, slope = np.linalg.lstsq(np.column_stack([np.sign(velocity), velocity]), law, rcond=None)[0]
+    assert slope < 0
+    wider = viscous_beside_friction({"viscous": interval(slope, 0.0), "coulomb": interval(dry, 0.0), "stiffness": interval(1, 0)}, speed)
+    assert holds(wider, slope)
+    assert holds(wider, 0.0)
+    above = viscous_beside_friction({"viscous": interval(0.1, 0.05), "coulomb": interval(size, 0.0)}, speed)
+    assert above.low == 0.0
+    assert above.high == pytest.approx(0.1 + 1.96 * 0.05 + 0.3 * size / speed, rel=1e-4)

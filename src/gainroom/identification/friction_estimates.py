@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 
 from .estimate import Estimate, quantile
+from .motion import STRIBECK
 
 FRICTION = ("viscous", "coulomb", "link_coulomb")
 NOT_NEGATIVE = (*FRICTION, "delay")
@@ -56,3 +57,14 @@ def damping_beside_friction(parameters: Mapping[str, Estimate], speed: float) ->
     note = ["friction hides the damping, which may be 0: record a multisine of torque about the resonance on top of slow motion"] * hidden
     value = was.value if was.value > NO_DAMPING * error else 0.0
     return Estimate(value, max(was.low - wide, 0.0), was.high + wide, error), note
+
+
+def viscous_beside_friction(parameters: Mapping[str, Estimate], speed: float) -> Estimate:
+    """The viscous friction with what friction that is larger near rest, by a share STRIBECK of dry friction, takes off it; speed as above.
+
+    Such friction falls by that much over the speeds of the log, which the slope that is fitted has in it.
+    """
+    was = parameters["viscous"]
+    wide = STRIBECK * sum(abs(parameters[side].value) for side in ("coulomb", "link_coulomb") if side in parameters) / speed
+    low = was.low - wide if was.value < 0 else max(was.low - wide, 0.0)
+    return Estimate(was.value, low, was.high + wide, math.hypot(was.standard_error, wide / quantile(math.inf)))

@@ -21,7 +21,7 @@ from .delay import TorqueDelay, identify_delay
 from .estimate import BLOCKS, FREEDOM, Estimate, log_interval, quantile
 from .excited_part import most_excited
 from .frequency_response import FrequencyResponse, Rough, fine_response, fitted_response, frequency_response, given_torque, rough_joint
-from .friction_estimates import damping_beside_friction, friction_not_below_zero
+from .friction_estimates import damping_beside_friction, friction_not_below_zero, viscous_beside_friction
 from .joint_model import JointModel, Prior
 from .likelihood import Maximum, maximize
 from .motion import STRIBECK_VELOCITIES, motion_of
@@ -384,6 +384,10 @@ class _Fitting:
             covariance[place, place] += beside.standard_error**2 - parameters["damping"].standard_error ** 2
             parameters["damping"], warnings = beside, [*warnings, *note]
         parameters, note = friction_not_below_zero(parameters)
+        if self.model.friction:
+            wider, place = viscous_beside_friction(parameters, self.signals.motion.speed), physical.index("viscous")
+            covariance[place, place] += wider.standard_error**2 - parameters["viscous"].standard_error ** 2
+            parameters["viscous"] = wider
         return JointFit(
             name, parameters, physical, covariance, joint, self.source.known or drive, self.source.name, seen, tests, self.source.torques,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), rivals, (*warnings, *note),
