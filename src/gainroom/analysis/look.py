@@ -12,7 +12,9 @@ import numpy as np
 from ..native import _core
 from ..system.filters import integrator
 from ..system.linear.arrays import Booleans, Floats, Integers
+from ..system.linear.state_space import hold, split_delay
 from ..system.loop import Loop
+from ..system.measured_response import measured_state
 from ..system.mode_functions import mode_functions
 from .limbs import limbs_of
 from .loci import first_grid
@@ -169,6 +171,7 @@ def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Boolean
     plant, drives, time = loop.parts.plant, loop.parts.drives, loop.sample_time
     joints = torque.shape[0] == torque.shape[1] and np.array_equal(torque, np.eye(len(torque))) and np.array_equal(jacobian, torque)
     nothing = np.zeros((0, 0))
+    modes = mode_functions(loop.parts) if by_modes else None
     found = _core.DirectedLoop(loop.size, *((nothing, nothing) if joints else (torque, jacobian)), cascade.astype(np.int64))
     if time is None:
         gravity, soft, (root, hung) = plant.gravity_stiffness, plant.compliance, plant.hung
@@ -184,10 +187,13 @@ def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Boolean
         )
     else:
         held = loop.held
+        if modes is None:  # motors' positions as states of their own: as sums of links and twists they lose digits in Hessenberg form
+            fraction = split_delay(loop.parts.delays, time)[1]
+            held = hold(measured_state(loop.parts, "position", twists=False), fraction * time, time)
         fast = FAST * float(np.linalg.norm(held.a, 2))
         found.set_held(held.a, held.b, held.c, *_hessenberg(held.a, held.b, held.c), fast, loop.ticks * time, time)
     controller, boundary = loop.parts.controller, Boundary(loop)
-    if by_modes and (modes := mode_functions(loop.parts)) is not None:
+    if modes is not None:
         found.set_modes(modes)
     shaping = controller.shaping(time)
     found.set_law(*controller.velocity(time), *integrator(time), shaping.zeros, shaping.poles, shaping.gain)

@@ -23,13 +23,13 @@ def measured_signals(parts: Parts) -> StateSpace:
     return hold(measured_state(parts, "position", "position"), parts.delays, parts.sample_time)
 
 
-def measured_state(parts: Parts, *quantities: str) -> StateSpace:
-    """Torque command (n), not delayed → what is measured, "position" or "velocity" (n each)."""
+def measured_state(parts: Parts, *quantities: str, twists: bool = True) -> StateSpace:
+    """Torque command (n), not delayed → what is measured, "position" or "velocity" (n each); `twists` as plant.mechanism has them."""
     size = parts.plant.size
     first = {"position": 0, "velocity": 2 * size}
     side = 0 if parts.feedback == "motor" else size
     rows = [first[quantity] + side + np.arange(size) for quantity in quantities]
-    return actuated_state(parts.plant, parts.drives, twists=True).between(np.arange(size), np.concatenate(rows))
+    return actuated_state(parts.plant, parts.drives, twists).between(np.arange(size), np.concatenate(rows))
 
 
 def unsampled_scalar(parts: Parts) -> Factored:
