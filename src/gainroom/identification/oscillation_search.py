@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import GainroomError
-from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, vibration, windows
+from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, vibration, windows
 from ..system.linear.arrays import Floats
 from .record import Record
 from .recorded_oscillation import LOOKED_AT, POSITIONS, RINGING, TORQUES, UNCHANGED, RecordedOscillation, measured
@@ -39,6 +39,7 @@ UNDIMINISHED = 0.7  # of its size before: irregular motion that falls below deca
 SAME_FREQUENCY, TIMES = 0.05, 3  # relative: no further apart in so many successive windows
 BEYOND = 3.0  # times the frequency below which 99 % of the set-point's power lie
 MAIN = 0.3  # of the amplitude of all motion in the last third: less, beside a slower swing, is a part of it
+MAINLY = 0.3  # of the set-point's motion: its swing
 STEADY = 0.05  # damping ratio, either way, of an outer loop's swing: one that seems to grow faster is a sweep
 TRIES = 4  # oscillations that are looked at, each of a higher frequency
 STRIDES = (1, 4, 16, 64, 256)  # ticks whose mean is taken
@@ -150,7 +151,9 @@ def _of_outer_loop(record: Record, side: str, reference: Floats, step: float) ->
     if found is None or abs(found.damping_ratio) > STEADY or found.amplitude < max(MOVING_STEPS * step, VISIBLE_MOVING):
         return None
     period = 2 * math.pi / found.frequency / tick
-    if not follows(reference[rows], values[rows], tick, found) or not follows_position(reference, values, period):
+    swing = abs(complex(parts_in(reference[rows][:, None], tick, found)[0]))
+    mainly = swing > MAINLY * math.sqrt(2) * float(np.std(reference[rows]))
+    if not mainly or not follows(reference[rows], values[rows], tick, found) or not follows_position(reference, values, period):
         return None
     seen = measured(record, side, rows, found, values, step)
     return Search(replace(seen, answers=True)) if seen.vibrates else None

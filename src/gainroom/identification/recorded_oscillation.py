@@ -154,7 +154,11 @@ def _followed(values: Floats, tick: float, found: Vibration) -> Vibration:
     turned = np.unwrap(np.angle(cosine - 1j * sine) - found.frequency * began)
     off = float(np.polyfit(began, turned, 1)[0])
     frequency = found.frequency + off if abs(off) < TURNED * found.frequency else found.frequency
-    rate, last = np.polyfit((np.arange(count) - count + 0.5) * width * tick, np.log(sizes), 1)  # from the middles of the blocks to the end
+    middles = (np.arange(count) - count + 0.5) * width * tick  # from the end
+    rate, last = np.polyfit(middles, np.log(sizes), 1)
+    if count >= 6:  # what began in between has grown to its size, and grows no more
+        late = np.polyfit(middles[count // 2 :], np.log(sizes[count // 2 :]), 1)
+        rate, last = late if abs(late[0]) < 0.3 * abs(rate) else (rate, last)
     return Vibration(frequency, float(rate), float(np.exp(last)))
 
 

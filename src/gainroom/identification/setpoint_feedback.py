@@ -14,6 +14,7 @@ from ..system.linear.arrays import Floats, Integers
 
 MADE = 0.2  # variance that the law leaves, over the least that the set-point's own past and its harmonics leave
 EXPLAINED = 0.03  # and over the set-point's
+KNOWN = 1e-10  # and what is predicted from its own past to the digits is commanded
 FEWEST = 30  # set-points: fewer show no law
 PER_PERIOD = 20  # set-points looked at, at most twice as many
 LATEST = 4  # set-points' time by which positions may be late
@@ -55,7 +56,8 @@ def _made(reference: Floats, position: Floats, period: float) -> bool:
     best, late = min((left(late, ahead), late) for late in range(0, LATEST * held + 1, coarse) for ahead in AHEAD)
     near = range(max(0, late - coarse), late + coarse + 1)[:: max(1, coarse // 10)]
     best = min(best, *(left(late, ahead) for late in near for ahead in AHEAD))
-    return best < MADE * own and best < EXPLAINED * float(values.var())
+    size = float(values.var())
+    return best < MADE * own and best < EXPLAINED * size and own > KNOWN * size
 
 
 def _set_rows(reference: Floats, period: float) -> tuple[Integers, int, int]:
