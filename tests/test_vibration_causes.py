@@ -74,6 +74,12 @@ def test_a_torque_from_outside(hz: float, shape):
     assert named(diagnose(recorded(made))) in ("external_torque", None)  # without the file
 
 
+def test_what_begins_in_the_middle_of_a_log_does_not_grow():
+    """A torque from outside that is switched on: its swing grows to its size, and no more."""
+    outside = 5.0 * np.sin(2 * np.pi * 2 * time(6.0)) * (time(6.0) > 3)
+    assert named(judged(SETUP, run(SETUP, step(6.0), outside=outside))) == "external_torque"
+
+
 @pytest.mark.parametrize(("periods", "speeds"), [(4, (1.0, 2.1)), (12, (0.6, -0.25, 1.1)), (1, (2.0, 4.5))])
 def test_torque_that_comes_with_the_turning(periods: int, speeds: tuple[float, ...]):
     """So many periods per turn of the motor: the frequency is that of the speed, whichever way it turns."""
