@@ -463,7 +463,20 @@ def test_audit_says_where_contacts_hold_every_joint(folder: Path, capsys: pytest
     assert repr((held.safe, held.joints, held.delay_limit)) == repr((free.safe, free.joints, free.delay_limit))  # NaN where it is known
     assert any("contact: no joint that has gains can move" in warning for warning in audit_warnings(held))
     call = ["audit", str(folder / "robot.urdf"), "--gains", str(folder / "gains.yaml"), "--delay-ms", "2", "--base", "fixed"]
-    call += ["--motor-inertia", "0.5", "--contact", "thigh", "--contact", "shank", "--contact", "foot"]
+    call += [
+        "--motor-inertia",
+        "0.5",
+        "--rate-hz",
+        "2000",
+        "--gearbox",
+        "direct",
+        "--contact",
+        "thigh",
+        "--contact",
+        "shank",
+        "--contact",
+        "foot",
+    ]
     assert main([*call, "--json"]) == 0
     first, second = json.loads(capsys.readouterr().out)["states"]
     assert first.keys() == second.keys()

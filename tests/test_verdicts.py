@@ -118,13 +118,14 @@ def test_every_row_that_an_audit_does_not_meet_is_in_both_headlines(
 ):
     terminal, headline, told, own = said(capsys, tmp_path, "audit", str(LEG), "--delay-ms", delay, *more)
     assert_one_verdict(terminal, headline, own)
-    assert told["safe"] == (not headline.startswith("Not safe"))
+    assert told["requirements_met"] == (not headline.startswith("Not safe"))
     assert told["decided"] == (not headline.startswith("Not decided"))
+    assert told["safe"] == (told["requirements_met"] and told["decided"])
     rows = [
         re.findall("<td.*?>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", own.partition("Do this")[2].partition("</table>")[0])
     ]
     missed = [row for row in rows if "no" in row]
-    assert bool(missed) == (not told["safe"]) or not told["stable"]
+    assert bool(missed) == (not told["requirements_met"]) or not told["stable"]
     for row in missed if told["stable"] else []:
         for text in (headline, terminal.partition("Do this")[0]):
             assert row[1] in text
