@@ -79,7 +79,7 @@ def test_the_terminal_says_what_was_done(tmp_path: Path):
     told = " ".join(out.split())
     for text in (
         "holds 2 497 rows of one joint: 1.25 s at 2 000 Hz",
-        "1 rows were cut: a number is missing or not finite in position",
+        "1 row was cut: a number is missing or not finite in position",
         "3 rows were cut: their time stamp is that of the row before",
         "4 ticks are missing in 2 gaps, the longest of 2 ms",
         "Time stamps were read in us",

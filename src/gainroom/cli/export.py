@@ -7,7 +7,7 @@ import typer
 
 from ..errors import printable
 from .options import AsJson, refuse_inputs
-from .output import closing, render, show
+from .output import show
 from .streams import say
 
 if TYPE_CHECKING:
@@ -103,4 +103,5 @@ def _terminal(made: "Export", target: Path | None, written: bool, difference: st
             say(f"gainroom: note: {printable(note)}")
         return made.text
     state = f"Written: {target}" if written else f"Not written: add --write to write {target}"
-    return "".join(f"{printable(line)}\n" for line in difference.splitlines()) + render("", state, *closing({}, (), (), made.notes))
+    lines = [*difference.splitlines(), "", state, *(f"Note: {note}" for note in made.notes)]  # not wrapped: flags are typed again
+    return "".join(f"{printable(line)}\n" for line in lines)

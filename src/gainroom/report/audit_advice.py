@@ -12,7 +12,7 @@ from ..studies.lowered_gains import GainsToUse
 from ..studies.state import USUAL_RATE
 from ..system.margin_units import to_db
 from ..system.requirements import REQUIREMENTS
-from .gains_to_use import gain_file
+from .gains_to_use import gain_file, posture_lines
 from .margin_columns import requirement
 from .number_format import digits
 from .page import Advice
@@ -50,7 +50,10 @@ def what_to_do(
         rigid = ", with rigid gearboxes," if result.assumed_rigid.all() else ""
         lines = _gain_file(result, found)
         shown = most is None or len(lines) <= most
-        file = "As a file for `--gains` and `export`:" if shown else "As a file: `--verbose`, or `gainroom export` of what `--json` prints."
+        counted = ", with the joints' own damping in it (audit it without `--joint-damping`)" if "--joint-damping" in call else ""
+        file = f"As a file for `--gains` and `export`{counted}:"
+        if not shown:
+            file = "As a file: `--verbose`, or `gainroom export` of what `--json` prints."
         heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}.{again} {file}"
         return Advice(heading, lines if shown else ())
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
@@ -87,11 +90,13 @@ AGAIN = "Then audit the gains that `gainroom robot` finds, with `--gains` and th
 
 
 def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
-    """The gains to use, with all that is known of the joints' actuators but what the model says itself."""
-    source = result.system.source
+    """The gains to use, with all that is known of the joints' actuators but what the model says itself, and a posture not typed."""
+    source, posture = result.system.source, result.tightest.posture
     inertia = source.actuators.motor_inertia
     own = np.where((inertia > 0) & (inertia != source.body.armature), inertia, math.nan)
-    return gain_file(source.joint_names, {**found.gains, "motor_inertia": own, **result.given_gearboxes})
+    lines = gain_file(source.joint_names, {**found.gains, "motor_inertia": own, **result.given_gearboxes})
+    angles = {name: angle for name, angle in result.angles.items() if angle and posture not in ("zero", "given")}
+    return [*posture_lines(angles), "gains:", *(f"  {line}" for line in lines)] if angles else lines
 
 
 def _to_decide(result: Audit, call: str) -> Advice:

@@ -52,6 +52,11 @@ def gain_lines(key: str, names: Sequence[str], values: Any) -> list[str]:
     return _wrapped(f"{key}: {{", _in_order(groups, names))
 
 
+def posture_lines(angles: Mapping[str, float]) -> list[str]:
+    """posture: {joint: angle, …} of a file of gains, with all digits."""
+    return _wrapped("posture: {", [f"{quoted(name)}: {angle!r}" for name, angle in angles.items()])
+
+
 def _in_order(groups: Mapping[str, list[str]], names: Sequence[str]) -> list[str]:
     """pattern: text of each group of joints, in the order of the first of `names` that each matches, whatever is alike."""
     items = [(pattern, text) for text, group in groups.items() for pattern in patterns(group, names)]

@@ -82,20 +82,29 @@ def _unstated_side(origin: Origin) -> bool:
     return (origin.channel, origin.column_from) == ("motor_position", "name") and "motor" not in origin.column.lower()
 
 
+def _rows(count: int) -> str:
+    return f"{count} rows were" if count > 1 else "1 row was"
+
+
 def _cuts(quality: Quality) -> list[str]:
     found = []
     if quality.not_finite:
         worst = sorted(quality.missing, key=lambda name: -quality.missing[name])
-        found.append(f"{quality.not_finite} rows were cut: a number is missing or not finite in {listed(worst)}.")
+        found.append(f"{_rows(quality.not_finite)} cut: a number is missing or not finite in {listed(worst)}.")
     if quality.duplicate:
-        found.append(f"{quality.duplicate} rows were cut: their time stamp is that of the row before.")
+        found.append(f"{_rows(quality.duplicate)} cut: their time stamp is that of the row before.")
     if quality.backwards:
-        found.append(f"{quality.backwards} rows were cut: their time stamp is earlier than one before.")
+        found.append(f"{_rows(quality.backwards)} cut: their time stamp is earlier than one before.")
     if quality.ahead:
-        found.append(f"{quality.ahead} rows were cut: their time stamp is far later than all that follow.")
+        found.append(f"{_rows(quality.ahead)} cut: their time stamp is far later than all that follow.")
     if quality.gaps:
         longest = digits(1e3 * quality.longest_gap, "ms")
-        found.append(f"{quality.dropped} ticks are missing in {quality.gaps} gaps, the longest of {longest}.")
+        ticks = f"{quality.dropped} ticks are" if quality.dropped > 1 else "1 tick is"
+        found.append(
+            f"{ticks} missing in {quality.gaps} gaps, the longest of {longest}."
+            if quality.gaps > 1
+            else f"{ticks} missing in a gap of {longest}."
+        )
     if quality.off_ticks > UNSURE and (quality.gaps or quality.off_ticks > UNKNOWN):
         found.append(
             f"Time stamps lie {digits(quality.off_ticks, significant=2)} ticks off their ticks: which rows are missing is not certain. "

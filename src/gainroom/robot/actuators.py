@@ -106,7 +106,7 @@ def actuators_of(entries: Sequence[ActuatorEntry], joint_names: Sequence[str], a
         elif given is None and elastic:
             raise GainroomError(
                 f"{owner}: stiffness {entry.stiffness:g} N·m/rad needs a motor inertia, and the model file has no armature: give "
-                "motor_inertia, or rotor_inertia with gear_ratio"
+                "motor_inertia, or rotor_inertia with gear_ratio (--motor-inertia of audit)"
             )
         elif given is None:
             (without if entry.stiffness is None else bare).append(name)

@@ -27,6 +27,6 @@ def read_mjcf(path: Path, text: str = "") -> GainFile:
     if undamped:
         notes.append(
             f"actuators without velocity feedback: {first_of_many(undamped)}; damping of the joint itself, where the model has any, is the "
-            "controller's only with --joint-damping controller: give kv"
+            "controller's with --joint-damping controller alone; or give kv"
         )
     return GainFile(str(path), "MJCF", gains, notes=tuple(notes))

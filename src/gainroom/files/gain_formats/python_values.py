@@ -127,7 +127,7 @@ class _Beside:
         """What the names of a module hold, or why they are not known; and the file's name."""
         path = self._path(module, level, source)
         if path is None:
-            return "and other files are not read", ""
+            return "and other files are not read, unless they lie beside this one", ""
         shown_as = str(Path(self.main).parent / path.relative_to(self.folder or path))
         if path not in self._names:
             self._names[path] = self._read(path, shown_as)
