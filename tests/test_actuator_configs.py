@@ -249,7 +249,8 @@ def test_nothing_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: s
         ("x = 1 +", "r.py: line 1: is no Python"),
         ("\0", "r.py: line 1: is no Python"),
         (small("UNKNOWN"), "line 2: SomeCfg: stiffness: 'UNKNOWN' is no name of this file"),
-        (small("K", before="from other import K"), "stiffness: 'K' comes with `from other`, and other files are not read, unless they lie beside this one (line 1)"),
+        (small("K", before="from other import K"), "stiffness: 'K' comes with `from other`, and other files are not read, unless "
+            "they lie beside this one (line 1)"),
         (small("f(2)", before="def f(x): return x * UNKNOWN"), "stiffness: 'UNKNOWN' is no name of this file"),
         (small("f(2)"), "stiffness: 'f(2)' is a call, and f is no name of this file"),
         (small("K", before="if USE:\n    K = 1\nelse:\n    K = 2"), "stiffness: 'if USE' cannot be decided"),
