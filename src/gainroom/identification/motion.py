@@ -24,12 +24,14 @@ class Motion:
     """What friction acts along.
 
     along     (m, 5) over each tick: which way motor and link move, −1 to 1, the motor's velocity [rad/s], sine and cosine of the link's
-              angle
+              angle, without fast motion where that is reckoned from the motor's
     turning   (m,) 1 while motor or link is about to turn round or has just done so, else 0
+    angle     (m,) of the link [rad], fast motion with it
     """
 
     along: Floats
     turning: Integers
+    angle: Floats
 
     @property
     def speed(self) -> float:
@@ -52,16 +54,16 @@ def motion_of(positions: Floats, linked: bool, sample_time: float, joint: Elasti
     # The noise that passes the filter, if it is white, from what does not.
     share = min(PASSED * resonance * sample_time / math.pi, 1.0)
     least = max(2 * float(np.std(raw - motor)) * math.sqrt(share), 1e-12)
-    resting = positions[:, 0]
+    angle = resting = positions[:, 0]
     if linked:
-        resting = positions[:, 1]
+        angle = resting = positions[:, 1]
         link = filtered(np.diff(positions[:, 1], append=positions[-1, 1]) / sample_time, smooth)
     elif math.isfinite(joint.stiffness):
         spring = joint.stiffness + 1j * omega * max(joint.damping, 2 * LEAST_DAMPING * joint.stiffness / resonance)
         passed = spring / (spring - joint.link_inertia * omega**2)
         link = filtered(raw, smooth * passed)
         slow = 1 / (1 + (omega / (SLOW * joint.antiresonance)) ** 4)
-        resting = positions[0, 0] + filtered(resting - positions[0, 0], slow * passed)
+        angle, resting = (positions[0, 0] + filtered(positions[:, 0] - positions[0, 0], kept * passed) for kept in (smooth, slow))
     else:
         link = motor
     slow = (2 if cautious else 1) * TURNING * float(np.std(motor))
@@ -72,7 +74,7 @@ def motion_of(positions: Floats, linked: bool, sample_time: float, joint: Elasti
     if cautious:
         rest = cautious * float(np.std(motor))
         along = [way * (1 + STRIBECK * np.exp(-((speed / rest) ** 2))) for way, speed in zip(along, (motor, link), strict=True)]
-    return Motion(np.column_stack([*along, motor, np.sin(resting), np.cos(resting)]), turning)
+    return Motion(np.column_stack([*along, motor, np.sin(resting), np.cos(resting)]), turning, angle)
 
 
 def _filter(count: int, sample_time: float):

@@ -67,7 +67,7 @@ class Signals:
 
     def rows(self, part: slice) -> "Signals":
         """Some of the ticks."""
-        motion = Motion(self.motion.along[part], self.motion.turning[part])
+        motion = Motion(self.motion.along[part], self.motion.turning[part], self.motion.angle[part])
         return Signals(self.torque[part], self.sampled, self.positions[part], motion, self.sample_time)
 
     def inputs(self, shift: int, between: "Between") -> Floats:

@@ -37,7 +37,7 @@ MOMENTS = np.linspace(0.15, 0.85, 8)  # of the record
 LIMITS = np.linspace(0.3, 0.995, 14)  # quantiles of the command's size
 ROUNDS, SHRINK = 6, 0.5  # of the search from the best of these
 LEAST_SHARE = 0.03  # of the whole inertia, that motor and link have at least
-FRICTION = slice(0, 5)  # columns of what friction and weight act along
+FRICTION = slice(0, 3)  # columns of what friction acts along
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,8 @@ class _Log:
     def __init__(self, spectra: Spectra, torque: Floats, lowest: float = 1.0) -> None:
         self.spectra, self.torque = spectra, torque
         self.acceleration, self.dry = spectra.accelerated(1.0), np.zeros(spectra.count)
-        self.fixed = spectra.seen(np.vstack([self.acceleration, spectra.signals.motion.along.T[FRICTION]]))
+        angle = spectra.signals.motion.angle  # all of it: what an inertia that is a little off leaves goes along it, too
+        self.fixed = spectra.seen(np.vstack([self.acceleration, spectra.signals.motion.along.T[FRICTION], np.sin(angle), np.cos(angle)]))
         self.counts = np.diff(spectra.bands)
         slow = slice(0, max(int(LOWEST * len(spectra.lines)), 1))
         self.whole = float(np.linalg.norm(spectra.seen(torque)[slow]) / np.linalg.norm(self.fixed[0, slow]))
