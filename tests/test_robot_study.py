@@ -344,7 +344,18 @@ def test_joints_without_gains_are_held_still(folder: Path, tmp_path: Path):
 
 
 def test_audit_json_and_status(folder: Path, capsys: pytest.CaptureFixture[str]):
-    call = ["audit", str(folder / "robot.urdf"), "--gains", str(folder / "gains.yaml"), "--motor-inertia", "0.5", "--rate-hz", "2000"]
+    call = [
+        "audit",
+        str(folder / "robot.urdf"),
+        "--gains",
+        str(folder / "gains.yaml"),
+        "--motor-inertia",
+        "0.5",
+        "--rate-hz",
+        "2000",
+        "--gearbox",
+        "direct",
+    ]
     assert main([*call, "--delay-ms", "2", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert set(facts) >= {"safe", "gain_limit", "delay_limit_ms", "limiting_joints", "joints", "warnings"}
