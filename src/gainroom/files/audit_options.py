@@ -261,17 +261,21 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     taken = [text for text in spec.warnings if text.startswith(ASSUMED)]
     slight = _slight_damping(body, found, options)
     taken += [text for text in spec.warnings if slight and text.startswith(DAMPING_NOTE)]
+    locked = file.joints.locked
+    held = [f"these joints are held, as they have no gains: {first_of_many(locked)}"] * bool(locked)
     assumptions = (
         options.path_assumption(),
         *(text for text in spec.assumptions if not text.startswith(NO_STIFFNESS)),  # said below, with the options
         *(slight if text.startswith(DAMPING_NOTE) else text for text in taken),
         *read,
-        *_assumptions(spec.source.body, file.joints.locked, options, rigid, len(spec.source.joint_names)),
+        *(held if gains is None else []),
+        *_assumptions(spec.source.body, options, rigid, len(spec.source.joint_names)),
     )
     warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings if text not in taken]
     idle = [name for name, has in zip(body.every_joint, found.given, strict=True) if has and name not in body.joint_names]
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
-    warnings = (*found.notes, *idle, *kept, *_damping_asked(warnings, options))
+    # A file of gains may have left out a leg; a model has the actuators that it has.
+    warnings = (*found.notes, *([] if gains is None else held), *idle, *kept, *_damping_asked(warnings, options))
     return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, ranges, options)
 
 
@@ -428,12 +432,10 @@ def _require_model(path: Path) -> None:
             raise GainroomError(f"{path}: must be a URDF or MJCF; gains go with --gains {path}")
 
 
-def _assumptions(body: RigidBody, held: Sequence[str], options: AuditOptions, rigid: Sequence[str], count: int) -> tuple[str, ...]:
+def _assumptions(body: RigidBody, options: AuditOptions, rigid: Sequence[str], count: int) -> tuple[str, ...]:
     """What is assumed where nothing was said, each with how to say it; `rigid`: gearboxes, of `count`, of which nobody says how stiff."""
     zero = "every joint stands at 0, perhaps far from how the robot works: give --posture"
     notes = ["joints that --posture does not name stand at 0" if options.posture else zero, "the encoders are on the motor side"]
-    if held:
-        notes.append(f"these joints are held, as they have no gains: {first_of_many(held)}")
     if rigid:
         which = "gearboxes are rigid" if len(rigid) == count else f"these gearboxes are rigid ({first_of_many(rigid)})"
         notes.append(f"{which}, so limits are optimistic: give --stiffness and --damping")
