@@ -7,6 +7,7 @@ line of position and speed at some delay, beside the last set-point (of a law th
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -103,7 +104,7 @@ def _beside_harmonics(values: Floats, rows: Integers, omega: float, held: int) -
 
     near = omega * (1 + np.linspace(-0.06, 0.06, 121))
     best = float(near[int(np.argmin([left(at, 2) for at in near]))])
-    found = minimize_scalar(
+    found: Any = minimize_scalar(
         lambda at: left(at, MOST_HARMONICS), bounds=(0.998 * best, 1.002 * best), method="bounded", options={"xatol": 1e-8 * best}
     )
     return float(found.fun)
