@@ -220,6 +220,17 @@ def test_a_robots_answer_is_read(tmp_path: Path):
     )
 
 
+@pytest.mark.parametrize("met", [True, False, None])
+def test_gains_of_continuous_time_that_would_fail_at_a_real_rate_are_not_exported(tmp_path: Path, met: bool | None):
+    """As `gainroom robot` shows none of them; the next audit may read them."""
+    path = tmp_path / "answer.json"
+    path.write_text(json.dumps(answer(at_usual_rate=None if met is None else {"sample_rate_hz": 2000, "requirements_met": met})), "utf-8")
+    if met is False:
+        with pytest.raises(GainroomError, match=r"at_usual_rate; state control\.sample_rate_hz in the robot's file"):
+            read_gains(path, to_use=True)
+    assert read_gains(path, to_use=met is not False).gains
+
+
 def test_gains_that_do_without_the_weight_say_so(tmp_path: Path):
     """Where no gains meet the requirements with it: the file for the controller says what its margins leave out, and where it topples."""
     data, path = answer(), tmp_path / "answer.json"

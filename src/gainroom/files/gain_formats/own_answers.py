@@ -60,13 +60,19 @@ def answer_in(text: str) -> dict[str, Any] | None:
 def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use: bool = False) -> GainFile:
     """The gains in an answer; of several recommended sets the one for `contact`, else the one that is safe everywhere.
 
-    to_use   of an audit whose gains are not safe those to use in their place, where it has some
+    to_use   of an audit whose gains are not safe those to use in their place, where it has some; none that fail at the usual rate
 
     Raises GainroomError.
     """
     postures: dict[str, dict[str, float]] = {}
     notes = []
     if "recommended" in data:
+        usual = data.get("at_usual_rate")
+        if to_use and isinstance(usual, dict) and usual.get("requirements_met") is False:
+            raise GainroomError(
+                f"{source}: recommended: was found for continuous time and would fail at the usual rate, by at_usual_rate; state "
+                "control.sample_rate_hz in the robot's file, and export the new answer of `gainroom robot`"
+            )
         gains, margins = _recommended(data, source, contact or EVERYWHERE)
         form = "gainroom robot --json"
     else:
