@@ -147,7 +147,7 @@ def audit(
             from ..report.audit import audit_page
 
             page.write(audit_page(result, typed_command(context, "write_robot"), simulated, swept, call))
-    return 0 if result.safe and result.decided and (simulated is None or simulated.limit.stable) and (swept is None or swept.safe) else 1
+    return 0 if result.passes and (simulated is None or simulated.limit.stable) and (swept is None or swept.safe) else 1
 
 
 def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: "Callable[[Audited], Audit]") -> "tuple[Audit, Audited]":
@@ -189,7 +189,7 @@ def _facts(
     return {
         "robot": result.system.source.name,
         "gainroom": __version__,
-        "safe": result.safe and result.decided,
+        "safe": result.passes,
         "decided": result.decided,
         "sentence": audit_sentence(result),
         "requirements_met": result.safe,

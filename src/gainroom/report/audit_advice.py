@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import at_frequency, listed
+from ..files.audit_options import GIVEN
 from ..studies.audit import Audit
 from ..studies.lowered_gains import GainsToUse
 from ..studies.state import USUAL_RATE
@@ -91,11 +92,11 @@ AGAIN = "Then audit the gains that `gainroom robot` finds, with `--gains` and th
 
 def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
     """The gains to use, with all that is known of the joints' actuators but what the model says itself, and a posture not typed."""
-    source, posture = result.system.source, result.tightest.posture
+    source = result.system.source
     inertia = source.actuators.motor_inertia
     own = np.where((inertia > 0) & (inertia != source.body.armature), inertia, math.nan)
     lines = gain_file(source.joint_names, {**found.gains, "motor_inertia": own, **result.given_gearboxes})
-    angles = {name: angle for name, angle in result.angles.items() if angle and posture not in ("zero", "given")}
+    angles = {} if result.tightest.posture == GIVEN else {name: angle for name, angle in result.angles.items() if angle}
     return [*posture_lines(angles), "gains:", *(f"  {line}" for line in lines)] if angles else lines
 
 

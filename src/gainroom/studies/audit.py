@@ -136,6 +136,11 @@ class Audit(Analysis):
         given = self.system.control.sample_time is not None and not self.assumed_rigid.any()
         return not self.safe or (given and not self.hardly_damped)
 
+    @property
+    def passes(self) -> bool:
+        """Safe, with all that decides given: what scripts go by."""
+        return self.safe and self.decided
+
     def enough_in(self, state: State) -> bool:
         """Whether a state is stable and has what is required."""
         return not self.missed_in(state)
