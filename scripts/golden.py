@@ -31,7 +31,7 @@ def record(folder: Path, cases: dict[str, Case]) -> int:
             path = folder / f"{name}.txt"
             text = runner.output(case)
             path.write_text(settled(path.read_text("utf-8"), text) if path.exists() else text, "utf-8")
-    for path in folder.glob("*.txt"):
+    for path in folder.glob("*.txt") if folder.resolve() == RECORDED else ():
         if path.stem not in CASES:
             path.unlink()
     print(f"{len(cases)} cases, {runner.seconds:.0f} s, {sum(path.stat().st_size for path in folder.glob('*.txt')) / 1e6:.2f} MB in all")

@@ -84,7 +84,7 @@ ROBOTS = [
     *_each("robot @.yaml", "biped_task panda talos_leg", person=False),
     Case("robot arm_two_paths.yaml", page=False),
     *_each("robot @.yaml --verbose", "arm arm_unstable", json=False),
-    *_each("robot @.yaml --strict", "arm arm_no_rate arm_rigid", json=False),
+    *_each("robot @.yaml --strict", "arm arm_no_rate arm_rigid biped_left", json=False),
 ]
 AUDITS = [
     Case(f"audit {LEG} --delay-ms 1.5"),
@@ -115,11 +115,14 @@ RUNS = [
     *_each("simulate @.yaml", "moved linear_run unstable no_rate biped_task biped_stands biped_falls solo arm"),
     Case("simulate linear_run.yaml --gain 1.6 --log run.csv"),
     Case("simulate moved.yaml --gain 3"),
+    *_each("simulate @.yaml", "unstable_in_range missed_in_range two_paths ppi arm_unstable arm_uncertain arm_rigid talos_leg", page=False),
+    *_each("verify @.yaml", "missed_in_range unstable_in_range arm_rigid", page=False),
     *_each("verify @.yaml", "testbed-sampled unstable arm no_rate"),
 ]
 SWEEPS = [
     Case("sweep arm.yaml --samples 24 --margins 4 --workers 1"),
     Case("sweep arm_unstable.yaml --samples 8 --margins 2 --workers 1"),
+    Case("sweep arm_rigid.yaml --samples 8 --margins 2 --workers 1", page=False),
     Case("sweep arm_no_rate.yaml --grid elbow=0:2:5 --margins 0 --workers 1", page=False),
     Case("sweep arm_uncertain.yaml --samples 6 --draws 3 --margins 2 --workers 1 --strict", page=False),
     Case("sweep biped_left.yaml --samples 8 --margins 1 --workers 1 --output kept.zarr", page=False),

@@ -92,9 +92,8 @@ class Runner:
 
     def _plain(self, text: str) -> str:
         """`text` with placeholders for what differs from one run, day or machine to the next."""
-        places = {self.folder / "case": "HERE", self.folder: "TEMPORARY", ROOT / "src": "SOURCE", ROOT: "ROOT"}
-        places[Path(sysconfig.get_path("purelib"))] = "PACKAGES"
-        for path, name in places.items():
+        places = {self.folder / "case": "HERE", self.folder: "TEMPORARY", Path(sysconfig.get_path("purelib")): "PACKAGES"}
+        for path, name in (places | {ROOT / "src": "SOURCE", ROOT: "ROOT"}).items():  # those within others first
             for written in {str(path), str(path.resolve())}:
                 text = text.replace(written, name)
         text = re.sub(r"\b20\d\d-\d\d-\d\d\b", "DATE", text)
