@@ -25,7 +25,7 @@ from .friction_estimates import damping_beside_friction, friction_not_below_zero
 from .joint_model import JointModel, Prior
 from .likelihood import Maximum, maximize
 from .motion import STRIBECK_VELOCITIES, motion_of
-from .prediction import Between, Signals, prediction_errors
+from .prediction import UNKNOWN, Between, Signals, prediction_errors
 from .record import Record, resolution
 from .residuals import Residuals, residual_tests
 from .rivals import Rival, rivals_of, rivals_text
@@ -467,14 +467,13 @@ def likeliest(model: JointModel, signals: Signals, start: Floats, prior: Prior, 
 
     def predict(point: Floats) -> tuple[Floats, Floats]:
         try:
-            errors, variances, _ = prediction_errors(signals, *model.parts(point))
+            errors, variances = prediction_errors(signals, *model.parts(point))
         except (np.linalg.LinAlgError, GainroomError, OverflowError, ValueError):
             return np.full(signals.positions.size, np.inf), np.ones(signals.positions.size)
         return errors.ravel(), variances.ravel()
 
-    _, _, settled = prediction_errors(signals, *model.parts(start))
     used = np.ones(signals.positions.shape)
-    used[: min(settled, len(used) // 3)] = 0.0
+    used[: min(UNKNOWN, len(used) // 3)] = 0.0
     try:
         return maximize(predict, start, used.ravel(), np.stack(prior), iterations)
     except np.linalg.LinAlgError as error:

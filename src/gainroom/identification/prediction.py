@@ -5,9 +5,11 @@
 Plant and current loop are sampled exactly, with the command's change within a tick. Torque noise is white on the motor (jitter, friction
 that no model has) plus a random walk (gravity, drift): with both the predictor follows what moves slowly and judges the rest. Coulomb
 friction enters as a known torque along the sign of the velocity, its size as a parameter. The gain is that of the stationary Kalman filter.
+The state at the first row is free: a joint that hardly knows noise forgets it so slowly that a sweep has passed the resonance by then.
 """
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -17,12 +19,14 @@ from ..native import _core
 from ..system.assembly import actuated_state
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
-from ..system.linear.arrays import Floats
+from ..system.linear.arrays import Floats, Integers
 from ..system.linear.state_space import StateSpace, split_delay
 from .motion import Motion
 
 DOUBLINGS = 60
 FORGOTTEN = 1e-5  # of the start's error
+UNKNOWN = 64  # rows, on which commands from before the log may still act: longer than any delay, at 2 kHz 32 ms
+TOLD = 1e-8  # of what the best known combination of a start's states moves: less is rounding
 DEMAND, MOTOR, LINK = range(3)  # inputs of actuated_state
 
 
@@ -64,6 +68,7 @@ class Signals:
     motion: Motion
     sample_time: float
     _inputs: dict[tuple[int, float, float], Floats] = field(default_factory=dict, init=False, repr=False)
+    _starts: dict[Hashable, Floats] = field(default_factory=dict, init=False, repr=False)
 
     def rows(self, part: slice) -> "Signals":
         """Some of the ticks."""
@@ -87,6 +92,13 @@ class Signals:
             self._inputs[key] = np.column_stack([torque[np.maximum(first, 0)], torque[np.maximum(second, 0)], self.motion.along])
         return self._inputs[key]
 
+    def starts(self, key: Hashable, found: "_Filter") -> Floats:
+        """_Filter.starts of the filter with that `key`; the last one is kept."""
+        if key not in self._starts:
+            self._starts.clear()
+            self._starts[key] = found.starts(self.motion.turning)
+        return self._starts[key]
+
 
 @dataclass(frozen=True)
 class Between:
@@ -102,8 +114,8 @@ class Between:
 
 def prediction_errors(
     signals: Signals, joint: ElasticJoint, drive: Drive, friction: Floats, noise: Noise, between: "Between | None" = None
-) -> tuple[Floats, Floats, int]:
-    """Errors (m, o) and their variances (m, o), made independent of each other, and the rows that the start still acts on.
+) -> tuple[Floats, Floats]:
+    """Errors (m, o) and their variances (m, o), made independent of each other, from the start under which the errors are least.
 
     friction   (5,) Coulomb torques on motor and link [N m], viscous friction of the motor [N m s/rad], and of the link's weight the torques
                along sine and cosine of its angle [N m]
@@ -111,18 +123,18 @@ def prediction_errors(
 
     Raises numpy.linalg.LinAlgError where there is no stationary filter.
     """
-    found = _filter(joint, drive.bandwidth, drive.damping_ratio, signals.positions.shape[1], signals.sample_time, noise.key)
+    key = (joint, drive.bandwidth, drive.damping_ratio, signals.positions.shape[1], signals.sample_time, noise.key)
+    found = _filter(*key)
     b, inputs = _inputs(signals, drive, found, friction, Between() if between is None else between)
-    b = np.vstack([b, np.zeros((1, b.shape[1]))])
     rest = np.linalg.lstsq(found.system.c[[0, 1]], signals.positions[0, [0, -1]], rcond=None)[0]
-    state, errors = np.append(rest, 0.0), np.empty_like(signals.positions)
-    _core.predict(found.a, b, found.c, found.gains, signals.motion.turning, inputs, signals.positions, state, errors)
-    variances = np.array([np.diag(spread) for spread in found.spreads])
-    if errors.shape[1] == 2:
-        ratio = found.spreads[:, 1, 0] / found.spreads[:, 0, 0]
-        errors[:, 1] -= ratio[signals.motion.turning] * errors[:, 0]
-        variances[:, 1] -= ratio * found.spreads[:, 1, 0]
-    return errors, variances[signals.motion.turning], min(found.start, len(errors))
+    regime = signals.motion.turning
+    errors = found.errors(regime, np.append(rest, 0.0), np.vstack([b, np.zeros((1, b.shape[1]))]), inputs, signals.positions)
+    variances = found.variances[regime]
+    basis = signals.starts(key, found)
+    deviations = np.sqrt(variances[: basis.shape[1]])
+    began = np.tensordot(basis, errors[: len(deviations)] / deviations, 2)
+    errors[: len(deviations)] -= deviations * np.tensordot(began, basis, 1)
+    return errors, variances
 
 
 @dataclass(frozen=True)
@@ -132,7 +144,8 @@ class _Filter:
     system        current loop and plant (actuated_state), n states
     held, ramp    (n, 3) what inputs do over a tick, see _sampled
     a, c          (n + 1, n + 1), (o, n + 1) with the random walk of the torque as last state
-    gains, spreads   (2, n + 1, o), (2, o, o) covariance of the prediction errors
+    gains         (2, n + 1, o)
+    ratio, variances   (2,), (2, o) of the errors: what of the second the first foretells, and what is left
     start         rows until the start is forgotten
     """
 
@@ -142,8 +155,29 @@ class _Filter:
     a: Floats
     c: Floats
     gains: Floats
-    spreads: Floats
+    ratio: Floats
+    variances: Floats
     start: int
+
+    def errors(self, regime: Integers, state: Floats, b: Floats, inputs: Floats, positions: Floats) -> Floats:
+        """(m, o) of `positions` (m, o) from a `state` (n + 1,), independent of each other."""
+        errors = np.empty_like(positions)
+        _core.predict(self.a, b, self.c, self.gains, regime, inputs, positions, state, errors)
+        if errors.shape[1] == 2:
+            errors[:, 1] -= self.ratio[regime] * errors[:, 0]
+        return errors
+
+    def starts(self, regime: Integers) -> Floats:
+        """(k, r, o) what states at the first row change of errors over their deviations, orthonormal; r rows until forgotten."""
+        rows, outputs, size = min(len(regime), self.start), len(self.c), len(self.a)
+        regime, nothing = regime[:rows], np.zeros((rows, 0))
+        at_rest = np.zeros((rows, outputs))
+        moved = np.array([self.errors(regime, state, np.zeros((size, 0)), nothing, at_rest) for state in np.eye(size)])
+        moved /= np.sqrt(self.variances[regime])
+        moved[:, : min(UNKNOWN, rows // 3)] = 0.0
+        columns = moved.reshape(size, -1).T
+        basis, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
+        return basis.T[sizes > TOLD * sizes[0]].reshape(-1, rows, outputs)
 
 
 @lru_cache(16)
@@ -170,7 +204,11 @@ def _filter(
     if not radius < 1:
         raise np.linalg.LinAlgError("no stationary filter")
     start = int(math.log(FORGOTTEN) / math.log(radius)) + 1
-    return _Filter(system, held, ramp, a, c, np.ascontiguousarray(gains), np.array(spreads), start)
+    spread = np.array(spreads)
+    ratio, variances = spread[:, -1, 0] / spread[:, 0, 0], np.diagonal(spread, axis1=1, axis2=2).copy()
+    if outputs == 2:
+        variances[:, 1] -= ratio * spread[:, 1, 0]
+    return _Filter(system, held, ramp, a, c, np.ascontiguousarray(gains), ratio, variances, start)
 
 
 def stationary(a: Floats, c: Floats, process: Floats, readings: Floats) -> Floats:
