@@ -326,13 +326,13 @@ def test_what_is_not_installed_is_said(arm: Path, tmp_path: Path, monkeypatch: p
 
 @pytest.mark.slow
 def test_every_public_robot_loads_or_says_why_not():
-    """All URDFs of example-robot-data, on either base; those refused are known to be malformed or to have massless links or no joints."""
+    """All URDFs of example-robot-data, on either base; those refused are malformed, have massless or impossible links, or no joints."""
     reasons = {
         "ur3.urdf": "No name",
         "quadrotor_base.urdf": "it has no joints",
         "iris_simple.urdf": "it has no joints",
         "romeo.urdf": "'LHand', 'RHand'",
-        "romeo_laas_small.urdf": "'l_gripper_joint', 'r_gripper_joint'",
+        "romeo_laas_small.urdf": "'body': its least principal inertia",
     }
     robots = [file for file in importlib.metadata.files("example-robot-data") or () if file.suffix == ".urdf"]
     assert len(robots) > 60

@@ -252,10 +252,10 @@ def _nearest(cases: Sequence[Case], found: Raised) -> str:
 
 
 def _shortage(margins: Margins, required: Requirements) -> str:
-    """The requirement that is missed most, as text."""
+    """The requirement that is missed most, as text; gains of loops that a search could not follow may miss none."""
     name = required.missed(margins)
-    if name == "stability":
-        return "unstable"
+    if name in ("stability", ""):
+        return "unstable" if name else "margins that are not certified"
     one, needed = REQUIREMENTS[name], required.needed[name]
     texts = ([one.text(value, significant) for value in (one.value(margins), needed)] for significant in range(3, 10))
     found, asked = next((pair for pair in texts if pair[0] != pair[1]), ("less", one.text(needed)))
