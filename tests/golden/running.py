@@ -24,6 +24,8 @@ LEAST = 1e-12
 """Smaller numbers in JSON are round-off of zero: no quantity in SI that is reported is as small."""
 MOST_ROWS = 12
 """Of a written table: of one with more rows columns and number of rows are recorded."""
+PROGRESS = r"(?m)^gainroom: .* so far(, .*)?\n"
+"""A line about a command that takes long: there on a slow machine, and not on a quick one."""
 WARM = ROOT / "scripts" / "warm_gainroom.py"
 
 
@@ -79,6 +81,7 @@ class Runner:
         done = self._called(line, here)
         out, error = (stream.decode("utf-8", "replace") for stream in (done.stdout, done.stderr))
         parts = [(f"$ gainroom {line}", ""), (f"exit status {done.returncode}", ""), ("standard output", as_recorded(out))]
+        error = re.sub(PROGRESS, "", error)
         if error:
             parts.append(("standard error", error))
         for path in sorted(here.iterdir()):

@@ -61,11 +61,12 @@ def _run(arguments: Sequence[str] | None) -> int:
 
     from ..io.run_files import forget_read
     from .front import command
+    from .progress import followed
 
     show_everything()
     forget_read()
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), followed():
             # numpy's remarks about overflow say nothing to a user; what is not finite in a result is shown as such
             warnings.simplefilter("ignore", RuntimeWarning)
             status = command()(arguments, prog_name="gainroom", standalone_mode=False) or 0

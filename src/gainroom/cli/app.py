@@ -12,6 +12,7 @@ import typer
 from .model_options import ModelCall, audited_text
 from .options import AsJson, Number, kind_of, number_option, report_stream, text_output, typed_command, with_options
 from .output import emit, emit_json
+from .progress import at_rest, progress_bar
 
 if TYPE_CHECKING:
     from ..app.bench import Bench, Opened
@@ -100,6 +101,7 @@ def app(
         pass  # what is written stands before the page is served
     gc.freeze()  # what is loaded stays; from here on garbage is looked for in small portions, so that no answer waits for it
     gc.set_threshold(20_000)
+    at_rest()
     serve(bench, host, port, ready, examples() if file is None else {})
     return 0
 
@@ -134,7 +136,6 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
     result = None
     if found.gearboxes is not None:
         from ..studies.audit import audit
-        from .progress import progress_bar
 
         with progress_bar("app:") as progress:
             result = audit(found.system, required, progress, options.damping_ratio, found.gearboxes)
