@@ -57,7 +57,7 @@ def biped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 
 def of_two_states(kp: float = 2000.0, kd: float = 100.0) -> str:
     text = TEXTS["biped"].replace("kp: 2000.0 ", f"kp: {kp!r} ").replace("kd: 100.0 ", f"kd: {kd!r} ")
-    text = text.replace("feedback: motor ", "sample_rate_hz: 2000\n  feedback: motor ").replace("  right: [right_sole]\n  flight: []\n", "")
+    text = text.replace("  right: [right_sole]\n  flight: []\n", "")
     crouch = next(line for line in text.splitlines(keepends=True) if line.startswith("  crouch:"))
     return text.replace(crouch, "") + "uncertainty: {delay_ms: [2.0, 2.5]}\n"
 
@@ -205,7 +205,7 @@ def test_an_unstable_state_is_said_as_soon_as_it_is_known():
     pytest.importorskip("pinocchio")
     from gainroom.app.robot_bench import RobotBench
 
-    bench = RobotBench(Opened(TEXTS["biped"].replace("feedback: motor ", "sample_rate_hz: 2000\n  feedback: motor "), "biped.yaml", Path()))
+    bench = RobotBench(Opened(TEXTS["biped"], "biped.yaml", Path()))
     seen = set()
     for factor in (1.0, 3.5, 9.0):
         names = bench.opening()["channels"]

@@ -15,6 +15,7 @@ from gainroom.files.joint_scenario import ScenarioSection
 from gainroom.files.joint_yaml import JointFile, parse_joint
 from gainroom.io.validation import Section, validate
 from gainroom.io.yaml_text import MAX_DEPTH, MAX_NODES, parse_yaml
+from gainroom.studies.analysis import analyze
 
 FULL = """\
 joint: {rotor_inertia: 1.0e-4, gear_ratio: 100, link_inertia: 16.0, stiffness: 1e4, damping: 1,
@@ -101,6 +102,18 @@ def test_without_a_rate_in_control_the_model_is_continuous():
     assert spec.drives[0].delay == approx(4.5 / 2000)
 
 
+def test_a_continuous_clock_decides_that_no_rate_is_missing():
+    """The same loop, margins and missed requirements, and nothing of what a usual rate would cost; a tick may still have a length."""
+    text = joint_examples()["fig9"]
+    stated, missing = (analyze(parse_joint(each, "f")) for each in (text, text.replace("clock: continuous", "#")))
+    assert (stated.rate_is_missing, missing.rate_is_missing) == (False, True)
+    assert (stated.missed_at_usual_rate == {}, missing.missed_at_usual_rate == {}) == (True, False)
+    assert stated.states[0].margins == missing.states[0].margins
+    assert stated.unmet.keys() == missing.unmet.keys()
+    in_ticks = parse_joint(text.replace("delay_ms: 2.0", "delay_ticks: 4\n  sample_rate_hz: 2000"), "f")
+    assert (in_ticks.delay, in_ticks.control) == (approx(2e-3), stated.system.control)
+
+
 @pytest.mark.parametrize(("kind", "gains"), [("pid", {"kp": 100.0, "ki": 5.0, "kd": 3.0}), ("ppi", {"kp": 40.0, "kv": 5.0, "ki": 1.0})])
 def test_other_controllers(kind: str, gains: dict[str, float]):
     keys = "".join(f"  {name}: {value}\n" for name, value in gains.items())
@@ -128,6 +141,8 @@ def test_only_the_margins_that_are_named_are_required():
         ("delay_ticks: 4.5", "delay_ms: 9000", "drive.delay_ms: 9000 ms must be <= 500 ms, 1000 ticks at 2000 Hz", ""),
         ("delay_ticks: 4.5", "delay_ticks: 4, sample_rate_hz: 1000", "drive.sample_rate_hz: 1000.0 must equal", "2000"),
         ("  sample_rate_hz: 2000\n", "", "drive.delay_ticks: 4.5 needs sample_rate_hz", ""),
+        ("delay_ticks: 4.5", "delay_ticks: 4.5, clock: sampled", "drive.clock: 'sampled' must be continuous", ""),
+        ("delay_ticks: 4.5", "delay_ticks: 4.5, clock: continuous", "drive.clock: must be left out with control.sample_rate_hz", ""),
         ("link_inertia: 16.0", "link_inertia: true", "joint.link_inertia: true is not a number", ""),
         ("link_inertia: 16.0", "link_inertia: 0", "joint.link_inertia: 0 must be > 0", ""),
         ("link_inertia: 16.0", "link_inertia: -1", "joint.link_inertia: -1 must be > 0", ""),

@@ -18,7 +18,7 @@ from gainroom.system.requirements import Requirements
 from gainroom.system.system import System
 
 pytest.importorskip("pinocchio")
-TEXT = example_texts()["biped"]
+TEXT = example_texts()["biped"].replace("sample_rate_hz: 2000", "#")
 MARGIN = 2.0
 SAMPLED = TEXT.replace("kd: 100.0 ", "sample_rate_hz: 1000\n  kd: 100.0 ")
 CASCADE = TEXT.replace("type: pd", "type: ppi").replace("kp: 2000.0 ", "kp: 20.0 ").replace("kd: 100.0 ", "ki: 20.0\n  kv: 100.0 ")

@@ -287,6 +287,7 @@ def test_load_robot_carries_its_file(folder: Path):
         ("base: fixed", "base: float", "model.base: 'float' must be fixed or floating", "did you mean floating?"),
         ("base: fixed", "gravity_stiffness: 1", "model.gravity_stiffness: 1 must be true or false", ""),
         ("stiffness: 1e4, damping: 2", "stifness: 1e4", "joints.default.stifness: unknown key", "did you mean stiffness?"),
+        ("delay_ms: 2", "clock: continuous, delay_ms: 2", "drive.clock: must be left out with control.sample_rate_hz", ""),
         ("stiffness: 1e4, damping: 2", "stiffness: stiff", "joints.default.stiffness: 'stiff' is text", ""),
         ("stiffness: 1e4, damping: 2", "stiffness: .nan", "joints.default.stiffness: nan is not a number", ""),
         ("gear_ratio: 50", "gear_ratio: -50", "joints.'.*_knee'.gear_ratio: -50 must be > 0", ""),

@@ -16,10 +16,10 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.errors import THIN
 from gainroom.files.joint_yaml import parse_joint
-from gainroom.files.robot_yaml import load_robot_system
+from gainroom.files.robot_yaml import load_robot_system, parse_robot
 from gainroom.report.joint_text import notes
 from gainroom.report.number_format import UNITS
-from gainroom.report.verdict import joint_to_use
+from gainroom.report.verdict import joint_to_use, robot_to_use
 from gainroom.studies.joint import study_joint
 from gainroom.studies.robot import study_robot
 from gainroom.system.requirements import REQUIREMENTS
@@ -29,6 +29,7 @@ from test_report import headline as top_of, without_library
 EXAMPLES = Path(__import__("gainroom").__path__[0]) / "files" / "examples"
 JOINTS = sorted(path.stem for path in EXAMPLES.glob("*.yaml") if "biped" not in path.stem)
 LEG = Path(__file__).parents[1] / "examples" / "robot.xml"
+RATELESS = (EXAMPLES / "fig9.yaml").read_text("utf-8").replace("clock: continuous", "#")
 WITHOUT_RATE = re.sub(r"sample_rate_hz: [\d.]+,? ?", "", ROBOT)
 
 
@@ -68,8 +69,9 @@ def test_every_requirement_that_a_joint_misses_is_in_both_headlines(capsys: pyte
 @pytest.mark.slow
 def test_the_present_gains_at_the_usual_rate_are_those_of_the_file_with_that_rate(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """Fig. 9's joint: everything that is too little there, with its value."""
-    _, headline, _, _ = said(capsys, tmp_path, "joint", str(EXAMPLES / "fig9.yaml"))
-    file = yaml.safe_load((EXAMPLES / "fig9.yaml").read_text("utf-8"))
+    file = yaml.safe_load(RATELESS)
+    (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
+    _, headline, _, _ = said(capsys, tmp_path, "joint", str(tmp_path / "joint.yaml"))
     file["control"]["sample_rate_hz"] = 2000
     (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
     _, _, told, _ = said(capsys, tmp_path, "joint", str(tmp_path / "joint.yaml"))
@@ -137,7 +139,7 @@ WIDE = "uncertainty: {stiffness: 20%, delay_ms: [1, 2], link_inertia: [4, 40]}\n
 @pytest.mark.slow
 def test_gains_for_the_usual_rate_say_how_they_hold_over_the_ranges():
     """And not how those of continuous time do, which are not the ones shown."""
-    study = study_joint(parse_joint((EXAMPLES / "fig9.yaml").read_text("utf-8") + WIDE, ""))
+    study = study_joint(parse_joint(RATELESS + WIDE, ""))
     assert study.at_usual_rate is not None
     shown = study.at_usual_rate.recommended
     assert shown is not None
@@ -155,9 +157,40 @@ def test_gains_for_the_usual_rate_say_how_they_hold_over_the_ranges():
     assert "proved" not in told.removeprefix("Not proved").lower()
 
 
+@pytest.mark.parametrize("name", JOINTS)
+def test_a_shipped_joint_has_its_clock_and_ends_in_gains_that_meet_its_limits(name: str):
+    """As they are shown, put where they belong: nothing is missed, in the worst of the file's ranges either."""
+    text = (EXAMPLES / f"{name}.yaml").read_text("utf-8")
+    study = study_joint(parse_joint(text, name))
+    assert not study.rate_is_missing
+    file = yaml.safe_load(text)
+    file["control"] |= yaml.safe_load("\n".join(joint_to_use(study).lines))
+    again = study_joint(parse_joint(yaml.safe_dump(file), name))
+    assert again.stable_in_range
+    assert again.unmet == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "states"), [("biped", 8), ("biped-simulated", 2)])
+def test_a_shipped_robot_has_its_clock_and_ends_in_gains_that_meet_its_limits(name: str, states: int):
+    """The same in every posture and contact state."""
+    pytest.importorskip("pinocchio")
+    text = (EXAMPLES / f"{name}.yaml").read_text("utf-8")
+    study = study_robot(parse_robot(text, name))
+    assert not study.rate_is_missing
+    found, file = yaml.safe_load("\n".join(robot_to_use(study).lines)), yaml.safe_load(text)
+    if file["control"].get("space") == "task":
+        file["tasks"] = [task | found[task["name"]] for task in file["tasks"]]
+    else:
+        file["control"] |= found
+    again = study_robot(parse_robot(yaml.safe_dump(file), name), recommend=False)
+    assert again.stable_in_range
+    assert (len(again.states), again.unmet) == (states, {})
+
+
 def test_a_rate_that_is_assumed_is_told_where_the_gains_are():
     """What is assumed, where to write another, and what that changes: by the margins of the very loop at half the rate."""
-    study = study_joint(parse_joint((EXAMPLES / "fig9.yaml").read_text("utf-8"), ""))
+    study = study_joint(parse_joint(RATELESS, ""))
     use = joint_to_use(study, "gainroom joint knee.yaml")
     assert use.heading == "The file has no rate, so 2 kHz is assumed. For that rate alone, in knee.yaml under `control`:"
     assert use.lines[0] == "sample_rate_hz: 2000  # assumed"

@@ -33,6 +33,8 @@ def timing(data: Mapping[str, Any], delay: float, view: View) -> dict[Keys, Any]
         changes["control", "sample_rate_hz"] = rate
         if "sample_rate_hz" in drive:
             changes["drive", "sample_rate_hz"] = rate or old
+        if rate and "clock" in drive:
+            changes["drive", "clock"] = None
     ticks = rate or old
     if "delay_ticks" in drive:
         if not ticks:

@@ -157,8 +157,8 @@ class JointFile(SystemFile[JointControlSection, JointUncertaintySection]):
             entered=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
         )
         paths = {"kd_path": self.control.gain_path(), "command_delay": 1e-3 * self.drive.command_delay_ms}
-        sampling = self.drive.delay_includes_sampling
-        return replace(found, control=replace(found.control, sampling_in_delay=sampling, **paths))
+        clock = {"sampling_in_delay": self.drive.delay_includes_sampling, "continuous": self.drive.clock == "continuous"}
+        return replace(found, control=replace(found.control, **clock, **paths))
 
 
 def _refuse_seized_gearbox(joint: ElasticJoint) -> None:

@@ -220,6 +220,7 @@ def _control(file: RobotFile, body: RigidBody, sample_time: float | None) -> Con
         kd_path=section.gain_path(),
         command_delay=1e-3 * file.drive.command_delay_ms,
         sampling_in_delay=file.drive.delay_includes_sampling,
+        continuous=file.drive.clock == "continuous",
     )
 
 

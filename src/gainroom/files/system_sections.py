@@ -92,6 +92,7 @@ class DriveSection(Section):
     sample_rate_hz: SampleRate | None = None
     delay_includes_sampling: bool = Field(False, description="true: the delay contains the loop's hold and velocity difference")
     command_delay_ms: DelayMs = 0.0
+    clock: Literal["continuous"] | None = Field(None, description="continuous: the loop has no rate, on purpose")
 
     @model_validator(mode="after")
     def _one_delay(self) -> "DriveSection":
@@ -349,6 +350,8 @@ class SystemFile(Section, Generic[Control, Ranges]):
                 "drive.delay_includes_sampling: must be false with control.sample_rate_hz: a sampled loop adds its own hold and velocity "
                 "difference to the delay, so that they would count twice"
             )
+        if self.drive.clock is not None:
+            raise GainroomError("drive.clock: must be left out with control.sample_rate_hz: a loop with a rate is not continuous")
         tick = self.tick()
         assert tick is not None
         self.control.require_filters_below(math.pi / tick)

@@ -124,8 +124,7 @@ def joint_to_use(study: "JointStudy", call: str = "gainroom joint FILE") -> ToUs
         return ToUse(heading, lines, [write, *_over_ranges(again)], folded, again.worst, f"new gains at {AT_USUAL}")
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual.in_range.margins, asked)}. {STATE_RATE}")
-    elif study.system.control.sampling_in_delay:
-        remarks.append("The file's delay already contains hold and velocity difference, so all this holds for the sampled loop, too.")
+    remarks += _clock(study)
     return ToUse(_heading(study, _place(call, "control")), lines, remarks, margins=best.worst)
 
 
@@ -176,6 +175,7 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
     remarks += _cost_of_ranges(study)
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
+    remarks += _clock(study)
     if study.raised:
         remarks.append(
             f"Some are more than {digits(study.tightest.limit.gain, '×', 3)} the present ones: that limit is of one factor on all gains."
@@ -213,6 +213,15 @@ def _state_rate(call: str) -> ToUse:
     """What to do where gains hold at no rate yet."""
     reason = f"The file has no rate, and gains found for continuous time would fail at {AT_USUAL}."
     return ToUse(f"{reason} Write your loop's rate {_place(call, 'control')}, such as `{SAMPLED}`, and run:", [call])
+
+
+def _clock(study: Analysis) -> list[str]:
+    """For which loop gains hold that were found without a rate, where the file says so; else nothing."""
+    if study.system.control.sampling_in_delay:
+        return ["The file's delay already contains hold and velocity difference, so all this holds for the sampled loop, too."]
+    if study.system.control.continuous:
+        return ["All this holds for the continuous loop that the file states (drive.clock); a loop with a rate has less margin."]
+    return []
 
 
 def _not_at_usual_rate(margins: Margins, asked: Requirements, place: str) -> str:

@@ -121,9 +121,9 @@ class Analysis:
 
     @property
     def rate_is_missing(self) -> bool:
-        """Continuous time, and a delay as only a sampled loop has one, without what sampling adds to it."""
+        """Continuous time that nobody asked for, and a delay as only a sampled loop has one, without what sampling adds to it."""
         control = self.system.control
-        return control.sample_time is None and self.system.delay > 0 and not control.sampling_in_delay
+        return control.sample_time is None and self.system.delay > 0 and not (control.sampling_in_delay or control.continuous)
 
     @cached_property
     def unstable_at_usual_rate(self) -> State | None:

@@ -79,6 +79,7 @@ class Control:
     kd_path     where kd closes when not with the other gains; None: with them
     command_delay   [s] of set-points on their way to the controller: it delays the motion, and no margin depends on it
     sampling_in_delay   the drives' delay contains hold and velocity difference of the loop: continuous time is the loop that runs
+    continuous          the loop is said to have no rate, so that none is missing
     """
 
     space: str
@@ -92,6 +93,7 @@ class Control:
     kd_path: GainPath | None = None
     command_delay: float = 0.0
     sampling_in_delay: bool = False
+    continuous: bool = False
 
 
 @dataclass(frozen=True)
