@@ -60,6 +60,7 @@ def coupled_margins(loop: Loop, largest: bool = True) -> Margins:
         certified=limit.certified and all(certificates) and bool(np.all(one_loop.certified)),
         phase_certificate=phase.certificate if phase else None,
         delay_certificate=delay.certificate if delay else None,
+        loops=(loop,),
     )
 
 

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import at_frequency
 from ..system.linear.arrays import Booleans, Complexes, Floats
+from ..system.loop import Loop
 from ..system.margin_units import to_db
 from .first_crossing import Certificate
 
@@ -136,6 +137,8 @@ class Margins:
     phase_certificate, delay_certificate   roots counted on both sides; None where there is no such margin, and for n = 1
     paths                        where kd closes on a path of its own; else None
     phase_crossings, gain_crossings   all of them for n = 1; in continuous time down to |L| = 0.001, or to where no nearer one can follow
+    loops                        whose margins these are: one, or all of which they are the worst; () where they are not known. Requirements
+                                 on what is no margin are measured there
     """
 
     limit: GainLimit
@@ -158,6 +161,7 @@ class Margins:
     paths: PathMargins | None = None
     phase_crossings: tuple[PhaseCrossing, ...] = ()
     gain_crossings: tuple[GainCrossing, ...] = ()
+    loops: tuple[Loop, ...] = field(default=(), repr=False, compare=False)
 
     @classmethod
     def unknown(cls, limit: GainLimit) -> "Margins":
@@ -279,4 +283,5 @@ def worst_of(found: Sequence[Margins]) -> Margins:
         lower_kd=max(one.lower_kd for one in paths),
         certified=all(one.certified for one in paths),
     ) if paths else None  # fmt: skip
-    return Margins(limit, one_loop, **values, certified=all(one.certified for one in found), paths=of_paths)
+    judged = tuple(loop for one in found for loop in one.loops) if all(one.loops for one in found) else ()
+    return Margins(limit, one_loop, **values, certified=all(one.certified for one in found), paths=of_paths, loops=judged)

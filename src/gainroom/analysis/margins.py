@@ -122,6 +122,7 @@ def margins_from_scan(loop: Loop, scan: Scan) -> Margins:
         certified=scan.certified,
         phase_crossings=phase_crossings,
         gain_crossings=gain_crossings,
+        loops=(loop,),
     )
 
 

@@ -71,8 +71,8 @@ def required_columns(plane: PartPlane, requirements: Requirements, kps: Floats) 
 
 
 def unread(requirements: Requirements) -> tuple[str, ...]:
-    """The names of those that are asked for and are not of one loop's own."""
-    return tuple(one.name for one, needed in requirements.asked_for if one.excluded(needed) is None)
+    """The titles of those that are asked for and are not of one loop's own: no picture of its gains shows them."""
+    return tuple(one.title for one, needed in requirements.asked_for if one.excluded(needed) is None)
 
 
 def _own_loop(plane: PartPlane) -> tuple[Complexes, Complexes]:

@@ -133,6 +133,7 @@ class TwoPaths:
             certified=all(held) and (size == 1 or searched or more is not None),
             phase_certificate=None if phase is None else phase.certificate,
             delay_certificate=None if more is None else more.certificate,
+            loops=(self.loop,),
             paths=paths,
         )
 

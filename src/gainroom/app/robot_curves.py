@@ -124,11 +124,13 @@ class EveryState:
             moving = [state for state in self.states if state.moves]
             together = EveryLoop([(state.loop, part_of(state, self.channel)) for state in moving], self.window, self.checkpoint)
             asked = moving[0].system.requirements
-            more = final and bool(asked.asked)
+            more, left_out = final and bool(asked.asked), list(unread(asked))
             first = {"every": [*map(drawn_line, together.stable())], "safe": [], "whole": None, "missing": ""}
             yield first | {"next": "safe" if more else "", "last": final and not more}
             if more:
-                yield {"safe": [*map(drawn_line, together.required(asked))], "next": "whole"}
+                safe = {"safe": [*map(drawn_line, together.required(asked))], "unread": left_out}
+                yield safe | {"next": "" if left_out else "whole", "last": bool(left_out)}
+            if more and not left_out:  # else what meets every requirement is not known
                 yield {"whole": [*map(drawn_line, together.required(asked, others=True))], "next": "", "last": True}
         except GainroomError as error:
             yield {"every": [], "safe": [], "whole": None, "missing": str(error), "next": "", "last": final}

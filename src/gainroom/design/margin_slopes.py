@@ -109,6 +109,7 @@ class Case:
         found = margins_seen(seen, len(self.torque), apart)
         if not found.stable or not seen.followed:
             return found
+        found = replace(found, loops=(self.loop(gains),))
         for one, _ in self.required.asked_for:
             if math.isnan(one.value(found)):
                 found = replace(found, **one.sampled(_Peaks(seen)))

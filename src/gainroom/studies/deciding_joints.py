@@ -10,6 +10,7 @@ from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Complexes, first_least
 from ..system.loop import Loop
 from ..system.requirement import Requirement
+from ..system.requirements import REQUIREMENTS, SensitivityBound
 from .state import STRONG, State, limiting_joints, strongest_first
 
 
@@ -30,7 +31,7 @@ def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: st
     """The joints that move where a margin is: in the vibration at the gain limit, or where the loop is lost to delay or phase.
 
     The one joint whose loop has the margin, where that is of one loop at a time: the peak sensitivity, and what is less than that of all
-    loops together.
+    loops together. None for a requirement that has no frequency, and tells nothing of single loops.
     """
     if name == "gain_margin" and found.least_gain_margin < found.gain_headroom * (1 - ROUND_OFF) and loop.kd_path is None:
         return (names[first_least(found.one_loop_gain_margins)],)
@@ -38,18 +39,22 @@ def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: st
         return limiting_joints(found.limit, names)
     if name == "phase_margin" and found.one_loop_phase_margin < found.common_phase_margin:
         return (names[first_least(found.one_loop.phase_margin)],)
-    omega = {"delay_margin": found.delay_crossover, "phase_margin": found.gain_crossover}.get(name, found.peak_sensitivity_frequency)
+    one = REQUIREMENTS[name]
+    if not one.at_frequency:
+        own = one.of_loops(found)
+        return () if own is None else (names[first_least(-own if one.at_most else own)],)
+    omega = one.frequency(found)
     if not (math.isfinite(omega) and omega > 0):
         return limiting_joints(found.limit, names)
     response = loop.response(np.array([omega])).reshape(len(names), len(names))
-    if name == "peak_sensitivity":
-        return (names[most_sensitive(response)[1]],)
+    if isinstance(one, SensitivityBound):
+        return (names[most_sensitive(response, one.slope, one.offset)[1]],)
     values, vectors = np.linalg.eig(response)
     mode = common_mode(vectors[:, equal_to(values[np.argmin(np.abs(np.abs(values) - 1))], values)])
     return tuple(names[k] for k in strongest_first(mode) if np.abs(mode[k]) >= STRONG)
 
 
-def most_sensitive(response: Complexes) -> tuple[Complexes, int]:
-    """S = (I + L)⁻¹ of a response L (n, n), and the loop whose sensitivity |S_ii| is the largest."""
+def most_sensitive(response: Complexes, slope: float = 1.0, offset: float = 0.0) -> tuple[Complexes, int]:
+    """S = (I + L)⁻¹ of a response L (n, n), and the loop with the largest |slope S_ii + offset|."""
     found = np.linalg.inv(np.eye(len(response)) + response)
-    return found, first_least(-np.abs(np.diagonal(found)))
+    return found, first_least(-np.abs(slope * np.diagonal(found) + offset))

@@ -71,6 +71,15 @@ class Loop:
         scale = "" if self.gain == 1 else f", gains times {self.gain:g}"
         return f"Loop({self.size} joint{'s' * (self.size > 1)}, {time}{made}{scale})"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is worked out on first use: the core's objects do not go to another process."""
+        return {name: vars(self)[name] for name in self.__dataclass_fields__}
+
+    @cached_property
+    def measurements(self) -> dict[Any, float]:
+        """What requirements have measured of it, by requirement."""
+        return {}
+
     @cached_property
     def scalar(self) -> Factored | None:
         """L of a scalar loop as zeros, poles, gain and delay; None for several joints and for callables."""
@@ -132,6 +141,18 @@ class Loop:
         if self.actuated is not None:
             return self.actuated.at(s).reshape(-1, 1, 1)
         return self._actuated_at(s, self.variable(s))
+
+    def control_at(self, s: Complexes) -> Complexes:
+        """D with the common factor, position error → torque command, (k, n, n), of a loop from build_loop at complex s (k,).
+
+        Raises GainroomError for other loops, and where kd has a path of its own.
+        """
+        self.require_one_path("a frequency response")
+        if self.control is not None:
+            return self.gain * self.control.at(s).reshape(-1, 1, 1)
+        if self.parts is None:
+            raise GainroomError("loop: the controller of a return ratio that was not built with build_loop is not known")
+        return self.gain * self.parts.controller.matrix(s, self.variable(s), self.size, self.sample_time)
 
     @cached_property
     def _controlled(self) -> tuple[Floats, Floats] | None:

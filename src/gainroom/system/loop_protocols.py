@@ -9,6 +9,11 @@ class MarginRecord(Protocol):
     @property
     def stable(self) -> bool: ...
 
+    @property
+    def loops(self) -> tuple[Any, ...]:
+        """The loops that they are the margins of, or the worst of; none where one is not known."""
+        ...
+
 
 class Curves(Protocol):
     """Curves of coupled loops, and how they move with the gains (design/margin_slopes.py): what may be asked of them."""

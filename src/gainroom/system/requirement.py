@@ -27,7 +27,7 @@ class Requirement:
     key      in files and in JSON, with the unit that people read
     unit     that unit; `scale` is the factor to it from SI
     symbol   a short heading; "": the title
-    bounds   the field of Margins that is held against the requirement; "": `name`
+    bounds   the field of Margins that is held against the requirement; "": `name`. Where Margins has no such field: `measured`
     at_frequency   the field with the frequency that belongs to it [rad/s]; "": there is none
     at_most  True: the margin may be as large as what is asked for; False: as small
     low, high   what is asked for lies between these
@@ -88,9 +88,31 @@ class Requirement:
             below = f" and < {self.high:.4g}" if self.high < math.inf else ""
             raise GainroomError(f"requirements: {self.name} {value!r} must be > {self.low:g}{below}{IN_SI.get(self.unit, '')}")
 
+    def measured(self, loop: Any) -> float:
+        """What is held against the requirement, of one stable Loop, SI: for a requirement on what no field of Margins is.
+
+        NaN where it is not known; so is what raises GainroomError. A region of gains asks for loops of one joint without `parts`.
+        """
+        raise NotImplementedError(f"{self.name} is no field of Margins, and {type(self).__name__} does not measure it")
+
     def value(self, found: MarginRecord) -> float:
         """What is held against the requirement: the worst over all loops together and one at a time; NaN where it is not known."""
-        return getattr(found, self.bounds or self.name)
+        field = self.bounds or self.name
+        if hasattr(found, field):
+            return getattr(found, field)
+        values = [self._measured_once(loop) for loop in found.loops] if found.stable else []
+        worst = max if self.at_most else min
+        return math.nan if not values or any(map(math.isnan, values)) else worst(values)
+
+    def _measured_once(self, loop: Any) -> float:
+        """`measured`, kept by the loop."""
+        kept: dict[Requirement, float] = loop.measurements
+        if self not in kept:
+            try:
+                kept[self] = float(self.measured(loop))
+            except GainroomError:
+                kept[self] = math.nan
+        return kept[self]
 
     def of_loops(self, found: Any) -> Floats | None:
         """(n,) the same of one loop at a time, the others as they are; None where it is of all loops together alone, or not known."""

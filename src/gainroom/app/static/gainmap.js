@@ -142,7 +142,7 @@ export class GainMap {
 
   /** @param {any} part */
   take(part) {
-    for (const name of ["stable", "required", "edge", "lines", "every", "safe", "whole", "missing", "next"]) if (part[name] !== undefined) { this.data[name] = part[name]; this.of[name] = part.plant; }
+    for (const name of ["stable", "required", "edge", "lines", "every", "safe", "whole", "missing", "next", "unread"]) if (part[name] !== undefined) { this.data[name] = part[name]; this.of[name] = part.plant; }
     if (part.window) this.window = part.window;
     if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: part.follows ? [] : null, safe: [], whole: null, channel: part.channel });
     this.late = Boolean(part.stable && part.follows); // what holds in every state comes after what holds in this one
@@ -196,7 +196,7 @@ export class GainMap {
     const corner = new DOMPoint(width - FRAME.right - 34, FRAME.top + 14), stable = /** @type {NodeListOf<SVGGeometryElement>} */ (areas.querySelectorAll("[data-area=stable]"));
     if (![...stable].some((path) => path.isPointInFill(corner))) svg("text", { x: width - FRAME.right - 8, y: FRAME.top + 18, "text-anchor": "end", class: "soft" }, labels).textContent = "unstable";
     const inside = this.data.lines.map((/** @type {any} */ line, /** @type {number} */ k) => ({ text: line.text, color: colors[k % 4], dash: ["——", "– –", "···", "–·–"][k % 4] }));
-    this.legend.replaceChildren(this.sure, `Hatched: unstable${this.of.stable && !this.data.stable.length ? this.nowhere : ""}. `, this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? `, ★ recommended${this.star && ` (${this.star})`}` : "", this.shows(this.points.rule) ? `, × rule of thumb (10 Hz)${this.meet(this.points.ghost, this.points.rule) ? ", here the file's gains" : ""}. ` : ". ");
+    this.legend.replaceChildren(this.sure, `Hatched: unstable${this.of.stable && !this.data.stable.length ? this.nowhere : ""}. `, this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), this.leftOut(), "● now, ○ file", this.points.star ? `, ★ recommended${this.star && ` (${this.star})`}` : "", this.shows(this.points.rule) ? `, × rule of thumb (10 Hz)${this.meet(this.points.ghost, this.points.rule) ? ", here the file's gains" : ""}. ` : ". ");
     for (const one of inside) {
       const mark = made("span", {}, ` ${one.dash} ${one.text} `);
       Object.assign(mark.style, { color: one.color, opacity: fresh("lines") ? 1 : 0.4 });
@@ -217,6 +217,9 @@ export class GainMap {
     const others = next ? `Being computed: where ${next === "safe" ? "the required margins are kept" : "every requirement is met"} in every state … ` : !whole ? "" : whole.length ? `Dark green: every requirement in every state, of every loop and of all together (nominal values). ${fine && `${fine}. `}` : fine ? `${fine}; around them the map finds no room. ` : this.met === null ? "" : "No gains of this loop alone meet every requirement in every state. ";
     return none + (safe && safe.length ? `Green: ${this.green}. ` : "") + others;
   }
+
+  /** Requirements that no area shows. */
+  leftOut() { return this.data.unread?.length ? `Required, and not in this map: ${this.data.unread.join(", ")}. ` : ""; }
 
   /** @param {number[] | null} point @returns {point is number[]} */
   shows(point) { return Boolean(point && point.every((each, k) => each <= this.window[k])); }
