@@ -12,12 +12,18 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-all tests docs bench lint format lock wheels clean
 
+# What the commands say is kept beside the pages; their progress is shown.
 demo: $(NATIVE)
 	@mkdir -p $(DEMO)
-	$(BIN)/gainroom example biped > $(DEMO)/biped.yaml
-	$(BIN)/gainroom robot $(DEMO)/biped.yaml --report $(DEMO)/biped.html
-	$(BIN)/gainroom example testbed > $(DEMO)/testbed.yaml
-	$(BIN)/gainroom joint $(DEMO)/testbed.yaml --report $(DEMO)/testbed.html
+	@$(BIN)/gainroom example biped > $(DEMO)/biped.yaml
+	@$(BIN)/gainroom example testbed > $(DEMO)/testbed.yaml
+	@echo "A robot of 12 joints in 8 states, and the gains to use instead (half a minute) …"
+	@$(BIN)/gainroom robot $(DEMO)/biped.yaml --report $(DEMO)/biped.html > $(DEMO)/biped.txt
+	@echo "One joint, and all its stable gains …"
+	@$(BIN)/gainroom joint $(DEMO)/testbed.yaml --report $(DEMO)/testbed.html > $(DEMO)/testbed.txt
+	@echo "Open in a browser (beside each, what the terminal says as .txt):"
+	@echo "  $(DEMO)/biped.html"
+	@echo "  $(DEMO)/testbed.html"
 
 # Of the slow tests a twelfth, with the next commit the next one: as many commits run all of them. `make test SHARE=K` runs share K.
 SHARE = $(or $(shell git rev-list --count HEAD 2>/dev/null),0)
