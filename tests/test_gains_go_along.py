@@ -106,7 +106,7 @@ def test_damping_that_was_counted_is_not_counted_twice(folder: Path, capsys: pyt
     assert {joint["name"]: joint["kd"] for joint in first["joints"]}["knee"] == pytest.approx(2.8, rel=1e-15)
     second = audited(capsys, "answer.json")
     assert second["gain_limit"] == first["gain_limit"]
-    assert any("leave --joint-damping out, so that it counts once" in warning for warning in second["warnings"])
+    assert "kd of answer.json has the joints' own damping of the model in it already" in second["assumptions"]
 
 
 def test_a_robot_that_an_audit_writes_keeps_the_limits(folder: Path, capsys: pytest.CaptureFixture[str]):

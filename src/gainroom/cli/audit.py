@@ -114,7 +114,9 @@ def audit(
     if simulator is not None or any(value is not None for value in asked.values()):
         from ..files.simulator_options import SimulatorOptions, simulator_of
 
-        training = simulator_of(SimulatorOptions(simulator, **asked), model, given.gains is None, options.joint_damping == "controller")
+        training = simulator_of(
+            SimulatorOptions(simulator, **asked), model, given.gains is None, found.options.joint_damping == "controller"
+        )
     besides = ("simulator", *asked, "workspace", "write_robot")
     call = typed_command(context, *besides, "report")
     with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:
@@ -122,7 +124,8 @@ def audit(
 
             def judged(one: "Audited") -> "Audit":
                 required = required_of(one.system, margin, extra, further)
-                return run_audit(one.system, required, progress, options.damping_ratio, one.gearboxes)
+                result = run_audit(one.system, required, progress, options.damping_ratio, one.gearboxes)
+                return replace(result, joint_damping=one.options.joint_damping)
 
             result, found = read_in_every_way(model, given.gains, found, judged)
         simulated = None

@@ -31,7 +31,7 @@ from ..system.system import System
 from .absurd_values import examined
 from .file_types import kind_of_file, wrong_kind
 from .gain_files import JointGains, gains_of, read_gains
-from .gain_formats.gain_record import ANGLE, GAINS_RUN
+from .gain_formats.gain_record import ANGLE, GAINS_RUN, JOINT_DAMPING
 from .model_keyframes import model_keyframes
 from .robot_sections import RobotFile
 from .robot_yaml import base_of, robot_spec
@@ -59,7 +59,6 @@ PATHS = {
 """Where they stand instead, by --gains-run."""
 JOINT_VALUES = ("stiffness", "damping", "motor_inertia")
 """What may be typed of all joints, or of some."""
-JOINT_DAMPING = ("controller", "friction")
 GIVEN = "given"
 """The name of a posture whose angles are typed."""
 SLIGHT_DAMPING = 0.01
@@ -235,8 +234,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         if not np.any(found.given[: body.size]):
             raise GainroomError(f"{path}: no joint that can move has gains")
         options, read = _as_the_file_says(options, found, source)
-        if options.joint_damping == "controller":
-            found = replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0))
+        options, found, counted = _with_joint_damping(options, found, body, source)
         sections = options.sections(str(path), body, found, driven)
         file = validate(RobotFile, sections, "")
         if (sample_time := file.sample_time()) is not None:
@@ -268,6 +266,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         *(text for text in spec.assumptions if not text.startswith(NO_STIFFNESS)),  # said below, with the options
         *(slight if text.startswith(DAMPING_NOTE) else text for text in taken),
         *read,
+        *counted,
         *(held if gains is None else []),
         *_assumptions(spec.source.body, options, rigid, len(spec.source.joint_names)),
     )
@@ -352,6 +351,38 @@ def _inertia_from(source: Path) -> str:
 def _padded(column: Floats, size: int) -> Floats:
     """A column of the joints that can move, with zeros for those that are locked."""
     return np.concatenate([column, np.zeros(size - len(column))])
+
+
+def _with_joint_damping(
+    options: AuditOptions, found: JointGains, body: RigidBody, source: Path
+) -> tuple[AuditOptions, JointGains, list[str]]:
+    """What the joints' own damping is, counted once: by the options or the file of gains, in which it is then; and what is said of it.
+
+    Raises GainroomError where the two contradict each other.
+    """
+    typed, said = options.joint_damping, found.origin.joint_damping
+    if typed is not None and said is not None and typed != said:
+        raise GainroomError(f"--joint-damping {typed}: the gains of {source} hold it as {said} already: leave the option out")
+    known = [(name, damping, found.actuators[k].get("link_viscous")) for k, name, damping in _damped(body, found)]
+    if typed == "controller" and (counted := [name for name, damping, other in known if other == damping]):
+        names = first_of_many(counted)
+        raise GainroomError(f"--joint-damping controller: {source} has the joints' own damping of {names} as link_viscous already")
+    if typed == "friction" and (others := [f"{name} {other:g}, not {own:g}" for name, own, other in known if other not in (None, own)]):
+        raise GainroomError(f"--joint-damping friction: {source} has another link_viscous of {first_of_many(others)}")
+    if said is not None:
+        held = {"controller": "kd", "friction": "link_viscous"}[said]
+        return replace(options, joint_damping=said), found, [f"{held} of {source} has the joints' own damping of the model in it already"]
+    if typed != "controller":
+        return options, found, []
+    if found.origin.whole_kd:
+        return options, found, [f"kd of {source} is the whole one: the joints' own damping of the model is not added to it"]
+    return options, replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0)), []
+
+
+def _damped(body: RigidBody, found: JointGains) -> list[tuple[int, str, float]]:
+    """The joints with gains and with damping of their own in the model: place, name and damping [N m s/rad]."""
+    columns = zip(body.joint_names, body.damping.tolist(), found.given[: body.size].tolist(), strict=True)
+    return [(k, name, damping) for k, (name, damping, given) in enumerate(columns) if given and damping]
 
 
 def _slight_damping(body: RigidBody, found: JointGains, options: AuditOptions) -> str:

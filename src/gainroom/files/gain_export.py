@@ -16,7 +16,7 @@ from .edited_text import written
 from .gain_files import gains_of, parse_file
 from .gain_formats.export_text import Carried, arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
 from .gain_formats.gain_record import ACTUATOR, Gain, GainFile
-from .gain_formats.mjcf_export import armatures, mjcf_text
+from .gain_formats.mjcf_export import joint_values, mjcf_text
 from .gain_formats.ros2_control import ros2_control_onto
 
 AGREEMENT = 1e-8
@@ -100,6 +100,7 @@ def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | Non
     header = _header(file, version, today)
     text = _written(form, onto, before, goal, header)
     flags, notes = _not_held(_read_back(text, form, onto), goal, form)
+    notes += _damping_notes(text, form, onto, goal)
     if flags:  # which stand in its comment, too
         lines = textwrap.wrap(f"audit it with: {shlex.join(flags)}", LINE, break_long_words=False, break_on_hyphens=False)
         text = _written(form, onto, before, goal, [*header, *(printable(f"  {line}") for line in lines)])
@@ -111,7 +112,7 @@ def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | Non
 def _written(form: str, onto: Path | None, before: str, goal: Carried, header: Sequence[str]) -> str:
     """The text of a file."""
     if onto is not None and form == "mjcf":
-        return mjcf_text(before, onto, goal.gains, header)
+        return mjcf_text(before, onto, goal, header)
     if onto is not None:
         return ros2_control_onto(before, str(onto), goal.gains, header)
     whole = FORMS[form].written
@@ -124,7 +125,7 @@ def _read_back(text: str, form: str, onto: Path | None) -> GainFile:
     found = parse_file(text, onto or Path(f"export{FORMS[form].ending}"))
     if form != "mjcf" or onto is None:
         return found
-    inertia = armatures(text, onto)
+    inertia = joint_values(text, onto, "armature")
     return replace(found, gains={name: replace(gain, motor_inertia=inertia.get(name)) for name, gain in found.gains.items()})
 
 
@@ -217,9 +218,12 @@ def _not_held(found: GainFile, goal: Carried, form: str) -> tuple[list[str], lis
         if lost and option:
             missing.append(title)
             flags += _flags(option, lost, goal.gains)
-        elif lost:
+        elif lost and not (key == "link_viscous" and goal.origin.joint_damping == "friction"):
             notes.append(f"{title} have no place in this form, or not for {first_of_many(tuple(lost))}: {WITHOUT_OPTION[key]}")
     there, origin = found.origin, goal.origin
+    if origin.joint_damping == "friction" != there.joint_damping:
+        missing.append("the links' friction")
+        flags += ["--joint-damping", "friction"]
     if origin.sample_rate_hz is not None and there.sample_rate_hz != origin.sample_rate_hz:
         missing.append("the controller's rate" + (f" ({there.sample_rate_hz:g} Hz in the file)" if there.sample_rate_hz else ""))
         flags += ["--rate-hz", written(origin.sample_rate_hz)]
@@ -241,6 +245,17 @@ def _not_held(found: GainFile, goal: Carried, form: str) -> tuple[list[str], lis
     if form == "mjlab" and unlimited:
         notes.append(f"no limit of the torque is known of {first_of_many(unlimited)}: mjlab then limits it nowhere; give effort_limit")
     return flags, notes
+
+
+def _damping_notes(text: str, form: str, onto: Path | None, goal: Carried) -> list[str]:
+    """Of gains whose kd has the joints' own damping in it already: that it must not count beside them, where it still would."""
+    if goal.origin.joint_damping != "controller" or form == "yaml":
+        return []
+    counted = "kd has the joints' own damping of the model in it already"
+    if form != "mjcf" or onto is None:
+        return [f"{counted}: audit it without --joint-damping, and set that damping to 0 where a simulator runs these gains"]
+    left = [name for name, value in joint_values(text, onto, "damping").items() if value and name in goal.gains]
+    return [f"{counted}, which stands in an included file for {first_of_many(left)}: set it to 0 there"] * bool(left)
 
 
 def _same(one: float, other: float | None) -> bool:

@@ -51,8 +51,7 @@ def what_to_do(
         rigid = ", with rigid gearboxes," if result.assumed_rigid.all() else ""
         lines = _gain_file(result, found)
         shown = most is None or len(lines) <= most
-        counted = ", with the joints' own damping in it (audit it without `--joint-damping`)" if "--joint-damping" in call else ""
-        file = f"As a file for `--gains` and `export`{counted}:"
+        file = "As a file for `--gains` and `export`:"
         if not shown:
             file = "As a file: `--verbose`, or `gainroom export` of what `--json` prints."
         heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}.{again} {file}"
@@ -97,7 +96,9 @@ def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
     own = np.where((inertia > 0) & (inertia != source.body.armature), inertia, math.nan)
     lines = gain_file(source.joint_names, {**found.gains, "motor_inertia": own, **result.given_gearboxes})
     angles = {} if result.tightest.posture == GIVEN else {name: angle for name, angle in result.angles.items() if angle}
-    return [*posture_lines(angles), "gains:", *(f"  {line}" for line in lines)] if angles else lines
+    beside = [f"joint_damping: {result.joint_damping}"] * (result.joint_damping is not None)
+    beside += posture_lines(angles) if angles else []
+    return [*beside, "gains:", *(f"  {line}" for line in lines)] if beside else lines
 
 
 def _to_decide(result: Audit, call: str) -> Advice:

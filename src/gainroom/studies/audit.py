@@ -91,12 +91,14 @@ class Audit(Analysis):
     over     where gearboxes lie in a range: what was looked at; `system` and all numbers are of the worst
     readings   where something is left open: each way to read it; all numbers are of one of them (audit_readings.py)
     open       they differ in the verdict, which there is none then
+    joint_damping   what the model's own damping of joints was taken for, "controller": kd has it, "friction": link_viscous; None: not said
     """
 
     needed: NeededStiffness | None = None
     over: RangeOfGearboxes | None = None
     readings: tuple[ReadAs, ...] = ()
     open: bool = False
+    joint_damping: str | None = None
 
     @property
     def required(self) -> Requirements:

@@ -52,7 +52,7 @@ def _entries(values: Mapping[str, float]) -> str:
 
 def plain_text(goal: Carried, header: Sequence[str]) -> str:
     """Joint → {kp, kd, …}, and where they run, at which rate, in which posture."""
-    said = {key: getattr(goal.origin, key) for key in ("sample_rate_hz", "gains_run", "drive_rate_hz", "drive_delay_ms")}
+    said = {key: getattr(goal.origin, key) for key in ("sample_rate_hz", "gains_run", "drive_rate_hz", "drive_delay_ms", "joint_damping")}
     lines = [f"{key}: {value if isinstance(value, str) else number_text(value)}\n" for key, value in said.items() if value is not None]
     lines += [f"posture: {{{_entries(goal.posture)}}}\n"] * bool(goal.posture) + ["gains:\n"]
     for name, gain in goal.gains.items():

@@ -16,6 +16,8 @@ from ..system_sections import Stiffness
 NOT_NEGATIVE = number(least=0)
 ANGLE = number(least=-1e4, most=1e4)
 GAINS_RUN = ("host", "drive", "split")
+JOINT_DAMPING = ("controller", "friction")
+"""What a model's own damping of its joints may be: a part of kd, or friction of the links."""
 ACTUATOR = ("motor_inertia", "effort_limit", "stiffness", "damping", "link_viscous")
 """What a file of gains may say of a joint's actuator, by its key in a robot.yaml."""
 
@@ -76,6 +78,8 @@ class Origin:
     margins          as text
     gains_run        where they run: "host", "drive" or "split" (kd on the drive); None: not said
     drive_rate_hz, drive_delay_ms   of the loop that runs on the drive
+    joint_damping    what of JOINT_DAMPING the model's own damping was taken for, which is in these kd or link_viscous; None: not said
+    whole_kd         no damping of the model is to be added to these kd
     """
 
     robot: str = ""
@@ -85,6 +89,8 @@ class Origin:
     gains_run: str | None = None
     drive_rate_hz: float | None = None
     drive_delay_ms: float | None = None
+    joint_damping: str | None = None
+    whole_kd: bool = False
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,15 @@ from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
+
 from ...errors import GainroomError, first_of_many
 from ...io.yaml_text import shown
 from ...robot.formats.mjcf import joint_and_actuators
 from ...robot.formats.mjcf_file import ActuatorElement, compile_mjcf
 from ...robot.formats.model_files import position_gains
 from ...robot.formats.xml_text import parse_xml
-from .export_text import force_limits, number_text
+from .export_text import Carried, force_limits, number_text
 from .gain_record import Gain
 
 SERVOS = ("position", "intvelocity", "pid")
@@ -79,24 +81,27 @@ class _Places:
             tag.close = self.parser.CurrentByteIndex
 
 
-def mjcf_text(text: str, path: Path, gains: Mapping[str, Gain], header: Sequence[str]) -> str:
-    """The MJCF `text`, read from `path`, with these gains. Raises GainroomError where its actuators cannot take them."""
-    text = _with_gains(COMMENT.sub("", text), path, gains)
-    text = _with_joints(text, path, gains)
+def mjcf_text(text: str, path: Path, goal: Carried, header: Sequence[str]) -> str:
+    """The MJCF `text`, read from `path`, with these gains; damping of the joints that kd has in it is taken from them.
+
+    Raises GainroomError where its actuators cannot take the gains.
+    """
+    text = _with_gains(COMMENT.sub("", text), path, goal.gains, goal.origin.joint_damping is not None)
+    text = _with_joints(text, path, goal.gains, goal.origin.joint_damping)
     places = _Places(text.encode()).find()
     assert places.root is not None
     note = "".join(f"\n{INDENT}{'     ' if k else '<!-- '}{line.replace('--', '- -')}" for k, line in enumerate(header))
     return _edited(text, [(places.root.end, places.root.end, f"{note} -->")])
 
 
-def armatures(text: str, path: Path) -> dict[str, float]:
-    """Of each joint of an MJCF with one degree of freedom, its own and its actuators' together [kg m²; kg if prismatic]."""
+def joint_values(text: str, path: Path, name: str) -> dict[str, float]:
+    """armature or damping of each joint of an MJCF with one degree of freedom, its own and its actuators' together [SI]."""
     model = compile_mjcf(parse_xml(text, str(path)), path).model
-    return {model.joint(k).name: joint_and_actuators(model, "armature", k) for k in range(model.njnt)}
+    return {model.joint(k).name: joint_and_actuators(model, name, k) for k in range(model.njnt)}
 
 
-def _with_joints(text: str, path: Path, gains: Mapping[str, Gain]) -> str:
-    """With the motors' inertia and the limits of the torque on those joints of this text that have others now."""
+def _with_joints(text: str, path: Path, gains: Mapping[str, Gain], joint_damping: str | None) -> str:
+    """With the motors' inertia, the limits of the torque and the damping on those joints of this text that have others now."""
     places = _Places(text.encode()).find()
     model = compile_mjcf(parse_xml(text, str(path)), path).model
     limits = position_gains(path, text).joints
@@ -112,6 +117,9 @@ def _with_joints(text: str, path: Path, gains: Mapping[str, Gain]) -> str:
         effort = gain.effort_limit
         if effort and name in limits and limits[name].effort_limit != effort:
             changes |= {"actuatorfrcrange": f"{number_text(-effort)} {number_text(effort)}", "actuatorfrclimited": "true"}
+        damping = {"controller": 0.0, "friction": gain.link_viscous or 0.0}.get(joint_damping or "")
+        if damping is not None and damping != float(model.dof_damping[model.jnt_dofadr[k]]):
+            changes["damping"] = number_text(damping)
         tag = places.joints[name]
         edits += [(tag.start, tag.end, _with(places.content[tag.start : tag.end].decode(), changes))] * bool(changes)
     return _edited(text, edits)
@@ -125,10 +133,14 @@ def _edited(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
     return content.decode()
 
 
-def _with_gains(text: str, path: Path, gains: Mapping[str, Gain]) -> str:
-    """With the gains on the actuators, and where one of them is all that moves a joint also the limit of its torque."""
+def _with_gains(text: str, path: Path, gains: Mapping[str, Gain], damped_elsewhere: bool) -> str:
+    """With the gains on the actuators, and where one of them is all that moves a joint also the limit of its torque.
+
+    damped_elsewhere   what their own `damping` is counts in kd, or on the joints
+    """
     content = text.encode()
-    elements = compile_mjcf(parse_xml(text, str(path)), path).elements
+    compiled = compile_mjcf(parse_xml(text, str(path)), path)
+    elements, own_damping = compiled.elements, getattr(compiled.model, "actuator_damping", np.zeros(0))  # since MuJoCo 3.5
     places = _Places(content).find()
     if len(elements) != len(places.actuators):
         raise GainroomError(f"{path}: some of its actuators stand in an included file; export onto a file with all of them")
@@ -141,7 +153,9 @@ def _with_gains(text: str, path: Path, gains: Mapping[str, Gain]) -> str:
             continue
         limit = gain.effort_limit if len(mine) == 1 else None
         for k, (kp, kd) in _shared(joint, [elements[k] for k in mine], mine, places.actuators, gain, path):
-            edits += _rewritten(places, places.actuators[k], elements[k], Gain(kp, kd, effort_limit=limit), path)
+            undamped = damped_elsewhere and k < len(own_damping) and np.any(own_damping[k])
+            mine_now = Gain(kp, kd, effort_limit=limit)
+            edits += _rewritten(places, places.actuators[k], elements[k], mine_now, path, {"damping": "0.0"} if undamped else {})
     if missing:
         edits.append(_inserted(places, missing, gains, path))
     return _edited(text, edits)
@@ -162,12 +176,14 @@ def _shared(
     )
 
 
-def _rewritten(places: _Places, tag: Tag, element: ActuatorElement, gain: Gain, path: Path) -> list[tuple[int, int, str]]:
-    """The edits that give an actuator these gains, and a limit, on the joint's side; its own stand before the gear."""
+def _rewritten(
+    places: _Places, tag: Tag, element: ActuatorElement, gain: Gain, path: Path, more: Mapping[str, str]
+) -> list[tuple[int, int, str]]:
+    """The edits that give an actuator these gains, a limit, and `more`, on the joint's side; its own stand before the gear."""
     source = places.content[tag.start : tag.end].decode()
     kp, kd = gain.kp / element.gear**2, gain.kd / element.gear**2
     limits = {} if gain.effort_limit is None else force_limits(gain.effort_limit / abs(element.gear))
-    source = _with(source, limits)
+    source = _with(source, {**limits, **more})
     if tag.name in SERVOS:
         source = _with(source, {"kp": number_text(kp), "kv": number_text(kd), "dampratio": None})
     elif tag.name == "velocity":

@@ -10,7 +10,7 @@ from typing import Any
 from ...errors import GainroomError, first_of_many, listed, nearest
 from ...io.validation import checked, number, require_one_of
 from ...io.yaml_text import shown
-from .gain_record import ACTUATOR, ANGLE, GAINS_RUN, NOT_NEGATIVE, Gain, GainFile, Origin
+from .gain_record import ACTUATOR, ANGLE, GAINS_RUN, JOINT_DAMPING, NOT_NEGATIVE, Gain, GainFile, Origin
 
 EVERYWHERE = "everywhere"
 AUDITED = "audited"
@@ -65,7 +65,8 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
     Raises GainroomError.
     """
     postures: dict[str, dict[str, float]] = {}
-    notes = []
+    damping = data.get("joint_damping")
+    require_one_of(f"{source}: joint_damping {shown(damping)}", damping, JOINT_DAMPING)
     if "recommended" in data:
         usual = data.get("at_usual_rate")
         if to_use and isinstance(usual, dict) and usual.get("requirements_met") is False:
@@ -100,15 +101,17 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
             if data.get("rigid_gearboxes"):
                 margins += f"; with rigid gearboxes of {first_of_many(tuple(map(str, data['rigid_gearboxes'])))}: audit them with yours"
         form = "gainroom audit --json"
-        postures, notes = _posture(data, source), _damping_notes(data, source)
+        postures = _posture(data, source)
     actuators = _named(data, "actuators", source) if "actuators" in data else {}
     delays = [checked(f"{source}: actuators.{shown(name)}.delay_ms", each.get("delay_ms"), NUMBER) for name, each in actuators.items()]
     delays += [] if (delay := _number(data, "delay_ms", source)) is None else [delay]
     for name in gains.keys() & actuators.keys():
         actuator = {key: actuators[name].get(key) for key in ACTUATOR}
         gains[name] = _gain({**vars(gains[name]), **actuator}, f"{source}: actuators.{shown(name)}")
-    origin = Origin(str(data.get("robot") or ""), margins=margins, **_place(data, max(delays, default=None), source))
-    return AnsweredGains(source, form, gains, notes=tuple(notes), postures=postures, origin=origin)
+    place = _place(data, max(delays, default=None), source)
+    whole = "recommended" in data
+    origin = Origin(str(data.get("robot") or ""), margins=margins, joint_damping=damping, whole_kd=whole, **place)
+    return AnsweredGains(source, form, gains, postures=postures, origin=origin)
 
 
 def _number(data: Mapping[str, Any], key: str, owner: str) -> float | None:
@@ -140,13 +143,6 @@ def _posture(data: Mapping[str, Any], source: str) -> dict[str, dict[str, float]
         return {}
     found = {re.escape(str(name)): checked(f"{source}: posture.{shown(name)}", angle, ANGLE) for name, angle in angles.items()}
     return {AUDITED: found} if any(found.values()) else {}
-
-
-def _damping_notes(data: Mapping[str, Any], source: str) -> list[str]:
-    """That kd has the joints' own damping in it already."""
-    if data.get("joint_damping") != "controller":
-        return []
-    return [f"{source}: kd has the joints' own damping of the model in it already: leave --joint-damping out, so that it counts once"]
 
 
 def _said_rigid(data: Mapping[str, Any], source: str) -> set[str]:

@@ -13,6 +13,7 @@ from .gain_record import ANGLE, AnyGain, Gain, GainFile, Origin
 
 POSTURE = "posture"
 DRIVE = ("drive_rate_hz", "drive_delay_ms")
+PLACE = ("sample_rate_hz", "gains_run", *DRIVE, "joint_damping")
 
 
 class PlainFile(Section):
@@ -23,6 +24,9 @@ class PlainFile(Section):
     gains_run: Literal["host", "drive", "split"] | None = Field(None, description="where they run, as --gains-run has it")
     drive_rate_hz: SampleRate | None = Field(None, description="of gains that run on the drive [Hz]")
     drive_delay_ms: DelayMs | None = Field(None, description="of their own loop, measurement to torque [ms]")
+    joint_damping: Literal["controller", "friction"] | None = Field(
+        None, description="what the model's own joint damping was taken for, which these kd or link_viscous hold already"
+    )
     posture: dict[str, Annotated[float, ANGLE]] | None = Field(None, description="angles by joint or pattern [rad; m if prismatic]")
 
     @model_validator(mode="before")
@@ -72,6 +76,6 @@ def _is_gain(value: object) -> bool:
 def read_plain(data: dict[str, Any], source: str) -> GainFile:
     """Raises GainroomError."""
     file = validate(PlainFile, data, source)
-    origin = Origin(sample_rate_hz=file.sample_rate_hz, gains_run=file.gains_run, **{key: getattr(file, key) for key in DRIVE})
+    origin = Origin(**{key: getattr(file, key) for key in PLACE})
     gains = {name: Gain(**each.model_dump()) for name, each in file.gains.items()}
     return GainFile(source, "plain", gains, origin=origin, postures={POSTURE: file.posture} if file.posture else {})
