@@ -330,3 +330,38 @@ def test_gains_that_no_factor_makes_stable_are_said_to_be_so(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["scale"] is None
     assert found["worst"]["gain_limit"] == found["contacts"][0]["gain_limit_highest"] == 0
+
+
+def swept(capsys, file: Path, *options: str) -> tuple[dict, str]:
+    """What a sweep says in JSON, and in a terminal."""
+    call = ["sweep", str(file), "--seed", "2", *options]
+    assert main([*call, "--json"]) < 2
+    found = json.loads(capsys.readouterr().out)
+    assert main(call) < 2
+    return found, " ".join(capsys.readouterr().out.split())
+
+
+def with_gains(file: Path, factor: float) -> None:
+    """The arm's gains times a factor, in digits that say the product exactly."""
+    text = file.read_text("utf-8")
+    kp, kd = (float(re.search(rf"\b{name}: ([\d.]+)", text)[1]) for name in ("kp", "kd"))
+    file.write_text(text.replace(f"kp: {kp}", f"kp: {factor * kp!r}").replace(f"kd: {kd}", f"kd: {factor * kd!r}"), "utf-8")
+
+
+@pytest.mark.parametrize("limits", ["gain_margin_db: 6.0", *(f"gain_margin_db: 6.0, peak_sensitivity: {most}" for most in (1.3, 2.5))])
+@pytest.mark.parametrize("samples", [1, *(pytest.param(count, marks=pytest.mark.slow) for count in (2, 3))])
+def test_a_sweep_recommends_nothing_that_its_own_search_refutes(tmp_path, capsys, samples, limits):
+    """Few postures, so that the search leads lower: the same sweep of the gains that were recommended finds the margin, search and all."""
+    file = write_arm(tmp_path, ROBOT.partition("tasks:")[0] + f"limits: {{{limits}}}\n")
+    with_gains(file, 6.0)
+    first, text = swept(capsys, file, "--samples", str(samples))
+    margin = 10 ** (6 / 20)
+    assert first["searched"]["gain_limit"] < (1 - 1e-3) * first["worst"]["gain_limit"]  # else this test shows nothing
+    assert first["scale"] == pytest.approx(first["searched"]["gain_limit"] / margin, rel=1e-12)
+    use = re.search(r"(?:Use: a|With a)ll gains × ([\d.]+)[;\s]", text)
+    with_gains(file, float(use[1]))
+    again, _ = swept(capsys, file, "--samples", str(samples))
+    assert again["searched"]["gain_limit"] >= margin * (1 - 1e-9)  # the limit of scaled gains is the scaled limit, to round-off
+    recommended, failing = text.count("Use: all gains"), [one["name"] for one in again["judged"]["requirements"] if not one["met"]]
+    assert recommended == (0 if failing else 1), failing
+    assert all(name in again["unmet"] for name in failing)

@@ -3,6 +3,7 @@
 import contextlib
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -97,6 +98,7 @@ def sweep(
         found = summarized(plan, store.finished(), remembered=max(MANY, margins or 0))
         with progress_bar("sweep:") as progress:
             near, at_worst = searched(found), worst_states(found, margins, progress)
+        found = replace(found, searched=near)
         show(
             as_json, lambda: _facts(found, near, at_worst, output, mended), lambda: _terminal(found, near, at_worst, output, report, mended)
         )

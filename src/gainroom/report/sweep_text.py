@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from ..errors import THIN, beside
+from ..errors import THIN, beside, listed
 from ..studies.factors import typed_factor
 from ..studies.sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
 from ..studies.swept_margins import SampledRequirement, WorstStates
@@ -13,6 +13,7 @@ from .columns import Column, facts
 from .margin_columns import margin_value, requirement
 from .number_format import digits, gain_factor, hertz
 
+BY_JOINT = "Search joint by joint: `gainroom robot FILE --sweep DIR.zarr`."
 MOST_ANGLES = 8
 """Of a posture, in a sentence."""
 
@@ -58,13 +59,17 @@ def joint_name(found: SweepSummary, one: SweptPosture) -> str:
 
 def advice(found: SweepSummary, worst: WorstStates) -> str:
     """What to do, in a sentence; "" where it is not known, and where another requirement stands against it."""
-    scale = found.scale
-    if not math.isfinite(scale):
+    if not math.isfinite(found.scale):
         return ""
-    if scale < 1:
-        return f"Use: all gains × {typed_factor(scale):.4g}; then the gain margin holds in every posture swept."
-    if found.margin > 1 and scale > 1 and not worst.unmet:
-        return f"With all gains × {typed_factor(scale):.4g} the gain margin still holds in every posture swept."
+    factor = typed_factor(found.scale)
+    near = " and where a search from the worst led" if found.searched is not None and found.searched.number < 0 else ""
+    if found.scale < 1:
+        if missed := worst.unmet_at(factor):
+            fail = listed([one.label for one in missed])
+            return f"With all gains × {factor:.4g} the gain margin would hold, but not {fail}, in the sample. {BY_JOINT}"
+        return f"Use: all gains × {factor:.4g}; then the gain margin holds in every posture swept{near}."
+    if found.margin > 1 and found.scale > 1 and not worst.unmet and not worst.unmet_at(factor):
+        return f"With all gains × {factor:.4g} the gain margin still holds in every posture swept{near}."
     return ""
 
 

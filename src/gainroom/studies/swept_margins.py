@@ -14,7 +14,7 @@ from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..system.requirement import Requirement
 from ..system.system import StateCase
-from .loop_numbers import moves, with_certified_delay
+from .loop_numbers import margins_of, moves, with_certified_delay
 from .progress import Progress, quiet
 from .state import State, state_of
 from .sweep.plan import SweepPlan
@@ -71,6 +71,13 @@ class WorstStates:
     def unmet(self) -> dict[str, SampledRequirement]:
         """Requirements that are missed in the sample, by name."""
         return {one.requirement.name: one for one in self.requirements if not one.met}
+
+    def unmet_at(self, factor: float) -> list[Requirement]:
+        """Those that are missed with `factor` on all gains, where each has its worst."""
+        found = {id(one.state): margins_of(one.state.loop.scaled(factor)) for one in self.requirements}
+        return [
+            one.requirement for one in self.requirements if not one.requirement.met(one.needed, one.requirement.value(found[id(one.state)]))
+        ]
 
 
 def worst_states(found: SweepSummary, each: int | None = None, progress: Progress = quiet) -> WorstStates:

@@ -25,7 +25,10 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class SweptPosture:
-    """One posture in one contact state with one draw, all by number, and its limit; `angles` (n,) [rad; m if prismatic]."""
+    """One posture in one contact state with one draw, all by number, and its limit; `angles` (n,) [rad; m if prismatic].
+
+    lower   the factor below which lowered gains are unstable; 0: none, NaN: not known
+    """
 
     number: int
     contact: int
@@ -35,12 +38,13 @@ class SweptPosture:
     joint: int
     certified: bool
     angles: Floats
+    lower: float = 0.0
 
     @classmethod
     def of(cls, limits: Limits, row: int, numbers: tuple[int, int, int], angles: Floats) -> "SweptPosture":
         """One row of limits; `numbers` of the posture, the contact state and the draw."""
         gain, frequency, joint = float(limits.gain[row]), float(limits.frequency[row]), int(limits.joint[row])
-        return cls(*numbers, gain, frequency, joint, bool(limits.certified[row]), angles)
+        return cls(*numbers, gain, frequency, joint, bool(limits.certified[row]), angles, float(limits.lower[row]))
 
     @property
     def key(self) -> tuple[int, int, int]:
@@ -101,11 +105,13 @@ class SweepSummary:
     """All of a sweep that is finished.
 
     margin    the factor that the gain margin asks for; 1 where none is asked for
+    searched  what a local search from the worst postures found (search.py); None: there was none
     """
 
     plan: SweepPlan
     contacts: tuple[ContactSummary, ...]
     margin: float
+    searched: SweptPosture | None = None
 
     @property
     def count(self) -> int:
@@ -150,11 +156,15 @@ class SweepSummary:
 
     @property
     def scale(self) -> float:
-        """The factor on all gains with which the margin holds in every posture swept; NaN where a limit is not known, or no factor does."""
-        worst = self.worst_posture
-        unsure = self.unknown or self.uncertified or worst is None
-        scale = math.nan if unsure or worst is None else worst.gain / self.margin
-        return scale if scale > 0 and scale >= self.lower * self.margin else math.nan
+        """The factor on all gains with which the margin holds in every posture swept, and where the search led; NaN: none is known."""
+        worst, found = self.worst_posture, self.searched
+        if self.unknown or self.uncertified or worst is None:
+            return math.nan
+        gain, lower = worst.gain, self.lower
+        if found is not None and found.gain < gain:
+            gain, lower = (found.gain if found.certified else math.nan), max(lower, found.lower)
+        scale = gain / self.margin
+        return scale if scale > 0 and scale >= lower * self.margin else math.nan
 
     @property
     def lower(self) -> float:
