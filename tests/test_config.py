@@ -11,7 +11,6 @@ from pytest import approx
 
 from gainroom.cli.example import joint_examples
 from gainroom.errors import GainroomError
-from gainroom.files.joint_scenario import ScenarioSection
 from gainroom.files.joint_yaml import JointFile, parse_joint
 from gainroom.io.validation import Section, validate
 from gainroom.io.yaml_text import MAX_DEPTH, MAX_NODES, parse_yaml
@@ -45,10 +44,8 @@ def edited(*edits: tuple[str, str]) -> str:
 def refusal(*edits: tuple[str, str]) -> str:
     with pytest.raises(GainroomError) as caught:
         parse_joint(edited(*edits), "knee.yaml")
-    message = str(caught.value)
-    assert "\n" not in message
-    assert message.startswith("knee.yaml: ")
-    return message.removeprefix("knee.yaml: ")
+    assert all(message.startswith("knee.yaml: ") and "\n" not in message for message in caught.value.problems)
+    return caught.value.problems[0].removeprefix("knee.yaml: ")
 
 
 def test_every_key_arrives_in_si():
@@ -81,9 +78,6 @@ def test_a_file_written_back_means_the_same(text: str):
     again = validate(JointFile, parse_yaml(written, "again.yaml"), "again.yaml")
     assert again == file
     assert repr(again.spec()) == repr(file.spec())
-    scenario = validate(ScenarioSection, file.scenario, "knee.yaml", "scenario")
-    written = yaml.safe_dump(scenario.model_dump(exclude_none=True))
-    assert validate(ScenarioSection, parse_yaml(written, "again.yaml"), "again.yaml", "scenario") == scenario
 
 
 @pytest.mark.parametrize("rigid", [".inf", "rigid"])
@@ -249,8 +243,8 @@ def test_a_key_that_is_missing_is_told_in_a_sentence_that_says_what_it_is():
 def test_yaml_is_bounded(text: str, problem: str):
     with pytest.raises(GainroomError, match=r"knee\.yaml") as caught:
         parse_joint(text, "knee.yaml")
-    assert problem in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert problem in caught.value.problems[0]
+    assert all("\n" not in message for message in caught.value.problems)
 
 
 def test_scalars_follow_yaml_1_2():

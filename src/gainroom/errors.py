@@ -8,10 +8,13 @@ import difflib
 import math
 import numbers
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from types import TracebackType
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
+
+Made = TypeVar("Made", covariant=True)
 
 MOST_SHOWN = 8
 """Names in one message."""
@@ -131,8 +134,80 @@ def option_name(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
+MOST_PROBLEMS = 20
+"""Lines of one error."""
+
+
 class GainroomError(ValueError):
-    """An input or a call that gainroom cannot answer; the message is one line and names the thing, its value and what is allowed."""
+    """An input or a call that gainroom cannot answer: of each problem one line that names the thing, its value and what is allowed.
+
+    problems   all of them; as text the error has MOST_PROBLEMS, and how many more there are
+    """
+
+    def __init__(self, *problems: str) -> None:
+        super().__init__("\n".join(shown_problems(problems)))
+        self.problems = problems
+
+
+def shown_problems(problems: Sequence[str]) -> list[str]:
+    """The first MOST_PROBLEMS, and how many more there are."""
+    more = len(problems) - MOST_PROBLEMS
+    return [*problems[:MOST_PROBLEMS], *([f"and {more} more"] if more > 0 else [])]
+
+
+class UnjudgedError(Exception):
+    """What is asked for is itself wrong, which is said elsewhere: nothing that depends on it can be judged."""
+
+
+class Step(Generic[Made]):
+    """What a step of Together has made; called, it gives that, or raises UnjudgedError where the step has failed."""
+
+    def __init__(self, *made: Made) -> None:
+        self._made = made
+
+    def __call__(self) -> Made:
+        if not self._made:
+            raise UnjudgedError
+        return self._made[0]
+
+
+class Together:
+    """A block whose problems are raised together at its end, each once: those of its steps, and what ends the block itself.
+
+    A step that asks for what another one could not make is passed over: what is wrong there is said there.
+    """
+
+    def __init__(self) -> None:
+        self._problems: dict[str, None] = {}
+        self._errors: list[GainroomError] = []
+
+    def __enter__(self) -> "Together":
+        return self
+
+    def step(self, make: Callable[[], Made]) -> Step[Made]:
+        """What `make` gives, to be called for; its problems are kept."""
+        try:
+            return Step(make())
+        except GainroomError as error:
+            self.add(error)
+        except UnjudgedError:
+            pass
+        return Step()
+
+    def add(self, error: GainroomError) -> None:
+        """Further problems."""
+        self._errors.append(error)
+        self._problems.update(dict.fromkeys(error.problems))
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if isinstance(error, GainroomError):
+            self.add(error)
+        elif error is not None and not isinstance(error, UnjudgedError):
+            return
+        if len(self._errors) == 1:
+            raise self._errors[0]
+        if self._errors:
+            raise GainroomError(*self._problems) from self._errors[0]
 
 
 @contextlib.contextmanager
@@ -156,8 +231,7 @@ def named(owner: str) -> Iterator[None]:
     try:
         yield
     except GainroomError as error:
-        text = str(error)
-        raise GainroomError(text if text.startswith(owner) else f"{owner}: {text}") from error
+        raise GainroomError(*(text if text.startswith(owner) else f"{owner}: {text}" for text in error.problems)) from error
 
 
 def require_positive(owner: str, name: str, value: float, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:

@@ -101,11 +101,13 @@ def _run(arguments: Sequence[str] | None) -> int:
 
         if not isinstance(error, GainroomError):
             raise
-        return _complain(str(error))
+        return _complain(*error.problems)
 
 
-def _complain(message: str) -> int:
-    from ..errors import printable
+def _complain(*problems: str) -> int:
+    """A line of each, as many as are shown; the exit status."""
+    from ..errors import printable, shown_problems
 
-    say(f"gainroom: error: {printable(message).strip()}")
+    for text in shown_problems(problems):
+        say(f"gainroom: error: {printable(text).strip()}")
     return 2

@@ -240,11 +240,11 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         if (sample_time := file.sample_time()) is not None:
             owner = "--drive-delay-ms" if options.gains_run == "drive" else "--delay-ms"
             refuse_long_delay(1e-3 * (file.drive.delay_ms or 0.0), sample_time, owner)
-        spec = robot_spec(file, str(path), path, known=body)
+        spec = robot_spec(file, str(path), lambda: path, known_body=body)
         ranges, kept = _gearboxes(options, spec, source)
         if ranges is not None and any(ranges.direct):  # as if each had been said to be rigid
             sections = _without_gearboxes(sections, spec.source.joint_names, ranges.direct)
-            spec = robot_spec(validate(RobotFile, sections, ""), str(path), path, known=body)
+            spec = robot_spec(validate(RobotFile, sections, ""), str(path), lambda: path, known_body=body)
         ranges = ranges if ranges is not None and any(ranges.types) else None
     with named(str(source)):
         spec = examined(spec)
@@ -420,13 +420,17 @@ def _options_named(options: AuditOptions) -> Iterator[None]:
     try:
         yield
     except GainroomError as error:
-        text = str(error)
-        for name, keys in options.keys.items():
-            text = re.sub(rf"^{re.escape('.'.join(keys))}\b(\[\d+\])?", option_name(name), text)
-        text = text.replace("model.base: fixed", "--base fixed")
-        for key, *_ in options.of_joints:
-            text = re.sub(rf"^joints\.(.*)\.{key}\b", rf"{option_name(key)} of \1", text)
-        raise GainroomError(text) from error
+        raise GainroomError(*(_optional(text, options) for text in error.problems)) from error
+
+
+def _optional(text: str, options: AuditOptions) -> str:
+    """A message about a key of a robot.yaml, about the option that stands for it."""
+    for name, keys in options.keys.items():
+        text = re.sub(rf"^{re.escape('.'.join(keys))}\b(\[\d+\])?", option_name(name), text)
+    text = text.replace("model.base: fixed", "--base fixed")
+    for key, *_ in options.of_joints:
+        text = re.sub(rf"^joints\.(.*)\.{key}\b", rf"{option_name(key)} of \1", text)
+    return text
 
 
 def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str], postures: Mapping[str, Mapping[str, float]]) -> dict[str, float]:

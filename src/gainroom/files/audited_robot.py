@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from ..errors import GainroomError
+from ..errors import named
 from ..io.as_typed import as_typed
 from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS, Requirements
@@ -51,8 +51,6 @@ def audited_robot_text(sections: Mapping[str, Any], model: str, required: Requir
     data = {**sections, "model": {**sections["model"], "file": file}, "limits": limits}
     body = yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
     text = "".join(f"# {' '.join(line.split())}\n" for line in heading) + body
-    try:
+    with named("the robot.yaml that would be written cannot be read"):
         parse_robot(text, str(target), target.parent, two_paths=True)
-    except GainroomError as error:
-        raise GainroomError(f"the robot.yaml that would be written cannot be read: {error}") from error
     return text

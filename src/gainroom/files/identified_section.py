@@ -3,10 +3,10 @@
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from ..identification.estimate import PARAMETERS
-from ..io.validation import LARGEST, Flag, Name, Section, refusal
+from ..io.validation import LARGEST, Flag, Name, Refusals, Section, refusal, relation
 from ..io.yaml_text import shown
 from ..system.linear.arrays import Floats
 
@@ -38,20 +38,26 @@ class IdentifiedSection(Section):
     values: list[Signed] = Field(description="the values of the parameters, in SI", max_length=len(PARAMETERS))
     covariance: list[list[Signed]] = Field(description="the covariance of the parameters, in SI", max_length=len(PARAMETERS))
 
-    @model_validator(mode="after")
-    def _fits(self) -> "IdentifiedSection":
+    @relation
+    def _names_fit(self) -> Refusals:
         for index, name in enumerate(self.names):
             if name not in PARAMETERS or name in self.names[:index]:
                 what = "is there twice" if name in PARAMETERS else f"must be one of {', '.join(PARAMETERS)}"
-                raise refusal(f"{shown(name)} {what}", key=f"names[{index}]")
+                yield refusal(f"{shown(name)} {what}", key=f"names[{index}]")
+
+    @relation
+    def _values_fit(self) -> Refusals:
         count = len(self.names)
         if len(self.values) != count:
-            raise refusal(f"{len(self.values)} values must be {count}, one per name", key="values")
+            yield refusal(f"{len(self.values)} values must be {count}, one per name", key="values")
+
+    @relation
+    def _covariance_fits(self) -> Refusals:
+        count = len(self.names)
         if len(self.covariance) != count or any(len(row) != count for row in self.covariance):
-            raise refusal(f"must have {count} rows of {count} numbers, one per name", key="covariance")
-        if problem := problem_of(np.array(self.covariance).reshape(count, count)):
-            raise refusal(problem, key="covariance")
-        return self
+            yield refusal(f"must have {count} rows of {count} numbers, one per name", key="covariance")
+        elif problem := problem_of(np.array(self.covariance).reshape(count, count)):
+            yield refusal(problem, key="covariance")
 
     @property
     def coulomb(self) -> tuple[float, float]:

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from ..errors import GainroomError
-from ..io.validation import Flag, NotNegative, Positive, PositiveOrInfinite, Section, number, refusal, typed
+from ..io.validation import Flag, NotNegative, Positive, PositiveOrInfinite, Refusals, Section, number, refusal, relation, typed
 from ..simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
 from ..simulation.simulation_spec import JointSimulation
 from ..system.linear.arrays import Floats
@@ -135,11 +135,15 @@ class MultisineSection(ReferenceSection):
         return _as_typed(self, "frequencies", fastest)
 
 
-Reference = Annotated[
-    HoldSection | StepSection | MoveSection | ChirpSection | MultisineSection,
-    Field(discriminator="type"),
-    typed("hold", "step", "cubic", "quintic", "chirp", "multisine", beside="those of that type"),
-]
+REFERENCES = {
+    "hold": HoldSection,
+    "step": StepSection,
+    "cubic": MoveSection,
+    "quintic": MoveSection,
+    "chirp": ChirpSection,
+    "multisine": MultisineSection,
+}
+Reference = Annotated[Any, typed(REFERENCES, beside="those of that type")]
 
 
 class DisturbanceSection(Section):
@@ -159,13 +163,12 @@ class FrictionSection(Section):
     bristle_stiffness: PositiveOrInfinite = math.inf
     bristle_damping: NotNegative = 0.0
 
-    @model_validator(mode="after")
-    def _physical(self) -> "FrictionSection":
+    @relation
+    def _physical(self) -> Refusals:
         try:
             self.friction()
         except GainroomError as error:
-            raise refusal(str(error).removeprefix("friction: ")) from error
-        return self
+            yield from (refusal(text.removeprefix("friction: ")) for text in error.problems)
 
     def friction(self) -> Friction:
         """As the testbed takes it."""
@@ -197,13 +200,17 @@ class ScenarioSection(Section):
     jitter_ms: NotNegative = 0.0
     whole_ticks: Flag = False
 
-    @model_validator(mode="after")
-    def _within_the_run(self) -> "ScenarioSection":
-        starts = {"reference": getattr(self.reference, "start", 0.0), "disturbance": self.disturbance.start if self.disturbance else 0.0}
-        for name, start in starts.items():
-            if start >= self.duration:
-                raise refusal(f"{start:g} s must be before the run ends: scenario.duration is {self.duration:g} s", key=f"{name}.start")
-        return self
+    @relation
+    def _reference_within_the_run(self) -> Refusals:
+        yield from self._late("reference", getattr(self.reference, "start", 0.0))
+
+    @relation
+    def _disturbance_within_the_run(self) -> Refusals:
+        yield from self._late("disturbance", self.disturbance.start if self.disturbance else 0.0)
+
+    def _late(self, name: str, start: float) -> Refusals:
+        if start >= self.duration:
+            yield refusal(f"{start:g} s must be before the run ends: scenario.duration is {self.duration:g} s", key=f"{name}.start")
 
     def under(self, torque: Path) -> "ScenarioSection":
         """The same joint held at 0, under the torque of a file, for as long as that lasts."""

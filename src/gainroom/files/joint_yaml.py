@@ -6,13 +6,14 @@ Everything is SI and radians except where a key's name carries another unit (del
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from ..errors import GainroomError, named
-from ..io.validation import NotNegative, Positive, PositiveOrInfinite, validate
+from ..errors import GainroomError, Together, named
+from ..io.validation import NotNegative, Positive, PositiveOrInfinite, made_when_read, partly
 from ..io.yaml_text import read_text
+from ..system.actuator_entry import ActuatorEntry
 from ..system.elastic_joint import ElasticJoint
 from ..system.system import System
 from .file_types import parse_as
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from .identified_section import IdentifiedSection
     from .joint_scenario import ScenarioSection
 
+MOTOR = ("motor_inertia", "rotor_inertia", "gear_ratio")
+"""Keys of `joint` that say what its motor's inertia is."""
 MOST_DAMPED = 1e4
 """Damping ratio of motor and spring: beyond it the spring has no effect."""
 
@@ -46,11 +49,8 @@ def load_joint(path: Path, two_paths: bool = False) -> System:
 
 def parse_joint(text: str, source: str, two_paths: bool = False) -> System:
     """As load_joint, for the text of a file that messages call `source`."""
-    file = _file(text, source, two_paths)
-    if file.scenario != {}:
-        _scenario(file, source)
-    with named(source):
-        return file.spec()
+    with named(source), Together() as together:
+        return _file(text, source, two_paths, together).spec()
 
 
 def load_simulation(path: Path, feedforward: Path | None = None) -> "JointSimulation":
@@ -63,39 +63,38 @@ def load_simulation(path: Path, feedforward: Path | None = None) -> "JointSimula
 
 def parse_simulation(text: str, source: str, feedforward: Path | None = None) -> "JointSimulation":
     """As load_simulation, for the text of a file that messages call `source`."""
-    file = _file(text, source)
-    scenario = _scenario(file, source)
-    scenario = scenario if feedforward is None else scenario.under(feedforward)
     from ..simulation.simulation_spec import NO_RATE
 
-    with named(source):
-        if file.control.sample_rate_hz is None:  # else a delay in ticks would ask for another remedy
+    with named(source), Together() as together:
+        file = _file(text, source, two_paths=False, together=together)
+        if together.step(lambda: file.control.sample_rate_hz is None)():  # else a delay in ticks would ask for another remedy
             raise GainroomError(NO_RATE)
-        simulation = scenario.spec(file.spec(), Path(source).parent)
-        return simulation if file.identified is None else replace(simulation, identified=_section(file, source).coulomb)
+        system = together.step(file.spec)
+        scenario = file.scenario or _scenario_section().model_validate({})
+        scenario = scenario if feedforward is None else scenario.under(feedforward)
+        simulation = scenario.spec(system(), Path(source).parent)
+        return simulation if file.identified is None else replace(simulation, identified=file.identified.coulomb)
 
 
-def _file(text: str, source: str, two_paths: bool = False) -> "JointFile":
-    file = validate(JointFile, parse_as("joint", text, source, "testbed"), source)
-    with named(source):
-        refuse_two_paths(file.control, two_paths)
-    if file.identified is not None:
-        _section(file, source)
+def _file(text: str, source: str, two_paths: bool, together: Together) -> "JointFile":
+    """As far as it is right; the rest goes to `together`."""
+    file = partly(JointFile, parse_as("joint", text, source, "testbed"), source, together)
+    together.step(lambda: refuse_two_paths(file.control, two_paths))
     return file
 
 
-def _section(file: "JointFile", source: str) -> "IdentifiedSection":
-    """What was identified, checked; only here is identification loaded."""
+def _identified_section() -> "type[IdentifiedSection]":
+    """Only here is identification loaded."""
     from .identified_section import IdentifiedSection
 
-    return validate(IdentifiedSection, file.identified, source, "identified")
+    return IdentifiedSection
 
 
-def _scenario(file: "JointFile", source: str) -> "ScenarioSection":
-    """Its section, checked; only here is the simulation loaded."""
+def _scenario_section() -> "type[ScenarioSection]":
+    """Only here is the simulation loaded."""
     from .joint_scenario import ScenarioSection
 
-    return validate(ScenarioSection, file.scenario, source, "scenario")
+    return ScenarioSection
 
 
 class JointSection(GearboxSection):
@@ -104,15 +103,18 @@ class JointSection(GearboxSection):
     link_inertia: PositiveOrInfinite = Field(description="the load's inertia [kg·m²], a number > 0, or .inf where it is locked")
     stiffness: Stiffness = Field(description="the stiffness of the gearbox [N·m/rad], a number > 0, or rigid where it does not give way")
 
-    def joint(self) -> ElasticJoint:
-        """In SI, on the joint side. Raises GainroomError where the motor is not described, or in two ways."""
-        inertia = self.entry().reflected("joint")
+    def inertia(self) -> float:
+        """Of the motor on the joint side [kg m²]. Raises GainroomError where it is not described, or in two ways."""
+        inertia = ActuatorEntry(**self.model_dump(include={*MOTOR})).reflected("joint")
         if inertia is None:
             raise GainroomError(
                 "joint.motor_inertia is missing: the motor's on the joint side [kg·m²], a number > 0; or give rotor_inertia with gear_ratio"
             )
-        others = self.model_dump(exclude={"motor_inertia", "rotor_inertia", "gear_ratio"}, exclude_none=True)
-        return ElasticJoint(motor_inertia=inertia, **others)
+        return inertia
+
+    def joint(self) -> ElasticJoint:
+        """In SI, on the joint side. Raises GainroomError as `inertia`."""
+        return ElasticJoint(motor_inertia=self.inertia(), **self.model_dump(exclude={*MOTOR}, exclude_none=True))
 
 
 class JointControlSection(ControlSection):
@@ -136,29 +138,37 @@ class JointFile(SystemFile[JointControlSection, JointUncertaintySection]):
     joint: JointSection = Field(
         description="the section of inertias and gearbox, such as {motor_inertia: 1, link_inertia: 16, stiffness: 1.0e4, damping: 1}"
     )
-    scenario: Any = Field(default_factory=dict, description="what happens to the joint: a ScenarioSection")
-    identified: Any = Field(None, description="where the numbers come from: an IdentifiedSection")
+    scenario: Annotated[Any, made_when_read(_scenario_section, optional=False)] = None
+    identified: Annotated[Any, made_when_read(_identified_section)] = None
 
     def spec(self) -> System:
         """In SI units. Raises GainroomError where sections contradict each other."""
-        joint, tick, sample_time = self.joint.joint(), self.tick(), self.sample_time()
-        drive = self.drive.drive(tick)
-        refuse_long_delay(drive.delay, sample_time, "drive.delay_ticks" if self.drive.delay_ms is None else "drive.delay_ms")
-        _refuse_seized_gearbox(joint)
-        nominal = {"delay": drive.delay, **vars(joint)}
-        found = System.of_joint(
-            joint=joint,
-            drive=drive,
-            controller=self.control.controller({name: getattr(self.control, name) for name in self.control.gain_names}),
-            feedback=self.control.feedback,
-            sample_time=sample_time,
-            requirements=self.requirements(),
-            uncertainty=self.uncertainty.uncertainty(nominal, tick),
-            entered=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
-        )
-        paths = {"kd_path": self.control.gain_path(), "command_delay": 1e-3 * self.drive.command_delay_ms}
-        clock = {"sampling_in_delay": self.drive.delay_includes_sampling, "continuous": self.drive.clock == "continuous"}
-        return replace(found, control=replace(found.control, **clock, **paths))
+        with Together() as together:
+            step = together.step
+            step(lambda: self.joint.inertia())
+            tick, joint, nominal = step(self.tick), step(lambda: self.joint.joint()), {}
+            drive = step(lambda: self.drive.drive(tick()))
+            sample_time = step(lambda: self.sample_time())
+            step(lambda: refuse_long_delay(drive().delay, sample_time(), self.drive.delay_key))
+            step(lambda: _refuse_seized_gearbox(joint()))
+            step(lambda: nominal.update(delay=drive().delay))
+            step(lambda: nominal.update(vars(joint())))
+            uncertainty = step(lambda: self.uncertainty.uncertainty(nominal, tick))
+            controller = step(lambda: self.control.controller({name: getattr(self.control, name) for name in self.control.gain_names}))
+            path = step(lambda: self.control.gain_path())
+            found = System.of_joint(
+                joint=joint(),
+                drive=drive(),
+                controller=controller(),
+                feedback=self.control.feedback,
+                sample_time=sample_time(),
+                requirements=self.requirements(),
+                uncertainty=uncertainty(),
+                entered=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
+            )
+            paths = {"kd_path": path(), "command_delay": 1e-3 * self.drive.command_delay_ms}
+            clock = {"sampling_in_delay": self.drive.delay_includes_sampling, "continuous": self.drive.clock == "continuous"}
+            return replace(found, control=replace(found.control, **clock, **paths))
 
 
 def _refuse_seized_gearbox(joint: ElasticJoint) -> None:

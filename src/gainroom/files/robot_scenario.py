@@ -1,18 +1,19 @@
 """The scenario section of robot.yaml: the move, and hardware effects beyond the linear model; and what keys hold for each joint."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from ..errors import GainroomError, nearest
-from ..io.validation import Name, NotNegative, Positive, PositiveOrInfinite, Section, each, number, refusal
+from ..errors import GainroomError, Together, nearest
+from ..io.validation import Name, NotNegative, Positive, PositiveOrInfinite, Refusals, Section, each, number, refusal
 from ..io.yaml_text import shown
+from ..robot.contact import Contact
 from ..robot.ground import Ground, Sole
 from ..robot.name_patterns import DEFAULT, strongest
-from ..robot.robot import Robot, RobotScenario
+from ..robot.robot import RobotScenario
 from ..system.linear.arrays import Floats
 
 T = TypeVar("T")
@@ -72,15 +73,17 @@ class GroundSection(Section):
     friction: Positive = Ground.friction
     soles: dict[str, SoleSection] = Field({}, description="by contact frame")
 
-    def ground(self, robot: Robot) -> Ground:
+    def ground(self, contacts: Mapping[str, Sequence[Contact]]) -> Ground:
         """In SI, with the soles of the frames that touch it. Raises GainroomError for a sole of none of them."""
-        frames = tuple(dict.fromkeys(contact.frame for contacts in robot.contacts.values() for contact in contacts))
+        every = [contact for state in contacts.values() for contact in state]
+        frames, wrong = tuple(dict.fromkeys(contact.frame for contact in every)), []
         for frame in self.soles:
             if frame not in frames:
-                hint = nearest(frame, frames, "contact frame")
-                raise GainroomError(f"scenario.ground.soles: {shown(frame)} is no contact of this file{hint}")
-            if all(contact.kind == "point" for contacts in robot.contacts.values() for contact in contacts if contact.frame == frame):
-                raise GainroomError(f"scenario.ground.soles: {shown(frame)} is a point contact, which has no sole")
+                wrong.append(f"scenario.ground.soles: {shown(frame)} is no contact of this file{nearest(frame, frames, 'contact frame')}")
+            elif all(contact.kind == "point" for contact in every if contact.frame == frame):
+                wrong.append(f"scenario.ground.soles: {shown(frame)} is a point contact, which has no sole")
+        if wrong:
+            raise GainroomError(*wrong)
         return Ground(friction=self.friction, soles={frame: sole.sole() for frame, sole in self.soles.items()})
 
 
@@ -96,36 +99,52 @@ class RobotScenarioSection(Section):
     resolution: Annotated[float, number(least=0, most=1)] = 0.0
     ground: Annotated[GroundSection | None, BeforeValidator(_ground)] = None
 
-    def scenario(self, robot: Robot, space: str) -> RobotScenario:
-        """With its robot, in SI. Raises GainroomError for a name that the file does not have, and a move of another control.space."""
-        move = self.move
-        known = {"posture": tuple(robot.postures), "contact": tuple(robot.contacts), "move.task": tuple(task.name for task in robot.stack)}
-        asked = {"posture": self.posture, "contact": self.contact, "move.task": None if move is None else move.task}
+    def refuse_unknown(self, postures: Sequence[str], contacts: Sequence[str], tasks: Sequence[str]) -> Refusals:
+        """Of names that the file does not have."""
+        known = {"posture": postures, "contact": contacts, "move.task": tasks}
+        asked = {name: getattr(self, name) for name in ("posture", "contact") if self.is_right(name)}
+        if self.is_right("move") and self.move is not None and self.move.is_right("task"):
+            asked["move.task"] = self.move.task
         for key, name in asked.items():
             if name is not None and name not in known[key]:
-                raise GainroomError(f"scenario.{key}: {shown(name)} is none of the file's{nearest(name, known[key], key)}")
+                yield refusal(f"{shown(name)} is none of the file's{nearest(name, known[key], key)}", key=f"scenario.{key}")
+
+    def refuse_other_space(self, space: str) -> Refusals:
+        """Of a move of what another control.space moves."""
+        if self.move is None:
+            return
+        other = "task" if space == "joint" else "joint"
+        if getattr(self.move, space) is None:
+            yield refusal(f"control.space is {space}: give {space}", key="scenario.move")
+        elif getattr(self.move, other) is not None:
+            yield refusal(f"control.space is {space}: give {space} alone, without {other}", key="scenario.move")
+
+    def scenario(self, joint_names: Sequence[str], contacts: Callable[[], Mapping[str, Sequence[Contact]]]) -> RobotScenario:
+        """In SI, for these joints (n) and contact states. Raises GainroomError for a joint or a contact that is not among them."""
+        move = self.move
         moved = {} if move is None else {"task": move.task, "joint": move.joint, "move_duration": move.duration}
         if move is not None:
-            other = "task" if space == "joint" else "joint"
-            if getattr(move, space) is None:
-                raise GainroomError(f"scenario.move: control.space is {space}: give {space}")
-            if getattr(move, other) is not None:
-                raise GainroomError(f"scenario.move: control.space is {space}: give {space} alone, without {other}")
             moved["by"] = tuple(np.atleast_1d(move.by).tolist())
-        return RobotScenario(
-            posture=self.posture,
-            contact=self.contact,
-            duration=self.duration,
-            coulomb=_where_given(self.friction.coulomb, robot, "friction.coulomb", 0.0),
-            viscous=_where_given(self.friction.viscous, robot, "friction.viscous", 0.0),
-            torque_limit=_where_given(self.torque_limit, robot, "torque_limit", math.inf),
-            resolution=self.resolution,
-            ground=None if self.ground is None else self.ground.ground(robot),
-            **moved,
-        )
+        with Together() as together:
+            step = together.step
+            coulomb = step(lambda: _where_given(self.friction.coulomb, joint_names, "friction.coulomb", 0.0))
+            viscous = step(lambda: _where_given(self.friction.viscous, joint_names, "friction.viscous", 0.0))
+            limit = step(lambda: _where_given(self.torque_limit, joint_names, "torque_limit", math.inf))
+            ground = step(lambda: None if self.ground is None else self.ground.ground(contacts()))
+            return RobotScenario(
+                posture=self.posture,
+                contact=self.contact,
+                duration=self.duration,
+                coulomb=coulomb(),
+                viscous=viscous(),
+                torque_limit=limit(),
+                resolution=self.resolution,
+                ground=ground(),
+                **moved,
+            )
 
 
-def _where_given(values: Mapping[str, float], robot: Robot, key: str, otherwise: float) -> Floats:
+def _where_given(values: Mapping[str, float], joint_names: Sequence[str], key: str, otherwise: float) -> Floats:
     """(n,) numbers of scenario.`key`; `otherwise` where no pattern matches."""
-    found = strongest(values, robot.joint_names, f"scenario.{key}")
+    found = strongest(values, joint_names, f"scenario.{key}")
     return np.array([otherwise if value is None else value for value in found])

@@ -4,9 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field
 
-from ..io.validation import Flag, Name, NotNegative, Positive, Section, dotted, number, refusal
+from ..errors import listed
+from ..io.validation import KEPT, Flag, Name, NotNegative, Positive, Refusals, Section, number, refusal, relation
 from ..io.yaml_text import shown
 from ..robot.body import Base
 from ..robot.contact import Contact, ContactKind
@@ -47,11 +48,17 @@ class ActuatorSection(GearboxSection):
     damping_ratio: DampingRatio | None = None
     delay_ms: DelayMs | None = None
 
-    @model_validator(mode="after")
-    def _file_alone(self) -> "ActuatorSection":
+    @classmethod
+    def allowed(cls) -> str:
+        return (
+            f"{super().allowed()}: every key here but locked, the list of joints that do not move, passive, of those without a motor, and "
+            "driven, of those with one that the model has not, is default or a joint's name or pattern"
+        )
+
+    @relation
+    def _file_alone(self) -> Refusals:
         if self.file is not None and (others := self.model_fields_set - {"file"}):
-            raise refusal(f"has no meaning beside {min(others)}: give {min(others)} in a pattern of its own further down", key="file")
-        return self
+            yield refusal(f"has no meaning beside {min(others)}: give {min(others)} in a pattern of its own further down", key="file")
 
     def entry(self, folder: Path, owner: str) -> ActuatorEntry:  # type: ignore[override] - a robot's may name a file
         """What is given, in SI; a file is in `folder`. Raises GainroomError where that cannot be read."""
@@ -64,31 +71,22 @@ LISTS = ("locked", "passive", "driven")
 """Keys of `joints` that are no pattern of a joint's name."""
 
 
-class JointsSection(BaseModel):
+class JointsSection(Section):
     """`default` and patterns with their data, and the joints that do not move."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+    entries: dict[str, ActuatorSection] = Field(default_factory=dict)
+    locked: list[Name] = Field(default_factory=list)
+    passive: list[Name] = Field(default_factory=list)
+    driven: list[Name] = Field(default_factory=list)
 
-    entries: dict[str, ActuatorSection] = {}
-    locked: list[Name] = []
-    passive: list[Name] = []
-    driven: list[Name] = []
-
-    @model_validator(mode="before")
     @classmethod
-    def _patterns(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            raise refusal(f"{shown(data)} must be a section")
-        for key, value in data.items():
-            if key not in LISTS and not isinstance(value, dict):
-                keys = ", ".join(ActuatorSection.model_fields)
-                raise refusal(
-                    f"{shown(value)} must be a section with keys among {keys}: every key here but locked, the list of joints that do "
-                    "not move, passive, of those without a motor, and driven, of those with one that the model has not, is default or a "
-                    "joint's name or pattern",
-                    key=dotted(key),
-                )
-        return {"entries": {key: value for key, value in data.items() if key not in LISTS}, **{key: data.get(key, []) for key in LISTS}}
+    def allowed(cls) -> str:
+        return f"must be a section of default, joints' names or patterns, and {listed(LISTS)}"
+
+    @classmethod
+    def prepared(cls, data: dict[str, Any]) -> dict[str, Any]:
+        lists = {key: value for key, value in data.items() if key in LISTS}
+        return {"entries": {key: value for key, value in data.items() if key not in LISTS}, **lists}
 
 
 class ContactSection(Section):
@@ -116,20 +114,22 @@ class TaskSection(Section):
     ki: Several | None = None
     weight: Weight = Field(1.0, description="how much its stiffness counts when gains are recommended")
 
-    @model_validator(mode="after")
-    def _one_law(self) -> "TaskSection":
+    @relation
+    def _one_law(self) -> Refusals:
         if (self.kd is None) == (self.kv is None):
-            raise refusal("give either kd (PD), or kv and ki (P/PI)")
+            yield refusal("give either kd (PD), or kv and ki (P/PI)")
         if self.kd is not None and self.ki is not None:
-            raise refusal("is for P/PI: give kv in place of kd", key="ki")
+            yield refusal("is for P/PI: give kv in place of kd", key="ki")
+
+    @relation
+    def _one_frame(self) -> Refusals:
         if (self.type in FRAMED) != (self.frame is not None):
-            raise refusal(
+            yield refusal(
                 f"is missing: the name of the frame of a task of type {self.type}"
                 if self.frame is None
                 else f"has no meaning for type {self.type}",
                 key="frame",
             )
-        return self
 
     def task(self) -> Task:
         """In SI."""
@@ -162,24 +162,23 @@ class RobotControlSection(ControlSection):
         """The gains of the type; none in task space."""
         return super().gain_names if self.space == "joint" else ()
 
-    @model_validator(mode="before")
-    @classmethod
-    def _of_the_space(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("space") == "task":
-            for name in ("kp", "kd", "kv", "ki", "weight"):
-                if data.get(name) is not None:
-                    raise refusal(f"is for space joint; in task space {name} stands with the tasks", key=name)
-            if data.get("type") == "pid":
-                raise refusal("pid has no meaning in task space: pd, or ppi", key="type")
-        return data
+    @relation
+    def _of_the_space(self) -> Refusals:
+        if self.space == "task":
+            for name in (*self.known_gains(), "weight"):
+                if self.is_right(name) and getattr(self, name) is not None:
+                    yield refusal(f"is for space joint; in task space {name} stands with the tasks", key=name)
+            if self.type == "pid":
+                yield refusal("pid has no meaning in task space: pd, or ppi", key="type")
 
 
-Postures = dict[str, dict[str, Angle]]
+Postures = dict[str, Annotated[dict[str, Angle], KEPT]]
 ContactStates = dict[
     str,
     Annotated[
         list[Annotated[ContactSection, BeforeValidator(lambda value: {"frame": value} if isinstance(value, str) else value)]],
         Field(max_length=MOST_NAMES),
+        KEPT,
     ],
 ]
 
@@ -194,18 +193,32 @@ class RobotFile(SystemFile[RobotControlSection, UncertaintySection]):
     tasks: list[TaskSection] = Field([], max_length=MOST_NAMES)
     scenario: RobotScenarioSection = RobotScenarioSection()
 
-    @model_validator(mode="after")
-    def _tasks_fit(self) -> "RobotFile":
-        names = [task.name for task in self.tasks]
+    @relation
+    def _one_task_of_a_name(self) -> Refusals:
+        names = [task.name if task.is_right("name") else None for task in self.tasks]
         for index, name in enumerate(names):
-            if name in names[:index]:
-                raise refusal(f"{shown(name)} is the name of two tasks", key=f"tasks[{index}].name")
-        if self.control.rotors and not self.tasks:
-            raise refusal("is for tasks: whether their model counts the motors' inertia", key="control.rotors")
+            if name is not None and name in names[:index]:
+                yield refusal(f"{shown(name)} is the name of two tasks", key=f"tasks[{index}].name")
+
+    @relation
+    def _scenario_of_its_names(self) -> Refusals:
+        tasks = tuple(task.name for task in self.tasks)
+        yield from self.scenario.refuse_unknown(tuple(self.postures or ("zero",)), tuple(self.contacts or ("free",)), tasks)
+
+    @relation
+    def _move_of_its_space(self) -> Refusals:
+        yield from self.scenario.refuse_other_space(self.control.space)
+
+    @relation
+    def _rotors_of_tasks(self) -> Refusals:
+        if not self.tasks and self.control.rotors:
+            yield refusal("is for tasks: whether their model counts the motors' inertia", key="control.rotors")
+
+    @relation
+    def _tasks_in_task_space(self) -> Refusals:
         if self.control.space == "task":
             if not self.tasks:
-                raise refusal("task needs tasks", key="control.space")
-            cascades = [task.name for task in self.tasks if task.kv is not None]
+                yield refusal("task needs tasks", key="control.space")
+            cascades = [shown(task.name) for task in self.tasks if task.kv is not None]
             if cascades and self.control.type == "pd":
-                raise refusal(f"pd, but task {shown(cascades[0])} has kv; give ppi, or kd in the task", key="control.type")
-        return self
+                yield refusal(f"pd, but task {cascades[0]} has kv; give ppi, or kd in the task", key="control.type")

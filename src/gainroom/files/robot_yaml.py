@@ -5,14 +5,14 @@ SI and radians except where a key's name carries another unit. Keys that name jo
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import GainroomError, first_of_many, named, nearest
-from ..io.validation import dotted, validate
+from ..errors import GainroomError, Together, first_of_many, named, nearest
+from ..io.validation import dotted, known, partly
 from ..io.yaml_text import read_text, shown
 from ..robot.actuators import actuators_of, drives_of, merge_entries
 from ..robot.assemble import require_movable
@@ -20,9 +20,10 @@ from ..robot.body import Base, RigidBody
 from ..robot.contact import Contact
 from ..robot.formats.model_files import has_base, load_model
 from ..robot.formats.model_names import is_name, locate
-from ..robot.name_patterns import DEFAULT, strongest
+from ..robot.name_patterns import DEFAULT, assign, strongest
 from ..robot.robot import Posture, Robot
 from ..robot.tasks import Task
+from ..system.actuator_entry import ActuatorEntry
 from ..system.linear.arrays import Floats
 from ..system.plausibility import DEGREES, TURN
 from ..system.requirements import Requirements
@@ -30,8 +31,8 @@ from ..system.system import Control, System
 from .absurd_values import examined
 from .file_types import parse_as
 from .joint_references import with_ranges
-from .robot_sections import ContactSection, ModelSection, RobotFile
-from .system_sections import refuse_two_paths
+from .robot_sections import ContactSection, ModelSection, RobotFile, TaskSection
+from .system_sections import ControlSection, refuse_two_paths
 
 LOCKED = "joints.locked"
 MOST_STATES = 500
@@ -54,51 +55,102 @@ def load_robot_system(path: Path, two_paths: bool = False) -> System:
 
 def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool = False) -> System:
     """As load_robot_system, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
-    file = validate(RobotFile, parse_as("robot", text, source, "biped"), source)
+    with named(source), Together() as together:
+        file = partly(RobotFile, parse_as("robot", text, source, "biped"), source, together)
+        together.step(lambda: refuse_two_paths(file.control, two_paths))
+        system = robot_spec(file, source, lambda: _model_path(file.model, folder), folder)
     with named(source):
-        refuse_two_paths(file.control, two_paths)
-        system = examined(robot_spec(file, source, _model_path(file.model, folder), folder))
+        system = examined(system)
         if system.control.controller is not None and not np.any(getattr(system.control.controller, "kp", 1.0)):
             raise GainroomError("control.kp: must be > 0 on some joint")
     return system if file.limits is not None else replace(system, assumptions=(*system.assumptions, USUAL))
 
 
-def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path(), known: RigidBody | None = None) -> System:
-    """In SI: the robot `name` with the model at `path`, its joints' files in `folder`; `known`: that model without locked joints, if read.
+def robot_spec(file: RobotFile, name: str, path: Callable[[], Path], folder: Path = Path(), known_body: RigidBody | None = None) -> System:
+    """In SI: the robot `name` with the model at `path`, its joints' files in `folder`.
+
+    known_body   that model without locked joints, if it is read
 
     Raises GainroomError where sections contradict each other or the model.
     """
-    tick, sample_time = file.tick(), file.sample_time()
-    base, assumed = base_of(file.model.base, path, any((file.contacts or {}).values()))
+    with Together() as together:
+        step, nominal = together.step, {}
+        tick, sample_time = step(file.tick), step(file.sample_time)
+        drive = step(lambda: file.drive.drive(tick()))
+        base = step(lambda: base_of(file.model.base, path(), any((file.contacts or {}).values())))
+        links = step(lambda: _links(file, path(), base()[0], known_body))
+        body = step(lambda: _carrying(file, links()))
+        # Patterns may name joints that are locked or passive: to lock a joint, one line is enough.
+        step(lambda: assign({key: 0 for key, each in file.joints.entries.items() if each.is_section}, body().every_joint, "joints"))
+        entries = step(lambda: _entries(file, folder, body()))
+        described = step(lambda: actuators_of(entries(), body().joint_names, body().armature))
+        drives = step(lambda: drives_of(entries(), drive()))
+        postures = step(lambda: _postures(file, path(), base()[0], body()))
+        contacts = step(lambda: _contact_states(file, body()))
+        step(lambda: _refuse_many(file.postures or {}, file.contacts or {}))
+        tasks = step(lambda: _tasks(file, body()))
+        control = step(lambda: _control(file, body(), sample_time))
+        scenario = step(lambda: file.scenario.scenario(body().joint_names, contacts))
+        step(lambda: nominal.update(delay=[drive.delay for drive in drives()]))
+        step(lambda: nominal.update(described()[0].quantities))
+        given = step(lambda: file.uncertainty.uncertainty(nominal, tick))
+        uncertainty, from_files = with_ranges(given(), entries(), nominal, body().joint_names)
+        actuators, guessed = described()
+        return System(
+            source=Robot(name, actuators, postures(), contacts(), tasks(), file.model.gravity_stiffness),
+            drives=drives(),
+            control=control(),
+            requirements=file.requirements(),
+            uncertainty=uncertainty,
+            scenario=scenario(),
+            assumptions=(*base()[1], *guessed, *from_files),
+            warnings=(*body().doubts, *body().notes, *_without_motor(file, body()), *_outside(postures())),
+        )
+
+
+def _links(file: RobotFile, path: Path, base: Base | None, known_body: RigidBody | None) -> RigidBody:
+    """The links, without a payload."""
     joints = file.joints
-    if known is not None and not joints.locked and not joints.passive:
-        require_movable(body := known)
-    else:
-        body = load_model(path, base, joints.locked, locked_key=LOCKED, passive=joints.passive, driven=joints.driven)
-    body = _carrying(file, body)
-    # Patterns may name joints that are locked or passive: to lock a joint, one line is enough.
-    names = body.every_joint
-    postures = {name: _posture(name, patterns, path, base, file, body) for name, patterns in (file.postures or {"zero": {}}).items()}
-    contacts = {name: _contacts(name, sections, body) for name, sections in (file.contacts or {"free": []}).items()}
-    if len(postures) * len(contacts) > MOST_STATES:
-        raise GainroomError(f"postures and contacts: {len(postures) * len(contacts)} combinations must be at most {MOST_STATES}")
-    given = {key: section.entry(folder, f"joints.{dotted(key)}") for key, section in joints.entries.items()}
-    entries = merge_entries(given, names)[: body.size]
-    actuators, guessed = actuators_of(entries, body.joint_names, body.armature)
-    drives = drives_of(entries, file.drive.drive(tick))
-    robot = Robot(name, actuators, postures, contacts, _tasks(file, body), file.model.gravity_stiffness)
-    nominal = {"delay": [drive.delay for drive in drives], **robot.quantities}
-    uncertainty, from_files = with_ranges(file.uncertainty.uncertainty(nominal, tick), entries, nominal, body.joint_names)
-    return System(
-        source=robot,
-        drives=drives,
-        control=_control(file, body, sample_time),
-        requirements=file.requirements(),
-        uncertainty=uncertainty,
-        scenario=file.scenario.scenario(robot, file.control.space),
-        assumptions=(*assumed, *guessed, *from_files),
-        warnings=(*body.doubts, *body.notes, *_without_motor(file, body), *_outside(postures)),
-    )
+    if known_body is not None and not joints.locked and not joints.passive:
+        require_movable(known_body)
+        return known_body
+    return load_model(path, base, joints.locked, locked_key=LOCKED, passive=joints.passive, driven=joints.driven)
+
+
+def _entries(file: RobotFile, folder: Path, body: RigidBody) -> tuple[ActuatorEntry, ...]:
+    """What is said of each joint."""
+    with Together() as together:
+        given = {
+            key: together.step(lambda key=key, section=section: section.entry(folder, f"joints.{dotted(key)}"))
+            for key, section in file.joints.entries.items()
+        }
+        return merge_entries({key: entry() for key, entry in given.items()}, body.every_joint)[: body.size]
+
+
+def _postures(file: RobotFile, path: Path, base: Base | None, body: RigidBody) -> dict[str, Posture]:
+    """By name."""
+    with Together() as together:
+        found = {
+            name: together.step(lambda name=name, patterns=patterns: _posture(name, known(patterns), path, base, file, body))
+            for name, patterns in (file.postures or {"zero": {}}).items()
+        }
+        return {name: posture() for name, posture in found.items()}
+
+
+def _contact_states(file: RobotFile, body: RigidBody) -> dict[str, tuple[Contact, ...]]:
+    """By name."""
+    with Together() as together:
+        found = {
+            name: together.step(lambda name=name, sections=sections: _contacts(name, known(sections), body))
+            for name, sections in (file.contacts or {"free": []}).items()
+        }
+        return {name: contacts() for name, contacts in found.items()}
+
+
+def _refuse_many(postures: Sized, contacts: Sized) -> None:
+    count = max(len(postures), 1) * max(len(contacts), 1)
+    if count > MOST_STATES:
+        raise GainroomError(f"postures and contacts: {count} combinations must be at most {MOST_STATES}")
 
 
 def _model_path(section: ModelSection, folder: Path) -> Path:
@@ -169,19 +221,22 @@ def _outside(postures: Mapping[str, Posture]) -> tuple[str, ...]:
 def _contacts(name: str, sections: Sequence[ContactSection], body: RigidBody) -> tuple[Contact, ...]:
     """One contact state, its frames there and each used once."""
     owner = f"contacts.{dotted(name)}"
-    for frame, count in Counter(section.frame for section in sections).items():
+
+    def contact(index: int, section: ContactSection) -> Contact:
+        _require_frame(section.frame, body, f"{owner}[{index}]")
+        with named(f"{owner}[{index}]"):
+            return section.contact()
+
+    with Together() as together:
+        together.step(lambda: _refuse_twice(owner, sections))
+        contacts = [together.step(lambda index=index, section=section: contact(index, section)) for index, section in enumerate(sections)]
+        return tuple(each() for each in contacts)
+
+
+def _refuse_twice(owner: str, sections: Sequence[ContactSection]) -> None:
+    for frame, count in Counter(section.frame for section in sections if section.is_right("frame")).items():
         if count > 1:
             raise GainroomError(f"{owner}: frame {shown(frame)} is used {count} times; give each contact frame once")
-    contacts = []
-    for index, section in enumerate(sections):
-        place = f"{owner}[{index}]"
-        _require_frame(section.frame, body, place)
-        try:
-            contact = section.contact()
-        except GainroomError as error:
-            raise GainroomError(f"{place}: {error}") from error
-        contacts.append(contact)
-    return tuple(contacts)
 
 
 def _require_frame(frame: str, body: RigidBody, owner: str) -> None:
@@ -191,37 +246,53 @@ def _require_frame(frame: str, body: RigidBody, owner: str) -> None:
 
 def _tasks(file: RobotFile, body: RigidBody) -> tuple[Task, ...]:
     """The stack, with frames that are there and as many gains as directions."""
-    tasks = tuple(section.task() for section in file.tasks)
-    for index, (section, task) in enumerate(zip(file.tasks, tasks, strict=True)):
-        place = f"tasks[{index}]"
-        if task.frame is not None:
-            _require_frame(task.frame, body, f"{place}.frame")
+    with Together() as together:
+        found = [
+            together.step(lambda index=index, section=section: _task(f"tasks[{index}]", section, body))
+            for index, section in enumerate(file.tasks)
+        ]
+        return tuple(task() for task in found)
+
+
+def _task(place: str, section: TaskSection, body: RigidBody) -> Task:
+    with Together() as together:
+        if section.frame is not None:
+            together.step(lambda: _require_frame(section.frame or "", body, f"{place}.frame"))
+        section.require_right()
+        task = section.task()
         size = len(task.directions(body.joint_names))
-        for key in ("kp", "kd", "kv", "ki"):
+        for key in ControlSection.known_gains():
             given = getattr(section, key)
             if isinstance(given, list) and len(given) != size:
                 raise GainroomError(f"{place}.{key}: {shown(given)} must be a number, or {size} numbers, one per direction")
-    return tasks
+        return task
 
 
-def _control(file: RobotFile, body: RigidBody, sample_time: float | None) -> Control:
+def _control(file: RobotFile, body: RigidBody, sample_time: Callable[[], float | None]) -> Control:
     """Gains per joint, or nothing but filters in task space."""
     section = file.control
-    gains = {name: _per_joint(f"control.{name}", getattr(section, name), body) for name in section.gain_names}
-    in_joints = section.space == "joint"
-    return Control(
-        space=section.space,
-        controller=section.controller(gains) if in_joints else None,
-        feedback=section.feedback,
-        sample_time=sample_time,
-        **section.filters(),
-        rotors=section.rotors,
-        weight=_per_joint("control.weight", {DEFAULT: 1.0, **(section.weight or {})}, body) if in_joints else None,
-        kd_path=section.gain_path(),
-        command_delay=1e-3 * file.drive.command_delay_ms,
-        sampling_in_delay=file.drive.delay_includes_sampling,
-        continuous=file.drive.clock == "continuous",
-    )
+    with Together() as together:
+        step = together.step
+        gains = {
+            name: step(lambda name=name: _per_joint(f"control.{name}", known(getattr(section, name)), body))
+            for name in section.known_gains()
+        }
+        weight = step(lambda: _per_joint("control.weight", {DEFAULT: 1.0, **(section.weight or {})}, body))
+        path = step(section.gain_path)
+        in_joints = section.space == "joint"
+        return Control(
+            space=section.space,
+            controller=section.controller({name: gains[name]() for name in section.gain_names}) if in_joints else None,
+            feedback=section.feedback,
+            sample_time=sample_time(),
+            **section.filters(),
+            rotors=section.rotors,
+            weight=weight() if in_joints else None,
+            kd_path=path(),
+            command_delay=1e-3 * file.drive.command_delay_ms,
+            sampling_in_delay=file.drive.delay_includes_sampling,
+            continuous=file.drive.clock == "continuous",
+        )
 
 
 def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Floats:

@@ -2,16 +2,27 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Annotated, Any, ClassVar, Generic, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model
 
-from ..errors import GainroomError
-from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, made_when_read, number, refusal
+from ..errors import GainroomError, Together, UnjudgedError
+from ..io.validation import (
+    NotNegative,
+    Positive,
+    PositiveOrInfinite,
+    Refusals,
+    Section,
+    items,
+    made_when_read,
+    number,
+    refusal,
+    relation,
+)
 from ..io.yaml_text import shown
 from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import PD, PID, PPI
@@ -52,7 +63,7 @@ def interval(end: BeforeValidator) -> BeforeValidator:
             return f"{match[1]}%"
         if not isinstance(value, list) or len(value) != 2:
             raise refusal(f"{shown(value)} must be [low, high], or a percentage such as 20%")
-        low, high = (end.func(bound) for bound in value)  # type: ignore[call-arg]
+        low, high = items(value, end)
         if low > high:
             raise refusal(f"{value} must be [low, high] with low <= high")
         return [low, high]
@@ -94,17 +105,22 @@ class DriveSection(Section):
     command_delay_ms: DelayMs = 0.0
     clock: Literal["continuous"] | None = Field(None, description="continuous: the loop has no rate, on purpose")
 
-    @model_validator(mode="after")
-    def _one_delay(self) -> "DriveSection":
+    @relation
+    def _one_delay(self) -> Refusals:
         if self.delay_ms is None and self.delay_ticks is None:
             what = "the delay from the command of a torque to the torque [ms], a number >= 0; or give delay_ticks with sample_rate_hz"
-            raise refusal(f"is missing: {what}", key="delay_ms")
+            yield refusal(f"is missing: {what}", key="delay_ms")
         if self.delay_ms is not None and self.delay_ticks is not None:
-            raise refusal("give either delay_ms or delay_ticks, not both")
-        return self
+            yield refusal("give either delay_ms or delay_ticks, not both")
+
+    @property
+    def delay_key(self) -> str:
+        """By which the delay is given."""
+        return "drive.delay_ticks" if self.delay_ms is None else "drive.delay_ms"
 
     def drive(self, tick: float | None) -> Drive:
         """In SI; `tick` [s]. Raises GainroomError where ticks have no length."""
+        self.require_right()
         delay = 1e-3 * (self.delay_ms or 0.0)
         if self.delay_ticks is not None:
             if tick is None:
@@ -121,12 +137,11 @@ class FrequencySection(Section):
 
     EITHER: ClassVar[tuple[str, ...]] = ()
 
-    @model_validator(mode="after")
-    def _one_of_each(self) -> Self:
+    @relation
+    def _one_of_each(self) -> Refusals:
         for key in self.EITHER:
             if (getattr(self, key) is None) == (getattr(self, f"{key}_hz") is None):
-                raise refusal(f"give either {key} [rad/s] or {key}_hz")
-        return self
+                yield refusal(f"give either {key} [rad/s] or {key}_hz")
 
     def omega(self, key: str) -> float:
         """[rad/s]."""
@@ -156,11 +171,10 @@ class LowPassSection(FrequencySection):
     order: Literal[1, 2] = 1
     damping_ratio: DampingRatio | None = None
 
-    @model_validator(mode="after")
-    def _damped(self) -> "LowPassSection":
+    @relation
+    def _damped(self) -> Refusals:
         if self.damping_ratio is not None and self.order == 1:
-            raise refusal("is for order 2 only", key="damping_ratio")
-        return self
+            yield refusal("is for order 2 only", key="damping_ratio")
 
     def low_pass(self) -> LowPass:
         """In rad/s."""
@@ -209,27 +223,36 @@ class ControlSection(Section):
         """The gains of the type."""
         return CONTROLLERS[self.type].gain_names()
 
-    @model_validator(mode="after")
-    def _gains_of_the_type(self) -> "ControlSection":
+    @staticmethod
+    def known_gains() -> tuple[str, ...]:
+        """The gains of every type."""
+        return tuple(dict.fromkeys(name for one in CONTROLLERS.values() for name in one.gain_names()))
+
+    @relation
+    def _gains_of_the_type(self) -> Refusals:
+        if not self.gain_names:  # of tasks
+            return
         names = ", ".join(self.gain_names)
-        known = dict.fromkeys(name for one in CONTROLLERS.values() for name in one.gain_names())
-        given = [name for name in known if getattr(self, name) is not None]
+        given = [name for name in self.known_gains() if not self.is_right(name) or getattr(self, name) is not None]
         missing = [name for name in self.gain_names if name not in given]
+        meant = set()
         for name in given:
             if name not in self.gain_names:
+                meant |= {other for other in missing if RATE_GAINS.get(name) == other}
                 hint = f"; did you mean {RATE_GAINS[name]}?" if RATE_GAINS.get(name) in missing else ""
-                raise refusal(f"is not a gain of type {self.type}, which has {names}{hint}", key=name)
+                yield refusal(f"is not a gain of type {self.type}, which has {names}{hint}", key=name)
         for name in missing:
-            raise refusal(f"is missing: {type(self).model_fields[name].description}; type {self.type} has {names}", key=name)
-        return self
+            if name not in meant:
+                yield refusal(f"is missing: {type(self).model_fields[name].description}; type {self.type} has {names}", key=name)
 
-    @model_validator(mode="after")
-    def _both_sampled(self) -> "ControlSection":
-        if self.kd_path is not None and "kd" not in self.gain_names:
-            raise refusal(f"has no meaning for type {self.type}, which has no kd", key="kd_path")
-        if self.kd_path is not None and self.sample_rate_hz is None:
-            raise refusal("is missing: the rate of the other gains [Hz], which kd_path needs", key="sample_rate_hz")
-        return self
+    @relation
+    def _both_sampled(self) -> Refusals:
+        if self.kd_path is None:
+            return
+        if self.sample_rate_hz is None:
+            yield refusal("is missing: the rate of the other gains [Hz], which kd_path needs", key="sample_rate_hz")
+        if "kd" not in self.gain_names:
+            yield refusal(f"has no meaning for type {self.type}, which has no kd", key="kd_path")
 
     def gain_path(self) -> GainPath | None:
         """Of kd. Raises GainroomError where its rate and the other gains' cannot be followed together, and for too long a delay."""
@@ -250,15 +273,18 @@ class ControlSection(Section):
 
     def controller(self, gains: Mapping[str, Any]) -> PD | PID | PPI:
         """The controller of the type with `gains` and the filters."""
+        self.require_right()
         return CONTROLLERS[self.type](**gains, **self.filters())
 
     def require_filters_below(self, nyquist: float) -> None:
         """Raise GainroomError where a filter lies above half the rate at which it runs; `nyquist` [rad/s] is that of all gains but kd."""
         velocity = nyquist if self.kd_path is None else math.pi * self.kd_path.sample_rate_hz
-        if self.velocity_filter is not None:
-            self.velocity_filter.require_below("bandwidth", "control.velocity_filter", velocity)
-        for index, notch in enumerate(self.notches):
-            notch.require_below("frequency", f"control.notches[{index}]", min(nyquist, velocity))
+        with Together() as together:
+            if (low_pass := self.velocity_filter) is not None:
+                together.step(lambda: low_pass.require_below("bandwidth", "control.velocity_filter", velocity))
+            for index, notch in enumerate(self.notches):
+                place = f"control.notches[{index}]"
+                together.step(lambda notch=notch, place=place: notch.require_below("frequency", place, min(nyquist, velocity)))
 
 
 def limits_section() -> type[Section]:
@@ -284,26 +310,33 @@ class UncertaintySection(Section):
     motor_inertia: PositiveInterval | None = None
     damping: NotNegativeInterval | None = None
 
-    @model_validator(mode="after")
-    def _one_delay(self) -> "UncertaintySection":
+    @relation
+    def _one_delay(self) -> Refusals:
         if self.delay_ms is not None and self.delay_ticks is not None:
-            raise refusal("give either delay_ms or delay_ticks, not both")
-        return self
+            yield refusal("give either delay_ms or delay_ticks, not both")
 
-    def uncertainty(self, nominal: Mapping[str, ArrayLike], tick: float | None) -> Uncertainty:
-        """In SI; `nominal` by name of Uncertainty, a number or one for each of n joints; `tick` [s].
+    def uncertainty(self, nominal: Mapping[str, ArrayLike], tick: Callable[[], float | None]) -> Uncertainty:
+        """In SI; `nominal` by name of Uncertainty, a number or one for each of n joints, as far as known; `tick` gives its length [s].
 
         Raises GainroomError where a range does not contain the nominal value, and where ticks have no length.
         """
-        if self.delay_ticks is not None and tick is None:
-            raise GainroomError("uncertainty.delay_ticks: needs control.sample_rate_hz or drive.sample_rate_hz")
-        units = {"delay_ms": 1e-3, "delay_ticks": tick or 0.0}
+        units: dict[str, Callable[[], float | None]] = {"delay_ms": lambda: 1e-3, "delay_ticks": tick}
         found = {}
-        for key in type(self).model_fields:
-            if (given := getattr(self, key)) is not None:
-                name = "delay" if key in units else key
-                found[name] = _around(key, given, np.asarray(nominal[name], dtype=float), units.get(key, 1.0))
-        return Uncertainty(**found)
+
+        def add(key: str) -> None:
+            given, name = getattr(self, key), "delay" if key in units else key
+            if given is None:
+                return
+            if (unit := units.get(key, lambda: 1.0)()) is None:
+                raise GainroomError("uncertainty.delay_ticks: needs control.sample_rate_hz or drive.sample_rate_hz")
+            if name not in nominal:
+                raise UnjudgedError(name)
+            found[name] = _around(key, given, np.asarray(nominal[name], dtype=float), unit)
+
+        with Together() as together:
+            for key in type(self).model_fields:
+                together.step(lambda key=key: add(key))
+            return Uncertainty(**found)
 
 
 def _around(key: str, given: str | list[float], nominal: Floats, unit: float) -> tuple[Floats, Floats]:
@@ -342,20 +375,25 @@ class SystemFile(Section, Generic[Control, Ranges]):
         return None if rate is None else 1 / rate
 
     def sample_time(self) -> float | None:
-        """Of the controller [s]; None: continuous. Raises GainroomError as `tick`, and for a filter above half the sample rate."""
+        """Of the controller [s]; None: continuous. Raises GainroomError for a filter above half the sample rate."""
         if self.control.sample_rate_hz is None:
             return None
+        with Together() as together:
+            together.step(self._refuse_sampling_twice)
+            together.step(self._refuse_clock)
+            self.control.require_filters_below(math.pi * self.control.sample_rate_hz)
+            return 1 / self.control.sample_rate_hz
+
+    def _refuse_sampling_twice(self) -> None:
         if self.drive.delay_includes_sampling:
             raise GainroomError(
                 "drive.delay_includes_sampling: must be false with control.sample_rate_hz: a sampled loop adds its own hold and velocity "
                 "difference to the delay, so that they would count twice"
             )
+
+    def _refuse_clock(self) -> None:
         if self.drive.clock is not None:
             raise GainroomError("drive.clock: must be left out with control.sample_rate_hz: a loop with a rate is not continuous")
-        tick = self.tick()
-        assert tick is not None
-        self.control.require_filters_below(math.pi / tick)
-        return tick
 
     def requirements(self) -> Requirements:
         """As given, or the usual ones."""

@@ -3,13 +3,29 @@
 import difflib
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from types import FunctionType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from ..errors import GainroomError, listed
+from ..errors import GainroomError, Together, UnjudgedError, listed
 from .yaml_text import shown
 
 SMALLEST, LARGEST = 1e-12, 1e12
@@ -64,11 +80,24 @@ def each(end: BeforeValidator) -> BeforeValidator:
     """A check: a number, or a list of them, each as `end` allows."""
 
     def check(value: object) -> float | list[float]:
-        if isinstance(value, list) and value:
-            return [end.func(item) for item in value]  # type: ignore[call-arg]
-        return end.func(value)  # type: ignore[call-arg]
+        return items(value, end) if isinstance(value, list) and value else end.func(value)  # type: ignore[call-arg]
 
     return BeforeValidator(check)
+
+
+def items(values: Sequence[object], check: BeforeValidator) -> list[float]:
+    """The values as `check` lets them pass. Raises what a validator may raise, of several that are wrong by their places."""
+    found, wrong = [], []
+    for index, value in enumerate(values):
+        try:
+            found.append(check.func(value))  # type: ignore[call-arg]
+        except PydanticCustomError as error:
+            wrong.append(InitErrorDetails(type=error, loc=(index,), input=value))
+    if len(wrong) == 1:
+        raise wrong[0]["type"]  # type: ignore[misc] - a PydanticCustomError
+    if wrong:
+        raise ValidationError.from_exception_data("items", wrong)
+    return found
 
 
 def require_one_of(typed: str, value: str | None, allowed: Sequence[str]) -> None:
@@ -77,53 +106,210 @@ def require_one_of(typed: str, value: str | None, allowed: Sequence[str]) -> Non
         raise GainroomError(f"{typed}: must be {listed(allowed, 'or', len(allowed))}")
 
 
-def typed(*kinds: str, beside: str) -> BeforeValidator:
-    """A check of a section whose `type`, one of `kinds`, decides which keys it has `beside`: the type comes first."""
-    *others, last = kinds
-    allowed = f"{', '.join(others)} or {last}"
-
-    def check(value: object) -> object:
-        if not isinstance(value, dict):
-            raise refusal(f"{shown(value)} must be a section with the keys type, {beside}")
-        if "type" not in value:
-            raise refusal(f"is missing: it must be {allowed}", key="type")
-        if value["type"] not in kinds:
-            raise refusal(f"{shown(value['type'])} must be {allowed}", key="type")
-        return value
-
-    return BeforeValidator(check)
-
-
 def refusal(message: str, key: str = "") -> PydanticCustomError:
     """An error to raise inside a check; `key` is appended to the path that the message names."""
     return PydanticCustomError("refused", "{message}", {"message": message, "key": key})
+
+
+Problem = tuple[str, str]
+"""The path of keys that lead to what is wrong, and what is wrong with it."""
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """Stands for a value that is wrong, with all that is wrong with it, paths from there; without any where that is said elsewhere."""
+
+    problems: tuple[Problem, ...] = ()
+
+
+Refusals = Iterator[PydanticCustomError]
+Relation = TypeVar("Relation", bound=Callable[[Any], Refusals])
+
+
+def relation(check: Relation) -> Relation:
+    """A check of a Section's keys against each other, a method that gives a `refusal` of each problem or raises GainroomError.
+
+    It sees the keys whose own values are right, and ends unseen where it asks for another.
+    """
+    _RELATIONS.add(check)
+    return check
+
+
+_RELATIONS: set[Any] = set()
+TOGETHER = object()
+"""Context of a validation that keeps what is right of a section, and its problems beside it (`partly`)."""
 
 
 class Section(BaseModel):
     """A mapping with known keys. A field's description says what a missing key would hold: what it is, its unit, and what is allowed.
 
     MEANT   what is meant by keys that others have for the same, where no likeness of names tells it
+
+    Whatever is wrong is found at once: a value's own faults, unknown and missing keys, and `relation`s of keys.
     """
 
     MEANT: ClassVar[Mapping[str, str]] = {}
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+    _faults: tuple[Problem, ...] = PrivateAttr(())
+    _contradictions: tuple[Problem, ...] = PrivateAttr(())
+    _unwritten: frozenset[str] = PrivateAttr(frozenset())
+    """Fields that are no key of what was read, whose own keys stand in their place."""
 
-    @model_validator(mode="before")
     @classmethod
-    def _check_keys(cls, data: Any) -> Any:
-        allowed = ", ".join(cls.model_fields)
-        if not isinstance(data, dict):
-            raise refusal(f"{shown(data)} must be a section with keys among {allowed}")
-        for key in data:
-            if key not in cls.model_fields:
-                nearest = [cls.MEANT[key]] if key in cls.MEANT else difflib.get_close_matches(key, cls.model_fields, 1, cutoff=0.5)
-                hint = f"; did you mean {nearest[0]}?" if nearest else ""
-                raise refusal(f"unknown key{hint} (allowed: {allowed})", key=dotted(key))
-        for name, field in cls.model_fields.items():
-            if field.is_required() and name not in data:
-                raise refusal(f"is missing: {field.description}", key=name)
+    def prepared(cls, data: dict[str, Any]) -> dict[str, Any]:
+        """The fields of what was read, where its keys are not their names."""
         return data
+
+    @classmethod
+    def allowed(cls) -> str:
+        """What stands in a section's place."""
+        return f"must be a section with keys among {', '.join(cls.model_fields)}"
+
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _with_faults(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        if isinstance(value, Wrong):
+            return value
+        try:
+            return handler(value)
+        except ValidationError as error:
+            return Wrong(tuple(_problems_of(error, value)))
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_all_faults(cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
+        problems: list[Problem] = []
+        if isinstance(data, dict):
+            fields = cls.prepared(data)
+            given = {key: value for key, value in fields.items() if key in cls.model_fields}
+            unknown = {key: cls._meant(key) for key in fields if key not in cls.model_fields}
+            problems += [(dotted(key), cls._unknown(meant)) for key, meant in unknown.items()]
+            meant = {text.partition(" ")[0] for text in unknown.values()}
+            for name, field in cls.model_fields.items():
+                if name not in fields and (field.is_required() or name in meant):
+                    problems += [] if name in meant else [(name, f"is missing: {field.description}")]
+                    given[name] = Wrong()
+        else:
+            problems += [] if isinstance(data, Wrong) else [("", f"{shown(data)} {cls.allowed()}")]
+            given = dict.fromkeys(cls.model_fields, Wrong())
+        made = handler(given)
+        for name in cls.model_fields:
+            if isinstance(found := vars(made)[name], Wrong):
+                problems += _below(name, found.problems)
+                vars(made).pop(name)
+        contradictions = tuple(made._contradicted())
+        if (problems or contradictions) and info.context is not TOGETHER:
+            path, message = (*problems, *contradictions)[0]
+            raise refusal(message, path)
+        made._faults, made._contradictions = tuple(problems), contradictions
+        made._unwritten = frozenset(given) - data.keys() if isinstance(data, dict) else frozenset()
+        return made
+
+    @classmethod
+    def _meant(cls, key: str) -> str:
+        """What an unknown key probably stands for; "" where nobody knows."""
+        return cls.MEANT.get(key) or "".join(difflib.get_close_matches(key, cls.model_fields, 1, cutoff=0.5))
+
+    @classmethod
+    def _unknown(cls, meant: str) -> str:
+        return f"unknown key{f'; did you mean {meant}?' if meant else ''} (allowed: {', '.join(cls.model_fields)})"
+
+    def _contradicted(self) -> Iterator[Problem]:
+        """What is wrong with keys beside each other."""
+        for check in _relations_of(type(self)):
+            try:
+                for error in check(self):
+                    yield _problem(error)
+            except PydanticCustomError as error:
+                yield _problem(error)
+            except GainroomError as error:
+                yield from (("", text) for text in error.problems)
+            except UnjudgedError:
+                pass
+
+    def require_right(self) -> None:
+        """Raise UnjudgedError where something is wrong with its keys, alone or beside each other."""
+        if self._faults or self._contradictions:
+            raise UnjudgedError
+
+    def is_right(self, name: str) -> bool:
+        """Whether the value of a field is not wrong."""
+        return name in self.__dict__
+
+    @property
+    def is_section(self) -> bool:
+        """Whether something of it is right: a section stood there."""
+        return bool(self.__dict__)
+
+    def problems(self) -> Iterator[Problem]:
+        """All that is wrong in it, and in what it holds."""
+        yield from self._faults
+        for name, value in self.__dict__.items():
+            yield from _below("" if name in self._unwritten else name, _within(value))
+        yield from self._contradictions
+
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """As pydantic has it. Raises UnjudgedError where something of it is wrong."""
+        asked = set(options.get("include") or type(self).model_fields) - set(options.get("exclude") or ())
+        if asked & type(self).model_fields.keys() - self.__dict__.keys():
+            raise UnjudgedError
+        return super().model_dump(**options)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name in type(self).__pydantic_fields__:
+                raise UnjudgedError(name)
+            return super().__getattr__(name)
+
+
+@cache
+def _relations_of(kind: type[Section]) -> list[Callable[[Any], Refusals]]:
+    """Those of its own and of what it inherits, these first."""
+    every = (each for one in reversed(kind.__mro__) for each in vars(one).values())
+    return [each for each in every if isinstance(each, FunctionType) and each in _RELATIONS]
+
+
+def _within(value: Any) -> Iterator[Problem]:
+    """What is wrong in the sections that a value holds."""
+    if isinstance(value, Section):
+        yield from value.problems()
+    elif isinstance(value, Wrong):
+        yield from value.problems
+    elif isinstance(value, dict):
+        for key, each in value.items():
+            yield from _below(dotted(str(key)), _within(each))
+    elif isinstance(value, list | tuple):
+        for index, each in enumerate(value):
+            yield from _below(f"[{index}]", _within(each))
+
+
+def _below(key: str, problems: Iterable[Problem]) -> list[Problem]:
+    """Problems of the value of `key`, by paths that begin with it."""
+    return [(_joined(key, path), message) for path, message in problems]
+
+
+def _joined(path: str, key: str) -> str:
+    return f"{path}{key}" if key.startswith("[") else ".".join(filter(None, (path, key)))
+
+
+def known(value: Any) -> Any:
+    """`value`. Raises UnjudgedError where it is Wrong, or not there."""
+    if value is None or isinstance(value, Wrong):
+        raise UnjudgedError
+    return value
+
+
+def _as_wrong(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    try:
+        return handler(value)
+    except ValidationError as error:
+        return Wrong(tuple(_problems_of(error, value)))
+
+
+KEPT = WrapValidator(_as_wrong)
+"""Of values that a field holds several of: one that is wrong is Wrong, and hides no fault of the others. To be read as `known`."""
 
 
 EXPECTED = {
@@ -140,26 +326,45 @@ AnySection = TypeVar("AnySection", bound=Section)
 
 
 def validate(model: type[AnySection], data: object, source: str, within: str = "") -> AnySection:
-    """`data` as a `model`. Raises GainroomError about the first thing that is wrong: SOURCE: key.path: message.
+    """`data` as a `model`. Raises GainroomError with all that is wrong, each as SOURCE: key.path: message.
 
     within   the key whose value `data` is; "" for a whole file
     """
-    try:
-        return model.model_validate(data)
-    except ValidationError as error:
-        message, path = _first(error, data)
-        path = ".".join(filter(None, (within, path)))
-        raise GainroomError(": ".join(filter(None, (source, _said_of(path, message))))) from error
+    with Together() as together:
+        return partly(model, data, source, together, within)
 
 
-def made_when_read(model: Callable[[], type[Section]]) -> BeforeValidator:
-    """A check of a section whose keys are known only when it is read; None stays None."""
+def partly(model: type[AnySection], data: object, source: str, together: Together, within: str = "") -> AnySection:
+    """As `validate`, with what is right of `data`, whose other keys raise UnjudgedError; the problems go to `together`."""
+    found = model.model_validate(data, context=TOGETHER)
+    problems = dict.fromkeys(_said_of(_joined(within, path), message) for path, message in found.problems())
+    if problems:
+        together.add(GainroomError(*(": ".join(filter(None, (source, text))) for text in problems)))
+    return found
 
-    def check(value: object) -> Section | None:
-        try:
-            return None if value is None else model().model_validate(value)
-        except ValidationError as error:
-            raise refusal(*_first(error, value)) from None
+
+def made_when_read(model: Callable[[], type[Section]], optional: bool = True) -> BeforeValidator:
+    """A check of a section whose keys are known only when it is read; None stays None where it is `optional`."""
+
+    def check(value: object, info: ValidationInfo) -> Section | None:
+        return None if value is None and optional else model().model_validate(value, context=info.context)
+
+    return BeforeValidator(check)
+
+
+def typed(kinds: Mapping[str, type[Section]], beside: str) -> BeforeValidator:
+    """A check of a section whose `type`, one of `kinds`, decides which keys it has `beside`: the type comes first."""
+    allowed = listed([*kinds], "or", len(kinds))
+
+    def check(value: object, info: ValidationInfo) -> Section:
+        if not isinstance(value, dict):
+            raise refusal(f"{shown(value)} must be a section with the keys type, {beside}")
+        if "type" not in value:
+            raise refusal(f"is missing: it must be {allowed}", key="type")
+        kind = kinds.get(value["type"]) if isinstance(value["type"], str) else None
+        if kind is None:
+            raise refusal(f"{shown(value['type'])} must be {allowed}", key="type")
+        return kind.model_validate(value, context=info.context)
 
     return BeforeValidator(check)
 
@@ -169,10 +374,23 @@ def _said_of(path: str, message: str) -> str:
     return f"{path}{' ' if message.startswith(('is ', 'has ')) else ': '}{message}" if path else message
 
 
-def _first(error: ValidationError, data: object) -> tuple[str, str]:
-    """The first thing that is wrong with `data`, and the path of keys that lead to it."""
-    first = error.errors(include_url=False, include_input=True)[0]
-    return _message(first), _path(data, first["loc"], first.get("ctx", {}).get("key", ""))
+def _problem(error: PydanticCustomError) -> Problem:
+    context: Any = error.context
+    return context["key"], context["message"]
+
+
+def _problems_of(error: ValidationError, value: object) -> list[Problem]:
+    """What is wrong with `value`: of a place that may hold several kinds what is said of the first, or of what stands deeper."""
+    found: dict[str, str] = {}
+    for each in error.errors(include_url=False, include_input=True):
+        if not isinstance(each["input"], Wrong):
+            found.setdefault(_path(value, each["loc"], each.get("ctx", {}).get("key", "")), _message(each))
+    return [(path, text) for path, text in found.items() if not any(_leads_to(path, other) for other in found)]
+
+
+def _leads_to(path: str, other: str) -> bool:
+    """Whether what stands at `other` stands in what stands at `path`."""
+    return other != path and other.startswith(path) and (not path or other[len(path)] in ".[")
 
 
 def _message(error: Any) -> str:
@@ -215,4 +433,4 @@ def _path(data: Any, location: tuple[Any, ...], key: str) -> str:
         else:
             continue
         data = data[part]
-    return (f"{path}.{key}" if key else path).removeprefix(".")
+    return _joined(path.removeprefix("."), key)

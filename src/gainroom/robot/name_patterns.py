@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
-from ..errors import GainroomError, nearest
+from ..errors import GainroomError, Together, nearest
 
 DEFAULT = "default"
 """The key that stands for every joint, before all patterns."""
@@ -127,13 +127,14 @@ def select_all(
 
     all_match   whether every pattern must match; or else one that matches nothing has no index
     """
-    found, tries, length = [], 0.0, _length(names)
-    for pattern in patterns:
-        found.append((select if all_match else _matches)(pattern, names, owner if each is None else each(pattern)))
-        tries += 0.0 if pattern in names else len(names) * _ways(pattern, length)
-        if tries > MOST_TRIES:
-            raise GainroomError(f"{owner}: these patterns can match in too many ways together; use fewer, or fewer * in them")
-    return found
+    found, tries, length, chosen = [], 0.0, _length(names), select if all_match else _matches
+    with Together() as together:
+        for pattern in patterns:
+            found.append(together.step(lambda pattern=pattern: chosen(pattern, names, owner if each is None else each(pattern))))
+            tries += 0.0 if pattern in names else len(names) * _ways(pattern, length)
+            if tries > MOST_TRIES:
+                raise GainroomError(f"{owner}: these patterns can match in too many ways together; use fewer, or fewer * in them")
+        return [indices() for indices in found]
 
 
 def assign(values: Mapping[str, Value], names: Sequence[str], owner: str) -> list[list[Value]]:

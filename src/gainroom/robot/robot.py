@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import GainroomError, first_of_many, nearest
+from ..errors import GainroomError, first_of_many, named, nearest
 from ..system.linear.arrays import Booleans, Floats
 
 if TYPE_CHECKING:
@@ -93,13 +93,11 @@ class Robot:
         posture = _known("posture", posture, self.postures)
         contact = _known("contact", contact, self.contacts)
         stance = self.postures[posture]
-        try:
+        with named(f"{self.name}: posture {posture!r}, contact {contact!r}"):
             q = stance.body.configuration(dict(stance.angles))
             held = self.contacts[contact]
             weighed = weight and holds_base(stance.body, q, held) if self.gravity is None else self.gravity
             model = linearize(stance.body, self.actuators, q, held, gravity=weighed)
-        except GainroomError as error:
-            raise GainroomError(f"{self.name}: posture {posture!r}, contact {contact!r}: {error}") from error
         return replace(model, posture=posture, contact=contact)
 
     def tasks(self, model: "RobotModel", rotors: bool = False) -> "Tasks":

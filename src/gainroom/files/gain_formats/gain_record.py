@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 from pydantic import BeforeValidator, Field
 
 from ...errors import first_of_many
-from ...io.validation import NotNegative, Positive, Section, number, refusal
+from ...io.validation import KEPT, NotNegative, Positive, Section, number, refusal
 from ...io.yaml_text import shown
 from ...robot.name_patterns import DEFAULT, assign, select_all
 from ..system_sections import Stiffness
@@ -64,7 +64,7 @@ def _pair(value: object) -> object:
     return value
 
 
-AnyGain = Annotated[GainSection, BeforeValidator(_pair)]
+AnyGain = Annotated[GainSection, BeforeValidator(_pair), KEPT]
 """Gains of a joint or pattern in YAML or JSON."""
 
 

@@ -5,9 +5,9 @@ Later patterns win. Beside `gains` may stand where they run, at which rate, and 
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from ...io.validation import Section, refusal, validate
+from ...io.validation import Refusals, Section, refusal, relation, validate
 from ..system_sections import DelayMs, SampleRate
 from .gain_record import ANGLE, AnyGain, Gain, GainFile, Origin
 
@@ -29,13 +29,12 @@ class PlainFile(Section):
     )
     posture: dict[str, Annotated[float, ANGLE]] | None = Field(None, description="angles by joint or pattern [rad; m if prismatic]")
 
-    @model_validator(mode="before")
     @classmethod
-    def _at_the_top(cls, data: Any) -> Any:
-        return data if not isinstance(data, dict) or "gains" in data else {"gains": data}
+    def prepared(cls, data: dict[str, Any]) -> dict[str, Any]:
+        return data if "gains" in data else {"gains": data}
 
-    @model_validator(mode="after")
-    def _whole_place(self) -> "PlainFile":
+    @relation
+    def _whole_place(self) -> Refusals:
         on_drive = self.gains_run in ("drive", "split")
         for key in DRIVE:
             if (getattr(self, key) is not None) != on_drive:
@@ -44,10 +43,9 @@ class PlainFile(Section):
                     if on_drive
                     else "has no meaning without gains_run: drive or split"
                 )
-                raise refusal(needed, key=key)
+                yield refusal(needed, key=key)
         if self.gains_run == "drive" and self.sample_rate_hz is not None:
-            raise refusal("has no meaning with gains_run: drive; drive_rate_hz is the rate", key="sample_rate_hz")
-        return self
+            yield refusal("has no meaning with gains_run: drive; drive_rate_hz is the rate", key="sample_rate_hz")
 
 
 def is_plain(data: dict[str, Any]) -> bool:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from ...errors import GainroomError, nearest, require_positive
+from ...errors import GainroomError, named, nearest, require_positive
 from ...identification.record import SIGNALS
 from ...io.validation import Name, Section, number, refusal, validate
 from ...io.yaml_text import parse_yaml, read_text, shown
@@ -126,8 +126,6 @@ def load_options(path: Path) -> dict[str, Any]:
     if "sample_rate_hz" in given:
         given["sample_rate"] = given.pop("sample_rate_hz")
     given |= {name: tuple(given[name]) for name in ("rotor_side", "joints") if name in given}
-    try:
+    with named(str(path)):
         LogOptions(**given)
-    except GainroomError as error:
-        raise GainroomError(f"{path}: {error}") from error
     return given

@@ -1,0 +1,222 @@
+"""Everything that is wrong in a file is said in one run: one line each, with file, key, value and what is allowed."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from gainroom.cli import main
+from gainroom.cli.example import example_texts, joint_examples
+from gainroom.errors import MOST_PROBLEMS, GainroomError, Together, UnjudgedError
+from gainroom.files.joint_yaml import parse_joint, parse_simulation
+from gainroom.files.robot_yaml import parse_robot
+
+TESTBED = joint_examples()["testbed-simulated"]
+BIPED = example_texts()["biped"]
+
+
+def refused(make, *arguments) -> tuple[str, ...]:
+    with pytest.raises(GainroomError) as caught:
+        make(*arguments)
+    assert all("\n" not in problem for problem in caught.value.problems)
+    return caught.value.problems
+
+
+def assert_each_said_once(problems: tuple[str, ...], begins: list[str]) -> None:
+    """Each line begins with one of the texts, and each text begins one line."""
+    assert sorted(next((text for text in begins if problem.startswith(text)), problem) for problem in problems) == sorted(begins)
+
+
+JOINT = """
+joint: {motor_inertia: -1, link_inertia: "16,0", stifness: 1.0e4, damping: 1}
+drive: {bandwidth: 4000.0, delay_ms: 2.0, delay_ticks: 3}
+control: {type: pd, kp: 1.0e4, kv: 300.0, feedback: mtor, sample_rate_hz: 2000, notches: [{frequency_hz: 80, depth: 2}, {}]}
+limits: {gain_margin_db: -6.0, phase: 3}
+uncertainty: {stiffness: [3, 2], damping: 200%}
+scenario: {duration: 1, reference: {type: step, start: 2}, noise: 5}
+extra: 1
+"""
+IN_JOINT = [
+    "extra: unknown key",
+    "drive: give either delay_ms or delay_ticks",
+    "control.feedback: 'mtor' must be motor or link; did you mean motor?",
+    "control.notches[0].depth: 2 must be <= 1",
+    "control.notches[1]: give either frequency",
+    "control.kv is not a gain of type pd, which has kp, kd; did you mean kd?",
+    "limits.phase: unknown key",
+    "limits.gain_margin_db: -6.0 must be > 0",
+    "uncertainty.stiffness: [3, 2] must be [low, high] with low <= high",
+    "uncertainty.damping: '200%' must be less than 100%",
+    "joint.stifness: unknown key; did you mean stiffness?",
+    "joint.motor_inertia: -1 must be > 0",
+    "joint.link_inertia: '16,0' is text and must be a number: the decimal sign is a point, 16.0",
+    "scenario.reference.by is missing",
+    "scenario.reference.start: 2 s must be before the run ends",
+    "scenario.noise: 5 must be <= 1",
+]
+
+
+def test_everything_in_a_joint_yaml():
+    assert_each_said_once(refused(parse_joint, JOINT, "knee.yaml"), [f"knee.yaml: {text}" for text in IN_JOINT])
+
+
+def test_what_contradicts_itself_in_several_sections():
+    """Each of these files' own values is right alone."""
+    text = """
+joint: {motor_inertia: 1, rotor_inertia: 1, link_inertia: 16.0, stiffness: 1.0e4, damping: 1}
+drive: {bandwidth: 4000.0, delay_ms: 2.0, sample_rate_hz: 100}
+control: {type: pd, kp: 1.0e4, kd: 300.0, feedback: motor, sample_rate_hz: 2000, velocity_filter: {bandwidth: 10000},
+  notches: [{frequency_hz: 1100}]}
+uncertainty: {delay_ms: [3, 4]}
+"""
+    begins = [
+        "joint: rotor_inertia has no meaning beside motor_inertia",
+        "drive.sample_rate_hz: 100.0 must equal control.sample_rate_hz 2000.0",
+        "control.velocity_filter.bandwidth: 10000 rad/s must be below half the sample rate",
+        "control.notches[0].frequency_hz: 1100 Hz must be below half the sample rate",
+    ]
+    assert_each_said_once(refused(parse_joint, text, "knee.yaml"), [f"knee.yaml: {each}" for each in begins])
+
+
+def test_a_relation_is_judged_beside_a_wrong_value_elsewhere():
+    """The wrong stiffness hides neither the range of the delay, nor the motor that is not described."""
+    text = """
+joint: {link_inertia: 16.0, stiffness: -1, damping: 1}
+drive: {bandwidth: 4000.0, delay_ms: 2.0}
+control: {type: pd, kp: 1.0e4, kd: 300.0, feedback: motor}
+uncertainty: {delay_ms: [3, 4], stiffness: 20%}
+"""
+    begins = ["joint.stiffness: -1 must be > 0", "joint.motor_inertia is missing", "uncertainty.delay_ms: [3.0, 4.0] must contain"]
+    assert_each_said_once(refused(parse_joint, text, "knee.yaml"), [f"knee.yaml: {each}" for each in begins])
+
+
+def test_one_mistake_is_one_line():
+    """What only follows from a wrong value is not said beside it."""
+    for old, new in (("stiffness:", "stifness:"), ("delay_ms:", "delay:"), ("type: pd", "type: pdd"), ("kd:", "kv:"), ("kp: ", "kp: -")):
+        assert TESTBED.count(old) == 1, old
+        assert len(refused(parse_simulation, TESTBED.replace(old, new), "knee.yaml")) == 1, new
+
+
+def test_a_scenario_is_judged_beside_the_joint():
+    text = TESTBED.replace("damping: ", "damping: -").replace("duration:", "durations:", 1)
+    assert len(refused(parse_simulation, text, "knee.yaml")) == 2
+
+
+ROBOT = """
+model: {package: gainroom, file: biped.urdf, base: floating}
+joints:
+  default: {rotor_inertia: 1.0e-4, gear_ratio: 100, stiffness: 1.0e4, damping: 1.0}
+  ".*_elbow": {gear_ratio: 144}
+  foo: 7
+drive: {bandwidth: fast, delay_ms: 2.0}
+postures: {stand: {".*_hip_pitch": -0.3, ".*_kne": 0.6, "x": 1}, low: {left_knee: 90°}}
+contacts: {double: [left_sole, right_sol], left: [left_sole, {fram: 3}], flight: 5, twice: [left_sole, left_sole]}
+control: {type: pd, space: joint, feedback: motor, kp: {left_kne: 1}, kd: 100.0}
+tasks: [{name: com, type: com, kp: [50, -90, -200], kd: [1, 5, 15]}, {name: com, type: orientation, frame: pelvs, kp: 100, kd: 20}]
+scenario: {posture: up, move: {task: com, by: 0.1}, torque_limit: {".*_wrist": 5}}
+"""
+IN_ROBOT = [
+    "joints.foo: 7 must be a section",
+    "joints.'.*_elbow' matches no joint",
+    "drive.bandwidth: 'fast' is text",
+    "postures.low.left_knee: '90°' is text",
+    "postures.stand.'.*_kne' matches no joint",
+    "postures.stand.'x' matches no joint",
+    "contacts.left[1].fram: unknown key; did you mean frame?",
+    "contacts.flight: 5 must be a list",
+    "contacts.twice: frame 'left_sole' is used 2 times",
+    "contacts.double[1]: the robot has no frame 'right_sol'",
+    "control.kp.'left_kne' matches no joint",
+    "tasks[0].kp[1]: -90 must be >= 0",
+    "tasks[0].kp[2]: -200 must be >= 0",
+    "tasks[1].frame: the robot has no frame 'pelvs'",
+    "tasks[1].name: 'com' is the name of two tasks",
+    "scenario.posture: 'up' is none of the file's",
+    "scenario.move: control.space is joint: give joint",
+    "scenario.torque_limit.'.*_wrist' matches no joint",
+]
+
+
+def test_everything_in_a_robot_yaml():
+    pytest.importorskip("pinocchio")
+    assert_each_said_once(refused(parse_robot, ROBOT, "robot.yaml"), [f"robot.yaml: {text}" for text in IN_ROBOT])
+
+
+def test_what_does_not_need_the_model_is_judged_without_it():
+    text = ROBOT.replace("file: biped.urdf", "file: none.urdf")
+    problems = refused(parse_robot, text, "robot.yaml")
+    assert any("none.urdf" in problem for problem in problems)
+    assert [text for text in IN_ROBOT if any(problem.startswith(f"robot.yaml: {text}") for problem in problems)] == [
+        text for text in IN_ROBOT if "matches no" not in text and "has no frame" not in text and "is used" not in text
+    ]
+
+
+def test_a_command_prints_each_and_exits_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / "knee.yaml"
+    file.write_text(JOINT, "utf-8")
+    assert main(["joint", str(file), "--report", str(tmp_path / "page.html")]) == 2
+    out, error = capsys.readouterr()
+    assert out == ""
+    assert len(lines := error.splitlines()) == len(IN_JOINT)
+    assert all(line.startswith(f"gainroom: error: {file}: ") for line in lines)
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_lines_are_bounded(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / "knee.yaml"
+    file.write_text(f"{joint_examples()['testbed']}\n" + "".join(f"what{k}: 1\n" for k in range(MOST_PROBLEMS + 7)), "utf-8")
+    assert main(["joint", str(file)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == MOST_PROBLEMS + 1
+    assert lines[-1] == "gainroom: error: and 7 more"
+
+
+@given(st.lists(st.sampled_from(["motor_inertia", "link_inertia", "stiffness", "damping"]), min_size=1, unique=True))
+@settings(max_examples=15, deadline=None)
+def test_whatever_numbers_are_wrong_each_has_its_line(names: list[str]):
+    values = dict.fromkeys(("motor_inertia", "link_inertia", "stiffness", "damping"), "1") | dict.fromkeys(names, "-1")
+    text = f"joint: {{{', '.join(f'{name}: {value}' for name, value in values.items())}}}\n"
+    text += "drive: {bandwidth: 4000.0, delay_ms: 2.0}\ncontrol: {type: pd, kp: 1.0e4, kd: 300.0, feedback: motor}\n"
+    assert_each_said_once(refused(parse_joint, text, "f"), [f"f: joint.{name}: -1 must be" for name in names])
+
+
+class TestTogether:
+    def test_steps_and_the_end_of_the_block(self):
+        def fails(*texts: str) -> int:
+            raise GainroomError(*texts)
+
+        def block() -> None:
+            with Together() as together:
+                one = together.step(lambda: 1)
+                two = together.step(lambda: fails("two", "twice"))
+                together.step(lambda: two() + one())
+                together.step(lambda: fails("three", "two"))
+                assert one() == 1
+                two()
+
+        assert refused(block) == ("two", "twice", "three")
+
+    def test_the_only_error_keeps_its_cause(self):
+        cause = GainroomError("alone")
+
+        def block() -> None:
+            with Together() as together:
+                together.add(cause)
+
+        with pytest.raises(GainroomError) as caught:
+            block()
+        assert caught.value is cause
+
+    def test_other_errors_pass(self):
+        def block() -> None:
+            with Together() as together:
+                together.add(GainroomError("one"))
+                raise ZeroDivisionError
+
+        with pytest.raises(ZeroDivisionError):
+            block()
+
+    def test_what_was_never_judged_is_no_answer(self):
+        """A block that asks for what no step has made, and says nothing of why, has a fault of its own."""
+        with pytest.raises(UnjudgedError), Together():
+            raise UnjudgedError
