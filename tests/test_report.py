@@ -212,7 +212,7 @@ def test_a_loop_that_no_factor_stabilises_says_so():
     spec = replace(specification().with_controller(gr.PID(100.0, 1e6, 5.0)), requirements=gr.Requirements())
     study = gr.study_joint(spec)
     assert study.limit.gain == 0
-    assert "no lower gains in the same ratio make it stable" in without_library(joint_page(study, "gainroom joint joint.yaml"))
+    assert "no uniform gain reduction makes it stable" in without_library(joint_page(study, "gainroom joint joint.yaml"))
 
 
 def test_no_gains_for_an_integral_controller_names_the_ratio_that_is_held():

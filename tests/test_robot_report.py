@@ -496,7 +496,7 @@ def test_gains_that_no_factor_saves(small_arm):
     own = without_library(html)
     assert '<body class="bad">' in own
     assert "UNSTABLE at any lower gain" in own
-    assert "no lower gains in the same ratio make" in own
+    assert "no uniform gain reduction makes" in own
     assert not re.search(r">nan\b|\bnan<", own)
 
 

@@ -27,6 +27,7 @@ from gainroom.files.joint_yaml import parse_simulation
 from gainroom.files.logs import read_log
 from gainroom.report.curves import thinned
 from gainroom.report.simulation import simulation_page
+from gainroom.report.simulation_figures import in_time
 from gainroom.report.simulation_text import sentence
 from gainroom.simulation import vibration
 from gainroom.studies.simulation import Interrupted, simulate_study
@@ -391,3 +392,31 @@ def test_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert max(len(line) for line in out.splitlines() if line != command) <= max(100, len(f"Report: {page}"))
     assert f"Log: {log}\n" in out
     assert page.exists()
+
+
+LEFT = """\
+joint: {{motor_inertia: 0.2, link_inertia: 0.8, stiffness: 1.0e4, damping: 1.0}}
+drive: {{bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2.0}}
+control: {{type: pd, kp: {kp}, kd: 20.0, feedback: motor, sample_rate_hz: 2000}}
+scenario: {{duration: 2.0, reference: {{type: quintic, by: 0.1, duration: 0.5}}{hardware}}}
+"""
+STICKS, WEIGHS = "friction: {motor: {coulomb: 4.0}}", "gravity: 11.0"
+
+
+@pytest.mark.parametrize(
+    ("kp", "hardware", "told"),
+    [
+        (400, STICKS, "Motion has stopped; friction may explain the remaining error."),
+        (400, WEIGHS, "Motion has stopped; gravity may explain the remaining error."),
+        (400, f"{WEIGHS}, {STICKS}", "Motion has stopped; friction or gravity may explain the remaining error."),
+        (400, "disturbance: {torque: 5.0, start: 0.2}", "Motion has stopped with an error."),
+        (10, "disturbance: {torque: 1.0, start: 0.2}", "An error remains, and the motion has not stopped."),
+        (800, "", ""),
+    ],
+)
+def test_an_error_that_is_left_is_told_with_what_may_explain_it(kp: int, hardware: str, told: str):
+    """kd/kp = 2 s is still on its way 1.8 s after a push; 4 N·m of friction, 11 of weight and 5 of load over 400 N·m/rad are over 2 mrad."""
+    outcome = simulate_study(parse_simulation(LEFT.format(kp=kp, hardware=f", {hardware}" if hardware else ""), "x"))
+    caption = in_time(outcome)
+    assert ("Motion has stopped" in caption, "An error remains" in caption) == (told.startswith("M"), told.startswith("A"))
+    assert told in caption

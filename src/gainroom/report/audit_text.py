@@ -256,10 +256,10 @@ def _no_lower_gains(result: Audit) -> str:
     actuators = result.system.source.actuators
     bare = np.isfinite(actuators.stiffness) & (actuators.damping == 0)
     if not np.any(bare):
-        return "No lower gains in the same ratio are stable."
+        return "No uniform gain reduction stabilises this robot."
     guess = 2 * SLIGHT * np.sqrt(np.median(actuators.stiffness[bare] * actuators.motor_inertia[bare]))
     return (
-        "With gearbox damping at 0 no lower gains in the same ratio are stable. Measure the damping; "
+        "With gearbox damping at 0 no uniform gain reduction stabilises this robot. Measure the damping; "
         f"--damping {guess:.1g} ({100 * SLIGHT:.0f} % of critical) is a first guess."
     )
 

@@ -84,7 +84,9 @@ def _cards(found: Diagnosis) -> list[Card]:
 
 def _causes(found: Diagnosis) -> Html:
     likely, every = ranked(found, everything=False), ranked(found)
-    words = paragraph("What speaks for (+) and against (−) each cause; a sign stands for about a factor of e on its likelihood.")
+    words = paragraph(
+        "What speaks for (+) and against (−) each cause: each + makes it about three times as likely, each − a third as likely."
+    )
     others = [one for one in every if one not in likely]
     hidden = details("Unlikely causes, and what speaks against them", *map(_evidence, others)) if others else ""
     return Html("".join([*map(_evidence, likely), words, hidden]))

@@ -296,15 +296,22 @@ def warnings(study: "JointStudy") -> tuple[str, ...]:
     if study.rate_is_missing and study.at_usual_rate is None:
         said.append(CONTINUOUS)
     if control.feedback == "link" and joint.damping == 0 and not math.isinf(joint.stiffness):
-        said.append(
-            "link-side feedback on an undamped elastic joint: its resonance decays only by the lag of delay and drive, and not without "
-            "lag: measure damping, or close the loop on the motor side"
-        )
+        said.append(undamped_link_feedback(study, "this joint"))
     if study.recommended is None and math.isinf(study.max_kp):
         said.append("nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth")
     elif study.recommended is None and system.requirements.asked:
         said.append(_no_gains(system))
     return tuple(said)
+
+
+def undamped_link_feedback(study: Analysis, what: str) -> str:
+    """A warning; `what`: vibrates. Where lag keeps the resonance stable, or lower gains would, it does not say that all gains vibrate."""
+    hopeless = any(not state.limit.stable and state.limit.gain == 0 for state in study.states)
+    vibrates = f"{what} vibrates at almost any gain" if hopeless else f"only the lag of delay and drive damps the resonance of {what}"
+    return (
+        f"with the encoder on the link and no gearbox damping, {vibrates}: feed back the motor's velocity (feedback: motor), or measure "
+        "the damping"
+    )
 
 
 def notes(study: "JointStudy") -> tuple[str, ...]:
@@ -318,6 +325,11 @@ def notes(study: "JointStudy") -> tuple[str, ...]:
         said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
     if study.rate_is_missing and study.at_usual_rate is not None:
         said += [*_recommended_without_rate(study), CONTINUOUS]
+    usual = study.at_usual_rate
+    shown = study.recommended if usual is None or usual.requirements_met is not False else usual.recommended
+    if shown is not None and shown.proved and shown.reserve > 0.01:
+        spare = f"with {100 * shown.reserve:g} % of each requirement to spare, without which the proof did not finish"
+        said.append(f"the recommended gains are proved everywhere within the ranges, {spare}")
     if not system.control.controller.has_plane:
         said.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")
     return (*said, *([] if system.uncertainty.names else [EXACT]))

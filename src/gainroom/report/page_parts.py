@@ -43,7 +43,7 @@ def unstable_card(asked: Requirements, limit: GainLimit, where: str, what: str, 
         return Card("stable only above", digits(rounded_up(above), "", 3), "×", required, False, f"times these gains{where}")
     if math.isnan(limit.gain):
         return Card("stable factor on these gains", "–", "", required, False, "not known")
-    return Card("stable factor on these gains", "none", "", required, False, f"no lower gains in the same ratio make {what} stable")
+    return Card("stable factor on these gains", "none", "", required, False, f"no uniform gain reduction makes {what} stable")
 
 
 def limit_proofs(states: Sequence[State], immobile: Sequence[State]) -> list[tuple[str, str]]:

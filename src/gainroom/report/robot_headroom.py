@@ -292,8 +292,8 @@ def _cost_caption(factors: Factors, what: str) -> str:
         return f"Coupling costs less than 3 %: in every state all gains together allow the factor of the tightest {what} alone."
     alone, whole = pairs[k]
     return (
-        f"Coupling costs most in {factors.states[k].title}: the tightest {what} alone allows {digits(alone, '', 3)} ×, all together "
-        f"{digits(whole, '', 3)} ×, {100 * ratio:.0f} % of it."
+        f"Coupling costs most in {factors.states[k].title}: one {what} alone suggests {digits(alone, '×', 3)}; with all closed the limit "
+        f"is {digits(whole, '×', 3)}."
     )
 
 

@@ -19,6 +19,7 @@ from .joint_text import (
     at_usual_rate_text,
     lost_at_usual_rate,
     severity as severity_of_loops,
+    undamped_link_feedback,
     verdict_text,
     vibration_starts,
 )
@@ -256,10 +257,7 @@ def _undamped(study: "RobotStudy") -> list[str]:
     if not np.any(np.isfinite(actuators.stiffness) & (actuators.damping == 0)):
         return []
     if study.system.control.feedback == "link":
-        return [
-            "link-side feedback on undamped elastic joints: their resonances decay only by the lag of delay and drive, and not without "
-            "lag: measure damping, or close the loops on the motor side"
-        ]
+        return [undamped_link_feedback(study, "the robot")]
     if any(not state.limit.stable and state.limit.gain == 0 for state in study.states):
         return [
             "undamped elastic joints oscillate without decay where no gain acts on them, and vibrate at any gain where the lag of delay "

@@ -3,14 +3,11 @@
 import math
 from dataclasses import replace
 
-import numpy as np
-
 from ..errors import listed, printable
-from ..simulation.tracking import SETTLED
 from ..studies.simulation import USUAL, Outcome
 from ..system.requirements import REQUIREMENTS
 from .page import Advice
-from .simulation_text import unsettled
+from .simulation_text import left_short, unsettled
 
 CALL = "gainroom simulate FILE"
 
@@ -40,7 +37,7 @@ def _lower(outcome: Outcome, study_call: str, call: str) -> Advice:
     factor, every = outcome.gain_to_try, " in every state" if outcome.spec.kind == "mujoco" else ""
     if math.isnan(factor):
         return Advice(
-            f"Find gains that meet every requirement{every} (lowering all present gains by one factor was not found to do it):",
+            f"Find gains that meet every requirement{every} (no single factor on all gains was found to be enough):",
             [study_call],
         )
     needed = outcome.spec.system.requirements.needed or {"gain_margin": USUAL}
@@ -57,9 +54,7 @@ def _lower(outcome: Outcome, study_call: str, call: str) -> Advice:
 
 def _tracking(outcome: Outcome, more: str) -> str:
     """What helps the channels that do not settle: gains where an error is left, damping or time where none is."""
-    found, run, late = outcome.tracking, outcome.run, unsettled(outcome)
-    bands = SETTLED * np.abs(run.reference[-1] - run.reference[0] + run.error[0])
-    left = [k for k in late if abs(float(found.steady_state[k])) > bands[k]]
+    run, late, left = outcome.run, unsettled(outcome), left_short(outcome)
     names = listed([printable(run.channels[k]) for k in left or late]) if len(run.channels) > 1 else ""
     if not left:
         return f"Let {names or 'it'} come to rest: lengthen `scenario.duration`, slow the move, or raise kd as far as {more} allows."

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.margin_record import GainLimit
+from ..errors import listed
 from ..simulation import Run
 from ..simulation.robot_run import RobotRun
 from ..simulation.robot_simulation import RobotSimulation
@@ -20,7 +21,7 @@ from .number_format import digits, frequency, hertz, milli, motion_unit
 from .page import Html, figure
 from .robot_drawing import WIDTH, drawing_layout
 from .robot_skeleton import NAMES_BETWEEN, drawn, ghost, labels, path, view_of
-from .simulation_text import floor_of
+from .simulation_text import floor_of, left_short
 
 MOST_TOGETHER = 3  # channels, or joints, in one panel
 MOST_CHANNELS = 6  # that have a figure of their own
@@ -87,7 +88,7 @@ def in_time(outcome: Outcome) -> Html:
         + (BAND if band else "")
         + (f"Cut at {digits(run.time[end - 1], 's', 3)}, beyond the range of the figure. " if end < len(run.time) else "")
         + _conclusion(outcome)
-    )
+    ).rstrip()
     return stacked(run.time[rows], panels, "Commanded and actual, tracking error, torque", caption, 640, notes, 2 * LARGE_POINTS, band)
 
 
@@ -154,7 +155,22 @@ def _conclusion(outcome: Outcome) -> str:
         return f"{how}: lower all gains together, or shorten the delay."
     if outcome.hidden:
         return "These gains are unstable, whatever hides it here: lower all of them together, or shorten the delay."
-    return "An error remains where friction, gravity or a constant torque ends a move short of its goal."
+    return _left_over(outcome)
+
+
+def _left_over(outcome: Outcome) -> str:
+    """What is to be said of an error that is left at the end of a run that does not vibrate; "" where none is.
+
+    The motion has stopped where over the last tenth it changes by no more than 2 % of that error.
+    """
+    left, run = left_short(outcome), outcome.run
+    if not left:
+        return ""
+    tail = run.measured[-max(2, len(run.measured) // 10) :, left]
+    if np.any(np.ptp(tail, axis=0) > SETTLED * np.abs(outcome.tracking.steady_state[left])):
+        return "An error remains, and the motion has not stopped."
+    causes = [name for name in ("friction", "gravity") if name in outcome.spec.effects]
+    return f"Motion has stopped; {listed(causes, 'or')} may explain the remaining error." if causes else "Motion has stopped with an error."
 
 
 def close_up(outcome: Outcome) -> Html:

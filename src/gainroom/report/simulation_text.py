@@ -7,6 +7,7 @@ import numpy as np
 from ..analysis.margin_record import GainLimit
 from ..errors import at_frequency, beside, frequency_text, listed, printable
 from ..simulation.simulation_spec import SimulationSpec
+from ..simulation.tracking import SETTLED
 from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
 from ..system.requirements import REQUIREMENTS
@@ -92,6 +93,13 @@ def unsettled(outcome: Outcome) -> list[int]:
     times, immovable = outcome.tracking.settling_time.tolist(), set(getattr(outcome.spec, "immovable", ()))
     late = [k for k, time in enumerate(times) if math.isinf(time) and outcome.run.channels[k] not in immovable]
     return late if outcome.completed else []
+
+
+def left_short(outcome: Outcome) -> list[int]:
+    """Of those the ones with an error left at the end, the mean of the last tenth; the others are still on their way, or swing."""
+    run = outcome.run
+    bands = SETTLED * np.abs(run.reference[-1] - run.reference[0] + run.error[0])
+    return [k for k in unsettled(outcome) if abs(float(outcome.tracking.steady_state[k])) > bands[k]]
 
 
 def farthest_off(outcome: Outcome) -> int | None:

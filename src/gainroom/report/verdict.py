@@ -129,10 +129,10 @@ def joint_to_use(study: "JointStudy", call: str = "gainroom joint FILE") -> ToUs
 
 
 def _over_ranges(found: "Recommendation") -> list[str]:
-    """What is to be said of gains for uncertain values: what is proved, what was only looked at, and why; else nothing."""
-    spare = f" with {100 * found.reserve:g} % of each requirement to spare" if found.reserve > 0.01 else ""
+    """What is to be said of gains for uncertain values that are not proved: what was only looked at, and why; else nothing."""
     if found.proved:
-        return [f"Proved everywhere within the ranges,{spare}, without which the proof did not finish."] if spare else []
+        return []
+    spare = f" with {100 * found.reserve:g} % of each requirement to spare" if found.reserve > 0.01 else ""
     why = "the proof for those in between did not finish" if spare else "of those in between there is no proof for such requirements"
     return [f"Not proved: the requirements are met{spare} in all cases within the ranges that were checked; {why}."]
 
