@@ -53,10 +53,9 @@ def table(biped) -> gr.PostureTable:
 def limit(biped, table: gr.PostureTable, angles, contact: str) -> float:
     """By another way to the loop: linearize with the configuration itself."""
     q = biped.body.configuration(dict(zip(table.joints, angles, strict=True)))
-    own = table.own[table.contacts.index(contact)]
-    return gr.gain_limit(
-        gr.build_loop(linearize(biped.body, biped.actuators, q, biped.contacts[contact]), biped.system.drives, gr.PD(*own))
-    ).gain
+    own, tick = table.own[table.contacts.index(contact)], biped.system.control.sample_time
+    model = linearize(biped.body, biped.actuators, q, biped.contacts[contact])
+    return gr.gain_limit(gr.build_loop(model, biped.system.drives, gr.PD(*own), sample_time=tick)).gain
 
 
 def angles_at(table: gr.PostureTable, knees: float, sway: float):

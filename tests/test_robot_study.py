@@ -433,7 +433,7 @@ def test_tasks_that_are_not_closed_are_warned_of_where_they_lack_gain_margin(tmp
     asked = replace(file, requirements=Requirements(gain_margin=2.0))
     study = study_robot(asked, recommend=False)
     text = yaml.safe_load((EXAMPLES / "biped.yaml").read_text("utf-8"))
-    text["control"] = {"type": "pd", "space": "task", "feedback": "motor"}
+    text["control"] = {"type": "pd", "space": "task", "feedback": "motor", "sample_rate_hz": text["control"]["sample_rate_hz"]}
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(text), "utf-8")
     closed = study_robot(replace(load_robot_system(tmp_path / "robot.yaml"), requirements=asked.requirements), recommend=False)
     limit, state = closed.tightest.limit.gain, study.weakest_tasks

@@ -216,7 +216,8 @@ class _Search:
         assert self.proof is not None
         looked = f"{len(self.checked)} joints within it (corners, centre, a filling, and a search from the worst)"
         if self.proof.holds:
-            return f"proved for every joint within the uncertainty, between all frequencies; the margins are the worst of {looked}"
+            spare = f", with {100 * self.reserve:g} % of each requirement in reserve" if self.reserve > 0.01 else ""
+            return f"proved for every joint within the uncertainty, between all frequencies{spare}; the margins are the worst of {looked}"
         return f"not proved: searched, and held at {looked}, there with {100 * self.reserve:g} % of each requirement in reserve"
 
     def margins(self, places: Sequence[Place], kp: float, kd: float) -> list[Margins]:

@@ -325,11 +325,6 @@ def notes(study: "JointStudy") -> tuple[str, ...]:
         said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
     if study.rate_is_missing and study.at_usual_rate is not None:
         said += [*_recommended_without_rate(study), CONTINUOUS]
-    usual = study.at_usual_rate
-    shown = study.recommended if usual is None or usual.requirements_met is not False else usual.recommended
-    if shown is not None and shown.proved and shown.reserve > 0.01:
-        spare = f"with {100 * shown.reserve:g} % of each requirement to spare, without which the proof did not finish"
-        said.append(f"the recommended gains are proved everywhere within the ranges, {spare}")
     if not system.control.controller.has_plane:
         said.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")
     return (*said, *([] if system.uncertainty.names else [EXACT]))
