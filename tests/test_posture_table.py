@@ -40,8 +40,11 @@ int main(void) {
 
 
 @pytest.fixture(scope="module")
-def biped():
-    return gr.load_robot(BIPED)
+def biped(tmp_path_factory: pytest.TempPathFactory):
+    """In continuous time."""
+    path = tmp_path_factory.mktemp("table") / "biped.yaml"
+    path.write_text(BIPED.read_text("utf-8").replace("sample_rate_hz: 2000", "#"), "utf-8")
+    return gr.load_robot(path)
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +56,10 @@ def table(biped) -> gr.PostureTable:
 def limit(biped, table: gr.PostureTable, angles, contact: str) -> float:
     """By another way to the loop: linearize with the configuration itself."""
     q = biped.body.configuration(dict(zip(table.joints, angles, strict=True)))
-    own, tick = table.own[table.contacts.index(contact)], biped.system.control.sample_time
-    model = linearize(biped.body, biped.actuators, q, biped.contacts[contact])
-    return gr.gain_limit(gr.build_loop(model, biped.system.drives, gr.PD(*own), sample_time=tick)).gain
+    own = table.own[table.contacts.index(contact)]
+    return gr.gain_limit(
+        gr.build_loop(linearize(biped.body, biped.actuators, q, biped.contacts[contact]), biped.system.drives, gr.PD(*own))
+    ).gain
 
 
 def angles_at(table: gr.PostureTable, knees: float, sway: float):

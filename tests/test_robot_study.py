@@ -429,11 +429,13 @@ def test_a_poor_kd_in_the_file_costs_little(folder: Path):
 @pytest.mark.slow
 def test_tasks_that_are_not_closed_are_warned_of_where_they_lack_gain_margin(tmp_path: Path):
     """The limit of the same tasks, closed, decides; nothing is said where they have enough, and nothing of tasks that are closed."""
-    file = load_robot_system(EXAMPLES / "biped.yaml")
+    text = yaml.safe_load((EXAMPLES / "biped.yaml").read_text("utf-8"))
+    del text["control"]["sample_rate_hz"]  # at 2 kHz these tasks have less than a decibel
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(text), "utf-8")
+    file = load_robot_system(tmp_path / "robot.yaml")
     asked = replace(file, requirements=Requirements(gain_margin=2.0))
     study = study_robot(asked, recommend=False)
-    text = yaml.safe_load((EXAMPLES / "biped.yaml").read_text("utf-8"))
-    text["control"] = {"type": "pd", "space": "task", "feedback": "motor", "sample_rate_hz": text["control"]["sample_rate_hz"]}
+    text["control"] = {"type": "pd", "space": "task", "feedback": "motor"}
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(text), "utf-8")
     closed = study_robot(replace(load_robot_system(tmp_path / "robot.yaml"), requirements=asked.requirements), recommend=False)
     limit, state = closed.tightest.limit.gain, study.weakest_tasks

@@ -415,7 +415,7 @@ STICKS, WEIGHS = "friction: {motor: {coulomb: 4.0}}", "gravity: 11.0"
     ],
 )
 def test_an_error_that_is_left_is_told_with_what_may_explain_it(kp: int, hardware: str, told: str):
-    """kd/kp = 2 s is still on its way 1.8 s after a push; 4 N·m of friction, 11 of weight and 5 of load over 400 N·m/rad are over 2 mrad."""
+    """kd/kp = 2 s is on its way 1.8 s after a push; 4 N·m of friction, 11 of weight, 5 of load over 400 N·m/rad are over 2 mrad."""
     outcome = simulate_study(parse_simulation(LEFT.format(kp=kp, hardware=f", {hardware}" if hardware else ""), "x"))
     caption = in_time(outcome)
     assert ("Motion has stopped" in caption, "An error remains" in caption) == (told.startswith("M"), told.startswith("A"))
