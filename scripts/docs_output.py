@@ -36,6 +36,7 @@ BLOCK = re.compile(
     r"|^```(?P<kind>console|python)\n(?P<content>.*?)^```\n(?:\n*^```text\n(?P<printed>.*?)^```\n)?",
     re.MULTILINE | re.DOTALL,
 )
+PROGRESS = re.compile(r"^gainroom: .* so far(, .*)?\n", re.MULTILINE)
 
 
 def documents() -> list[Path]:
@@ -99,13 +100,13 @@ def _session(content: str, folder: str, fresh: bool) -> str:
 
 
 def _output(command: str, folder: str, fresh: bool) -> str:
-    """What a shell prints for `command`, standard error included; any exit status."""
+    """What a shell prints for `command`, standard error included, but for progress, which is of the machine; any exit status."""
     environment = {**os.environ, "NO_COLOR": "1", "COLUMNS": "80", "PYTHONPATH": str(ROOT / "src")}
     environment |= {"LC_ALL": "C.UTF-8", "PYTHONIOENCODING": "utf-8", "EXAMPLES": str(ROOT / "examples")}
     called = "-m gainroom" if fresh else f'-I -S "{WARM}" call "{_warm()}"'
-    script = f'gainroom() {{ "{sys.executable}" {called} "$@"; }}\n{command} 2>&1'
+    script = f'gainroom() {{ "{sys.executable}" {called} "$@"; }}\n{{ {command}\n}} 2>&1'
     done = subprocess.run(["sh", "-c", script], cwd=folder, env=environment, capture_output=True, encoding="utf-8")
-    return done.stdout
+    return PROGRESS.sub("", done.stdout)
 
 
 @functools.cache

@@ -56,6 +56,14 @@ def test_a_named_block_is_a_file_and_a_hidden_command_runs_without_a_trace():
     assert docs_output.renewed(text) == text.replace("old\n", "x: 1\ny\n")
 
 
+def test_progress_is_no_output():
+    """It comes with the time that a machine takes; errors are shown, and a command's own redirection holds."""
+    script = "echo 'gainroom: robot: 80 % done, 10 s so far, about 2 s left' >&2; echo said; echo wrong >&2"
+    page = f"```console\n$ {{ {script}; }}\n$ {{ {script}; }} > out.txt 2> err.txt\n$ cat out.txt\n```\n"
+    shown = docs_output.renewed(page).splitlines()
+    assert [line for line in shown if not line.startswith(("$", "`"))] == ["said", "wrong", "said"]
+
+
 NEAR = [("z  1\u202f100   0.5 Hz", True), ("z  1\u202f120   0.5 Hz", False), ("y  1\u202f100   0.5 Hz", False)]
 
 
