@@ -8,6 +8,7 @@ from hypothesis import given, settings, strategies as st
 from gainroom.cli import main
 from gainroom.cli.example import example_texts, joint_examples
 from gainroom.errors import MOST_PROBLEMS, GainroomError, Together, UnjudgedError
+from gainroom.files.gain_files import gains_of, read_gains
 from gainroom.files.joint_yaml import parse_joint, parse_simulation
 from gainroom.files.robot_yaml import parse_robot
 
@@ -178,6 +179,142 @@ def test_whatever_numbers_are_wrong_each_has_its_line(names: list[str]):
     text = f"joint: {{{', '.join(f'{name}: {value}' for name, value in values.items())}}}\n"
     text += "drive: {bandwidth: 4000.0, delay_ms: 2.0}\ncontrol: {type: pd, kp: 1.0e4, kd: 300.0, feedback: motor}\n"
     assert_each_said_once(refused(parse_joint, text, "f"), [f"f: joint.{name}: -1 must be" for name in names])
+
+
+LEGS = ("left_hip", "left_knee", "right_hip", "right_knee")
+ROS2 = """
+legs:
+  ros__parameters:
+    gains:
+      left_hip: {p: -1, d: 2}
+      left_knee: {p: 100, dd: 2, i: high}
+      right_hip: {d: 2}
+      right_knee: 5
+"""
+ISAAC = """
+from isaaclab.actuators import ImplicitActuatorCfg
+from isaaclab.assets import ArticulationCfg
+
+ROBOT = ArticulationCfg(actuators={
+    "hips": ImplicitActuatorCfg(joint_names_expr=[".*_hip", 5], stiffness=-25.0, damping=None),
+    "knees": ImplicitActuatorCfg(joint_names_expr=[".*_knee"], stiffness={"left_.*": 25.0, "right_.*": "much"}, damping=0.5, armature=-1),
+})
+"""
+GYM = """
+class Robot:
+    class control:
+        control_type = "P"
+        stiffness = {"hip": -100, "knee": "much"}
+        damping = {"hip": 2, "knee": -1}
+    class asset:
+        armature = -0.1
+"""
+FORMATS = {
+    "plain.yaml": (
+        "left_hip: {kp: -1, kd: 2}\nleft_knee: {kp: 1, kdd: 2}\nright_hip: [1]\nright_knee: {kd: 2, motor_inertia: 0}\n",
+        [
+            "left_hip.kp: -1 must be >= 0",
+            "left_knee.kdd: unknown key; did you mean kd?",
+            "right_hip: [1] must be [kp, kd]",
+            "right_knee.kp is missing",
+            "right_knee.motor_inertia: 0 must be > 0",
+        ],
+    ),
+    "beside.yaml": (
+        "gains:\n  left_hip: {kp: -1}\n  left_knee: {kd: 2}\ngains_run: split\nsample_rate_hz: 0\ndrive_rate_hz: fast\n",
+        [
+            "gains.left_hip.kp: -1 must be >= 0",
+            "gains.left_knee.kp is missing",
+            "sample_rate_hz: 0 must be >= 1",
+            "drive_rate_hz: 'fast' is text",
+            "drive_delay_ms is missing, which gains_run: split needs",
+        ],
+    ),
+    "names.yaml": (
+        "left_hipp: {kp: 1}\nknee: {kp: 1}\nright_hip: {kp: 1}\n",
+        ["gains.'left_hipp' matches no joint", "gains.'knee' matches no joint"],
+    ),
+    "arrays.yaml": (
+        "kps: [1, -2, 3, x]\nkds: [-1, 1, 1, 1]\n",
+        ["kps[1]: -2 must be >= 0", "kps[3]: 'x' is text", "kds[0]: -1 must be >= 0"],
+    ),
+    "order.json": (
+        '{"joint_names": ["left_hip", "knee", "hip", "right_knee"], "kps": [1, 1, 1, 1], "kds": [1, 1, 1, 1]}',
+        ["joint_names: 'knee' is no joint of the model", "joint_names: 'hip' is no joint of the model"],
+    ),
+    "lengths.json": (
+        '{"joint_names": ["left_hip", "left_knee"], "kps": [1, 1, 1, 1], "kds": [1, 1, 1]}',
+        ["kps has 4 numbers and kds 3", "joint_names has 2 entries and kps 4 numbers"],
+    ),
+    "ros2.yaml": (
+        ROS2,
+        [
+            "legs.ros__parameters.gains.left_hip.p: -1 must be >= 0",
+            "legs.ros__parameters.gains.left_knee.dd: unknown key beside p, i, d",
+            "legs.ros__parameters.gains.left_knee.i: 'high' is text",
+            "legs.ros__parameters.gains.right_hip.p is missing",
+            "legs.ros__parameters.gains.right_knee: 5 must be a section with p, i and d",
+        ],
+    ),
+    "isaac.py": (
+        ISAAC,
+        [
+            "line 6: ImplicitActuatorCfg: joint_names_expr: 5 must be a name or pattern",
+            "line 6: ImplicitActuatorCfg: stiffness: -25.0 must be >= 0",
+            "line 6: ImplicitActuatorCfg: damping is None",
+            "line 7: ImplicitActuatorCfg: stiffness.'right_.*': 'much' is text",
+            "line 7: ImplicitActuatorCfg: armature: -1 must be >= 0",
+        ],
+    ),
+    "gym.py": (
+        GYM,
+        [
+            "line 3: Robot.control: stiffness.hip: -100 must be >= 0",
+            "line 3: Robot.control: stiffness.knee: 'much' is text",
+            "line 3: Robot.control: damping.knee: -1 must be >= 0",
+            "Robot.asset: armature: -0.1 must be >= 0",
+        ],
+    ),
+    "moteus.cfg": (
+        "servo.pid_position.kp -4.0\nservo.pid_position.kd much\nservo.pid_position.ki 1\nservo.pid_position.ki 2\n",
+        [
+            "line 1: servo.pid_position.kp: -4.0 must be >= 0",
+            "line 2: servo.pid_position.kd: 'much' must be a number",
+            "line 4: servo.pid_position.ki: is given twice",
+        ],
+    ),
+    "moteus.yaml": (
+        "moteus:\n  left_hip: {kp: -1}\n  left_knee: {kpp: 1}\n",
+        ["moteus.left_hip.kp: -1 must be >= 0", "moteus.left_knee.kpp: unknown key; did you mean kp?"],
+    ),
+    "robot.h": (
+        "float Kp[4] = {1, a, 3, b};\nfloat Kd[4] = {1, 1, 1, c};\n",
+        ["line 1: Kp: 'a' must be a number", "line 1: Kp: 'b' must be a number", "line 2: Kd: 'c' must be a number"],
+    ),
+    "isaac.yaml": (
+        "actuators:\n  hips: {joint_names_expr: ['.*_hip'], stiffness: -1, damping: x}\n"
+        "  knees: {joint_names_expr: ['.*_knee'], stiffness: 1}\n",
+        ["actuators.hips: stiffness: -1 must be >= 0", "actuators.hips: damping: 'x' is text", "actuators.knees: damping is missing"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_everything_in_a_file_of_gains(tmp_path: Path, name: str):
+    text, begins = FORMATS[name]
+    (tmp_path / name).write_text(text, "utf-8")
+    problems = refused(lambda: gains_of(read_gains(tmp_path / name), LEGS))
+    assert_each_said_once(problems, [f"{tmp_path / name}: {each}" for each in begins])
+
+
+def test_one_cause_of_many_numbers_is_said_once(tmp_path: Path):
+    """A motor's constant that comes from elsewhere stands in stiffness, damping and armature of every actuator."""
+    text = ISAAC.replace("ROBOT", "MOTOR = made_elsewhere(3)\nROBOT", 1)
+    text = text.replace("-25.0", "MOTOR").replace("None", "MOTOR").replace(", 5]", "]").replace('"much"', "MOTOR")
+    (tmp_path / "r.py").write_text(text, "utf-8")
+    problems = refused(lambda: gains_of(read_gains(tmp_path / "r.py"), LEGS))
+    assert sum("made_elsewhere" in problem for problem in problems) == 1
+    assert len(problems) == 2  # and the armature
 
 
 class TestTogether:

@@ -54,10 +54,8 @@ def read(
 def refusal(folder: Path, name: str, content: str | bytes, joints: tuple[str, ...] = JOINTS) -> str:
     with pytest.raises(GainroomError) as caught:
         read(folder, name, content, joints)
-    message = str(caught.value)
-    assert message.startswith(str(folder / name))
-    assert "\n" not in message
-    return message.removeprefix(f"{folder / name}: ")
+    assert all(message.startswith(str(folder / name)) and "\n" not in message for message in caught.value.problems)
+    return caught.value.problems[0].removeprefix(f"{folder / name}: ")
 
 
 def varint(value: int) -> bytes:

@@ -7,7 +7,7 @@ import contextlib
 import difflib
 import math
 import numbers
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -181,6 +181,11 @@ class Together:
         self._problems: dict[str, None] = {}
         self._errors: list[GainroomError] = []
 
+    @property
+    def failed(self) -> bool:
+        """Whether a step has failed so far."""
+        return bool(self._errors)
+
     def __enter__(self) -> "Together":
         return self
 
@@ -208,6 +213,19 @@ class Together:
             raise self._errors[0]
         if self._errors:
             raise GainroomError(*self._problems) from self._errors[0]
+
+
+def all_of(makes: Iterable[Callable[[], Made]]) -> list[Made]:
+    """What each of them gives. Raises GainroomError with the problems of all of them."""
+    with Together() as together:
+        found = [together.step(make) for make in makes]
+        return [each() for each in found]
+
+
+def refuse_all(problems: Iterable[str]) -> None:
+    """Raise GainroomError with the problems, where there are any."""
+    if found := list(problems):
+        raise GainroomError(*found)
 
 
 @contextlib.contextmanager

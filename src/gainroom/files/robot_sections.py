@@ -116,17 +116,17 @@ class TaskSection(Section):
 
     @relation
     def _one_law(self) -> Refusals:
-        if (self.kd is None) == (self.kv is None):
+        if self.is_given("kd") == self.is_given("kv"):
             yield refusal("give either kd (PD), or kv and ki (P/PI)")
-        if self.kd is not None and self.ki is not None:
+        if self.is_given("kd") and self.is_given("ki"):
             yield refusal("is for P/PI: give kv in place of kd", key="ki")
 
     @relation
     def _one_frame(self) -> Refusals:
-        if (self.type in FRAMED) != (self.frame is not None):
+        if (self.type in FRAMED) != self.is_given("frame"):
             yield refusal(
                 f"is missing: the name of the frame of a task of type {self.type}"
-                if self.frame is None
+                if not self.is_given("frame")
                 else f"has no meaning for type {self.type}",
                 key="frame",
             )
@@ -166,7 +166,7 @@ class RobotControlSection(ControlSection):
     def _of_the_space(self) -> Refusals:
         if self.space == "task":
             for name in (*self.known_gains(), "weight"):
-                if self.is_right(name) and getattr(self, name) is not None:
+                if self.is_given(name):
                     yield refusal(f"is for space joint; in task space {name} stands with the tasks", key=name)
             if self.type == "pid":
                 yield refusal("pid has no meaning in task space: pd, or ppi", key="type")

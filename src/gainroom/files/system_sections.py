@@ -107,10 +107,11 @@ class DriveSection(Section):
 
     @relation
     def _one_delay(self) -> Refusals:
-        if self.delay_ms is None and self.delay_ticks is None:
+        given = self.is_given("delay_ms"), self.is_given("delay_ticks")
+        if not any(given):
             what = "the delay from the command of a torque to the torque [ms], a number >= 0; or give delay_ticks with sample_rate_hz"
             yield refusal(f"is missing: {what}", key="delay_ms")
-        if self.delay_ms is not None and self.delay_ticks is not None:
+        if all(given):
             yield refusal("give either delay_ms or delay_ticks, not both")
 
     @property
@@ -140,7 +141,7 @@ class FrequencySection(Section):
     @relation
     def _one_of_each(self) -> Refusals:
         for key in self.EITHER:
-            if (getattr(self, key) is None) == (getattr(self, f"{key}_hz") is None):
+            if self.is_given(key) == self.is_given(f"{key}_hz"):
                 yield refusal(f"give either {key} [rad/s] or {key}_hz")
 
     def omega(self, key: str) -> float:
@@ -233,7 +234,7 @@ class ControlSection(Section):
         if not self.gain_names:  # of tasks
             return
         names = ", ".join(self.gain_names)
-        given = [name for name in self.known_gains() if not self.is_right(name) or getattr(self, name) is not None]
+        given = [name for name in self.known_gains() if self.is_given(name)]
         missing = [name for name in self.gain_names if name not in given]
         meant = set()
         for name in given:
@@ -312,7 +313,7 @@ class UncertaintySection(Section):
 
     @relation
     def _one_delay(self) -> Refusals:
-        if self.delay_ms is not None and self.delay_ticks is not None:
+        if self.is_given("delay_ms") and self.is_given("delay_ticks"):
             yield refusal("give either delay_ms or delay_ticks, not both")
 
     def uncertainty(self, nominal: Mapping[str, ArrayLike], tick: Callable[[], float | None]) -> Uncertainty:

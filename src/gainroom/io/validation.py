@@ -237,6 +237,10 @@ class Section(BaseModel):
         """Whether the value of a field is not wrong."""
         return name in self.__dict__
 
+    def is_given(self, name: str) -> bool:
+        """Whether a field has a value, right or wrong."""
+        return self.__dict__.get(name, Wrong) is not None
+
     @property
     def is_section(self) -> bool:
         """Whether something of it is right: a section stood there."""

@@ -5,13 +5,15 @@ A configuration is a call, or a class, with names of joints (`target_names_expr`
 """
 
 import ast
+import contextlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ...errors import GainroomError, first_of_many
+from ...errors import GainroomError, Together, all_of, first_of_many, refuse_all
 from ...io.validation import checked, dotted, number
 from ...io.yaml_text import shown
 from ...robot.name_patterns import select_all
@@ -76,17 +78,21 @@ class GroupedGains(GainFile):
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
         result: list[list[Gain]] = [[] for _ in joint_names]
         owners: dict[int, str] = {}
-        for group in self.groups:
+
+        def place(group: Group) -> None:
             chosen = sorted({k for found in select_all(group.joints, joint_names, group.owner) for k in found})
             names = [joint_names[k] for k in chosen]
-            columns = [_by_joint(getattr(group, name), names, group.owner, title) for name, title in _COLUMNS.items()]
+            columns = all_of(partial(_by_joint, getattr(group, name), names, group.owner, title) for name, title in _COLUMNS.items())
+            refuse_all(
+                f"{group.owner}: joint {shown(joint_names[k])} has gains in {owners[k].rpartition(': ')[2]}, too; leave one"
+                for k in chosen
+                if k in owners
+            )
             for k, kp, kd, motor_inertia, effort_limit in zip(chosen, *columns, strict=True):
-                if k in owners:
-                    raise GainroomError(
-                        f"{group.owner}: joint {shown(joint_names[k])} has gains in {owners[k].rpartition(': ')[2]}, too; leave one"
-                    )
                 owners[k] = group.owner
                 result[k] = [Gain(kp or 0.0, kd or 0.0, 0.0, motor_inertia or None, effort_limit)]
+
+        all_of(partial(place, group) for group in self.groups)
         return result
 
 
@@ -123,11 +129,10 @@ def read_actuator_configs(text: str, source: str, chosen: str = "", folder: Path
         return _without_actuators(values, source, chosen)
     name = one_robot(robots, source, chosen, "actuators", "robot")
     robot = robots[name]
-    groups, notes = [], list(values.notes)
-    for record in _actuators(robot):
-        group = _group(_understood(record, source, name), source, notes)
-        if group is not None:
-            groups.append(group)
+    notes = list(values.notes)
+    with _each_cause_once():
+        read = all_of(partial(_understood_group, record, source, name, notes) for record in _actuators(robot))
+    groups = [group for group in read if group is not None]
     if not groups:
         raise _no_gains(notes, source, name)
     form = "mjlab" if any(isinstance(each, Unknown) and each.path.startswith("mjlab") for each in values.names.values()) else "Isaac Lab"
@@ -154,12 +159,14 @@ def _written(data: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 def read_actuator_data(data: Mapping[str, Any], source: str) -> GainFile:
     """The actuators of a mapping that has_groups, in which a class is named by `class_type`. Raises GainroomError."""
-    groups, notes = [], []
-    for name, each in _written(data):
+    notes: list[str] = []
+
+    def read(name: str, each: Any) -> Group | None:
         if not isinstance(each, dict):
             raise GainroomError(f"{source}: {name}: {shown(each)} is no actuator configuration")
-        group = _group(_understood(_written_record(name, each, source), source, ""), source, notes)
-        groups += [group] * (group is not None)
+        return _understood_group(_written_record(name, each, source), source, "", notes)
+
+    groups = [group for group in all_of(partial(read, name, each) for name, each in _written(data)) if group is not None]
     if not groups:
         raise _no_gains(notes, source, "")
     state = data.get("init_state")
@@ -304,6 +311,22 @@ def _understood(value: Any, source: str, name: str) -> Record:
     raise GainroomError(f"{source}: {owner}: {shown(value)} is no actuator configuration")
 
 
+@contextlib.contextmanager
+def _each_cause_once() -> Iterator[None]:
+    """Of what is not understood in one line, and stands in several quantities, the first is said."""
+    try:
+        yield
+    except GainroomError as error:
+        causes = {text: re.search(r": ([^:]* \(line \d+\))\Z", text) for text in reversed(error.problems)}
+        first = {(found[1] if found else text): text for text, found in causes.items()}
+        raise GainroomError(*reversed(first.values())) from error
+
+
+def _understood_group(value: Any, source: str, name: str, notes: list[str]) -> Group | None:
+    """What stands in an actuator's place as _group has it."""
+    return _group(_understood(value, source, name), source, notes)
+
+
 def _robots(values: PythonValues) -> dict[str, Any]:
     """By the name that holds it, what holds the actuators of each robot; "" of those that stand by themselves.
 
@@ -417,31 +440,40 @@ def _group(record: Record, source: str, notes: list[str]) -> Group | None:
     if REST in record.fields:
         raise GainroomError(f"{owner}: {record.fields[REST]} and may have changed it")
     inner = record.fields.get("base_cfg")
-    _note_lags(record, owner, notes)
     if inner is not None:
+        _note_lags(record, owner, notes)
         if not (isinstance(inner, Record) and _is_actuator(inner)):
             raise GainroomError(
                 f"{owner}: base_cfg: {inner if isinstance(inner, Unknown) else shown(inner) + ' is no actuator configuration'}"
             )
         return _group(inner, source, notes)
-    joints = _patterns(next((record.fields[key], key) for key in TARGETS if key in record.fields), owner)
-    listed = first_of_many(joints)
-    reason = next((WITHOUT_GAINS[kind] for kind in record.kinds if kind in WITHOUT_GAINS), None)
-    if reason:
-        notes.append(f"{owner}: left out, as it is {reason}: {listed}")
-        return None
-    if any(kind in IN_THE_MODEL for kind in record.kinds):
-        raise GainroomError(f"{owner}: its gains stand in the MJCF: audit that without --gains")
-    fields = record.fields
-    only = any(kind in VELOCITY_ONLY for kind in record.kinds)
-    kp = 0.0 if only else _quantity(fields, "stiffness", owner, NOT_NEGATIVE)
-    kd = _quantity(fields, "damping", owner, NOT_NEGATIVE)
-    missing = "stiffness" if kp is None else "damping" if kd is None else ""
-    if kp is None or kd is None:
-        written = "is None: the value stands in the robot's file" if missing in fields else "is missing, and a default is not known"
-        raise GainroomError(f"{owner}: {missing} {written}; write the number")
-    effort = next((key for key in EFFORT_LIMITS if fields.get(key) is not None), "effort_limit")
-    return Group(owner, joints, kp, kd, _quantity(fields, "armature", owner, ARMATURE), _quantity(fields, effort, owner, EFFORT))
+    with Together() as together:
+        step = together.step
+        step(lambda: _note_lags(record, owner, notes))
+        joints = step(lambda: _patterns(next((record.fields[key], key) for key in TARGETS if key in record.fields), owner))
+        reason = next((WITHOUT_GAINS[kind] for kind in record.kinds if kind in WITHOUT_GAINS), None)
+        if reason:
+            notes.append(f"{owner}: left out, as it is {reason}: {first_of_many(joints())}")
+            return None
+        if any(kind in IN_THE_MODEL for kind in record.kinds):
+            raise GainroomError(f"{owner}: its gains stand in the MJCF: audit that without --gains")
+        fields = record.fields
+        only = any(kind in VELOCITY_ONLY for kind in record.kinds)
+        kp = step(lambda: 0.0 if only else _gain(fields, "stiffness", owner))
+        kd = step(lambda: _gain(fields, "damping", owner))
+        inertia = step(lambda: _quantity(fields, "armature", owner, ARMATURE))
+        effort = next((key for key in EFFORT_LIMITS if fields.get(key) is not None), "effort_limit")
+        limit = step(lambda: _quantity(fields, effort, owner, EFFORT))
+        return Group(owner, joints(), kp(), kd(), inertia(), limit())
+
+
+def _gain(fields: Mapping[str, Any], key: str, owner: str) -> float | Mapping[str, float]:
+    """As _quantity, which must be there."""
+    found = _quantity(fields, key, owner, NOT_NEGATIVE)
+    if found is None:
+        written = "is None: the value stands in the robot's file" if key in fields else "is missing, and a default is not known"
+        raise GainroomError(f"{owner}: {key} {written}; write the number")
+    return found
 
 
 def _patterns(found: tuple[Any, str], owner: str) -> tuple[str, ...]:
@@ -451,9 +483,11 @@ def _patterns(found: tuple[Any, str], owner: str) -> tuple[str, ...]:
         raise GainroomError(f"{owner}: {key}: {value}")
     if not isinstance(value, list | tuple) or not value:
         raise GainroomError(f"{owner}: {key} {shown(value)} must be a list of joint names or patterns")
-    for each in value:
-        if not isinstance(each, str):
-            raise GainroomError(f"{owner}: {key}: {each if isinstance(each, Unknown) else shown(each) + ' must be a name or pattern'}")
+    refuse_all(
+        f"{owner}: {key}: {each if isinstance(each, Unknown) else shown(each) + ' must be a name or pattern'}"
+        for each in value
+        if not isinstance(each, str)
+    )
     return tuple(value)
 
 
@@ -461,12 +495,15 @@ def _quantity(fields: Mapping[str, Any], key: str, owner: str, check: Any) -> fl
     """A number, or numbers by pattern; None where it is missing or None."""
     value = fields.get(key)
     if isinstance(value, dict):
-        for pattern, each in value.items():
+
+        def read(pattern: Any, each: Any) -> float:
             if pattern is REST:
                 raise GainroomError(f"{owner}: {key}: {each}")
             if not isinstance(pattern, str):
                 raise GainroomError(f"{owner}: {key}: {shown(pattern)} must be a joint name or pattern")
-        return {pattern: _number(f"{owner}: {key}.{shown(pattern)}", each, check) for pattern, each in value.items()}
+            return _number(f"{owner}: {key}.{shown(pattern)}", each, check)
+
+        return dict(zip(value, all_of(partial(read, pattern, each) for pattern, each in value.items()), strict=True))
     return None if value is None else _number(f"{owner}: {key}", value, check)
 
 

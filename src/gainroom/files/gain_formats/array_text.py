@@ -4,9 +4,10 @@ Only numbers and names in quotes are understood in an array; comments are passed
 """
 
 import re
+from functools import partial
 from typing import Any
 
-from ...errors import GainroomError
+from ...errors import GainroomError, all_of, refuse_all
 from ...io.yaml_text import shown
 from .gain_arrays import KP, ArrayNames, OrderedGains, part_of, read_arrays
 
@@ -25,29 +26,33 @@ def read_array_text(text: str, source: str, is_code: bool) -> OrderedGains:
     bare = COMMENT.sub(lambda found: re.sub(r"[^\n]", " ", found.group()), text)  # places stay
     data: dict[str, Any] = {}
     lines: dict[str, int] = {}
-    for pattern in (ARRAY,) if is_code else (ARRAY, LINE):
-        for found in pattern.finditer(bare):
-            name, content = found.groups()
-            if part_of(name) is None or not content.strip():
-                continue  # a member's initialiser: kp = {}
-            line = bare.count("\n", 0, found.start(1)) + 1
-            if name in data:
-                raise GainroomError(f"{source}: line {line}: {name} is given twice, first in line {lines[name]}; leave one in the file")
-            data[name], lines[name] = _items(content, f"{source}: line {line}: {name}"), line
+
+    def read(found: re.Match[str]) -> None:
+        name, content = found.groups()
+        if part_of(name) is None or not content.strip():
+            return  # a member's initialiser: kp = {}
+        line = bare.count("\n", 0, found.start(1)) + 1
+        if name in lines:
+            raise GainroomError(f"{source}: line {line}: {name} is given twice, first in line {lines[name]}; leave one in the file")
+        lines[name] = line
+        data[name] = _items(content, f"{source}: line {line}: {name}")
+
+    all_of(partial(read, found) for pattern in ((ARRAY,) if is_code else (ARRAY, LINE)) for found in pattern.finditer(bare))
     if not any(name.lower() in KP for name in data):
         raise GainroomError(f"{source}: holds no array of kp: Kp{{60, 60, …}}, or kp: 60 60, with one number per joint")
     return read_arrays(data, ArrayNames.of(data, _enumerated(bare, data)), source, lines)
 
 
 def _items(content: str, owner: str) -> list[Any]:
-    items: list[Any] = []
+    items, wrong = [], []
     for part in content.replace(",", " ").split():
         if NUMBER.fullmatch(part):
             items.append(float(part.rstrip("fF")))
         elif re.fullmatch(r"\"[^\"]{1,200}\"|'[^']{1,200}'", part):
             items.append(part[1:-1])
         else:
-            raise GainroomError(f"{owner}: {shown(part)} must be a number, or a name in quotes")
+            wrong.append(f"{owner}: {shown(part)} must be a number, or a name in quotes")
+    refuse_all(wrong)
     return items
 
 

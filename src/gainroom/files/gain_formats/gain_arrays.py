@@ -7,9 +7,10 @@ joints is in the file (`joint_names`, or an enumeration in C), or is the model's
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
-from ...errors import GainroomError, first_of_many, nearest
+from ...errors import GainroomError, all_of, first_of_many, nearest, refuse_all
 from ...io.validation import checked
 from ...io.yaml_text import shown
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
@@ -73,11 +74,13 @@ class OrderedGains(GainFile):
 
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
         result: list[list[Gain]] = [[] for _ in joint_names]
-        for part in (self, *(each for each in self.others if not each.is_beyond(joint_names))):
-            for number, (place, gain) in enumerate(zip(part._places(joint_names), part.ordered, strict=True)):
+        parts, wrong = [self, *(each for each in self.others if not each.is_beyond(joint_names))], []
+        for part, places in zip(parts, all_of(partial(part._places, joint_names) for part in parts), strict=True):
+            for number, (place, gain) in enumerate(zip(places, part.ordered, strict=True)):
                 if result[place]:
-                    raise GainroomError(f"{self.source}: {part.order.key}: entry {number} is joint {shown(joint_names[place])} once more")
+                    wrong.append(f"{self.source}: {part.order.key}: entry {number} is joint {shown(joint_names[place])} once more")
                 result[place] = [gain]
+        refuse_all(wrong)
         return result
 
     def is_beyond(self, joint_names: Sequence[str]) -> bool:
@@ -103,7 +106,7 @@ class OrderedGains(GainFile):
     def _places(self, joint_names: Sequence[str]) -> list[int]:
         count = len(self.ordered)
         if self.order.names:
-            return [self._place(names, joint_names) for names in self.order.names]
+            return all_of(partial(self._place, names, joint_names) for names in self.order.names)
         places = list(self.order.places) or list(range(count))
         if self.order.places and max(places) >= len(joint_names):
             raise GainroomError(
@@ -148,23 +151,24 @@ def has_arrays(data: Mapping[str, Any]) -> bool:
 
 def read_arrays(data: Mapping[str, Any], order: ArrayNames, source: str, lines: Mapping[str, int] | None = None) -> OrderedGains:
     """The arrays of kp and kd among a file's keys; `lines`: of the keys, where there is no better place. Raises GainroomError."""
-    keys = [_key_of(data, KP, "kp", source), _key_of(data, KD, "kd", source)]
-    found = _pair(data, keys, order, source, lines or {})
-    others = tuple(_other(data, part, source, lines or {}) for part in _other_parts(data))
+    keys = all_of(partial(_key_of, data, known, title, source) for known, title in ((KP, "kp"), (KD, "kd")))
+    parts = (partial(_other, data, part, source, lines or {}) for part in _other_parts(data))
+    found, *others = all_of([partial(_pair, data, keys, order, source, lines or {}), *parts])
     if others and not (order.names or order.places):
         raise GainroomError(
             f"{source}: {found.what} and {others[0].what} are of different joints, and nothing names those of the first: give joint_names"
         )
-    return replace(found, others=others)
+    return replace(found, others=tuple(others))
 
 
 def _pair(data: Mapping[str, Any], keys: Sequence[str], order: ArrayNames, source: str, lines: Mapping[str, int]) -> OrderedGains:
-    kp, kd = (_array(data, key, source, lines) for key in keys)
+    kp, kd = all_of(partial(_array, data, key, source, lines) for key in keys)
+    count, wrong = len(order.names) or len(order.places), []
     if len(kp) != len(kd):
-        raise GainroomError(f"{source}: {keys[0]} has {len(kp)} numbers and {keys[1]} {len(kd)}; they must have one per joint")
-    for what, count in ((order.key, len(order.names)), (order.key, len(order.places))):
-        if count and count != len(kp):
-            raise GainroomError(f"{source}: {what} has {count} entries and {keys[0]} {len(kp)} numbers; they must have one per joint")
+        wrong.append(f"{source}: {keys[0]} has {len(kp)} numbers and {keys[1]} {len(kd)}; they must have one per joint")
+    if count and count != len(kp):
+        wrong.append(f"{source}: {order.key} has {count} entries and {keys[0]} {len(kp)} numbers; they must have one per joint")
+    refuse_all(wrong)
     gains = tuple(Gain(*pair) for pair in zip(kp, kd, strict=True))
     return OrderedGains(source, "Kp and Kd arrays", {}, ordered=gains, order=order, what=f"{keys[0]} and {keys[1]}")
 
@@ -221,4 +225,4 @@ def _array(data: Mapping[str, Any], key: str, source: str, lines: Mapping[str, i
     where = f"{source}: line {lines[key]}: {key}" if key in lines else f"{source}: {key}"
     if not isinstance(value, list | tuple) or not value or len(value) > MOST_JOINTS:
         raise GainroomError(f"{where}: {shown(value)} must be a list of one number per joint, at most {MOST_JOINTS}")
-    return [checked(f"{where}[{k}]", each, NOT_NEGATIVE) for k, each in enumerate(value)]
+    return all_of(partial(checked, f"{where}[{k}]", each, NOT_NEGATIVE) for k, each in enumerate(value))

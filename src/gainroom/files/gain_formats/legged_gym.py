@@ -8,9 +8,10 @@ import ast
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
-from ...errors import GainroomError, nearest
+from ...errors import GainroomError, Together, all_of, nearest, refuse_all
 from ...io.validation import checked, dotted
 from ...io.yaml_text import shown
 from .gain_arrays import part_of
@@ -38,11 +39,11 @@ class LeggedGymGains(GainFile):
         return tuple(self.angles)
 
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
-        for key in self.gains:
-            if not any(key in name for name in joint_names):
-                raise GainroomError(
-                    f"{self.source}: control: {shown(key)} is in no joint's name{nearest(key, tuple(joint_names), 'joint')}"
-                )
+        refuse_all(
+            f"{self.source}: control: {shown(key)} is in no joint's name{nearest(key, tuple(joint_names), 'joint')}"
+            for key in self.gains
+            if not any(key in name for name in joint_names)
+        )
         return [[gain for key, gain in self.gains.items() if key in name][-1:] for name in joint_names]
 
 
@@ -96,11 +97,15 @@ def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, note
     """The gains of one of legged_gym_robots. Raises GainroomError, one line that names file, line and key."""
     record = robots[one_robot(robots, source, chosen, "gains", "class")]
     control = _section(record, CONTROL)
-    gains, told = _gains(control, f"{source}: line {record.inherited(CONTROL).line}: {record.name}.{CONTROL}")
-    gains = _with_armature(gains, _section(record, "asset"), f"{source}: {record.name}.asset")
     angles = _section(record, "init_state").get(ANGLES)
     where = f"{source}: {record.name}.init_state: {ANGLES}"
-    found = {} if angles is None or isinstance(angles, Unknown) else _numbers(angles, where, ANGLE)
+    owner = f"{source}: line {record.inherited(CONTROL).line}: {record.name}.{CONTROL}"
+    with Together() as together:
+        read = together.step(lambda: _gains(control, owner))
+        inertia = together.step(lambda: _armature(_section(record, "asset"), f"{source}: {record.name}.asset"))
+        stands = together.step(lambda: {} if angles is None or isinstance(angles, Unknown) else _numbers(angles, where, ANGLE))
+        (gains, told), found = read(), stands()
+        gains = _with_armature(gains, inertia())
     unread = {ANGLES: f"{where}: {angles}"} if isinstance(angles, Unknown) else {}
     postures = {ANGLES: {re.escape(name): angle for name, angle in found.items()}} if found else {}
     return LeggedGymGains(source, "legged_gym", gains, notes=(*notes, *told), angles=found, postures=postures, unread_postures=unread)
@@ -117,9 +122,13 @@ def has_parts(data: Mapping[str, Any], key: str) -> bool:
 
 def read_parts(control: Mapping[str, Any], around: Mapping[str, Any], source: str) -> LeggedGymGains:
     """The gains of a mapping as has_parts finds, and the angles that stand `around` it. Raises GainroomError."""
-    gains, notes = _gains(control, source)
     asset = around.get("asset")
-    gains = _with_armature(gains, asset if isinstance(asset, dict) else {}, f"{source.rpartition(': ')[0] or source}: asset")
+    with Together() as together:
+        read = together.step(lambda: _gains(control, source))
+        place = f"{source.rpartition(': ')[0] or source}: asset"
+        inertia = together.step(lambda: _armature(asset if isinstance(asset, dict) else {}, place))
+        gains, notes = read()
+        gains = _with_armature(gains, inertia())
     state = around.get("init_state")
     angles = (state if isinstance(state, dict) else around).get(ANGLES, around.get("defaultJointAngles"))
     try:
@@ -142,21 +151,25 @@ def _gains(control: Mapping[str, Any], owner: str) -> tuple[dict[str, Gain], tup
             raise GainroomError(f"{owner}: {key}: gains of further joints are read from stiffness and damping alone: write them there")
     pair = [control.get(key) for key in GAINS]
     if all(isinstance(each, int | float) for each in pair):
-        return {"": Gain(*(checked(f"{owner}: {key}", each, NOT_NEGATIVE) for key, each in zip(GAINS, pair, strict=True)))}, ()
-    stiffness, damping = (_numbers(each, f"{owner}: {key}", NOT_NEGATIVE) for key, each in zip(GAINS, pair, strict=True))
-    missing = [key for key in stiffness if key not in damping]
-    if missing:
-        raise GainroomError(f"{owner}: damping: names no {shown(missing[0])}, which stiffness has")
+        return {
+            "": Gain(*all_of(partial(checked, f"{owner}: {key}", each, NOT_NEGATIVE) for key, each in zip(GAINS, pair, strict=True)))
+        }, ()
+    stiffness, damping = all_of(partial(_numbers, each, f"{owner}: {key}", NOT_NEGATIVE) for key, each in zip(GAINS, pair, strict=True))
+    refuse_all(f"{owner}: damping: names no {shown(key)}, which stiffness has" for key in stiffness if key not in damping)
     network = f"{owner}: a network stands for the motors in training; these gains are what it was trained with at most"
     return {key: Gain(stiffness[key], damping[key]) for key in stiffness}, (network,) * (control.get("use_actuator_network") is True)
 
 
-def _with_armature(gains: Mapping[str, Gain], asset: Mapping[str, Any], owner: str) -> dict[str, Gain]:
-    """The gains with the motors' inertia, which the simulator adds to every joint."""
+def _armature(asset: Mapping[str, Any], owner: str) -> float:
+    """The motors' inertia [kg m²], 0 where none is said."""
     value = asset.get("armature")
     if isinstance(value, Unknown):
         raise GainroomError(f"{owner}: armature: {value}")
-    inertia = checked(f"{owner}: armature", value, NOT_NEGATIVE) if value is not None else 0.0
+    return checked(f"{owner}: armature", value, NOT_NEGATIVE) if value is not None else 0.0
+
+
+def _with_armature(gains: Mapping[str, Gain], inertia: float) -> dict[str, Gain]:
+    """The gains with the motors' inertia, which the simulator adds to every joint."""
     return {key: replace(each, motor_inertia=inertia or None) for key, each in gains.items()}
 
 
@@ -178,9 +191,12 @@ def _numbers(value: Any, owner: str, check: Any) -> dict[str, float]:
     if not isinstance(value, dict) or not value:
         told = "is missing: the class that it comes from is in another file" if value is None else f"{shown(value)} is no mapping"
         raise GainroomError(f"{owner}: {told}; write a number by part of the joints' names")
-    for key, each in value.items():
+
+    def number(key: Any, each: Any) -> float:
         if not isinstance(key, str) or not key:
             raise GainroomError(f"{owner}: {shown(key)} must be a part of joints' names")
         if isinstance(each, Unknown | Record):
             raise GainroomError(f"{owner}.{dotted(key)}: {each if isinstance(each, Unknown) else 'is a call, and no function is run'}")
-    return {key: checked(f"{owner}.{dotted(key)}", each, check) for key, each in value.items()}
+        return checked(f"{owner}.{dotted(key)}", each, check)
+
+    return dict(zip(value, all_of(partial(number, key, each) for key, each in value.items()), strict=True))

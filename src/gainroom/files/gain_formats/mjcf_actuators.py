@@ -1,8 +1,10 @@
 """An MJCF's own actuators, as MuJoCo compiles them (read by robot/formats)."""
 
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from ...errors import GainroomError, first_of_many
+from ...errors import GainroomError, all_of, first_of_many
 from ...io.validation import checked
 from ...io.yaml_text import shown
 from ...robot.formats.model_files import position_gains
@@ -17,11 +19,13 @@ def read_mjcf(path: Path, text: str = "") -> GainFile:
             f"{path}: holds no gains: no actuator feeds position back (a URDF has none; of an MJCF <position>, or <general> with affine "
             "bias, does); give --gains FILE, such as a gains.yaml with a line for each joint, JOINT: {kp: 100, kd: 5}"
         )
-    gains = {}
-    for joint, gain in found.joints.items():
+
+    def read(joint: str, gain: Any) -> Gain:
         owner = f"{path}: actuator of joint {shown(joint)}"
-        kp, kd, ki = (checked(f"{owner}: {name}", getattr(gain, name), NOT_NEGATIVE) for name in ("kp", "kd", "ki"))
-        gains[joint] = Gain(kp, kd, ki, effort_limit=gain.effort_limit)
+        terms = all_of(partial(checked, f"{owner}: {name}", getattr(gain, name), NOT_NEGATIVE) for name in ("kp", "kd", "ki"))
+        return Gain(*terms, effort_limit=gain.effort_limit)
+
+    gains = dict(zip(found.joints, all_of(partial(read, joint, gain) for joint, gain in found.joints.items()), strict=True))
     notes = list(found.notes)
     undamped = [joint for joint, gain in gains.items() if gain.kd == 0]
     if undamped:

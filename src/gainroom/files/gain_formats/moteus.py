@@ -8,11 +8,12 @@ Either the output of `moteus_tool --dump-config` (`servo.pid_position.kp 4.0` on
 import math
 import re
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from pydantic import Field
 
-from ...errors import GainroomError
+from ...errors import GainroomError, Together
 from ...io.validation import Section, checked, validate
 from .gain_record import NOT_NEGATIVE, AnyGain, Gain, GainFile
 
@@ -34,18 +35,24 @@ def is_dump(text: str) -> bool:
 def read_dump(text: str, source: str) -> GainFile:
     """The gains of one controller, for every joint of a model. Raises GainroomError."""
     found: dict[str, float] = {}
-    for match in TERM.finditer(text):
+
+    def read(match: re.Match[str]) -> None:
         name, written = match.groups()
         owner = f"{source}: line {text.count(chr(10), 0, match.start()) + 1}: servo.pid_position.{name}"
+        if name in found:
+            raise GainroomError(f"{owner}: is given twice")
+        found[name] = math.nan  # as long as it is not known
         try:
             value = float(written)
         except ValueError as error:
             raise GainroomError(f"{owner}: {written!r} must be a number") from error
-        if name in found:
-            raise GainroomError(f"{owner}: is given twice")
         found[name] = checked(owner, value, NOT_NEGATIVE)
-    if "kp" not in found:
-        raise GainroomError(f"{source}: servo.pid_position.kp is missing: the gain on position [N·m/rev]")
+
+    with Together() as together:
+        for match in TERM.finditer(text):
+            together.step(partial(read, match))
+        if "kp" not in found:
+            raise GainroomError(f"{source}: servo.pid_position.kp is missing: the gain on position [N·m/rev]")
     note = (
         f"{source}: is of one controller, and taken for every joint of the model; name joints in a YAML file, moteus: {{joint: {{kp, kd}}}}"
     )

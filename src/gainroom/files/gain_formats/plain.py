@@ -37,14 +37,14 @@ class PlainFile(Section):
     def _whole_place(self) -> Refusals:
         on_drive = self.gains_run in ("drive", "split")
         for key in DRIVE:
-            if (getattr(self, key) is not None) != on_drive:
+            if self.is_given(key) != on_drive:
                 needed = (
                     f"is missing, which gains_run: {self.gains_run} needs"
                     if on_drive
                     else "has no meaning without gains_run: drive or split"
                 )
                 yield refusal(needed, key=key)
-        if self.gains_run == "drive" and self.sample_rate_hz is not None:
+        if self.gains_run == "drive" and self.is_given("sample_rate_hz"):
             yield refusal("has no meaning with gains_run: drive; drive_rate_hz is the rate", key="sample_rate_hz")
 
 

@@ -9,10 +9,10 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
-from ...errors import GainroomError, first_of_many, typo_of
+from ...errors import GainroomError, Together, first_of_many, refuse_all, typo_of
 from ...io.validation import checked, dotted, number
 from ...io.yaml_text import parse_yaml, shown
 from ..edited_text import Keys, edited
@@ -58,33 +58,39 @@ def read_ros2_control(data: dict[str, Any], source: str, unknown: str) -> Ros2Ga
     types = {name: each["type"] for _, node in _mappings(data) for name, each in node.items() if isinstance(each, dict) and "type" in each}
     gains: dict[str, Gain] = {}
     paths: dict[str, tuple[str, ...]] = {}
-    notes, empty = [], []
-    for path, node in _mappings(data):
+    notes: list[str] = []
+    empty: list[str] = []
+
+    def read(path: tuple[str, ...], node: dict[str, Any]) -> None:
+        if path[:-1] in paths.values():
+            return  # a section in the place of a number
         place = dotted(*path) or "at the top"
         if all(isinstance(node.get(term, {}), dict) for term in TERMS):  # joints may be called p, i and d, too
-            empty += [] if _no_torque(data, path, types) else _without_terms(path, node)
-            continue
+            empty.extend([] if _no_torque(data, path, types) else _without_terms(path, node))
+            return
         joint = _joint(data, path)
         if joint is None:
             raise GainroomError(f"{source}: {place}: p, i, d stand under no joint's name")
         reason = _no_torque(data, path, types)
         if reason:
             notes.append(f"{place}: left out, as {reason}")
-            continue
-        if joint in gains:
+            return
+        if joint in paths:
             both = f"in {dotted(*paths[joint])} and in {place}"
             chosen = f"name one, {source}:{path[0]}, or " if path[0] != paths[joint][0] and "." not in path[0] else ""
             raise GainroomError(f"{source}: joint {shown(joint)} has gains twice, {both}; {chosen}leave one in the file")
-        gains[joint] = _pid(node, f"{source}: {place}")
         paths[joint] = path
+        gains[joint] = _pid(node, f"{source}: {place}")
         strange = [key for key in node if key not in (*TERMS, *BESIDE)]
         if strange:
             notes.append(f"{place}: does not count, as it is not known here: {first_of_many([dotted(key) for key in strange])}")
-    if not gains:
-        problem = "no controller here commands torque: " + notes[0] if notes else unknown
-        raise GainroomError(f"{source}: {problem}")
-    if empty:
-        raise GainroomError(f"{source}: {empty[0]}")
+
+    with Together() as together:
+        for path, node in _mappings(data):
+            together.step(partial(read, path, node))
+        if not paths and not together.failed:
+            raise GainroomError(f"{source}: {f'no controller here commands torque: {notes[0]}' if notes else unknown}")
+        refuse_all(f"{source}: {text}" for text in empty)
     origin = Origin(sample_rate_hz=_rate(data, {path[0] for path in paths.values() if path}, source))
     return Ros2Gains(source, "ros2_control", gains, notes=tuple(notes), origin=origin, paths=paths)
 
@@ -164,15 +170,18 @@ def _found(node: Mapping[str, Any]) -> str:
 
 def _pid(node: Mapping[str, Any], owner: str) -> Gain:
     """p must be there: a controller takes 0 for it, which nobody means. A short key that is not known was meant to be one of the three."""
-    for key in node:
-        meant = typo_of(key, (*TERMS, *BESIDE))
-        if key not in (*TERMS, *BESIDE) and (meant or len(key) <= LONGEST_SLIP):
-            raise GainroomError(
-                f"{owner}.{dotted(key)}: unknown key" + (f"; did you mean {meant}?" if meant else f" beside {', '.join(TERMS)}")
-            )
-    if "p" not in node:
-        raise GainroomError(f"{owner}.p is missing: the gain on position [N·m/rad]{_found(node)}; write 0 where there is none")
-    gains = {name: checked(f"{owner}.{term}", node.get(term, 0.0), NOT_NEGATIVE) for term, name in TERMS.items()}
+    meant = {key: typo_of(key, (*TERMS, *BESIDE)) for key in node if key not in (*TERMS, *BESIDE)}
+    wrong = [
+        f"{owner}.{dotted(key)}: unknown key" + (f"; did you mean {term}?" if term else f" beside {', '.join(TERMS)}")
+        for key, term in meant.items()
+        if term or len(key) <= LONGEST_SLIP
+    ]
+    if "p" not in node and not wrong:
+        wrong.append(f"{owner}.p is missing: the gain on position [N·m/rad]{_found(node)}; write 0 where there is none")
+    with Together() as together:
+        numbers = [together.step(partial(checked, f"{owner}.{term}", node.get(term, 0.0), NOT_NEGATIVE)) for term in TERMS]
+        refuse_all(wrong)
+        gains = {name: each() for name, each in zip(TERMS.values(), numbers, strict=True)}
     return Gain(**gains, effort_limit=_clamp(node))
 
 
