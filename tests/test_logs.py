@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.files.logs import Log, open_log, read_log
+from gainroom.files.logs import Log, LogOptions, open_log, read_log
 from gainroom.simulation.friction import Friction
 from gainroom.simulation.run import simulate, stream
 from gainroom.simulation.run_record import LOGGED
@@ -243,7 +243,10 @@ def test_logs_of_others(tmp_path: Path):
         ("", ["empty"]),
         ("\n\n", ["empty"]),
         ("time,target_torque\n0,1\n1\n", ["row 2 has 1 fields", "2"]),
-        ("time,target_torque\n0,1\n1,one\n2,3\n", ["target_torque in row 2", "'one'"]),
+        (
+            "time,target_torque\n0,1\n1,one\n2,3\n",
+            ["row 2: target_torque: 'one' is not a number", "1 of the first 3 rows", "up to 2% are left out"],
+        ),
         ("time,target_torque\n0,one\n", ["none of the columns", "it has time"]),
         ("time,target_torque\n0,nan\n", ["target_torque", "no number"]),
         ("time,colour\n0,1\n", ["none of the columns", "colour"]),
@@ -330,3 +333,56 @@ def test_a_link_stays_a_link(tmp_path: Path):
             log.write(block(3))
         assert link.is_symlink()
         assert_same(read_log(target), block(3))
+
+
+def damaged_csv(path: Path, count: int, edits: dict[int, str]) -> Path:
+    """A log of `count` rows, of which those of these numbers, from 1, are replaced."""
+    rows = [f"{k * 1e-3!r},{k % 7},{k % 5 / 10}\n" for k in range(count)]
+    for row, text in edits.items():
+        rows[row - 1] = text + "\n"
+    path.write_text("time,target_torque,motor_position\n" + "".join(rows), "utf-8")
+    return path
+
+
+def test_a_few_garbled_rows_are_left_out_and_each_is_named(tmp_path: Path):
+    """As rows without a number are: a byte lost on a serial line must not cost the whole recording."""
+    edits = {7: "0.006,0.3x,0.1", 100: "0.099,#", 412: "0.4a,1,0.2", 413: "0.412,¿,x"}
+    log = read_log(damaged_csv(tmp_path / "log.csv", 500, edits))
+    whole = read_log(damaged_csv(tmp_path / "whole.csv", 500, {}))
+    left = np.delete(np.arange(500), [row - 1 for row in edits])
+    np.testing.assert_array_equal(log.time, whole.time[left])
+    np.testing.assert_array_equal(log.signals["target_torque"], whole.signals["target_torque"][left])
+    assert log.quality.not_finite == len(edits)
+    assert log.notes == (
+        "4 damaged rows left out: row 7: target_torque: '0.3x' is not a number; row 100 has 2 fields, not the 3 of the first line; "
+        "row 412: time: '0.4a' is not a number; row 413: target_torque: '¿', motor_position: 'x' is not a number",
+    )
+
+
+def test_two_in_a_hundred_are_left_out_and_more_are_refused_by_name(tmp_path: Path):
+    bad = dict.fromkeys(range(3, 1000, 50), "x,1,1")
+    assert len(bad) == 20
+    assert len(read_log(damaged_csv(tmp_path / "log.csv", 1000, bad)).time) == 980
+    with pytest.raises(gr.GainroomError) as caught:
+        read_log(damaged_csv(tmp_path / "log.csv", 1000, bad | dict.fromkeys(range(5, 205, 20), "x,1,1")))
+    problems = caught.value.problems
+    assert problems[0] == f"{tmp_path / 'log.csv'}: 30 of the first 1000 rows are damaged; up to 2% are left out, more are refused"
+    assert problems[1] == f"{tmp_path / 'log.csv'}: row 3: time: 'x' is not a number"
+    assert problems[-1] == "and 12 more"
+    assert len(problems) == 20
+
+
+def test_damage_is_counted_over_blocks_and_anew_at_every_reading(tmp_path: Path):
+    path = damaged_csv(tmp_path / "log.csv", 70_000, {10: "bad,1,1", 69_000: "69,1"})  # BLOCK_ROWS are 65,536
+    for _ in range(2):
+        log = read_log(path)
+        assert len(log.time) == 69_998
+        assert [note.partition(":")[0] for note in log.notes] == ["2 damaged rows left out"]
+        assert "row 69000 has 2 fields" in log.notes[0]
+
+
+def test_other_columns_may_hold_anything(tmp_path: Path):
+    path = damaged_csv(tmp_path / "log.csv", 200, {5: "0.004,1,x"})
+    assert len(read_log(path, options=LogOptions(columns={"target_torque": "target_torque"})).time) == 199
+    path.write_text("time,target_torque,state\n" + "".join(f"{k * 1e-3!r},{k % 3},{'ok' if k % 3 else 7}\n" for k in range(200)), "utf-8")
+    assert len(read_log(path).time) == 200

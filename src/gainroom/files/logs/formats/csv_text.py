@@ -14,7 +14,7 @@ from typing import IO
 
 import numpy as np
 
-from ....errors import GainroomError, first_of_many
+from ....errors import MOST_PROBLEMS, MOST_SHOWN, GainroomError, first_of_many
 from ....system.linear.arrays import Floats
 from ..table import BLOCK_ROWS, MOST_COLUMNS, Column, LogFormat, Table, bounded, checked_file, column_names, guarded
 from ..units import UNITS, known_unit
@@ -34,6 +34,9 @@ WORDS = 0.5
 """Share of fields that are no number from which on a column is one of words; below it, they are damage."""
 DELIMITERS = (",", ";", "\t", "|", None)
 """None: any white space."""
+MOST_DAMAGED = 0.02
+"""Share of rows with a field that is no number, or with too many or few fields, from which on a file is refused: a line that was torn is
+left out as a row without a number is; more of them are another decimal sign, another delimiter, or two files in one."""
 NOTHING = frozenset(("", "nan", "null", "none", "na", "n/a", "-", "--"))
 """What stands in a field that holds no number."""
 
@@ -72,6 +75,36 @@ class _Layout:
     named: bool = True
 
 
+class _Damage:
+    """The rows that are no row of numbers: how many of how many, and of the first ones what is wrong."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self.rows, self._damaged = path, 0, 0
+        self._first: list[str] = []
+
+    def add(self, problem: str) -> None:
+        """What is wrong with one more row."""
+        self._damaged += 1
+        if self._damaged <= MOST_PROBLEMS:
+            self._first.append(problem)
+
+    def note(self) -> list[str]:
+        """What is to be said of them where they are few."""
+        if not self._damaged:
+            return []
+        which = "; ".join(self._first[:MOST_SHOWN]) + (f"; and {more} more" if (more := self._damaged - MOST_SHOWN) > 0 else "")
+        return [f"{self._damaged} damaged row{'s' * (self._damaged > 1)} left out: {which}"]
+
+    def require_few(self) -> None:
+        """Raises GainroomError, with a line of each of the first ones."""
+        if self._damaged > MOST_DAMAGED * self.rows:
+            told = f"{self._damaged} of the first {self.rows} rows are damaged; up to {MOST_DAMAGED:.0%} are left out, more are refused"
+            room = MOST_PROBLEMS - 1
+            first = self._first if self._damaged <= room else self._first[: room - 1]
+            more = [f"and {self._damaged - len(first)} more"] if self._damaged > len(first) else []
+            raise GainroomError(f"{self._path}: {told}", *(f"{self._path}: {text}" for text in first), *more)
+
+
 class CsvTable(Table):
     """A text file; `columns` are those that hold numbers, or nothing, in the first rows."""
 
@@ -94,12 +127,14 @@ class CsvTable(Table):
             if k in numeric or k in self._clocks
         ]
         words = [name for k, name in enumerate(layout.header) if k not in numeric and k not in self._clocks]
+        self._damage = _Damage(path)
         self.notes = [f"columns without numbers: {first_of_many(words)}"] if words else []
         if not layout.named:
             self.notes.append(f"no header: its columns are called 1 to {len(layout.header)} (--columns time=1,motor_position=2)")
+        self._own_notes = self.notes
 
     def blocks(self, names: Sequence[str], held: Sequence[str] = ()) -> Iterator[list[Floats]]:
-        layout, row = self._layout, 0
+        layout, self._damage = self._layout, _Damage(self._path)
         places = [layout.header.index(name) for name in names]
         clocks = {place: TextClock() for place in places if place in self._clocks}
         self.taken_off = {}
@@ -112,43 +147,44 @@ class CsvTable(Table):
                 if line.strip():
                     lines.append(line)
                 if len(lines) == BLOCK_ROWS:
-                    yield self._block(lines, places, row, clocks)
-                    row += len(lines)
+                    yield self._block(lines, places, clocks)
                     lines = []
             if lines:
-                yield self._block(lines, places, row, clocks)
+                yield self._block(lines, places, clocks)
 
-    def _block(self, lines: list[str], places: list[int], row: int, clocks: dict[int, TextClock]) -> list[Floats]:
-        """The columns, times in text among them."""
+    def _block(self, lines: list[str], places: list[int], clocks: dict[int, TextClock]) -> list[Floats]:
+        """The columns, times in text among them. Raises GainroomError where too many rows are damaged so far."""
         others = [place for place in places if place not in clocks]
-        found = dict(zip(others, self._numbers(lines, others, row), strict=True)) if others else {}
+        found = dict(zip(others, self._numbers(lines, others), strict=True)) if others else {}
+        self._damage.rows += len(lines)
+        self._damage.require_few()
+        self.notes = self._own_notes + self._damage.note()
         for place, clock in clocks.items():
             fields = (_fields(line, self._layout.delimiter) for line in lines)
             found[place] = clock.seconds([each[place] if place < len(each) else "" for each in fields])
             self.taken_off[self._layout.header[place]] = float(clock.base or 0)
         return [found[place] for place in places]
 
-    def _numbers(self, lines: list[str], places: list[int], row: int) -> list[Floats]:
+    def _numbers(self, lines: list[str], places: list[int]) -> list[Floats]:
         layout = self._layout
         if not layout.comma and '"' not in "".join(lines[:1]):
             separators = None if layout.delimiter is None else {line.count(layout.delimiter) for line in lines}
             if separators is None or separators == {len(layout.header) - 1}:
                 with contextlib.suppress(ValueError, IndexError):
                     return list(np.loadtxt(lines, delimiter=layout.delimiter, comments=None, usecols=places, ndmin=2).T.copy())
-        return list(np.array([self._row(line, places, row + k) for k, line in enumerate(lines)], dtype=float).T)
+        return list(np.array([self._row(line, places, self._damage.rows + k) for k, line in enumerate(lines)], dtype=float).T)
 
     def _row(self, line: str, places: list[int], row: int) -> list[float]:
-        """One line at a time, slowly: with missing numbers, quotes or decimal commas; and to say what is wrong."""
+        """One line at a time, slowly: with missing numbers, quotes or decimal commas; NaN where it is damaged, which is noted."""
         fields, header = _fields(line, self._layout.delimiter), self._layout.header
         if len(fields) != len(header):
-            raise GainroomError(f"{self._path}: row {row + 1} has {len(fields)} fields, not the {len(header)} of the first line")
-        numbers = []
-        for k in places:
-            value = _number(fields[k], self._layout.comma)
-            if value is None:
-                raise GainroomError(f"{self._path}: {header[k]} in row {row + 1}: {fields[k][:40]!r} is not a number")
-            numbers.append(value)
-        return numbers
+            self._damage.add(f"row {row + 1} has {len(fields)} fields, not the {len(header)} of the first line")
+            return [np.nan] * len(places)
+        numbers = [_number(fields[k], self._layout.comma) for k in places]
+        if None in numbers:
+            wrong = (f"{header[k]}: {_decoded([fields[k]])[0][:40]!r}" for k, value in zip(places, numbers, strict=True) if value is None)
+            self._damage.add(f"row {row + 1}: {first_of_many(list(wrong))} is not a number")
+        return [np.nan if value is None else value for value in numbers]
 
 
 class CsvText(LogFormat):
