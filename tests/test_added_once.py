@@ -17,6 +17,7 @@ import gainroom as gr
 from gainroom.analysis.part_requirements import unread
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
+from gainroom.system.controller import CONTROLLERS, Controller, GainKey
 from gainroom.system.requirement import Requirement
 from gainroom.system.requirements import REQUIREMENTS
 from independent.joint import PDJoint
@@ -97,6 +98,7 @@ def test_a_measured_requirement_of_a_joint(tmp_path: Path, capsys, noise: NoiseT
     assert use["binding"] == "noise_torque"
 
 
+@pytest.mark.slow
 def test_what_cannot_be_met_is_told_once(tmp_path: Path, capsys, noise: NoiseTorque):
     """One screen said "Safe: every requirement is met" above "no gains meet the requirements"."""
     path = tmp_path / "joint.yaml"
@@ -212,3 +214,198 @@ def test_loops_go_to_other_processes():
     again = pickle.loads(pickle.dumps(found))
     omega = np.array([3.0, 50.0])
     assert np.array_equal(again.loops[0].response(omega), loop.response(omega))
+
+
+@dataclass(frozen=True)
+class DisturbanceObserver(Controller):
+    """PD and an observer of what disturbs an inertia J: u = C e + d, d = Q (u − J s² x), Q = g/(s + g), so that u (1 − Q) = (C + Q J s²) e.
+
+    kp [N m/rad], kd [N m s/rad], observer g [rad/s], inertia J [kg m²]
+    """
+
+    kind = "PD with a disturbance observer"
+    GAINS = (
+        *gr.PD.GAINS,
+        GainKey("observer", "rad/s", "the bandwidth of the disturbance observer"),
+        GainKey("inertia", "kg·m²", "the inertia that the disturbance observer assumes"),
+    )
+    held_ratio = "inertia/kd"
+
+    kp: Any
+    kd: Any
+    observer: Any
+    inertia: Any
+
+    def terms(self) -> Any:
+        """(C + Q J s²)/(1 − Q) = (kp + kd s)(1 + g/s) + g J s."""
+        g = self.observer
+        return {(0, 0): np.asarray(self.kp + g * self.kd), (1, 0): np.asarray(self.kd + g * self.inertia), (0, 1): np.asarray(g * self.kp)}
+
+    def scaled(self, factor: float) -> "DisturbanceObserver":
+        return replace(self, kp=factor * self.kp, kd=factor * self.kd, inertia=factor * self.inertia)
+
+    def plane(self) -> Any:
+        """J/kd is held."""
+        g = self.observer
+        return {(0, 0): 1.0, (0, 1): g}, {(0, 0): g, (1, 0): 1 + g * self.inertia / self.kd}
+
+    def plane_gains(self) -> tuple[float, float]:
+        return self.kp, self.kd
+
+    def from_plane(self, kp: float, kd: float) -> "DisturbanceObserver":
+        return replace(self, kp=kp, kd=kd, inertia=kd * self.inertia / self.kd)
+
+
+@dataclass(frozen=True)
+class Unplanned(DisturbanceObserver):
+    """The same, and no search for gains knows how to move them."""
+
+    has_plane = False
+    held_ratio = ""
+
+
+@pytest.fixture
+def observer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(CONTROLLERS, "dob", DisturbanceObserver)
+    monkeypatch.setitem(CONTROLLERS, "unplanned", Unplanned)
+
+
+OBSERVED = "type: dob, feedback: motor, kp: 600, kd: 90, observer: 6, inertia: 0.5"
+AS_PID = "type: pid, feedback: motor, kp: 1140, ki: 3600, kd: 93"
+"""The same law: kp + g kd, g kp, kd + g J."""
+KNEE = JOINT.replace("type: pd, feedback: motor, kp: 900, kd: 100", f"{OBSERVED}, sample_rate_hz: 2000")
+ARM = ROBOT.partition("tasks")[0].replace(
+    "type: pd, feedback: motor, sample_rate_hz: 2000, kp: 400.0, kd: 30.0", f"{OBSERVED}, sample_rate_hz: 2000"
+)
+SAME = "gain_margin_db", "phase_margin_deg", "delay_margin_ms", "peak_sensitivity", "gain_limit", "stable", "unmet", "requirements_met"
+
+
+def test_a_disturbance_observer_of_a_joint(tmp_path: Path, capsys, observer: None):
+    """Read from a file, and judged as the block diagram says: Ms on a dense grid, and all else as of the PID that it amounts to."""
+    path = tmp_path / "joint.yaml"
+    path.write_text(KNEE.replace(", sample_rate_hz: 2000", ""), "utf-8")
+    omega = np.geomspace(0.1, 3000, 200_000)
+    plant, q = response(PDJoint(1.0, 4.0, 1e4, 1.0, 1.0, 0.0, delay=2e-3, bandwidth=4000.0), omega), 6 / (1j * omega + 6)
+    law = (600 + 90j * omega + q * 0.5 * (1j * omega) ** 2) / (1 - q)
+    assert of_json(capsys, "joint", path)["peak_sensitivity"] == pytest.approx(np.max(1 / np.abs(1 + plant * law)), rel=1e-6)
+    found = []
+    for text in (KNEE, KNEE.replace(OBSERVED, AS_PID)):
+        path.write_text(text, "utf-8")
+        found.append(of_json(capsys, "joint", path))
+    assert {key: found[0][key] for key in SAME} == approximately({key: found[1][key] for key in SAME})
+    use = found[0]["recommended"]["controller"]
+    assert (use["type"], use["observer"]) == ("dob", 6.0)
+    assert use["inertia"] / use["kd"] == pytest.approx(0.5 / 90)
+    use = ", ".join(f"{key}: {value!r}" for key, value in use.items())
+    path.write_text(KNEE.replace(OBSERVED, f"feedback: motor, {use}"), "utf-8")
+    again = of_json(capsys, "joint", path)
+    assert again["requirements_met"] is True
+    # the search counts a fraction of a tick as the phase that it costs, which a delay margin is not quite
+    assert again["worst"] == pytest.approx(found[0]["recommended"]["margins"], rel=1e-5)
+
+
+def pasted(screen: str, text: str) -> str:
+    """`text` with the lines that a terminal gives for `control` in place of OBSERVED."""
+    lines = screen.partition("Do this:")[2].partition("\n\n")[0].splitlines()
+    gains = [line.partition("#")[0].strip() for line in lines if line.startswith("  ")]
+    return text.replace(OBSERVED, f"feedback: motor, {', '.join(gains)}")
+
+
+@pytest.mark.slow
+def test_advice_that_changes_the_type_names_it(tmp_path: Path, capsys, observer: None):
+    """Pasted, without what it says to leave out, it is a file that meets every requirement: of a joint and of a robot."""
+    limits = "limits: {gain_margin_db: 6, phase_margin_deg: 30, peak_sensitivity: 2}\n"
+    arm = write_arm(tmp_path)
+    for command, path, text in (("joint", tmp_path / "joint.yaml", KNEE), ("robot", arm, ARM + limits)):
+        for kind in ("unplanned", "dob") if command == "robot" else ("unplanned",):
+            path.write_text(text.replace("type: dob", f"type: {kind}"), "utf-8")
+            main([command, str(path)])
+            screen = capsys.readouterr().out
+            assert "type: pd  # leave out observer and inertia" in screen
+            path.write_text(pasted(screen, text), "utf-8")
+            found = of_json(capsys, command, path)
+            assert found["unmet"] == []
+            assert found["stable"]
+
+
+@pytest.mark.slow
+def test_a_disturbance_observer_of_a_robot(tmp_path: Path, capsys, observer: None):
+    """The same as of the PID that it amounts to, in every command that judges; gains by joint are read like others."""
+    path, answers = write_arm(tmp_path), []
+    for text in (ARM.replace(", inertia: 0.5", ", inertia: {shoulder: 0.5, elbow: 0.5}"), ARM.replace(OBSERVED, AS_PID)):
+        path.write_text(text, "utf-8")
+        robot = of_json(capsys, "robot", path, "--report", tmp_path / "page.html")
+        swept, run = of_json(capsys, "sweep", path, "--samples", "6"), of_json(capsys, "simulate", path)
+        for joint in robot["states"][0]["joints"]:
+            joint.update(kp_max=None, kd_max=None)  # of gains that act by themselves alone
+        answers.append((robot["states"], robot["worst"], robot["unmet"], swept["sentence"], run["sentence"]))
+        assert CONTROLLERS[text.partition("type: ")[2][:3]].__name__ in (tmp_path / "page.html").read_text("utf-8")
+    assert json.loads(json.dumps(answers[0])) == approximately(answers[1])
+
+
+def approximately(value: Any) -> Any:
+    """The same lists and mappings, with numbers that are equal but for round-off."""
+    if isinstance(value, dict):
+        return {key: approximately(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [approximately(each) for each in value]
+    return pytest.approx(value, rel=1e-6, abs=1e-9) if isinstance(value, float) else value
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "message"),
+    [
+        (KNEE, "observer: 6", "observer: -6", "control.observer: -6 must be >= 0"),
+        (
+            KNEE,
+            ", inertia: 0.5",
+            "",
+            "control.inertia is missing: the inertia that the disturbance observer assumes [kg·m²], a number >= 0",
+        ),
+        (KNEE, "type: dob", "type: pd", "control.observer is not a gain of type pd, which has kp, kd"),
+        (KNEE, "type: dob", "type: dop", "'dop' must be pd, pid, ppi, dob or unplanned; did you mean dob?"),
+        (
+            ARM,
+            ", observer: 6",
+            "",
+            "control.observer is missing: the bandwidth of the disturbance observer [rad/s], a number >= 0, or one per",
+        ),
+        (ARM, ", inertia: 0.5", ", inertia: {shoulder: 0.5}", "control.inertia: no value for joint elbow"),
+        (ARM, "type: dob", "type: dob, space: task", "control.kp is for space joint"),
+    ],
+)
+def test_gain_keys_come_from_the_controller(text: str, old: str, new: str, message: str, tmp_path: Path, capsys, observer: None):
+    """In both files, with bounds, units and what is missing; nothing is said of it while nobody knows it."""
+    path = write_arm(tmp_path, text.replace(old, new)) if text is ARM else tmp_path / "joint.yaml"
+    path.write_text(text.replace(old, new), "utf-8")
+    assert main(["robot" if text is ARM else "joint", str(path)]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_controller_that_nobody_knows_is_no_traceback(tmp_path: Path, capsys):
+    path = write_arm(tmp_path, ARM)
+    assert main(["robot", str(path)]) == 2
+    assert "unknown key" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_app_shows_a_controller(tmp_path: Path, observer: None):
+    """With its own gains; recommended gains of another type are told, and not put into its own. Without a plane a robot's page says so."""
+    pytest.importorskip("uvicorn", reason="the extra gainroom[app] is not installed")
+    from gainroom.app.bench import Opened
+    from gainroom.app.joint_bench import JointBench
+    from gainroom.app.messages import View
+    from gainroom.app.robot_bench import RobotBench
+
+    write_arm(tmp_path)
+    joint, robot = (make(Opened(text, "file.yaml", tmp_path)) for make, text in ((JointBench, KNEE), (RobotBench, ARM)))
+    assert [gain["name"] for gain in joint.opening()["gains"]] == ["kp", "kd", "observer", "inertia"]
+    assert [gain["unit"] for gain in robot.opening()["gains"]["elbow"]] == ["N·m/rad", "N·m·s/rad", "rad/s", "kg·m²"]
+    for bench, gains in ((joint, {"observer": 3.0}), (robot, {"elbow": {"observer": 3.0}})):
+        parts = dict(bench.full(View.model_validate({"gains": gains}), None, lambda *_: None))
+        assert parts["verdict"]["stable"]
+    assert joint.system(View(gains={"observer": 3.0})).control.controller.observer == 3.0
+    other = dict(JointBench(Opened(KNEE.replace("dob", "unplanned"), "file.yaml", tmp_path)).full(View(), None, lambda *_: None))
+    assert other["use"]["gains"] is None
+    with pytest.raises(gr.GainroomError, match=r"control\.type: unplanned has no kp–kd plane"):
+        RobotBench(Opened(ARM.replace("dob", "unplanned"), "file.yaml", tmp_path))

@@ -25,7 +25,7 @@ DOCUMENTS = [*docs_output.documents(), ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTI
 SECTIONS = [
     config.JointSection,
     config_sections.DriveSection,
-    config.JointControlSection,
+    config_sections.control_section(config.JointControlSection),
     config_sections.LowPassSection,
     config_sections.NotchSection,
     config_sections.GainPathSection,

@@ -17,7 +17,7 @@ from gainroom.cli.example import example_texts
 from gainroom.errors import GainroomError
 from gainroom.files.robot_sections import ActuatorSection, ContactSection, ModelSection, PayloadSection, RobotControlSection, TaskSection
 from gainroom.files.robot_yaml import load_robot, parse_robot
-from gainroom.files.system_sections import UncertaintySection
+from gainroom.files.system_sections import UncertaintySection, control_section
 from gainroom.io.yaml_text import parse_yaml
 from gainroom.robot.formats.model_names import locate
 from gainroom.system.system import System
@@ -26,7 +26,15 @@ from robot_truths import hinge, link, write_robot
 
 BIPED = example_texts()["biped"]
 DOCUMENT = (Path(__file__).parents[1] / "docs" / "robots.md").read_text("utf-8")
-SECTIONS = [ModelSection, PayloadSection, ActuatorSection, ContactSection, TaskSection, RobotControlSection, UncertaintySection]
+SECTIONS = [
+    ModelSection,
+    PayloadSection,
+    ActuatorSection,
+    ContactSection,
+    TaskSection,
+    control_section(RobotControlSection),
+    UncertaintySection,
+]
 SMALL = """\
 model: {file: robot.urdf, base: fixed}
 joints:

@@ -10,8 +10,8 @@ import numpy as np
 from ..errors import GainroomError
 from ..files.edited_text import Keys
 from ..report.gains_to_use import patterns, robot_gains
-from ..report.number_format import own_gains, plane_names
-from ..system.controller import Controller
+from ..report.number_format import own_gains
+from ..system.controller import Controller, type_of
 from ..system.system import System
 from .edits import at_point
 from .messages import View
@@ -52,6 +52,10 @@ class Channels:
         else:
             self.names, self._rows = source.joint_names, []
             self._file = tuple(control.controller.on_joint(k, len(self.names)) for k in range(len(self.names)))
+        if not all(own.has_plane for own in self._file):
+            raise GainroomError(
+                f"control.type: {type_of(control.controller)} has no kp–kd plane to move in; `gainroom robot` judges its gains"
+            )
 
     def described(self) -> dict[str, Any]:
         """For the page, of each channel: names and units of its gains, of its map's axes, and where the file's gains are on it."""
@@ -59,7 +63,7 @@ class Channels:
         return {
             "channels": self.names,
             "gains": {name: [{"name": gain, "unit": unit} for gain, _, unit in own_gains(own, self.of_tasks)] for name, own in each},
-            "axes": {name: plane_names(own) for name, own in each},
+            "axes": {name: own.plane_names for name, own in each},
             "units": self._units,
             "points": self.points(self._file),
         }

@@ -17,7 +17,7 @@ from ..report.gains_to_use import joint_gains
 from ..report.joint import joint_page
 from ..report.joint_text import sentence, severity, warnings
 from ..report.margin_columns import margin_columns, margins_text
-from ..report.number_format import own_gains, plane_names
+from ..report.number_format import own_gains
 from ..report.verdict import joint_to_use, verdict_rows
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
@@ -58,7 +58,7 @@ class JointBench:
             "name": self.opened.source,
             "saves": self.opened.path is not None,
             "gains": [{"name": name, "value": value, "unit": unit} for name, value, unit in own_gains(controller)],
-            "axes": plane_names(controller),
+            "axes": controller.plane_names,
             "point": controller.plane_gains() if controller.has_plane else None,
             "window": self._window,
             "span_hz": [end / (2 * math.pi) for end in self._span],
@@ -138,6 +138,8 @@ class JointBench:
         use = joint_to_use(study, self.opened.call("joint"))
         yield "verdict", _verdict(study, "certified") | self._gains(study)
         best = study.recommended
+        if type(study.template) is not type(system.control.controller):  # gains of another type are no gains of this file's controller
+            best = None
         yield "map", limits(study, window or self._window) | {"plant": self.plant(view)}
         yield (
             "use",

@@ -30,7 +30,7 @@ class View(Section):
     angles       of a robot's joints that stand otherwise than in its posture [rad, m]
     """
 
-    gains: dict[Name, NotNegative | dict[Literal["kp", "kd", "kv", "ki"], NotNegative]] = Field(default_factory=dict, max_length=200)
+    gains: dict[Name, NotNegative | dict[Name, NotNegative]] = Field(default_factory=dict, max_length=200)
     point: tuple[NotNegative, NotNegative] | None = None
     delay_ms: NotNegative | None = None
     stiffness: Positive | None = None

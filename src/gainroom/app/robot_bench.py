@@ -3,7 +3,7 @@
 import math
 import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ from ..studies.loop_numbers import limit_of
 from ..studies.progress import Progress, quiet
 from ..studies.robot import RobotStudy, study_robot
 from ..studies.state import State, limit_headroom, strongest_first
+from ..system.controller import Controller
 from ..system.system import System
 from .bench import Opened, Part, Remembered, advised, rounded
 from .channels import Channel, Channels
@@ -289,7 +290,7 @@ class RobotBench:
         assert study is not None
         yield "heat", heat(study)
         use = robot_to_use(study, self.opened.call("robot"))
-        own = study.controllers_to_use if study.to_use is not None else ()
+        own = self._own_to_use(study)
         gains = self._to_use(study)
         part = {
             **advised(use, warnings(study) if study.recommended else []),
@@ -355,8 +356,14 @@ class RobotBench:
 
     def _to_use(self, study: RobotStudy) -> dict[str, dict[str, float]]:
         """Recommended gains by channel, as they are typed; none of none."""
-        own = self._channels.named(study.controllers_to_use if study.to_use is not None else ())
+        own = self._channels.named(self._own_to_use(study))
         return {name: {gain: float(typed(value)) for gain, value in each.items()} for name, each in own.items()}
+
+    def _own_to_use(self, study: RobotStudy) -> Sequence[Controller]:
+        """Recommended gains by channel; none where there are none, or they are of another type than the file's."""
+        own = study.controllers_to_use if study.to_use is not None else ()
+        present = self._channels.gains(View())
+        return own if all(type(one) is type(now) for one, now in zip(own, present, strict=False)) else ()
 
     def _starred(self, view: View, gains: dict[str, dict[str, float]], progress: Progress) -> str:
         """What is certified of recommended gains as they are typed, by a study of their own: their search does not hold it."""

@@ -89,12 +89,13 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
 def _recommended_facts(study: "JointStudy", recommended: "Recommendation") -> dict[str, Any]:
     from ..report.columns import facts
     from ..report.margin_columns import margin_columns
+    from ..system.controller import type_of
 
     controller = recommended.controller
     gains = {name: value for name, value, _ in own_gains(controller)}
     return {
         **gains,
-        "controller": {"type": type(controller).__name__.lower(), **gains},
+        "controller": {"type": type_of(controller), **gains},
         "plane": {"kp": recommended.kp, "kd": recommended.kd},
         "margins": facts(margin_columns(), recommended.worst),
         "nominal": facts(margin_columns(), recommended.nominal),

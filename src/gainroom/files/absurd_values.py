@@ -49,10 +49,12 @@ def _refuse_long_delays(names: Sequence[str], delays: Sequence[float], sample_ti
 def _refuse_quick_joints(system: System) -> None:
     """Gains that would move a joint many times within its delay: that is no loop, but a slip of units."""
     body, actuators = system.source.body, system.source.actuators
-    assert system.control.controller is not None
+    controller = system.control.controller
+    assert controller is not None
+    terms, nothing = controller.matrices(body.size), np.zeros((body.size, body.size))
     links = np.diag(body.mass_matrix(body.neutral()))[body.nv - body.size :]
     inertia = actuators.motor_inertia + np.where(np.isinf(actuators.stiffness), links, 0.0)
-    stiff, damped = (np.broadcast_to(np.asarray(gain, dtype=float), (body.size,)) for gain in system.control.controller.plane_gains())
+    stiff, damped = (np.diagonal(terms.get(powers, nothing)) for powers in ((0, 0), (1, 0)))
     for k, name in enumerate(body.joint_names):
         gains = f"kp {stiff[k]:g} N·m/rad, kd {damped[k]:g} N·m·s/rad and an inertia of {inertia[k]:g} kg·m²"
         _refuse_lag(f"joint {name!r}: with {gains}", stiff[k] / inertia[k], damped[k] / inertia[k], system.drives[k].delay)

@@ -4,16 +4,18 @@ Everything is SI and radians except where a key's name carries another unit (del
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, SerializeAsAny
 
 from ..errors import GainroomError, Together, named
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, made_when_read, partly
 from ..io.yaml_text import read_text
 from ..system.actuator_entry import ActuatorEntry
+from ..system.controller import GainKey
 from ..system.elastic_joint import ElasticJoint
 from ..system.system import System
 from .file_types import parse_as
@@ -24,6 +26,7 @@ from .system_sections import (
     Stiffness,
     SystemFile,
     UncertaintySection,
+    control_section,
     refuse_long_delay,
     refuse_two_paths,
 )
@@ -120,10 +123,9 @@ class JointSection(GearboxSection):
 class JointControlSection(ControlSection):
     """The controller of one joint."""
 
-    kp: Positive | None = Field(None, description="the gain on position [N·m/rad], of ppi [1/s]; a number > 0")
-    kd: NotNegative | None = Field(None, description="the gain on velocity [N·m·s/rad], a number >= 0")
-    kv: Positive | None = Field(None, description="the gain on velocity [N·m·s/rad], a number > 0")
-    ki: NotNegative | None = Field(None, description="the gain on the integral [N·m/(rad·s)], of ppi [N·m/rad]; a number >= 0")
+    @classmethod
+    def gain_type(cls, keys: Sequence[GainKey]) -> Any:
+        return Positive if all(key.positive for key in keys) else NotNegative
 
 
 class JointUncertaintySection(UncertaintySection):
@@ -132,7 +134,10 @@ class JointUncertaintySection(UncertaintySection):
     link_inertia: PositiveInterval | None = None
 
 
-class JointFile(SystemFile[JointControlSection, JointUncertaintySection]):
+JointControl = Annotated[SerializeAsAny[JointControlSection], made_when_read(lambda: control_section(JointControlSection), optional=False)]
+
+
+class JointFile(SystemFile[JointControl, JointUncertaintySection]):
     """joint.yaml as it is written."""
 
     joint: JointSection = Field(

@@ -1,21 +1,34 @@
 """The sections of robot.yaml as they are written: keys, bounds, and what excludes what. Keys that name joints are patterns."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from ..errors import listed
-from ..io.validation import KEPT, Flag, Name, NotNegative, Positive, Refusals, Section, number, refusal, relation
+from ..io.validation import KEPT, Flag, Name, NotNegative, Positive, Refusals, Section, made_when_read, number, refusal, relation
 from ..io.yaml_text import shown
 from ..robot.body import Base
 from ..robot.contact import Contact, ContactKind
 from ..robot.tasks import FRAMED, Task, TaskKind
 from ..system.actuator_entry import ActuatorEntry
+from ..system.controller import CONTROLLERS, GainKey
 from .joint_references import entry_of_file
 from .robot_scenario import Angle, PerJoint, RobotScenarioSection, Several, Springs, Weight
-from .system_sections import Bandwidth, ControlSection, DampingRatio, DelayMs, GearboxSection, Stiffness, SystemFile, UncertaintySection
+from .system_sections import (
+    Bandwidth,
+    ControlSection,
+    DampingRatio,
+    DelayMs,
+    GearboxSection,
+    Stiffness,
+    SystemFile,
+    UncertaintySection,
+    control_section,
+    known_gains,
+)
 
 MOST_NAMES = 50
 """Postures, contact states or tasks in one file."""
@@ -141,21 +154,19 @@ class TaskSection(Section):
 class RobotControlSection(ControlSection):
     """The controller: with its gains in joint space, with those of the tasks in task space."""
 
+    ALLOWED: ClassVar[str] = ", or one per joint's name or pattern"
+
     space: Literal["joint", "task"] = "joint"
-    kp: PerJoint[NotNegative] | None = Field(
-        None, description="the gain on position [N·m/rad], of ppi [1/s]; a number >= 0, or one per joint's name or pattern"
-    )
-    kd: PerJoint[NotNegative] | None = Field(
-        None, description="the gain on velocity [N·m·s/rad]; a number >= 0, or one per joint's name or pattern"
-    )
-    kv: PerJoint[NotNegative] | None = Field(
-        None, description="the gain on velocity [N·m·s/rad]; a number >= 0, or one per joint's name or pattern"
-    )
-    ki: PerJoint[NotNegative] | None = Field(
-        None, description="the gain on the integral [N·m/(rad·s)], of ppi [N·m/rad]; a number >= 0, or one per joint's name or pattern"
-    )
     rotors: Flag = False
     weight: PerJoint[Weight] | None = None
+
+    @classmethod
+    def gain_type(cls, keys: Sequence[GainKey]) -> Any:
+        return PerJoint[NotNegative]
+
+    @classmethod
+    def may_not_be_zero(cls, key: GainKey) -> bool:
+        return False
 
     @property
     def gain_names(self) -> tuple[str, ...]:
@@ -165,11 +176,12 @@ class RobotControlSection(ControlSection):
     @relation
     def _of_the_space(self) -> Refusals:
         if self.space == "task":
-            for name in (*self.known_gains(), "weight"):
+            for name in (*known_gains(), "weight"):
                 if self.is_given(name):
                     yield refusal(f"is for space joint; in task space {name} stands with the tasks", key=name)
-            if self.type == "pid":
-                yield refusal("pid has no meaning in task space: pd, or ppi", key="type")
+            if not CONTROLLERS[self.type].of_tasks:
+                kinds = [name for name, one in CONTROLLERS.items() if one.of_tasks]
+                yield refusal(f"{self.type} has no meaning in task space: {', or '.join(kinds)}", key="type")
 
 
 Postures = dict[str, Annotated[dict[str, Angle], KEPT]]
@@ -183,7 +195,10 @@ ContactStates = dict[
 ]
 
 
-class RobotFile(SystemFile[RobotControlSection, UncertaintySection]):
+RobotControl = Annotated[SerializeAsAny[RobotControlSection], made_when_read(lambda: control_section(RobotControlSection), optional=False)]
+
+
+class RobotFile(SystemFile[RobotControl, UncertaintySection]):
     """robot.yaml as it is written."""
 
     model: ModelSection = Field(description="the section of the robot's model, such as {file: robot.urdf}")

@@ -32,7 +32,7 @@ from .absurd_values import examined
 from .file_types import parse_as
 from .joint_references import with_ranges
 from .robot_sections import ContactSection, ModelSection, RobotFile, TaskSection
-from .system_sections import ControlSection, refuse_two_paths
+from .system_sections import known_gains, refuse_two_paths
 
 LOCKED = "joints.locked"
 MOST_STATES = 500
@@ -200,7 +200,8 @@ def _angles(name: str, patterns: Mapping[str, float], joint_names: Sequence[str]
 
 def _without_motor(file: RobotFile, body: RigidBody) -> tuple[str, ...]:
     """A warning about gains that are named for joints without a motor."""
-    named = {key for gains in (file.control.kp, file.control.kd) if isinstance(gains, dict) for key in gains}
+    given = (getattr(file.control, name) for name in file.control.gain_names)
+    named = {key for gains in given if isinstance(gains, dict) for key in gains}
     names = [name for name in body.passive if name in named or re.escape(name) in named]
     what = "gains of joints without a motor do not count; if they have one, name them in joints.driven"
     return (f"{what}: {first_of_many(names)}",) if names else ()
@@ -261,7 +262,7 @@ def _task(place: str, section: TaskSection, body: RigidBody) -> Task:
         section.require_right()
         task = section.task()
         size = len(task.directions(body.joint_names))
-        for key in ControlSection.known_gains():
+        for key in ("kp", "kd", "kv", "ki"):
             given = getattr(section, key)
             if isinstance(given, list) and len(given) != size:
                 raise GainroomError(f"{place}.{key}: {shown(given)} must be a number, or {size} numbers, one per direction")
@@ -273,10 +274,7 @@ def _control(file: RobotFile, body: RigidBody, sample_time: Callable[[], float |
     section = file.control
     with Together() as together:
         step = together.step
-        gains = {
-            name: step(lambda name=name: _per_joint(f"control.{name}", known(getattr(section, name)), body))
-            for name in section.known_gains()
-        }
+        gains = {name: step(lambda name=name: _per_joint(f"control.{name}", known(getattr(section, name)), body)) for name in known_gains()}
         weight = step(lambda: _per_joint("control.weight", {DEFAULT: 1.0, **(section.weight or {})}, body))
         path = step(section.gain_path)
         in_joints = section.space == "joint"

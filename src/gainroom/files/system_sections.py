@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, create_model
 
-from ..errors import GainroomError, Together, UnjudgedError
+from ..errors import GainroomError, Together, UnjudgedError, listed
 from ..io.validation import (
     NotNegative,
     Positive,
@@ -25,7 +25,7 @@ from ..io.validation import (
 )
 from ..io.yaml_text import shown
 from ..system.actuator_entry import ActuatorEntry
-from ..system.controller import PD, PID, PPI
+from ..system.controller import CONTROLLERS, Controller, GainKey
 from ..system.drive import Drive
 from ..system.filters import LowPass, Notch
 from ..system.gain_path import GainPath, samples_in_common
@@ -34,10 +34,6 @@ from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.uncertainty import Uncertainty
 
-CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
-ControllerType = Literal["pd", "pid", "ppi"]
-RATE_GAINS = {"kv": "kd", "kd": "kv"}
-"""The gain on velocity, and what it is called in the other kind of control: kd in pd and pid, kv in ppi."""
 PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
 MAX_TICKS = 1000
 """A sampled loop carries one state per tick of delay."""
@@ -210,9 +206,12 @@ class GainPathSection(Section):
 
 
 class ControlSection(Section):
-    """The controller: its type, the side of its encoders, its filters; subclasses have the gains."""
+    """The controller: its type, the side of its encoders, its filters; `control_section` adds the gains of all types."""
 
-    type: ControllerType = Field(description="the kind of controller, pd, pid or ppi")
+    ALLOWED: ClassVar[str] = ""
+    """What a gain may be, for messages."""
+
+    type: str = Field(description="the kind of controller")
     feedback: Literal["motor", "link"] = Field(description="the side of the gearbox that the encoder is on, motor or link")
     sample_rate_hz: SampleRate | None = None
     velocity_filter: LowPassSection | None = None
@@ -224,27 +223,27 @@ class ControlSection(Section):
         """The gains of the type."""
         return CONTROLLERS[self.type].gain_names()
 
-    @staticmethod
-    def known_gains() -> tuple[str, ...]:
-        """The gains of every type."""
-        return tuple(dict.fromkeys(name for one in CONTROLLERS.values() for name in one.gain_names()))
-
     @relation
     def _gains_of_the_type(self) -> Refusals:
         if not self.gain_names:  # of tasks
             return
         names = ", ".join(self.gain_names)
-        given = [name for name in self.known_gains() if self.is_given(name)]
+        given = [name for name in known_gains() if self.is_given(name)]
         missing = [name for name in self.gain_names if name not in given]
+        damping, rates = CONTROLLERS[self.type].damping_name, {one.damping_name for one in CONTROLLERS.values()}
         meant = set()
         for name in given:
             if name not in self.gain_names:
-                meant |= {other for other in missing if RATE_GAINS.get(name) == other}
-                hint = f"; did you mean {RATE_GAINS[name]}?" if RATE_GAINS.get(name) in missing else ""
-                yield refusal(f"is not a gain of type {self.type}, which has {names}{hint}", key=name)
-        for name in missing:
-            if name not in meant:
-                yield refusal(f"is missing: {type(self).model_fields[name].description}; type {self.type} has {names}", key=name)
+                other = damping if name in rates and damping in missing else ""
+                meant.add(other)
+                yield refusal(
+                    f"is not a gain of type {self.type}, which has {names}{f'; did you mean {other}?' if other else ''}", key=name
+                )
+        for key in CONTROLLERS[self.type].gain_keys():
+            if key.name in missing and key.name not in meant:
+                yield refusal(f"is missing: {self.described(key)}; type {self.type} has {names}", key=key.name)
+            elif key.name in given and self.may_not_be_zero(key) and self.is_right(key.name) and getattr(self, key.name) == 0:
+                yield refusal("0 must be > 0", key=key.name)
 
     @relation
     def _both_sampled(self) -> Refusals:
@@ -272,7 +271,23 @@ class ControlSection(Section):
         low_pass = None if self.velocity_filter is None else self.velocity_filter.low_pass()
         return {"velocity_filter": low_pass, "notches": tuple(section.notch() for section in self.notches)}
 
-    def controller(self, gains: Mapping[str, Any]) -> PD | PID | PPI:
+    @classmethod
+    def gain_type(cls, keys: Sequence[GainKey]) -> Any:
+        """What a file may have for a gain that some types call so."""
+        raise NotImplementedError
+
+    @classmethod
+    def may_not_be_zero(cls, key: GainKey) -> bool:
+        """Whether a gain has to be > 0."""
+        return key.positive
+
+    @classmethod
+    def described(cls, key: GainKey) -> str:
+        """A gain that is missing."""
+        unit = f" [{key.unit}]" if key.unit else ""
+        return f"{key.meaning}{unit}, a number {'> 0' if cls.may_not_be_zero(key) else '>= 0'}{cls.ALLOWED}"
+
+    def controller(self, gains: Mapping[str, Any]) -> Controller:
         """The controller of the type with `gains` and the filters."""
         self.require_right()
         return CONTROLLERS[self.type](**gains, **self.filters())
@@ -286,6 +301,28 @@ class ControlSection(Section):
             for index, notch in enumerate(self.notches):
                 place = f"control.notches[{index}]"
                 together.step(lambda notch=notch, place=place: notch.require_below("frequency", place, min(nyquist, velocity)))
+
+
+def known_gains() -> tuple[str, ...]:
+    """The gains of all types."""
+    return tuple(dict.fromkeys(name for one in CONTROLLERS.values() for name in one.gain_names()))
+
+
+def control_section(base: type[ControlSection]) -> type[ControlSection]:
+    """`base` with the types and the gains of CONTROLLERS as keys."""
+    return _control_section(base, tuple(CONTROLLERS.items()))
+
+
+@cache
+def _control_section(base: type[ControlSection], controllers: tuple[tuple[str, type[Controller]], ...]) -> type[ControlSection]:
+    keys: dict[str, list[GainKey]] = {}
+    for _, one in controllers:
+        for key in one.gain_keys():
+            keys.setdefault(key.name, []).append(key)
+    kinds = tuple(name for name, _ in controllers)
+    fields: dict[str, Any] = {"type": (Literal[kinds], Field(description=f"the kind of controller, {listed(kinds, 'or', len(kinds))}"))}
+    fields |= {name: (base.gain_type(every) | None, None) for name, every in keys.items()}
+    return create_model(base.__name__, __base__=base, **fields)
 
 
 def limits_section() -> type[Section]:

@@ -179,6 +179,8 @@ class Section(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _with_all_faults(cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
+        if isinstance(data, cls):  # made by a check, as made_when_read
+            return data
         problems: list[Problem] = []
         if isinstance(data, dict):
             fields = cls.prepared(data)

@@ -15,7 +15,7 @@ from ..system.linear.arrays import Floats
 from ..system.margin_units import to_db
 from . import style
 from .map_lines import View, contours, opened, outlines
-from .number_format import digits, frequency, hertz, plane_names
+from .number_format import digits, frequency, hertz
 from .page import Html, figure
 
 BINS = 12  # colours along the boundary
@@ -112,7 +112,7 @@ def gain_map(study: JointStudy) -> Html:
     traces, notes = _stable_area(stable, view, f"stable{of}")
     if study.required_region.required.asked:
         traces += _areas(outlines(study.required_region, view), REQUIRED, f"every requirement met{of}")
-    names = plane_names(study.system.control.controller)
+    names = study.system.control.controller.plane_names
     marks, mark_notes = _marks(spots, view, names)
     lines, line_notes = contours(study, view, mark_notes)
     edge, edge_notes = vibration_edge(study.region, stable, view, mark_notes)
@@ -140,9 +140,7 @@ def gain_points(study: JointStudy) -> list[GainPoint]:
         found.append(GainPoint("this file", float(kp), float(kd), "circle", style.BLACK))
     if study.recommended is not None:
         found.append(GainPoint("recommended", study.recommended.kp, study.recommended.kd, "star", style.BLUE))
-    if not getattr(
-        study.system.control.controller, "ki", 0
-    ):  # the rule is a plain PD, which is no point of the plane of an integral controller
+    if not study.template.has_held_gain:  # the rule is a plain PD, which is no point of the plane of an integral controller
         found.append(GainPoint("10 Hz rule", study.rule.kp, study.rule.kd, "x", style.VERMILION))
     return found
 
@@ -239,7 +237,7 @@ def _hover(study: JointStudy, view: View) -> style.Trace:
     index = np.flatnonzero(stable)
     for k, found in zip(index, study.region.margins(grid_kp[index], grid_kd[index]), strict=True):
         texts[k] = _margins_text(found)
-    kp_name, kd_name = plane_names(study.system.control.controller)
+    kp_name, kd_name = study.system.control.controller.plane_names
     words = [
         f"{kp_name} {digits(x, '', 3)}, {kd_name} {digits(y, '', 3)}<br>{text}" for x, y, text in zip(grid_kp, grid_kd, texts, strict=True)
     ]
@@ -272,7 +270,7 @@ def _caption(study: JointStudy) -> str:
     if study.required_region.required.asked:
         text += " Inside the blue area every requirement is met"
         text += " for the nominal joint, not over the uncertainty." if study.system.uncertainty.names else " for the nominal joint."
-    kp_name, kd_name = plane_names(study.system.control.controller)
+    kp_name, kd_name = study.system.control.controller.plane_names
     if study.recommended is not None:
         text += f" The star has the largest {kp_name} that meets them"
         within = (

@@ -12,7 +12,7 @@ from .bode import Case
 from .columns import Column, yes
 from .joint_text import RULE, rise_text, uncertainty_cost_text
 from .margin_columns import bounded_columns, compared_rows
-from .number_format import digits, frequency, own_gains, plane_names
+from .number_format import digits, frequency, own_gains
 from .page import Html, facts, table
 from .page_parts import filters, uncertainty_text
 
@@ -42,7 +42,7 @@ def gains_beside(study: JointStudy) -> list[Gains]:
 
 def largest_gains(study: JointStudy) -> list[Gains]:
     """The largest kd at the file's kp, and the largest kp with the kd that is stable there."""
-    (kp_name, kd_name), (own, *_) = plane_names(study.template), gains_beside(study)
+    (kp_name, kd_name), (own, *_) = study.template.plane_names, gains_beside(study)
     return [
         Gains(f"largest {kd_name} at this {kp_name}", own.kp, study.max_kd),
         Gains(f"largest {kp_name} of all", study.max_kp, study.kd_at_max_kp),
@@ -51,7 +51,7 @@ def largest_gains(study: JointStudy) -> list[Gains]:
 
 def plane_columns(study: JointStudy) -> list[Column]:
     """The two gains of the plane, under the names that its controller gives them; the unit is the heading's."""
-    kp_name, kd_name = plane_names(study.template)
+    kp_name, kd_name = study.template.plane_names
     return [
         Column(kp_name, "kp", lambda row: row.kp, "N·m/rad", shown=lambda row: digits(row.kp)),
         Column(kd_name, "kd", lambda row: row.kd, "N·m·s/rad", shown=lambda row: digits(row.kd)),
@@ -92,7 +92,7 @@ def uncertainty_table(study: JointStudy) -> Html:
     """Recommended gains with what is known, with each uncertain quantity known exactly, and with all of them."""
     found = study.uncertainty_cost
     assert found is not None
-    plane, (kp_name, _) = plane_columns(study), plane_names(study.template)
+    plane, (kp_name, _) = plane_columns(study), study.template.plane_names
     sets = [
         ("as uncertain as it is", study.recommended, ""),
         *((f"{one.name.replace('_', ' ')} known exactly", one, rise_text(study, one)) for one in found.known),

@@ -15,7 +15,7 @@ from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of
 from ..system.system import System
 from .margin_columns import lacking, short_text, stable_but
-from .number_format import digits, own_gains, plane_names, quantity
+from .number_format import digits, own_gains, quantity
 
 if TYPE_CHECKING:
     from ..design.joint_gains import Recommendation
@@ -214,7 +214,7 @@ def _change(rise: float) -> str:
 def recommended_text(recommended: "Recommendation") -> str:
     """The requirement that limits the recommended kp, and the largest kp without each."""
     without = {name: f"without the {title_of(name)}" for name in recommended.costs}
-    kp_name, _ = plane_names(recommended.controller)
+    kp_name, _ = recommended.controller.plane_names
     worst = ", ".join(quantity(name, value) for name, value in recommended.worst_case.items())
     parts = [f"Recommended gains are limited by the {recommended.held_back_by()}" + (f" (worst case: {worst})." if worst else ".")]
     felt = ", ".join(f"{digits(kp, 'N·m/rad')} {without[name]}" for name, kp in recommended.felt.items())
@@ -233,7 +233,7 @@ def uncertainty_cost_text(study: "JointStudy", ranked: bool) -> str:
         return ""
     if cost < COST_ACCURACY:
         return "The uncertainty costs nothing."
-    kp_name, _ = plane_names(exact.controller)
+    kp_name, _ = exact.controller.plane_names
     part = "all" if study.recommended is None else f"{100 * cost:.0f} %"
     text = f"The uncertainty costs {part} of {kp_name}: with exact parameters it would be {digits(exact.kp, 'N·m/rad')}."
     if not ranked or study.uncertainty_cost is None:
@@ -351,9 +351,9 @@ def _no_gains(system: System) -> str:
     """A warning without recommended gains, and remedies."""
     controller, uncertain = system.control.controller, bool(system.uncertainty.names)
     kind, remedies = controller.kind if controller.has_plane else "PD", ["relax limits", "shorten the delay"]
-    if controller.held_ratio and controller.ki != 0:
+    if controller.has_held_gain:
         kind = f"{kind} gains with this file's {controller.held_ratio}, held constant,"
-        remedies.insert(0, "lower ki")
+        remedies.insert(0, f"lower {controller.held_gain}")
     if uncertain:
         ranges = [
             f"{name.replace('_', ' ')} {_ends(name, *map(float, getattr(system.uncertainty, name)))}" for name in system.uncertainty.names

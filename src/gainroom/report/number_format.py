@@ -90,17 +90,7 @@ def path_facts(kd_path: "GainPath | None") -> dict[str, float] | None:
 
 def own_gains(controller: Any, of_task: bool = False) -> list[tuple[str, float, str]]:
     """(name, value, unit) of a controller's own gains, in the order of its signature; `of_task`: of one direction of a task."""
-    units = {"kp": "N·m/rad", "kd": "N·m·s/rad", "ki": "N·m/(rad·s)", "kv": "N·m·s/rad"}
-    if of_task:
-        units = {"kp": "1/s²", "kd": "1/s", "kv": "1/s"}
-    if hasattr(controller, "kv"):  # the P/PI cascade: kp turns position into velocity
-        units |= {"kp": "1/s", "ki": "1/s²" if of_task else "N·m/rad"}
-    return [(name, float(getattr(controller, name)), units.get(name, "")) for name in controller.gain_names()]
-
-
-def plane_names(controller: Any) -> tuple[str, str]:
-    """What the axes of a controller's kp–kd plane are in its own gains."""
-    return ("kv·kp", "kv") if hasattr(controller, "kv") else ("kp", "kd")
+    return [(key.name, float(getattr(controller, key.name)), key.of_task if of_task else key.unit) for key in controller.gain_keys()]
 
 
 def typed_gains(controller: Any) -> str:

@@ -10,6 +10,7 @@ from ..analysis.margin_record import Margins
 from ..errors import at_frequency, listed
 from ..studies.analysis import Analysis
 from ..studies.state import USUAL_RATE
+from ..system.controller import type_of
 from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, tabulated, yes
 from .gains_to_use import joint_gains, kept, robot_gains
@@ -147,13 +148,22 @@ def _place(call: str, section: str) -> str:
     return f"in {shlex.split(call)[-1]} under `{section}`"
 
 
+def other_type(controller: Any, present: Any) -> list[str]:
+    """The line of `control` that makes `controller` of a file's `present` one; none where both are of one type."""
+    if type(controller) is type(present):
+        return []
+    left_out = [name for name in present.gain_names() if name not in controller.gain_names()]
+    return [f"type: {type_of(controller)}" + (f"  # leave out {listed(left_out)}" if left_out else "")]
+
+
 def _beside(controller: Any, present: Any) -> list[str]:
-    """Lines of gains with their units and what they are now."""
+    """Lines of gains with their units and what they are now; before them the type, where the file has another."""
     now = {name: value for name, value, _ in own_gains(present)} if type(present) is type(controller) else {}
     lines, units = joint_gains(controller), [unit for _, _, unit in own_gains(controller)]
     width = max(map(len, lines))
     said = [f"now {typed(now[name])}" if name in now else "" for name, _, _ in own_gains(controller)]
-    return [f"{line:{width}}  # {', '.join(filter(None, parts))}".rstrip(" #") for line, *parts in zip(lines, units, said, strict=True)]
+    gains = [f"{line:{width}}  # {', '.join(filter(None, parts))}".rstrip(" #") for line, *parts in zip(lines, units, said, strict=True)]
+    return other_type(controller, present) + gains
 
 
 def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUse:
@@ -164,6 +174,8 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
     remarks, usual, asked = [], study.recommended_at_usual_rate, study.system.requirements
     own, joints = study.controllers_to_use, gains.space == "joint"
     lines, place, now = robot_gains(gains.names, own, gains.space), "control" if joints else "tasks", _now(study, own[0]) if joints else ""
+    if joints:
+        lines = other_type(own[0], study.system.control.controller) + lines
     if usual is not None and not asked.met_by(usual):
         return replace(_state_rate(call), folded=(_not_at_usual_rate(usual, asked, f"{place}{now}"), lines))
     if found.without_weight:

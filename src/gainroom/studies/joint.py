@@ -14,7 +14,6 @@ from ..analysis.range_proof import Proof, prove
 from ..design.joint_gains import FILLING, MOST_BOXES, QUICK_BOXES, Recommendation, recommend_pd
 from ..design.uncertainty_cost import UncertaintyCost, cost_of, uncertainty_cost
 from ..errors import case_text
-from ..system.controller import PD
 from ..system.loop import Loop
 from ..system.requirements import Requirements
 from ..system.system import System
@@ -81,9 +80,9 @@ class JointStudy(Analysis):
 
     @property
     def template(self) -> Any:
-        """The controller whose plane of gains is looked at: the file's own, or a plain PD where that has none."""
+        """The controller whose plane of gains is looked at: the file's own, or a plain PD with its filters where that has none."""
         controller = self.system.control.controller
-        return controller if controller.has_plane else PD(1.0, 1.0)
+        return controller if controller.has_plane else controller.plain_pd(1.0, 1.0)
 
     @cached_property
     def region(self) -> PDRegion:
@@ -176,8 +175,7 @@ class JointStudy(Analysis):
         joint, template = self.system.source, self.template
         inertia = joint.motor_inertia or joint.link_inertia
         kp, kd = inertia * RULE_FREQUENCY**2, 2 * RULE_DAMPING * inertia * RULE_FREQUENCY
-        controller = PD(kp, kd, velocity_filter=template.velocity_filter, notches=template.notches)
-        return Rule(kp, kd, margins(self.system.loop(controller=controller)))
+        return Rule(kp, kd, margins(self.system.loop(controller=template.plain_pd(kp, kd))))
 
     @cached_property
     def others(self) -> dict[str, tuple[Loop, Margins]]:

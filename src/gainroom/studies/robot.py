@@ -94,19 +94,25 @@ class RobotStudy(Analysis):
         if self.to_use is None or control.space != "joint" or not (limit.stable and math.isfinite(limit.gain)):
             return False
         found = self.to_use[1]
-        pairs = ((found.kp, getattr(control.controller, "kp", None)), (found.kd, getattr(control.controller, "kd", None)))
-        return any(now is not None and bool(np.any(gain > limit.gain * now)) for gain, now in pairs)
+        present = control.controller.matrices(len(found.kp))
+        pairs = ((found.kp, present.get((0, 0))), (found.kd, present.get((1, 0))))  # a P/PI's kp is no torque per angle
+        return any(now is not None and bool(np.any(gain > limit.gain * np.diagonal(now))) for gain, now in pairs)
 
     @cached_property
     def controllers_to_use(self) -> tuple[Controller, ...]:
-        """Those gains, of each joint or task direction as a controller of its own, of the kind that the file has; 0 where nothing moves."""
+        """Those gains, of each joint or task direction as a controller of its own; 0 where nothing moves.
+
+        Of the type that the file has, or PDs where no gains of that type make the loop of a PD.
+        """
         assert self.to_use is not None
         gains, found = self.to_use
         kp, kd = np.nan_to_num(found.kp), np.nan_to_num(found.kd)
         control, source = self.system.control, self.system.source
         if gains.space == "joint":
             own = [control.controller.on_joint(k, len(kp)) for k in range(len(kp))]
-            return tuple(one.of_pd(float(p), float(d)) for one, p, d in zip(own, kp, kd, strict=True))
+            made = tuple(one.of_pd(float(p), float(d)) for one, p, d in zip(own, kp, kd, strict=True))
+            alike = len({type(one) for one in made}) == 1  # a file has one type for all joints
+            return made if alike else tuple(one.plain_pd(float(p), float(d)) for one, p, d in zip(own, kp, kd, strict=True))
         tasks = source.tasks(self.states[0].model, control.rotors)
         tasks = replace(tasks, kp=kp, kd=kd, ki=np.zeros(len(kp)) if found.ki is None else np.nan_to_num(found.ki))
         return tuple(tasks.of_direction(k) for k in range(len(kp)))

@@ -12,7 +12,7 @@ mapped by Tustin's rule, exact at their own frequency.
     PID    Kp + Kd V + Ki I
     P/PI   (Kv + Ki I)(Kp + V)                      Jung et al. 2017, Fig. 13
 
-Another one is a subclass; that files may have it, its line in CONTROLLERS and ControllerType (files/system_sections.py).
+Another one is a subclass that lists its GAINS; that files may have it, its entry in CONTROLLERS (tests/test_added_once.py).
 """
 
 import math
@@ -36,16 +36,40 @@ ROUND_OFF = 1e-12  # of the largest entry of a gain matrix
 
 
 @dataclass(frozen=True)
+class GainKey:
+    """One gain of a controller, as files, tables and the app have it.
+
+    name      the controller's field, and the key of `control` in files
+    unit      of a revolute joint
+    meaning   what it is, for messages: "the gain on position"
+    positive  for one joint it must be > 0, else >= 0; of several joints some may have none
+    of_task   its unit for a direction of a task, where tasks have such a controller
+    """
+
+    name: str
+    unit: str = ""
+    meaning: str = "a gain"
+    positive: bool = False
+    of_task: str = ""
+
+
+@dataclass(frozen=True)
 class Controller:
     """A sum of terms with filters; a subclass names its gains and says which terms they make. Analysis and design ask no more of it.
 
     kind             its name in reports
+    GAINS            its gains, in the order of the signature
+    of_tasks         directions of tasks may have it
+    plane_names      the axes of its kp–kd plane in its own gains
     has_plane        its gains can move in a kp–kd plane (plane, plane_gains, from_plane)
     damping_name     of the gain on velocity; held_ratio: of two gains, constant in that plane; "" where there is none
     rate_of_error    its velocity is that of the error, so that a moving reference counts; False: of the measured position alone
     """
 
     kind: ClassVar[str] = "controller"
+    GAINS: ClassVar[tuple[GainKey, ...]] = ()
+    of_tasks: ClassVar[bool] = False
+    plane_names: ClassVar[tuple[str, str]] = ("kp", "kd")
     has_plane: ClassVar[bool] = True
     damping_name: ClassVar[str] = "kd"
     held_ratio: ClassVar[str] = ""
@@ -69,7 +93,12 @@ class Controller:
     @classmethod
     def gain_names(cls) -> tuple[str, ...]:
         """The names of the gains, in the order of the signature."""
-        raise NotImplementedError
+        return tuple(one.name for one in cls.GAINS)
+
+    @classmethod
+    def gain_keys(cls) -> tuple[GainKey, ...]:
+        """The gains; of a controller that lists none their names alone."""
+        return cls.GAINS or tuple(map(GainKey, cls.gain_names()))
 
     def require_size(self, size: int) -> None:
         """Raise GainroomError, naming the gain, where one does not fit `size` > 1 joints, or is negative on one.
@@ -178,6 +207,16 @@ class Controller:
         return padded, reduce(np.convolve, (ratios[k][1] for k in (0, 1) if most[k]), np.ones(1))
 
     @property
+    def held_gain(self) -> str:
+        """The gain above the line of `held_ratio`; "" where nothing is held."""
+        return self.held_ratio.partition("/")[0]
+
+    @property
+    def has_held_gain(self) -> bool:
+        """Whether a gain is held in its plane, so that no point of it is a plain PD."""
+        return bool(self.held_gain) and bool(np.any(getattr(self, self.held_gain)))
+
+    @property
     def lead_rises(self) -> bool:
         """arg D(jω) rises with ω on every joint of its own, in continuous time: gains >= 0 without filters put no zero to the right."""
         return self.has_plane and self.velocity_filter is None and not self.notches
@@ -221,8 +260,18 @@ class Controller:
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
 
     def of_pd(self, kp: float, kd: float) -> "Controller":
-        """The controller of this kind whose loop is that of PD gains: no integral."""
-        return replace(self, **dict.fromkeys({"ki"} & set(self.gain_names()), 0.0)).from_plane(kp, kd)
+        """The controller of one joint whose loop is that of PD gains: of this kind, without integral, where that can be, else a PD."""
+        plain = self.plain_pd(kp, kd)
+        if not self.has_plane:
+            return plain
+        own = (replace(self, **{self.held_gain: 0.0}) if self.held_gain else self).from_plane(kp, kd)
+        made, wanted = own.terms(), plain.terms()
+        same = made.keys() == wanted.keys() and all(np.allclose(made[powers], wanted[powers], rtol=1e-12, atol=0.0) for powers in wanted)
+        return own if same else plain
+
+    def plain_pd(self, kp: float, kd: float) -> "PD":
+        """A PD with this controller's filters."""
+        return PD(kp, kd, velocity_filter=self.velocity_filter, notches=self.notches)
 
     def in_plane(self, kp: float, kd: float, sample_time: float | None) -> Factored:
         """D at one point of the plane."""
@@ -240,10 +289,11 @@ class PD(Controller):
     kp: Any
     kd: Any
     kind = "PD"
-
-    @classmethod
-    def gain_names(cls) -> tuple[str, ...]:
-        return ("kp", "kd")
+    GAINS = (
+        GainKey("kp", "N·m/rad", "the gain on position", positive=True, of_task="1/s²"),
+        GainKey("kd", "N·m·s/rad", "the gain on velocity", of_task="1/s"),
+    )
+    of_tasks = True
 
     def terms(self) -> Terms:
         return _nonzero({(0, 0): self.kp, (1, 0): self.kd})
@@ -269,11 +319,8 @@ class PID(Controller):
     ki: Any
     kd: Any
     kind = "PID"
+    GAINS = (PD.GAINS[0], GainKey("ki", "N·m/(rad·s)", "the gain on the integral"), PD.GAINS[1])
     held_ratio = "ki/kp"
-
-    @classmethod
-    def gain_names(cls) -> tuple[str, ...]:
-        return ("kp", "ki", "kd")
 
     def terms(self) -> Terms:
         return _nonzero({(0, 0): self.kp, (1, 0): self.kd, (0, 1): self.ki})
@@ -300,13 +347,16 @@ class PPI(Controller):
     kv: Any
     ki: Any = 0.0
     kind = "P/PI"
+    GAINS = (
+        GainKey("kp", "1/s", "the gain on position", positive=True, of_task="1/s"),
+        GainKey("kv", "N·m·s/rad", "the gain on velocity", positive=True, of_task="1/s"),
+        GainKey("ki", "N·m/rad", "the gain on the integral", of_task="1/s²"),
+    )
+    of_tasks = True
+    plane_names = ("kv·kp", "kv")
     damping_name = "kv"
     held_ratio = "ki/kv"
     rate_of_error = False
-
-    @classmethod
-    def gain_names(cls) -> tuple[str, ...]:
-        return ("kp", "kv", "ki")
 
     def terms(self) -> Terms:
         outer_kv, outer_ki = _product(self.kv, self.kp), _product(self.ki, self.kp)
@@ -345,15 +395,12 @@ class Compensator(Controller):
 
     system: Any
     gain: Any = 1.0
+    GAINS = (GainKey("gain"),)
     has_plane = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "system", factored_from(self.system))
         super().__post_init__()
-
-    @classmethod
-    def gain_names(cls) -> tuple[str, ...]:
-        return ("gain",)
 
     def terms(self) -> Terms:
         return _nonzero({(0, 0): self.gain})
@@ -362,6 +409,16 @@ class Compensator(Controller):
         if self.system.sample_time != sample_time:
             raise GainroomError(f"controller: sample time {self.system.sample_time} must equal the loop's sample_time {sample_time}")
         return self.system * super().shaping(sample_time)
+
+
+CONTROLLERS: dict[str, type[Controller]] = {"pd": PD, "pid": PID, "ppi": PPI}
+"""Those that files may have, by `control.type`."""
+
+
+def type_of(controller: Controller) -> str:
+    """Its `control.type` in files; of one that they do not have, the name of its class."""
+    known = (name for name, one in CONTROLLERS.items() if type(controller) is one)
+    return next(known, type(controller).__name__.lower())
 
 
 def gain_matrix(name: str, gain: ArrayLike, size: int) -> Floats:
