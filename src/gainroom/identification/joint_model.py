@@ -15,9 +15,9 @@ from .record import resolution
 Prior = tuple[Floats, Floats]
 """Mean and information (p,) of what is known beforehand."""
 LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
-LAW_DAMPING, LAW_FRICTION, LAW_COMMON, LAW_DELAY = 40.0, 0.05, 0.7, 5.0
-"""How much more of the damping than of the stiffness a wrong law of friction takes, how much of one side's it lays to the other, how
-much of its variance is common to inertias and stiffness, and how much more of a phase it is."""
+LAW_DAMPING, LAW_OTHER, LAW_OWN, LAW_COMMON, LAW_DELAY = 40.0, 0.08, 0.02, 0.7, 5.0
+"""How much more of the damping than of the stiffness a wrong law of friction takes, how much of the motor's it lays to the link, how far
+the motor's own is off, how much of its variance is common to inertias and stiffness, and how much more of a phase it is."""
 BEFOREHAND = {
     "viscous": (0.0, 0.3),
     "coulomb": (0.0, 0.5),
@@ -153,7 +153,8 @@ class JointModel:
         scaled = np.array([sizes.get(name, 0.0) for name in self.names])
         alone = {"damping": LAW_DAMPING * relative}
         if self.friction:
-            alone["link_coulomb"] = LAW_FRICTION * abs(float(point[self.names.index("coulomb")]))
+            dry = abs(float(point[self.names.index("coulomb")]))
+            alone |= {"link_coulomb": LAW_OTHER * dry, "coulomb": LAW_OWN * dry}
         if self.free_drive:
             speed, ratio = (math.exp(point[self.names.index(name)]) for name in ("bandwidth", "damping ratio"))
             alone["delay"] = min(LAW_DELAY * relative * speed**2 / (fastest * self.sample_time) ** 3, 2 * ratio / speed)
