@@ -29,6 +29,16 @@ def wants_populations(config: pytest.Config) -> bool:
     return "population" in config.getoption("markexpr")
 
 
+@pytest.fixture(autouse=True, scope="session")
+def no_lines_by_the_clock():
+    """Of long work, every 10 s: a loaded machine would print some where a test expects nothing; what prints them has its own tests."""
+    from gainroom.cli import progress
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(progress, "EVERY", 1e9)
+        yield
+
+
 @pytest.fixture(scope="session")
 def body():
     """The biped that ships with gainroom."""
