@@ -8,6 +8,12 @@ from gainroom.cli import progress as module
 from gainroom.cli.progress import EVERY, Progress, at_rest, duration_text, followed, progress_bar
 
 
+@pytest.fixture(autouse=True)
+def lines_are_due(monkeypatch: pytest.MonkeyPatch):
+    """As often as elsewhere: for other tests conftest.py puts them off."""
+    monkeypatch.setattr(module, "EVERY", EVERY)
+
+
 class Clock:
     """Time that passes only while somebody waits."""
 
