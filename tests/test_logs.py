@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.files.logs import Log, LogOptions, open_log, read_log
+from gainroom.files.logs import Log, LogOptions, log_reader, open_log, read_log
 from gainroom.simulation.friction import Friction
 from gainroom.simulation.run import simulate, stream
 from gainroom.simulation.run_record import LOGGED
@@ -386,3 +386,14 @@ def test_other_columns_may_hold_anything(tmp_path: Path):
     assert len(read_log(path, options=LogOptions(columns={"target_torque": "target_torque"})).time) == 199
     path.write_text("time,target_torque,state\n" + "".join(f"{k * 1e-3!r},{k % 3},{'ok' if k % 3 else 7}\n" for k in range(200)), "utf-8")
     assert len(read_log(path).time) == 200
+
+
+def test_reading_tells_how_much_of_a_text_it_has_passed(tmp_path: Path):
+    """By bytes: of three blocks of rows of nearly equal length a little more and less than a third."""
+    told: list[tuple[int, int, str]] = []
+    path = damaged_csv(tmp_path / "log.csv", 3 * 65_536, {})
+    with log_reader(path, None, lambda *each: told.append(each)) as reader:
+        assert sum(len(block.time) for block in reader.blocks()) == 3 * 65_536
+    assert [total for _, total, _ in told] == [1000] * 3
+    assert [done / 1000 for done, _, _ in told] == pytest.approx([1 / 3, 2 / 3, 1], abs=0.05)  # rows grow with their time's digits
+    assert {what for *_, what in told} == {"reading log.csv"}

@@ -77,7 +77,7 @@ def test_before_and_after_what_is_counted():
     assert [line for _, line in lines_of(clock, told)] == [
         "gainroom: reading the input: 10 s so far",
         "gainroom: audit: squat: 25 % done, 20 s so far, about 24 s left",  # 2 in the 8 s since 12, 6 are left
-        "gainroom: audit: preparing the answer: 30 s so far",
+        "gainroom: audit: preparing the answer and its page: 30 s so far",
     ]
 
 
@@ -103,7 +103,9 @@ def test_all_that_was_expected_is_done_and_the_work_is_not():
     told = Progress(clock)
     clock.during[1.0] = lambda: told.tell("robot:", 0, 5, "gains")
     clock.during[2.0] = lambda: told.tell("robot:", 5, 5, "gains")
-    assert lines_of(clock, told)[0][1] == "gainroom: robot: gains: 100 % done, 10 s so far"  # no "0 s left", which would be false
+    assert (
+        lines_of(clock, told)[0][1] == "gainroom: robot: gains: 100 % done, still at work, 10 s so far"
+    )  # no "0 s left", which would be false
 
 
 def test_no_line_while_a_bar_stands():
@@ -136,7 +138,7 @@ def test_what_a_block_tells_is_what_the_command_says(monkeypatch: pytest.MonkeyP
         with progress_bar("verify:") as progress:
             progress(1, 4, "one joint")
             assert told.line().startswith("gainroom: verify: one joint: 25 % done, ")
-        assert told.line().startswith("gainroom: verify: preparing the answer: ")
+        assert told.line().startswith("gainroom: verify: preparing the answer and its page: ")
         at_rest()
         assert over.is_set()
     assert not module._running

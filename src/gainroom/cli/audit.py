@@ -132,7 +132,9 @@ def audit(
         if training is not None:
             from ..studies.simulator_audit import audit_simulator
 
-            simulated = audit_simulator(result, *training)
+            with progress_bar("audit:") as progress:
+                progress(0, 0, "in the simulator")
+                simulated = audit_simulator(result, *training)
         swept = None
         if workspace is not None:
             from ..studies.audited_workspace import audited_workspace

@@ -9,6 +9,7 @@ import typer
 from .log_options import LogCall
 from .options import AsJson, Report, Verbose, report_stream, typed_command, with_options
 from .output import closing, render, show
+from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..files.logs import LoggedJoint
@@ -55,12 +56,14 @@ def diagnose(
         from ..files.joint_yaml import load_joint
 
         system = load_joint(Path(described[0]))
-    logged = read_joint(call.file, call.options())
+    with progress_bar("diagnose:") as progress:
+        logged = read_joint(call.file, call.options(), progress)
     with report_stream(report) as page:
         from ..errors import named
         from ..studies.diagnosis import diagnose as study
 
-        with named(str(call.file)):
+        with progress_bar("diagnose:") as progress, named(str(call.file)):
+            progress(0, 0, "causes")
             found = study(logged.record, system)
         show(as_json, lambda: _facts(found, logged), lambda: _terminal(found, logged, verbose, report))
         if page is not None:

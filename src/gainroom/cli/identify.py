@@ -128,7 +128,7 @@ def joint(
             fit = identify_joint(logged.record, drive)
             answer = joint_answer(fit)
             if written is not None:
-                progress(2, 3, "gains over the intervals")
+                progress(0, 0, "gains over the intervals")
                 text, met = _joint_yaml(fit, logged, drive)
                 written.write(text)
                 answer = answer if met else replace(answer, warnings=(*answer.warnings, LOW_GAINS))
@@ -233,11 +233,10 @@ def joint_of_log(call: LogCall, report: Path | None) -> Iterator[tuple["LoggedJo
 
     options = call.options()
     with progress_bar("identify:") as progress:
-        progress(0, 2, "reading the log")
-        logged = read_joint(call.file, options)
+        logged = read_joint(call.file, options, progress)
         if report is not None:
             refuse_inputs(report, "report")
-        progress(1, 2, "fitting")
+        progress(0, 0, "fitting")
         with named(str(call.file)):
             logged.require_dense()
             require_consistent(logged.record)

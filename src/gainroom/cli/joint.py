@@ -8,6 +8,7 @@ import typer
 from ..report.number_format import model_facts, model_text, own_gains, typed_gains
 from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
 from .output import closing, column_table, folded_parts, render, show, table, verdict_parts, warned_first
+from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..design.joint_gains import Recommendation
@@ -42,7 +43,9 @@ def joint(
     with report_stream(report) as page:
         from ..studies.joint import study_joint
 
-        study, call = study_joint(system), typed_command(context, "report")
+        with progress_bar("joint:") as progress:
+            progress(0, 0, "margins and gains")
+            study, call = study_joint(system), typed_command(context, "report")
         show(as_json, lambda: _facts(study), lambda: _terminal(study, call, report, verbose))
         if page is not None:
             from ..report.joint import joint_page

@@ -5,6 +5,7 @@ from typing import Any
 from .log_options import LogCall
 from .options import AsJson, Verbose, with_options
 from .output import render, show, table
+from .progress import progress_bar
 
 MOST_JOINTS = 3
 """In the terminal's table."""
@@ -23,7 +24,7 @@ def log(*, as_json: AsJson = False, verbose: Verbose = False, call: LogCall) -> 
     from ..files.logs import Survey, log_reader
     from ..report.log_text import facts
 
-    with log_reader(call.file, call.options()) as reader:
+    with progress_bar("log:") as progress, log_reader(call.file, call.options(), progress) as reader:
         survey = Survey.of(reader)
     show(as_json, lambda: facts(survey), lambda: _terminal(survey, None if verbose else MOST_JOINTS))
     return 0

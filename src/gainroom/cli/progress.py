@@ -11,7 +11,7 @@ from .streams import say
 
 EVERY = 10.0
 """[s] between two lines, and before the first: a short command has none."""
-FIRST, LAST = "reading the input", "preparing the answer"
+FIRST, LAST = "reading the input", "preparing the answer and its page"
 """What a command does before it counts anything, and when it has counted all."""
 
 
@@ -42,7 +42,7 @@ class Progress:
         parts = []
         if total > 0:
             began, first, _ = self._counts[title, total]
-            parts.append(f"{100 * done / total:.0f} % done")
+            parts.append(f"{100 * done / total:.0f} % done" + (", still at work" if done >= total else ""))
             if first < done < total:
                 parts.append(f"about {duration_text((self._now() - began) * (total - done) / (done - first))} left")
         parts.insert(min(1, len(parts)), f"{duration_text(self._now() - self._begun)} so far")
@@ -116,4 +116,6 @@ def _bar(title: str) -> Iterator[Callable[[int, int, str], None]]:
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar, at_last(bar.stop):
         task = bar.add_task(title, total=None)
-        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=printable(f"{title} {what}".strip()))
+        yield lambda done, total, what: bar.update(
+            task, completed=done, total=total or None, description=printable(f"{title} {what}".strip())
+        )

@@ -7,6 +7,7 @@ import typer
 
 from .options import AsJson, Report, Verbose, report_stream, typed_command
 from .output import render, show, table
+from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..paper import Reproduction
@@ -22,7 +23,8 @@ def reproduce(context: typer.Context, as_json: AsJson = False, verbose: Verbose 
     with report_stream(report) as page:
         from ..paper import run_reproduction
 
-        result = run_reproduction()
+        with progress_bar("reproduce:") as progress:
+            result = run_reproduction(progress)
         facts = {"rows": [asdict(row) for row in result.rows], "warnings": list(result.warnings)}
         show(as_json, lambda: facts, lambda: _terminal(result, verbose))
         if page is not None:

@@ -12,6 +12,7 @@ from functools import partial
 
 from ..errors import GainroomError
 from ..robot.body import library
+from ..studies.progress import Progress, quiet
 from . import claim2, claim3, claim4, com_motion, eq4, eq10, fig4, fig5, fig6, fig7, fig9, fig11, locked_output, table1, testbed
 from .picture import Picture
 from .row import Row
@@ -73,8 +74,11 @@ class Reproduction:
         return tuple(row for figure in self.figures for row in figure.rows)
 
 
-def run_reproduction() -> Reproduction:
-    """Compute every figure; those of the whole robot only where Pinocchio is installed, those in time where MuJoCo is, too."""
+def run_reproduction(progress: Progress = quiet) -> Reproduction:
+    """Compute every figure; those of the whole robot only where Pinocchio is installed, those in time where MuJoCo is, too.
+
+    progress   is given figures done, figures in all, the next one's title
+    """
     warnings, wanted = [], FIGURES
     for name, title in LIBRARIES.items():
         try:
@@ -83,7 +87,11 @@ def run_reproduction() -> Reproduction:
             left_out = ", ".join(figure.title.partition(":")[0] for figure in wanted if name in figure.needs)
             warnings += [f"{left_out} left out: {error}"] if left_out else []
             wanted = tuple(figure for figure in wanted if name not in figure.needs)
-    return Reproduction(tuple(Reproduced(figure.title, (*figure.rows(),), (*figure.pictures(),)) for figure in wanted), tuple(warnings))
+    found = []
+    for index, figure in enumerate(wanted):
+        progress(index, len(wanted), figure.title.partition(":")[0])
+        found.append(Reproduced(figure.title, (*figure.rows(),), (*figure.pictures(),)))
+    return Reproduction(tuple(found), tuple(warnings))
 
 
 __all__ = ["Picture", "Reproduction", "Row", "run_reproduction"]

@@ -12,6 +12,7 @@ from ...identification.excited_part import MostExcited
 from ...identification.outliers import Outliers, outliers_text, without_outliers
 from ...identification.record import Record
 from ...io.validation import LARGEST
+from ...studies.progress import Progress, quiet
 from ...system.linear.arrays import Floats
 from .abilities import TORQUES
 from .channels import CHANNELS
@@ -43,8 +44,8 @@ class LogReader:
     unused        columns that are no channel's
     """
 
-    def __init__(self, path: Path, options: LogOptions, table: Table, title: str) -> None:
-        self.path, self._options, self._table, self._title = path, options, table, title
+    def __init__(self, path: Path, options: LogOptions, table: Table, title: str, progress: Progress = quiet) -> None:
+        self.path, self._options, self._table, self._title, self._progress = path, options, table, title, progress
         with guarded(path, title):
             mapped = map_columns(table.columns, options, path, table.notes)
             self._time, origins, notes = mapped.time, mapped.origins, [*mapped.notes]
@@ -86,6 +87,7 @@ class LogReader:
                 end = np.inf if options.end is None else stamps.first + options.end
                 latest = float(np.max(seconds, initial=0.0, where=np.isfinite(seconds))) - stamps.first
                 over = bool(np.min(seconds, initial=np.inf, where=np.isfinite(seconds)) > end)
+                self._progress(round(1000 * self._table.share), 1000 if self._table.share else 0, f"reading {self.path.name}")
                 kept, scaled = cleaner.clean(seconds, scaled, (begin, end))
                 if len(kept):
                     bounded(self.path, "time between first and last row:", kept[-1] - stamps.first, LONGEST, " s")
@@ -233,8 +235,8 @@ class _Growing:
 
 
 @contextlib.contextmanager
-def log_reader(path: Path, options: LogOptions | None = None) -> Iterator[LogReader]:
-    """Open a log for reading. The file's ending, or that it is a folder, says which format it has.
+def log_reader(path: Path, options: LogOptions | None = None, progress: Progress = quiet) -> Iterator[LogReader]:
+    """Open a log for reading, of which `progress` is told. The file's ending, or that it is a folder, says which format it has.
 
     Raises GainroomError where it cannot be read, or where no channel is found in it.
     """
@@ -243,7 +245,7 @@ def log_reader(path: Path, options: LogOptions | None = None) -> Iterator[LogRea
     with contextlib.ExitStack() as stack:
         with guarded(path, form.title):
             table = stack.enter_context(form.table(path, options.columns.get(TIME)))
-        yield LogReader(path, options, table, form.title)
+        yield LogReader(path, options, table, form.title, progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,10 +275,10 @@ class LoggedJoint:
             )
 
 
-def read_joint(path: Path, options: LogOptions | None = None) -> LoggedJoint:
+def read_joint(path: Path, options: LogOptions | None = None, progress: Progress = quiet) -> LoggedJoint:
     """The only joint of a log, or the only one that the options choose. Raises GainroomError as read_log, and where there are several."""
     path = Path(path)
-    with log_reader(path, options) as reader:
+    with log_reader(path, options, progress) as reader:
         if len(reader.joint_names) > 1:
             raise GainroomError(
                 f"{path}: has {len(reader.joint_names)} joints and one must be chosen, by --joint NAME: {first_of_many(reader.joint_names)}"

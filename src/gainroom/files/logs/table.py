@@ -59,12 +59,14 @@ class Table:
     columns    those that hold numbers
     complete   False once reading has found that the file ends in the middle of something
     notes      what was left out, and why: texts
+    share      of the file that reading has passed, 0 where that is not known
     taken_off  by column, what is to be added to what `blocks` gives: of whole numbers that are too long for a float, as time stamps in ns
     """
 
     def __init__(self) -> None:
         self.columns: Sequence[Column] = ()
         self.complete = True
+        self.share = 0.0
         self.notes: list[str] = []
         self.taken_off: dict[str, float] = {}
 

@@ -110,7 +110,7 @@ class CsvTable(Table):
 
     def __init__(self, path: Path) -> None:
         super().__init__()
-        self._path = path
+        self._path, self._size, self._passed = path, checked_file(path), 0
         self._layout = layout = _layout(path)
         with guarded(path, "CSV"), _lines(path, layout.encoding, layout.first_row) as lines:
             fields = [_fields(line, layout.delimiter) for _, line in zip(range(PROBED), lines, strict=False) if line.strip()]
@@ -134,7 +134,7 @@ class CsvTable(Table):
         self._own_notes = self.notes
 
     def blocks(self, names: Sequence[str], held: Sequence[str] = ()) -> Iterator[list[Floats]]:
-        layout, self._damage = self._layout, _Damage(self._path)
+        layout, self._damage, self._passed = self._layout, _Damage(self._path), 0
         places = [layout.header.index(name) for name in names]
         clocks = {place: TextClock() for place in places if place in self._clocks}
         self.taken_off = {}
@@ -157,6 +157,8 @@ class CsvTable(Table):
         others = [place for place in places if place not in clocks]
         found = dict(zip(others, self._numbers(lines, others), strict=True)) if others else {}
         self._damage.rows += len(lines)
+        self._passed += sum(map(len, lines))
+        self.share = min(self._passed / self._size, 1.0)
         self._damage.require_few()
         self.notes = self._own_notes + self._damage.note()
         for place, clock in clocks.items():
