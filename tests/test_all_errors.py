@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from gainroom.cli import main
 from gainroom.cli.example import example_texts, joint_examples
 from gainroom.errors import MOST_PROBLEMS, GainroomError, Together, UnjudgedError
-from gainroom.files.gain_files import gains_of, read_gains
+from gainroom.files.gain_files import gains_of, parse_gains, read_gains
 from gainroom.files.joint_yaml import parse_joint, parse_simulation
 from gainroom.files.robot_yaml import parse_robot
 
@@ -357,3 +357,23 @@ class TestTogether:
         """A block that asks for what no step has made, and says nothing of why, has a fault of its own."""
         with pytest.raises(UnjudgedError), Together():
             raise UnjudgedError
+
+
+def test_faults_of_the_text_are_said_beside_those_of_its_values():
+    text = JOINT.replace("extra: 1", "extra: 1\nlimits: {}\n5: 6\n").replace(
+        "gain_margin_db: -6.0", "gain_margin_db: 1e999, gain_margin_db: 3"
+    )
+    begins = [f"knee.yaml: {each}" for each in IN_JOINT if "gain_margin_db" not in each]
+    begins += [f"knee.yaml: line {each}" for each in ("5, column 26: '1e999' is too large", "5, column 33: key 'gain_margin_db' is given")]
+    begins += ["knee.yaml: line 9, column 1: key 'limits' is given twice", "knee.yaml: line 10, column 1: a key must be a word"]
+    assert_each_said_once(refused(parse_joint, text, "knee.yaml"), begins)
+    with pytest.raises(GainroomError) as caught:
+        parse_gains("left_hip: {kp: 1, kp: 2}\nleft_knee: {kp: 1e999, kd: -1}\n", "g.yaml")
+    assert_each_said_once(
+        caught.value.problems,
+        [
+            "g.yaml: line 1, column 19: key 'kp' is given twice",
+            "g.yaml: line 2, column 17: '1e999' is too",
+            "g.yaml: left_knee.kd: -1 must",
+        ],
+    )

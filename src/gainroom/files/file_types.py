@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 from typing import Any, Literal
 
-from ..errors import GainroomError
+from ..errors import GainroomError, Together
 from ..io.yaml_text import parse_yaml, read_text
 
 Kind = Literal["joint", "robot", "model", "other"]
@@ -37,9 +37,12 @@ def kind_of_file(path: Path) -> Kind:
     return "model" if is_xml(text) else kind_of(parse_yaml(text, str(path)))
 
 
-def parse_as(kind: Literal["joint", "robot"], text: str, source: str, example: str) -> Any:
-    """The data of a YAML text that must be a joint.yaml or a robot.yaml; `example` is one to start from. Raises GainroomError."""
-    data = None if is_xml(text) else parse_yaml(text, source)
+def parse_as(kind: Literal["joint", "robot"], text: str, source: str, example: str, together: Together) -> Any:
+    """The data of a YAML text that must be a joint.yaml or a robot.yaml; `example` is one to start from, `together` as of parse_yaml.
+
+    Raises GainroomError.
+    """
+    data = None if is_xml(text) else parse_yaml(text, source, together=together)
     found = "model" if is_xml(text) else kind_of(data)
     if found not in (kind, "other"):
         raise wrong_kind(source, f"{kind}.yaml", found)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GainroomError
+from ..errors import GainroomError, Together
 from ..io.bounded_text import bounded_text
 from ..io.validation import dotted
 from ..io.yaml_text import MAX_BYTES, parse_yaml, read_text, shown
@@ -118,14 +118,15 @@ def _as_yaml(text: str, source: str) -> str:
 
 def parse_gains(text: str, source: str, chosen: str = "") -> GainFile:
     """As read_gains, for YAML or JSON in a file that messages call `source`."""
-    data = parse_yaml(text, source, of_others=True)
-    if not isinstance(data, dict):
-        raise GainroomError(f"{source}: {'is empty' if data is None else UNKNOWN}")
-    if "drive" in data and (found := kind_of(data)) != "other":
-        raise wrong_kind(source, "file of gains", found)
-    if "gains" in data and not data["gains"]:
-        raise GainroomError(f"{source}: gains: is empty; must hold joint or pattern → {{kp, kd}}, one or more")
-    return read_set(data, source, chosen, f"{UNKNOWN}{_begins(data)}")
+    with Together() as together:
+        data = parse_yaml(text, source, of_others=True, together=together)
+        if not isinstance(data, dict):
+            raise GainroomError(f"{source}: {'is empty' if data is None else UNKNOWN}")
+        if "drive" in data and (found := kind_of(data)) != "other":
+            raise wrong_kind(source, "file of gains", found)
+        if "gains" in data and not data["gains"]:
+            raise GainroomError(f"{source}: gains: is empty; must hold joint or pattern → {{kp, kd}}, one or more")
+        return read_set(data, source, chosen, f"{UNKNOWN}{_begins(data)}")
 
 
 def gains_of(file: GainFile, joint_names: Sequence[str]) -> JointGains:

@@ -81,7 +81,7 @@ def parse_simulation(text: str, source: str, feedforward: Path | None = None) ->
 
 def _file(text: str, source: str, two_paths: bool, together: Together) -> "JointFile":
     """As far as it is right; the rest goes to `together`."""
-    file = partly(JointFile, parse_as("joint", text, source, "testbed"), source, together)
+    file = partly(JointFile, parse_as("joint", text, source, "testbed", together), source, together)
     together.step(lambda: refuse_two_paths(file.control, two_paths))
     return file
 

@@ -56,7 +56,7 @@ def load_robot_system(path: Path, two_paths: bool = False) -> System:
 def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool = False) -> System:
     """As load_robot_system, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
     with named(source), Together() as together:
-        file = partly(RobotFile, parse_as("robot", text, source, "biped"), source, together)
+        file = partly(RobotFile, parse_as("robot", text, source, "biped", together), source, together)
         together.step(lambda: refuse_two_paths(file.control, two_paths))
         system = robot_spec(file, source, lambda: _model_path(file.model, folder), folder)
     with named(source):

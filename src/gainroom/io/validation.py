@@ -4,7 +4,6 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from types import FunctionType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
@@ -26,7 +25,7 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from ..errors import GainroomError, Together, UnjudgedError, listed
-from .yaml_text import shown
+from .yaml_text import Problem, Wrong, shown
 
 SMALLEST, LARGEST = 1e-12, 1e12
 """Beyond these a number in SI units is a slip of the pen, and its square may leave the range of a float."""
@@ -109,17 +108,6 @@ def require_one_of(typed: str, value: str | None, allowed: Sequence[str]) -> Non
 def refusal(message: str, key: str = "") -> PydanticCustomError:
     """An error to raise inside a check; `key` is appended to the path that the message names."""
     return PydanticCustomError("refused", "{message}", {"message": message, "key": key})
-
-
-Problem = tuple[str, str]
-"""The path of keys that lead to what is wrong, and what is wrong with it."""
-
-
-@dataclass(frozen=True)
-class Wrong:
-    """Stands for a value that is wrong, with all that is wrong with it, paths from there; without any where that is said elsewhere."""
-
-    problems: tuple[Problem, ...] = ()
 
 
 Refusals = Iterator[PydanticCustomError]
@@ -416,7 +404,9 @@ def _message(error: Any) -> str:
 
 
 def checked(owner: str, value: object, check: BeforeValidator) -> float:
-    """`value` as one of this module's checks lets it pass. Raises GainroomError that names `owner`."""
+    """`value` as one of this module's checks lets it pass. Raises GainroomError that names `owner`, UnjudgedError for what is Wrong."""
+    if isinstance(value, Wrong):
+        raise UnjudgedError
     try:
         return check.func(value)  # type: ignore[call-arg]
     except PydanticCustomError as error:

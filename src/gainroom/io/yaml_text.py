@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-from ..errors import GainroomError, printable
+from ..errors import GainroomError, Together, printable
 from .bounded_text import bounded_text
 
 MAX_BYTES = 1 << 20
@@ -36,6 +36,17 @@ PLAIN = {
 """What PyYAML says of malformed text, in plain words."""
 LONGEST = 60
 """Characters of a value in a message."""
+
+
+Problem = tuple[str, str]
+"""The path of keys that lead to what is wrong, and what is wrong with it."""
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """Stands for a value that is wrong, with all that is wrong with it, paths from there; without any where that is said elsewhere."""
+
+    problems: tuple[Problem, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -78,18 +89,28 @@ def read_text(path: Path) -> str:
     return bounded_text(path, MAX_BYTES, "a configuration file")
 
 
-def parse_yaml(text: str, source: str, of_others: bool = False) -> Any:
+def parse_yaml(text: str, source: str, of_others: bool = False, together: Together | None = None) -> Any:
     """The plain dicts, lists and scalars of a YAML text; None where it holds nothing.
 
     source      named in messages
     of_others   whether values may be used again (&, *, <<) and have tags, as in files that programs write
+    together    takes what does not keep the rest from being read: a key that is there twice, or is no word, and a number that is too
+                large, which is Wrong; without it these are raised, too
 
     Raises GainroomError on anything malformed or out of bounds.
     """
     loader = None
     try:
         loader = (_OfOthers if of_others else _Loader)(text)  # reading the first characters may already fail
-        return loader.get_single_data()
+        data = loader.get_single_data()
+        if loader.faults:
+            error = GainroomError(*(f"{source}: {text}" for text in loader.faults))
+            if together is None:
+                raise error
+            together.add(error)
+        return data
+    except GainroomError:
+        raise
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
@@ -114,6 +135,7 @@ class _Loader(yaml.SafeLoader):
         super().__init__(text)
         self._depth = 0
         self._nodes = 0
+        self.faults: list[str] = []
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event = self.peek_event()
@@ -141,23 +163,30 @@ class _Loader(yaml.SafeLoader):
         for key_node, value_node in node.value:
             key = self._key(key_node, value_node)
             if key in seen:
-                raise self._refusal(f"key {shown(key)} is given twice", key_node.start_mark)
-            seen[key] = self.construct_object(value_node, deep=deep)
+                self._note(f"key {shown(key)} is given twice", key_node.start_mark)
+            elif key is not None:
+                seen[key] = self.construct_object(value_node, deep=deep)
         return seen
 
-    def _key(self, node: yaml.Node, value: yaml.Node) -> str:
+    def _key(self, node: yaml.Node, value: yaml.Node) -> str | None:
+        """None, and a fault, where it is no word."""
         key = self.construct_object(node, deep=True) if isinstance(node, yaml.ScalarNode) else None
-        if not isinstance(key, str):
-            comma = "; a decimal comma is written as a point" if isinstance(key, int) else ""
-            raise self._refusal(f"a key must be a word{comma}", node.start_mark)
-        return key
+        if isinstance(key, str):
+            return key
+        comma = "; a decimal comma is written as a point" if isinstance(key, int) else ""
+        self._note(f"a key must be a word{comma}", node.start_mark)
+        return None
 
-    def construct_number(self, node: yaml.ScalarNode) -> int | float:
+    def _note(self, problem: str, mark: yaml.Mark) -> None:
+        self.faults.append(f"line {mark.line + 1}, column {mark.column + 1}: {printable(problem)}")
+
+    def construct_number(self, node: yaml.ScalarNode) -> int | float | Wrong:
         text = self.construct_scalar(node)
         plain = text.lower().replace(".inf", "inf").replace(".nan", "nan")
         number = float(plain)
         if math.isinf(number) and "inf" not in plain:
-            raise self._refusal(f"{shown(text)} is too large a number; infinity is written .inf", node.start_mark)
+            self._note(f"{shown(text)} is too large a number; infinity is written .inf", node.start_mark)
+            return Wrong()
         return int(number) if re.fullmatch(r"[-+]?[0-9]{1,15}", text) else number
 
     @staticmethod
@@ -235,7 +264,7 @@ class _OfOthers(_Loader):
         plain = yaml.MappingNode(node.tag, own, node.start_mark, node.end_mark)
         return merged | super().construct_mapping(plain, deep)
 
-    def _key(self, node: yaml.Node, value: yaml.Node) -> str:
+    def _key(self, node: yaml.Node, value: yaml.Node) -> str | None:
         """Also a number, true or null, as it is written, but where it may be the rest of a decimal comma's number."""
         is_plain = isinstance(node, yaml.ScalarNode) and node.tag.startswith(CORE) and value.tag != f"{CORE}null"
         return node.value if is_plain else super()._key(node, value)

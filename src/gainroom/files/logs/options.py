@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from ...errors import GainroomError, named, nearest, require_positive
+from ...errors import GainroomError, Together, named, nearest, require_positive
 from ...identification.record import SIGNALS
-from ...io.validation import Name, Section, number, refusal, validate
+from ...io.validation import Name, Section, number, partly, refusal
 from ...io.yaml_text import parse_yaml, read_text, shown
 from .channels import CHANNELS
 from .units import factor
@@ -120,8 +120,9 @@ class LogSection(Section):
 
 def load_options(path: Path) -> dict[str, Any]:
     """The fields of LogOptions that a YAML file gives. Raises GainroomError."""
-    data = parse_yaml(read_text(path), str(path))
-    section = validate(LogSection, data if data is not None else {}, str(path))
+    with Together() as together:
+        data = parse_yaml(read_text(path), str(path), together=together)
+        section = partly(LogSection, data if data is not None else {}, str(path), together)
     given = {name: getattr(section, name) for name in section.model_fields_set}
     if "sample_rate_hz" in given:
         given["sample_rate"] = given.pop("sample_rate_hz")
