@@ -132,6 +132,7 @@ def test_other_rates_keep_the_delay_of_a_file_in_ticks():
 def test_a_rate_that_is_chosen_takes_the_place_of_a_continuous_clock():
     """And taken away again it leaves the file as it was."""
     bench = bench_of(EXAMPLES["fig9"])
+    assert [bench_of(EXAMPLES[name]).opening()["asks_rate"] for name in ("fig9", "testbed", "testbed-sampled")] == [False, False, True]
     chosen = parse_joint(bench.text(View(sample_rate_hz=2000.0)), "x").control
     assert (chosen.sample_time, chosen.continuous) == (1 / 2000, False)
     assert bench.text(View(sample_rate_hz=0.0)) == EXAMPLES["fig9"]

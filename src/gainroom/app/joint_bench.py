@@ -63,6 +63,7 @@ class JointBench:
             "window": self._window,
             "span_hz": [end / (2 * math.pi) for end in self._span],
             "sampled": not system.control.sampling_in_delay,
+            "asks_rate": not (system.control.sampling_in_delay or system.control.continuous),
             "continuous": "delay_ticks" not in self._data["drive"],
             "view": {
                 "gains": {name: value for name, value, _ in own_gains(controller)},

@@ -96,6 +96,7 @@ class RobotBench:
             "space": system.control.space,
             "span_hz": span_of(system),
             "sampled": not system.control.sampling_in_delay,
+            "asks_rate": not (system.control.sampling_in_delay or system.control.continuous),
             "continuous": "delay_ticks" not in drive or "sample_rate_hz" in drive,
             "postures": list(source.postures),
             "keyframes": keyframe_angles(source),

@@ -263,7 +263,7 @@ function sentences(part, current) {
   const ranges = page.opening.uncertain.length > 0, met = page.certified ? part.met === true && !(part.uncertified || []).length : null, once = cards(part);
   if (met !== map.met) { map.met = met; map.draw(); }
   by("basis").textContent = {
-    certified: certified(part) + (page.view.sample_rate_hz === 0 && page.opening.sampled ? " Continuous time: choose your loop's sample rate." : "") + (ranges ? ` Worst of the stated ranges${once ? `: ${once}` : ""}.` : ""),
+    certified: certified(part) + (page.view.sample_rate_hz === 0 && page.opening.asks_rate ? " Continuous time: choose your loop's sample rate." : "") + (ranges ? ` Worst of the stated ranges${once ? `: ${once}` : ""}.` : ""),
     state: `Certified in ${part.examined}${ranges ? " over the stated ranges" : ""}; the others follow.`,
     nominal: "Nominal values only; the stated ranges are not examined yet.",
     quick: "This state only, at nominal values. Stability and gain limit are certified; what is marked ≈ is not.",
