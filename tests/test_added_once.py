@@ -17,9 +17,10 @@ import gainroom as gr
 from gainroom.analysis.part_requirements import unread
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
+from gainroom.studies.deciding_joints import deciding_joints
 from gainroom.system.controller import CONTROLLERS, Controller, GainKey
 from gainroom.system.requirement import Requirement
-from gainroom.system.requirements import REQUIREMENTS
+from gainroom.system.requirements import REQUIREMENTS, SensitivityBound
 from independent.joint import PDJoint
 from independent.margins import response
 from robot_files import ROBOT, write_arm
@@ -186,6 +187,59 @@ def test_the_app_shows_a_measured_requirement(tmp_path: Path, noise: NoiseTorque
     assert [part.get("unread") for part in maps][-1] == ["rms noise torque"]
     assert not any(part.get("whole") for part in maps)  # "every requirement in every state" is not known
     assert maps[-1]["last"]
+
+
+@dataclass(frozen=True)
+class Bandwidth(Requirement):
+    """The least frequency [rad/s] at which a position no longer follows its reference within 3 dB, as far as the samples tell."""
+
+    def measured(self, loop: Any) -> float:
+        omega = np.geomspace(0.1, 3000, 500)
+        ratio = loop.response(omega).reshape(500, loop.size, loop.size)
+        follows = np.abs(np.diagonal(np.linalg.solve(np.eye(loop.size) + ratio, ratio), axis1=1, axis2=2)) > math.sqrt(0.5)
+        return float(omega[np.argmin(follows.all(axis=1))])
+
+
+BANDWIDTH = Bandwidth("bandwidth", "bandwidth", "bandwidth_hz", "Hz", 1 / (2 * math.pi), usual=2 * math.pi * 5)
+"""One that is at least so much, and is asked for where a file says nothing."""
+
+
+def test_a_usual_requirement_is_asked_for_where_nothing_is_said(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(REQUIREMENTS, BANDWIDTH.name, BANDWIDTH)
+    path = tmp_path / "joint.yaml"
+    path.write_text(JOINT.partition("limits")[0], "utf-8")
+    found = of_json(capsys, "joint", path)
+    omega = np.geomspace(0.1, 3000, 500)
+    ratio = response(PDJoint(1.0, 4.0, 1e4, 1.0, 900.0, 100.0, delay=2e-3, bandwidth=4000.0), omega)
+    own = omega[np.argmin(np.abs(ratio / (1 + ratio)) > math.sqrt(0.5))] / (2 * math.pi)
+    assert found["bandwidth_hz"] == pytest.approx(own)
+    assert ("bandwidth" in found["unmet"]) is bool(own < 5) is True
+    assert found["recommended"]["margins"]["bandwidth_hz"] >= 5
+    assert "bandwidth ≥ 5 Hz" in load_robot_system(write_arm(tmp_path)).assumptions[-1]
+
+
+def test_the_joint_that_misses_a_requirement(monkeypatch: pytest.MonkeyPatch):
+    """Of a bound on |1 − S_ii| the joint with the largest there; of what is measured the one that it names, or none."""
+
+    @dataclass(frozen=True)
+    class OfJoints(Bandwidth):
+        def of_loops(self, found: Any) -> Any:
+            return np.array([3.0, 2.0])
+
+    known = SensitivityBound("peak_complementary", "Mt", "mt", at_frequency="peak_complementary_frequency", slope=-1.0, offset=1.0)
+    of_joints = OfJoints("of_joints", "bandwidth", "of_joints_hz")
+    for one in (known, BANDWIDTH, of_joints):
+        monkeypatch.setitem(REQUIREMENTS, one.name, one)
+    plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
+    for kd, worst in (([8.0, 30.0], 0), ([30.0, 8.0], 1)):
+        loop = gr.build_loop(plant, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(np.array([400.0, 400.0]), np.array(kd)))
+        found = gr.margins(loop)
+        values = loop.response(np.geomspace(0.1, 3000, 20_000))
+        peaks = np.abs(1 - np.diagonal(np.linalg.inv(np.eye(2) + values), axis1=1, axis2=2)).max(axis=0)
+        assert np.argmax(peaks) == worst
+        assert deciding_joints(loop, found, ("hip", "knee"), known.name) == (("hip", "knee")[worst],)
+        assert deciding_joints(loop, found, ("hip", "knee"), "bandwidth") == ()
+        assert deciding_joints(loop, found, ("hip", "knee"), "of_joints") == ("knee",)
 
 
 def test_no_picture_leaves_out_a_requirement_unsaid():
@@ -380,6 +434,24 @@ def test_gain_keys_come_from_the_controller(text: str, old: str, new: str, messa
     path.write_text(text.replace(old, new), "utf-8")
     assert main(["robot" if text is ARM else "joint", str(path)]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_gain_that_another_type_may_leave_out_is_asked_for(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch):
+    """Types share keys: kp may be 0 in one and not in another."""
+
+    @dataclass(frozen=True)
+    class Damper(gr.PD):
+        GAINS = (replace(gr.PD.GAINS[0], positive=False), gr.PD.GAINS[1])
+
+    monkeypatch.setitem(CONTROLLERS, "damper", Damper)
+    path = tmp_path / "joint.yaml"
+    for kind, status in (("pd", 2), ("damper", 0)):
+        path.write_text(
+            JOINT.replace("type: pd", f"type: {kind}").replace("kp: 900", "kp: 0").partition("limits")[0] + "limits: {}\n", "utf-8"
+        )
+        said = main(["joint", str(path)]), capsys.readouterr().err
+        assert (said[0] == 2) is (status == 2)
+        assert ("control.kp: 0 must be > 0" in said[1]) is (status == 2)
 
 
 def test_a_controller_that_nobody_knows_is_no_traceback(tmp_path: Path, capsys):

@@ -36,7 +36,6 @@ from .system_sections import known_gains, refuse_two_paths
 
 LOCKED = "joints.locked"
 MOST_STATES = 500
-USUAL = f"the usual limits are asked for, as the file names none: {Requirements.usual()}"
 
 
 def load_robot(path: Path | str) -> Robot:
@@ -63,7 +62,10 @@ def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool =
         system = examined(system)
         if system.control.controller is not None and not np.any(getattr(system.control.controller, "kp", 1.0)):
             raise GainroomError("control.kp: must be > 0 on some joint")
-    return system if file.limits is not None else replace(system, assumptions=(*system.assumptions, USUAL))
+    if file.limits is not None:
+        return system
+    usual = f"the usual limits are asked for, as the file names none: {Requirements.usual()}"
+    return replace(system, assumptions=(*system.assumptions, usual))
 
 
 def robot_spec(file: RobotFile, name: str, path: Callable[[], Path], folder: Path = Path(), known_body: RigidBody | None = None) -> System:
