@@ -477,6 +477,11 @@ def test_the_app_shows_a_controller(tmp_path: Path, observer: None):
         parts = dict(bench.full(View.model_validate({"gains": gains}), None, lambda *_: None))
         assert parts["verdict"]["stable"]
     assert joint.system(View(gains={"observer": 3.0})).control.controller.observer == 3.0
+    for bench in (joint, robot):
+        assert bench.opening()["forms"] == ["yaml"]  # no other format holds these gains
+        assert "observer" in bench.copied(View(), "yaml")
+        with pytest.raises(gr.GainroomError, match="not the gains of a controller of type dob; copy as yaml"):
+            bench.copied(View(), "mjcf")
     other = dict(JointBench(Opened(KNEE.replace("dob", "unplanned"), "file.yaml", tmp_path)).full(View(), None, lambda *_: None))
     assert other["use"]["gains"] is None
     with pytest.raises(gr.GainroomError, match=r"control\.type: unplanned has no kp–kd plane"):

@@ -11,7 +11,7 @@ from ..errors import GainroomError, listed, printable
 from ..files.edited_text import Keys
 from ..files.gain_formats.gain_record import Gain
 from ..report.number_format import own_gains, typed
-from ..system.controller import Controller
+from ..system.controller import PID, Controller, type_of
 from ..system.uncertainty import Uncertainty
 from .bench import rounded
 from .messages import View
@@ -82,10 +82,17 @@ def conditions(source: str, own: Mapping[str, Any], view: View) -> str:
     return printable(f"# for {Path(source).name}{' with ' if other else ''}{listed(other)}") + "\n"
 
 
+def other_formats_hold(own: Controller) -> bool:
+    """Whether other formats have all of its gains: those of a PD or PID."""
+    return set(own.gain_keys()) <= set(PID.GAINS)
+
+
 def gain_of(own: Controller, form: str) -> Gain:
-    """The gains of one joint as other formats hold them. Raises GainroomError for a P/PI cascade, which none does."""
-    if own.damping_name != "kd":
-        raise GainroomError(f"{form}: holds kp and kd in N·m/rad and N·m·s/rad, not the gains of a P/PI cascade; copy as yaml")
+    """The gains of one joint as other formats hold them. Raises GainroomError for a controller with others than a PD or PID has."""
+    if not other_formats_hold(own):
+        raise GainroomError(
+            f"{form}: holds kp and kd in N·m/rad and N·m·s/rad, not the gains of a controller of type {type_of(own)}; copy as yaml"
+        )
     return Gain(**{name: value for name, value, _ in own_gains(own)})
 
 

@@ -25,7 +25,7 @@ from ..studies.progress import Progress, quiet
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
 from .bench import Opened, Part, Remembered, advised
-from .edits import at_point, conditions, gain_of, put, ranges, timing
+from .edits import at_point, conditions, gain_of, other_formats_hold, put, ranges, timing
 from .joint_curves import bode, limits, map_window, required_gains, stable_gains, step, sweep_span
 from .messages import View
 from .shaken import shaken
@@ -75,7 +75,7 @@ class JointBench:
             "needed": system.requirements.needed,
             "uncertain": list(system.uncertainty.names),
             "ranges": ranges(system.uncertainty),
-            "forms": ["yaml"] if controller.damping_name != "kd" else ["yaml", "ros2_control", "mjcf"],
+            "forms": ["yaml", "ros2_control", "mjcf"] if other_formats_hold(controller) else ["yaml"],
         }
 
     def text(self, view: View) -> str:

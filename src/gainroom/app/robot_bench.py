@@ -36,7 +36,7 @@ from ..system.controller import Controller
 from ..system.system import System
 from .bench import Opened, Part, Remembered, advised, rounded
 from .channels import Channel, Channels
-from .edits import conditions, gain_of, ranges, timing
+from .edits import conditions, gain_of, other_formats_hold, ranges, timing
 from .messages import View
 from .robot_curves import (
     EveryState,
@@ -87,7 +87,7 @@ class RobotBench:
         posture, contact = source.states[0]
         task = self._channels.of_tasks
         frame, mass = self._payload(View())
-        cascade = any(own.damping_name != "kd" for own in self._channels.gains(View()))
+        held = all(map(other_formats_hold, self._channels.gains(View())))
         return {
             "kind": "robot",
             **self._channels.described(),
@@ -121,7 +121,7 @@ class RobotBench:
             "needed": system.requirements.needed,
             "uncertain": list(system.uncertainty.names),
             "ranges": self._ranges(system),
-            "forms": ["yaml"] if task or cascade else ["yaml", "ros2_control", "mjcf"],
+            "forms": ["yaml", "ros2_control", "mjcf"] if held and not task else ["yaml"],
         }
 
     def _ranges(self, system: System) -> dict[str, list[float | None]]:

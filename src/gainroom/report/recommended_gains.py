@@ -186,6 +186,7 @@ def recommended_facts(gains: RobotGains) -> dict[str, Any]:
     """Recommended gains of one space in JSON."""
     return {
         "space": gains.space,
+        "type": "pd" if gains.space == "joint" else None,
         "names": list(gains.names),
         "sets": [{**facts(SET, row), **margin_facts(row.gain_set.margins)} for row in rows(gains) if row.gain_set is not None],
         "cost": gains.cost,

@@ -18,7 +18,7 @@ from .joint_text import AT_USUAL
 from .margin_columns import lacking, margin_value, requirement
 from .number_format import digits, hertz, own_gains, rate, span, typed
 from .page import Advice, Html, advice_box, table
-from .robot_units import joint_units
+from .robot_units import unit_of_gain
 
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
     from ..design.joint_gains import Recommendation
@@ -209,11 +209,11 @@ def _cost_of_ranges(study: "RobotStudy") -> list[str]:
 
 def _now(study: "RobotStudy", recommended: Any) -> str:
     """What the joints' gains are now, with their units: " (now kp 2 000 N·m/rad, kd 100 N·m·s/rad)"; the units alone of another law."""
-    units, present = joint_units(study.system.source.body), study.system.control.controller
+    body, present = study.system.source.body, study.system.control.controller
     parts = []
-    for name, _, unit in own_gains(recommended):
-        unit = units.get(name, unit) if recommended.damping_name == "kd" else unit
-        parts.append(f"{name} {span(np.atleast_1d(getattr(present, name)), unit)}" if type(present) is type(recommended) else unit)
+    for key in recommended.gain_keys():
+        unit = unit_of_gain(key, body)
+        parts.append(f"{key.name} {span(np.atleast_1d(getattr(present, key.name)), unit)}" if type(present) is type(recommended) else unit)
     return f" ({'now ' if type(present) is type(recommended) else ''}{', '.join(parts)})"
 
 
