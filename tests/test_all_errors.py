@@ -8,9 +8,13 @@ from hypothesis import given, settings, strategies as st
 from gainroom.cli import main
 from gainroom.cli.example import example_texts, joint_examples
 from gainroom.errors import MOST_PROBLEMS, GainroomError, Together, UnjudgedError
+from gainroom.files.audit_options import AuditOptions
 from gainroom.files.gain_files import gains_of, parse_gains, read_gains
 from gainroom.files.joint_yaml import parse_joint, parse_simulation
+from gainroom.files.logs.options import LogOptions, load_options
 from gainroom.files.robot_yaml import parse_robot
+from gainroom.files.simulator_options import SimulatorOptions
+from gainroom.files.sweep_options import SweepOptions, sweep_plan
 
 TESTBED = joint_examples()["testbed-simulated"]
 BIPED = example_texts()["biped"]
@@ -377,3 +381,49 @@ def test_faults_of_the_text_are_said_beside_those_of_its_values():
             "g.yaml: left_knee.kd: -1 must",
         ],
     )
+
+
+def test_options_of_an_audit_are_judged_together():
+    problems = refused(lambda: AuditOptions(2.0, gains_run="split", base="floor", damping=3.0, damping_ratio=5, joint_damping="some"))
+    begins = ["--gains-run split: needs --drive-rate-hz", "--gains-run split: needs --drive-delay-ms", "--base floor: must be"]
+    begins += ["--damping 3: is of elastic", "--damping-ratio: 5 must be", "--joint-damping some: must be"]
+    assert_each_said_once(problems, begins)
+    problems = refused(lambda: SimulatorOptions(timestep=-1, integrator="best", decimation=0))
+    begins = [
+        "--timestep: goes with --simulator mujoco",
+        "--timestep: -1 must be > 0",
+        "--integrator 'best': must be",
+        "--decimation 0: must",
+    ]
+    assert_each_said_once(problems, begins)
+
+
+def test_options_of_a_log_are_judged_together(tmp_path: Path):
+    begins = ["columns: unknown channel 'torq'", "units: time:", "rotor_side: unknown channel 'x'", "log: end 1 s must be > start 2 s"]
+    problems = refused(lambda: LogOptions(columns={"torq": "a"}, units={"time": "feet"}, rotor_side=("x",), gear_ratio=2, start=2, end=1))
+    assert_each_said_once(problems, begins)
+    file = tmp_path / "log.yaml"
+    file.write_text("columns: {time: [1], torq: a}\nunits: {time: true}\ngear_ratio: -3\nrotor_side: [motor_position]\nend: 0\n", "utf-8")
+    begins = ["columns.time: [1] must be a name", "units.time: true must be a name", "gear_ratio: -3 must be > 0", "end: 0 must be > 0"]
+    assert_each_said_once(refused(load_options, file), [f"{file}: {each}" for each in begins])
+
+
+def test_options_of_a_sweep_are_judged_together():
+    pytest.importorskip("pinocchio")
+    system = parse_robot(BIPED, "robot.yaml")
+    options = SweepOptions(
+        samples=5, grid=("left_knee=0:1", "left_kne=0:1:3"), ranges=("x",), contacts=("ground", "left"), seed=-1, posture="crouching"
+    )
+    begins = ["--samples and --grid: only one", "--range goes with --samples", "--seed -1 must be >= 0", "--contact: 'ground' is not one"]
+    begins += ["--posture: 'crouching' is not one", "--grid: 'left_knee=0:1' must be", "--grid: 'left_kne' matches no joint"]
+    assert_each_said_once(refused(sweep_plan, system, options), [*begins, "--range: 'x' must be"])
+
+
+def test_a_scenario_and_its_joint_are_judged_against_each_other(tmp_path: Path):
+    text = TESTBED.replace("scenario:", "scenario:\n  jitter_ms: 50\n  feedforward: none.csv", 1)
+    place = text.index("  reference:")
+    text = text[:place] + "  reference: {type: chirp, amplitude: 0.1, first_hz: 1, last_hz: 1.0e6, duration: 1}\n"
+    begins = ["scenario.jitter_ms: 50 must be <= the drive's delay", "scenario.reference.last_hz: 1e+06 Hz must be below half"]
+    problems = refused(parse_simulation, text, "knee.yaml")
+    assert [text for text in begins if any(problem.startswith(f"knee.yaml: {text}") for problem in problems)] == begins
+    assert any("none.csv: no such file" in problem for problem in problems)

@@ -6,15 +6,15 @@ They are put into the sections that a robot.yaml has and read as one, so both me
 import contextlib
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
-from ..errors import GainroomError, first_of_many, named, nearest, option_name
+from ..errors import GainroomError, all_of, first_of_many, named, nearest, option_name, refuse_all
 from ..io.validation import checked, number, require_one_of, validate
 from ..io.yaml_text import shown
 from ..robot.assemble import ASSUMED, DAMPING_NOTE
@@ -99,31 +99,40 @@ class AuditOptions:
     of_joints: tuple[tuple[str, str, float], ...] = ()
 
     def __post_init__(self) -> None:
-        self._require_drive()
-        checked("--damping-ratio", self.damping_ratio, number(least=1e-3, most=1))
-        require_one_of(f"--base {self.base}", self.base, get_args(Base))
-        require_one_of(f"--joint-damping {self.joint_damping}", self.joint_damping, JOINT_DAMPING)
+        all_of(
+            [
+                *self._drive_checks(),
+                partial(checked, "--damping-ratio", self.damping_ratio, number(least=1e-3, most=1)),
+                partial(require_one_of, f"--base {self.base}", self.base, get_args(Base)),
+                partial(require_one_of, f"--joint-damping {self.joint_damping}", self.joint_damping, JOINT_DAMPING),
+                lambda: refuse_all(self._gearbox_problems()),
+            ]
+        )
+
+    def _gearbox_problems(self) -> Iterator[str]:
         damped = [self.damping, *(value for key, _, value in self.of_joints if key == "damping")]
         if not self.is_elastic and (given := [value for value in damped if value is not None]):
-            raise GainroomError(f"--damping {given[0]:g}: is of elastic gearboxes; give --stiffness too")
+            yield f"--damping {given[0]:g}: is of elastic gearboxes; give --stiffness too"
         if self.gearboxes and self.stiffness is not None:
-            raise GainroomError("--gearbox: a range of stiffness for a type; with --stiffness it is known: give one of the two")
+            yield "--gearbox: a range of stiffness for a type; with --stiffness it is known: give one of the two"
         if any(text.rpartition("=")[2] != DIRECT for text in self.gearboxes) and self.gains_run == "split":
-            raise GainroomError("--gearbox: ranges are not known with --gains-run split; give --stiffness and --damping")
+            yield "--gearbox: ranges are not known with --gains-run split; give --stiffness and --damping"
 
-    def _require_drive(self) -> None:
-        """Raise GainroomError where a loop on the drive is described by half, or described and not there."""
-        require_one_of(f"--gains-run {self.gains_run}", self.gains_run, GAINS_RUN)
+    def _drive_checks(self) -> list[Callable[[], None]]:
+        """What raises GainroomError where a loop on the drive is described by half, or described and not there."""
+        place = partial(require_one_of, f"--gains-run {self.gains_run}", self.gains_run, GAINS_RUN)
+        known = self.gains_run is None or self.gains_run in GAINS_RUN
+        return [place, *([lambda: refuse_all(self._drive_problems())] if known else [])]
+
+    def _drive_problems(self) -> Iterator[str]:
         given = {"--drive-rate-hz": self.drive_rate_hz, "--drive-delay-ms": self.drive_delay_ms}
         for option, value in given.items():
             if self.on_drive and value is None:
-                raise GainroomError(f"--gains-run {self.gains_run}: needs {option}, of the loop that runs on the drive")
+                yield f"--gains-run {self.gains_run}: needs {option}, of the loop that runs on the drive"
             if not self.on_drive and value is not None:
-                raise GainroomError(f"{option} {value:g}: is of gains that run on the drive; give --gains-run drive, or split for kd alone")
+                yield f"{option} {value:g}: is of gains that run on the drive; give --gains-run drive, or split for kd alone"
         if self.gains_run == "drive" and self.rate_hz is not None:
-            raise GainroomError(
-                f"--rate-hz {self.rate_hz:g}: no gain runs on the host with --gains-run drive; --drive-rate-hz is their rate"
-            )
+            yield f"--rate-hz {self.rate_hz:g}: no gain runs on the host with --gains-run drive; --drive-rate-hz is their rate"
 
     @property
     def on_drive(self) -> bool:

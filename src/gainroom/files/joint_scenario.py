@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from ..errors import GainroomError
+from ..errors import GainroomError, Together
 from ..io.validation import Flag, NotNegative, Positive, PositiveOrInfinite, Refusals, Section, number, refusal, relation, typed
 from ..simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
 from ..simulation.simulation_spec import JointSimulation
@@ -219,25 +219,36 @@ class ScenarioSection(Section):
 
     def spec(self, joint: System, folder: Path = Path()) -> JointSimulation:
         """With its joint, in SI; `folder`: of the file. Raises GainroomError where the two do not go together."""
+        with Together() as together:
+            together.step(lambda: self._refuse_late(joint))
+            found = together.step(lambda: self._reference(joint))
+            tick, name = joint.control.sample_time, self.feedforward
+            torques = together.step(lambda: None if name is None or tick is None else _torque_of(folder / name, tick))
+            reference, forward, duration, disturbance = found(), torques(), self.duration, self.disturbance
+            torque = 0.0 if disturbance is None else Step(disturbance.torque, disturbance.start)
+            if forward is not None and tick is not None:
+                if "duration" not in self.model_fields_set:
+                    duration = (len(forward) - 1) * tick
+                if "reference" not in self.model_fields_set:
+                    reference = Step(0.0)
+            forward = 0.0 if forward is None else forward
+            scenario = Scenario(reference, duration, feedforward=forward, link_torque=torque, noise=self.noise, seed=self.seed)
+            return JointSimulation.of(joint, scenario, self._hardware(), self._described(duration))
+
+    def _refuse_late(self, joint: System) -> None:
         if 1e-3 * self.jitter_ms > joint.delay:
             raise GainroomError(f"scenario.jitter_ms: {self.jitter_ms:g} must be <= the drive's delay, {1e3 * joint.delay:g} ms")
+
+    def _reference(self, joint: System) -> Trajectory:
+        """Raises GainroomError where it is too quick for the joint's rate."""
         highest = math.inf if joint.control.sample_time is None else math.pi / joint.control.sample_time
-        reference, disturbance = self.reference.trajectory(), self.disturbance
+        reference = self.reference.trajectory()
         if reference.fastest >= highest:
             raise GainroomError(
                 f"scenario.reference.{self.reference.fastest_as_typed(reference.fastest)} must be below half the sample rate, "
                 f"{highest:.6g} rad/s ({highest / (2 * math.pi):g} Hz)"
             )
-        torque = 0.0 if disturbance is None else Step(disturbance.torque, disturbance.start)
-        forward, duration = 0.0, self.duration
-        if self.feedforward is not None and joint.control.sample_time is not None:
-            forward = _torque_of(folder / self.feedforward, joint.control.sample_time)
-            if "duration" not in self.model_fields_set:
-                duration = (len(forward) - 1) * joint.control.sample_time
-            if "reference" not in self.model_fields_set:
-                reference = Step(0.0)
-        scenario = Scenario(reference, duration, feedforward=forward, link_torque=torque, noise=self.noise, seed=self.seed)
-        return JointSimulation.of(joint, scenario, self._hardware(), self._described(duration))
+        return reference
 
     def _described(self, duration: float) -> dict[str, str]:
         """The reference, and every key that is not at its default, as text; `duration` [s] as it is."""

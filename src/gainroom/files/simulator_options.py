@@ -1,9 +1,11 @@
 """What `gainroom audit` is told of the simulator that trains a policy, and what the model's file says of it."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any, get_args
 
-from ..errors import GainroomError
+from ..errors import GainroomError, all_of, refuse_all
 from ..io.validation import checked, number, require_one_of
 from ..io.yaml_text import shown
 from ..robot.body import library
@@ -31,16 +33,17 @@ class SimulatorOptions:
     armature: ArmatureOf | Any = None
 
     def __post_init__(self) -> None:
+        allowed = {"simulator": ("mujoco",), "integrator": INTEGRATORS, "pd": get_args(Pd), "armature": get_args(ArmatureOf)}
+        checks = [partial(require_one_of, f"--{name} {shown(getattr(self, name))}", getattr(self, name), allowed[name]) for name in allowed]
+        tick = [] if self.timestep is None else [partial(checked, "--timestep", self.timestep, TIMESTEP)]
+        all_of([lambda: refuse_all(self._contradictions()), *checks, *tick])
+
+    def _contradictions(self) -> Iterator[str]:
         given = [each.name for each in fields(self) if getattr(self, each.name) is not None]
         if given and "simulator" not in given:
-            raise GainroomError(f"--{given[0]}: goes with --simulator mujoco")
-        allowed = {"simulator": ("mujoco",), "integrator": INTEGRATORS, "pd": get_args(Pd), "armature": get_args(ArmatureOf)}
-        for name in (name for name in given if name in allowed):
-            require_one_of(f"--{name} {shown(getattr(self, name))}", getattr(self, name), allowed[name])
-        if self.timestep is not None:
-            checked("--timestep", self.timestep, TIMESTEP)
+            yield f"--{given[0]}: goes with --simulator mujoco"
         if self.decimation is not None and not 1 <= self.decimation <= MOST_STEPS:
-            raise GainroomError(f"--decimation {self.decimation}: must be 1 to {MOST_STEPS} steps")
+            yield f"--decimation {self.decimation}: must be 1 to {MOST_STEPS} steps"
 
 
 def simulator_of(options: SimulatorOptions, model: str, own_gains: bool, damping_in_kd: bool = False) -> tuple[Simulator, tuple[str, ...]]:

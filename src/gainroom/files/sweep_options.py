@@ -1,14 +1,15 @@
 """The postures, contact states and draws that a call of `gainroom sweep` asks for, from text."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import GainroomError, first_of_many, nearest
+from ..errors import GainroomError, Together, all_of, first_of_many, nearest, refuse_all
 from ..robot.body import RigidBody
 from ..robot.held_followers import on_a_tree
 from ..robot.name_patterns import compile_pattern
@@ -56,24 +57,29 @@ def sweep_plan(system: System, options: SweepOptions) -> SweepPlan:
     known, system = system.warnings, on_a_tree(system)
     robot, held = system.source, tuple(text for text in system.warnings if text not in known)
     robot.body.require_tree(f"{robot.name}: sweep")
+    contacts = tuple(dict.fromkeys(options.contacts)) or tuple(robot.contacts)
+    with Together() as together:
+        together.step(lambda: refuse_all(_contradictions(options, robot, contacts)))
+        path = options.trajectory
+        found = together.step(lambda: (_postures(robot, options), ()) if path is None else _logged(robot, path, options.posture))
+        draws = together.step(lambda: drawn(system, options.draws, max(options.seed, 0)))
+        postures, notes = found()
+        return SweepPlan(system, postures, contacts, draws(), options.seed, notes=(*held, *notes))
+
+
+def _contradictions(options: SweepOptions, robot: Robot, contacts: Sequence[str]) -> Iterator[str]:
+    """What does not go together in the options, or is not the robot's."""
     ways = {"--samples": options.samples is not None, "--grid": bool(options.grid), "--trajectory": options.trajectory is not None}
     asked = [name for name, given in ways.items() if given]
     if len(asked) > 1:
-        raise GainroomError(f"{' and '.join(asked)}: only one of them can be given")
+        yield f"{' and '.join(asked)}: only one of them can be given"
     if options.ranges and (options.grid or options.trajectory is not None):
-        raise GainroomError(f"--range goes with --samples, not with {asked[0]}")
+        yield f"--range goes with --samples, not with {next(name for name in asked if name != '--samples')}"
     if options.seed < 0:
-        raise GainroomError(f"--seed {options.seed} must be >= 0")
-    contacts = tuple(dict.fromkeys(options.contacts)) or tuple(robot.contacts)
+        yield f"--seed {options.seed} must be >= 0"
     for name in contacts:
         if name not in robot.contacts:
-            raise GainroomError(f"--contact: {name!r} is not one of this robot's{nearest(name, tuple(robot.contacts), 'contact')}")
-    notes: tuple[str, ...] = ()
-    if options.trajectory is not None:
-        postures, notes = _logged(robot, options.trajectory, options.posture)
-    else:
-        postures = _postures(robot, options)
-    return SweepPlan(system, postures, contacts, drawn(system, options.draws, options.seed), options.seed, notes=(*held, *notes))
+            yield f"--contact: {name!r} is not one of this robot's{nearest(name, tuple(robot.contacts), 'contact')}"
 
 
 def _logged(robot: Robot, path: Path, posture: str) -> tuple[Postures, tuple[str, ...]]:
@@ -94,12 +100,15 @@ def _logged(robot: Robot, path: Path, posture: str) -> tuple[Postures, tuple[str
 
 
 def _postures(robot: Robot, options: SweepOptions) -> Postures:
-    body, base = robot.body, standing(robot, options.posture)
-    if options.grid:
-        axes = {name: (values[0], values[1], _points(values[2])) for name, values in _by_joint("--grid", options.grid, body, 3).items()}
-        return gridded(body, base, axes)
-    ranges = {name: (values[0], values[1]) for name, values in _by_joint("--range", options.ranges, body, 2).items()}
-    return sampled(body, base, SAMPLES if options.samples is None else options.samples, ranges, options.seed)
+    body = robot.body
+    with Together() as together:
+        base = together.step(lambda: standing(robot, options.posture))
+        grid = together.step(lambda: _by_joint("--grid", options.grid, body, 3))
+        typed = together.step(lambda: _by_joint("--range", options.ranges, body, 2))
+        ranges = {name: (values[0], values[1]) for name, values in typed().items()}
+        if options.grid:
+            return gridded(body, base(), {name: (values[0], values[1], _points(values[2])) for name, values in grid().items()})
+        return sampled(body, base(), SAMPLES if options.samples is None else options.samples, ranges, max(options.seed, 0))
 
 
 def standing(robot: Robot, posture: str = "") -> Floats:
@@ -124,9 +133,9 @@ def _positions(log: "Log", path: Path) -> dict[str, Floats]:
 
 def _by_joint(option: str, texts: Sequence[str], body: RigidBody, size: int) -> Mapping[str, list[float]]:
     """The later one wins."""
-    found: dict[str, list[float]] = {}
     expected = "JOINT=LOW:HIGH" + (":POINTS" if size == 3 else "")
-    for text in texts:
+
+    def read(text: str) -> dict[str, list[float]]:
         pattern, equals, rest = text.rpartition("=")
         parts = rest.split(":")
         try:
@@ -141,8 +150,9 @@ def _by_joint(option: str, texts: Sequence[str], body: RigidBody, size: int) -> 
         names = [name for name in body.joint_names if name == pattern or matches.fullmatch(name)]
         if not names:
             raise GainroomError(f"{option}: {pattern!r} matches no joint{nearest(pattern, body.joint_names, 'joint')}")
-        found |= dict.fromkeys(names, values)
-    return found
+        return dict.fromkeys(names, values)
+
+    return {name: values for part in all_of(partial(read, text) for text in texts) for name, values in part.items()}
 
 
 def _points(value: float) -> int:

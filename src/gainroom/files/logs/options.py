@@ -1,14 +1,16 @@
 """What a user says about a log: which column is what, in which unit, and which part of it is wanted. By flags or in a small YAML file."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, ValidationError
+from pydantic_core import InitErrorDetails
 
-from ...errors import GainroomError, Together, named, nearest, require_positive
+from ...errors import GainroomError, Together, all_of, named, nearest, require_positive
 from ...identification.record import SIGNALS
 from ...io.validation import Name, Section, number, partly, refusal
 from ...io.yaml_text import parse_yaml, read_text, shown
@@ -40,26 +42,26 @@ class LogOptions:
     joints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for key in self.columns:
-            _channel(key.partition(".")[0], "columns")
-        for key, unit in self.units.items():
-            factor(unit, CHANNELS[_channel(key, "units")].dimension, f"units: {key}")
-        for key in self.rotor_side:
-            if CHANNELS[_channel(key, "rotor_side")].dimension in ("time", "current"):
-                raise GainroomError(f"rotor_side: {key} has no side of the gearbox")
-        require_positive("log", "gear_ratio", self.gear_ratio)
+        checks: list[Callable[[], object]] = [
+            *(partial(_channel, key.partition(".")[0], "columns") for key in self.columns),
+            *(partial(_unit, key, unit) for key, unit in self.units.items()),
+            *(partial(_side, key) for key in self.rotor_side),
+            partial(require_positive, "log", "gear_ratio", self.gear_ratio),
+            self._require_ratio,
+            lambda: self.sample_rate is None or require_positive("log", "sample_rate_hz", self.sample_rate, "Hz"),
+            self._require_span,
+            *(partial(_pattern, text) for text in self.joints),
+        ]
+        all_of(checks)
+
+    def _require_ratio(self) -> None:
         if self.rotor_side and self.gear_ratio == 1:
             raise GainroomError("rotor_side: needs gear_ratio, the motor's turns per turn of the joint")
-        if self.sample_rate is not None:
-            require_positive("log", "sample_rate_hz", self.sample_rate, "Hz")
+
+    def _require_span(self) -> None:
         begin = 0.0 if self.start is None else require_positive("log", "start", self.start, "s", zero=True)
         if self.end is not None and require_positive("log", "end", self.end, "s") <= begin:
             raise GainroomError(f"log: end {self.end:g} s must be > start {begin:g} s")
-        for pattern in self.joints:
-            try:
-                re.compile(pattern)
-            except (re.error, OverflowError) as error:
-                raise GainroomError(f"joints: {pattern!r} is neither a name nor a regular expression: {error}") from error
 
     def scale(self, channel: str, unit: str, owner: str) -> float:
         """What turns the file's numbers into SI, joint side, where its `unit` is known. Raises GainroomError."""
@@ -79,6 +81,22 @@ def _channel(key: str, owner: str) -> str:
     return key
 
 
+def _unit(key: str, unit: str) -> None:
+    factor(unit, CHANNELS[_channel(key, "units")].dimension, f"units: {key}")
+
+
+def _side(key: str) -> None:
+    if CHANNELS[_channel(key, "rotor_side")].dimension in ("time", "current"):
+        raise GainroomError(f"rotor_side: {key} has no side of the gearbox")
+
+
+def _pattern(text: str) -> None:
+    try:
+        re.compile(text)
+    except (re.error, OverflowError) as error:
+        raise GainroomError(f"joints: {text!r} is neither a name nor a regular expression: {error}") from error
+
+
 def assignments(texts: Sequence[str], owner: str) -> dict[str, str]:
     """`target_torque=cmd,motor_position=enc` as a mapping; may be given in parts. Raises GainroomError."""
     found: dict[str, str] = {}
@@ -96,9 +114,13 @@ def assignments(texts: Sequence[str], owner: str) -> dict[str, str]:
 def _texts(value: object) -> dict[str, str]:
     if not isinstance(value, dict):
         raise refusal(f"{shown(value)} must be a section with channels as keys")
-    for key, text in value.items():
-        if isinstance(text, bool) or not isinstance(text, str | int | float):
-            raise refusal(f"{shown(text)} must be a name", key=key)
+    wrong = [
+        InitErrorDetails(type=refusal(f"{shown(text)} must be a name"), loc=(key,), input=text)
+        for key, text in value.items()
+        if isinstance(text, bool) or not isinstance(text, str | int | float)
+    ]
+    if wrong:
+        raise ValidationError.from_exception_data("names", wrong)
     return {key: str(text) for key, text in value.items()}
 
 
@@ -120,13 +142,15 @@ class LogSection(Section):
 
 def load_options(path: Path) -> dict[str, Any]:
     """The fields of LogOptions that a YAML file gives. Raises GainroomError."""
-    with Together() as together:
+    with named(str(path)), Together() as together:
         data = parse_yaml(read_text(path), str(path), together=together)
         section = partly(LogSection, data if data is not None else {}, str(path), together)
-    given = {name: getattr(section, name) for name in section.model_fields_set}
-    if "sample_rate_hz" in given:
-        given["sample_rate"] = given.pop("sample_rate_hz")
-    given |= {name: tuple(given[name]) for name in ("rotor_side", "joints") if name in given}
-    with named(str(path)):
-        LogOptions(**given)
+        given = {
+            name: getattr(section, name) for name in LogSection.model_fields if name in section.model_fields_set and section.is_right(name)
+        }
+        if "sample_rate_hz" in given:
+            given["sample_rate"] = given.pop("sample_rate_hz")
+        given |= {name: tuple(given[name]) for name in ("rotor_side", "joints") if name in given}
+        judged = given if section.is_right("gear_ratio") else {name: value for name, value in given.items() if name != "rotor_side"}
+        LogOptions(**judged)
     return given
