@@ -59,10 +59,11 @@ def sweep_plan(system: System, options: SweepOptions) -> SweepPlan:
     robot.body.require_tree(f"{robot.name}: sweep")
     contacts = tuple(dict.fromkeys(options.contacts)) or tuple(robot.contacts)
     with Together() as together:
-        together.step(lambda: refuse_all(_contradictions(options, robot, contacts)))
+        consistent = together.step(lambda: refuse_all(_contradictions(options, robot, contacts)))
         path = options.trajectory
         found = together.step(lambda: (_postures(robot, options), ()) if path is None else _logged(robot, path, options.posture))
         draws = together.step(lambda: drawn(system, options.draws, max(options.seed, 0)))
+        consistent()
         postures, notes = found()
         return SweepPlan(system, postures, contacts, draws(), options.seed, notes=(*held, *notes))
 
