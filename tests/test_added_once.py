@@ -454,6 +454,32 @@ def test_a_gain_that_another_type_may_leave_out_is_asked_for(tmp_path: Path, cap
         assert ("control.kp: 0 must be > 0" in said[1]) is (status == 2)
 
 
+@pytest.mark.parametrize("text", [KNEE, ARM], ids=["joint", "robot"])
+def test_a_controller_that_contradicts_itself_is_refused(text: str, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch):
+    """What it forgets to override would be judged, or recommended for, as another law; so would kd apart from what else kd is in."""
+
+    class Unscaled(DisturbanceObserver):
+        scaled = Controller.scaled
+
+    class Flat(DisturbanceObserver):
+        plane = gr.PD.plane
+
+    class Held(DisturbanceObserver):
+        def from_plane(self, kp: float, kd: float) -> "Held":
+            return replace(self, kp=kp, kd=kd)
+
+    path = write_arm(tmp_path, text) if text is ARM else tmp_path / "joint.yaml"
+    for kind, message in ((Unscaled, "Unscaled.scaled: must"), (Flat, "Flat.plane: must"), (Held, "Held.plane: must")):
+        monkeypatch.setitem(CONTROLLERS, "dob", kind)
+        path.write_text(text, "utf-8")
+        assert main(["robot" if text is ARM else "joint", str(path)]) == 2
+        assert message in capsys.readouterr().err
+    monkeypatch.setitem(CONTROLLERS, "dob", DisturbanceObserver)
+    path.write_text(text.replace("observer: 6", "kd_path: {delay_ms: 0.2, sample_rate_hz: 10000}, observer: 6"), "utf-8")
+    assert main(["robot" if text is ARM else "joint", str(path)]) == 2
+    assert "kd_path: is for controllers whose kd acts by itself" in capsys.readouterr().err
+
+
 def test_a_controller_that_nobody_knows_is_no_traceback(tmp_path: Path, capsys):
     path = write_arm(tmp_path, ARM)
     assert main(["robot", str(path)]) == 2

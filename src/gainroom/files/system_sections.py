@@ -290,7 +290,9 @@ class ControlSection(Section):
     def controller(self, gains: Mapping[str, Any]) -> Controller:
         """The controller of the type with `gains` and the filters."""
         self.require_right()
-        return CONTROLLERS[self.type](**gains, **self.filters())
+        found = CONTROLLERS[self.type](**gains, **self.filters())
+        found.require_consistent()
+        return found
 
     def require_filters_below(self, nyquist: float) -> None:
         """Raise GainroomError where a filter lies above half the rate at which it runs; `nyquist` [rad/s] is that of all gains but kd."""

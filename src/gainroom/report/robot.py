@@ -296,6 +296,8 @@ def _trials(study: RobotStudy, one: Requirement, state: State) -> str:
     rate = controller.damping_name
     better, worse = [], []
     for gain, factor in ((rate, MORE), (rate, LESS), ("kp", LESS)):
+        if gain not in controller.gain_names():
+            continue
         changed = replace(controller, **{gain: factor * getattr(controller, gain)})
         found = margins_of(system.loop(state.model, changed))
         value, own = one.value(found), one.value(state.margins)
@@ -303,6 +305,8 @@ def _trials(study: RobotStudy, one: Requirement, state: State) -> str:
         known = "not known" if math.isnan(value) else margin_value(asked, one.name, value, None, 3)
         outcome = known if found.stable else "unstable"
         (better if helps else worse).append(f"{outcome} with all {gain} × {factor:g}")
+    if not (better or worse):
+        return ""
     if not better:
         return f"No small change of all gains improves it ({listed(worse)}). Less delay, or stiffer or better damped gearboxes, would."
     without = f", but {listed(worse)}" if worse else ""

@@ -16,7 +16,7 @@ Another one is a subclass that lists its GAINS; that files may have it, its entr
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any, ClassVar
@@ -233,7 +233,10 @@ class Controller:
         """All gains but kd. Raises GainroomError where the controller has no kd that acts by itself."""
         if "kd" not in self.gain_names():
             raise GainroomError(f"kd_path: is for controllers with a kd, PD and PID, not for {self.kind}")
-        return replace(self, kd=0.0, velocity_filter=None)  # type: ignore[call-arg] - it has one
+        others = replace(self, kd=0.0, velocity_filter=None)  # type: ignore[call-arg] - it has one
+        if not _same(_sum(others.terms(), self.kd_alone().terms()), self.terms()):
+            raise GainroomError(f"kd_path: is for controllers whose kd acts by itself, as that of PD and PID; not for {self.kind}")
+        return others
 
     def kd_alone(self) -> "Controller":
         """kd with its filters, no other gain; for controllers that have `without_kd`."""
@@ -265,9 +268,22 @@ class Controller:
         if not self.has_plane:
             return plain
         own = (replace(self, **{self.held_gain: 0.0}) if self.held_gain else self).from_plane(kp, kd)
-        made, wanted = own.terms(), plain.terms()
-        same = made.keys() == wanted.keys() and all(np.allclose(made[powers], wanted[powers], rtol=1e-12, atol=0.0) for powers in wanted)
-        return own if same else plain
+        return own if _same(own.terms(), plain.terms()) else plain
+
+    def require_consistent(self) -> None:
+        """Raise GainroomError where `scaled`, `plane` or `from_plane` make another law than `terms`: it would be judged as another one."""
+        if not _same(self.scaled(2.0).terms(), _scaled(self.terms(), 2.0)):
+            raise GainroomError(f"{type(self).__name__}.scaled: must multiply all terms by the factor")
+        own = self.on_joint(
+            0, max((np.shape(getattr(self, name))[0] for name in self.gain_names() if np.ndim(getattr(self, name))), default=1)
+        )
+        if not (own.has_plane and all(own.plane_gains())):
+            return
+        kp, kd = (2.0 * gain for gain in own.plane_gains())
+        if not _same(
+            own.from_plane(kp, kd).terms(), _sum(*(_scaled(part, gain) for part, gain in zip(own.plane(), (kp, kd), strict=True)))
+        ):
+            raise GainroomError(f"{type(self).__name__}.plane: must be what kp and kd multiply in the terms of from_plane(kp, kd)")
 
     def plain_pd(self, kp: float, kd: float) -> "PD":
         """A PD with this controller's filters."""
@@ -452,6 +468,22 @@ def _product(left: Any, right: Any) -> Any:
     if np.ndim(right) < 2:
         return left * right
     return left @ right if np.ndim(left) == 2 else np.reshape(left, (-1, 1)) * right
+
+
+def _scaled(terms: Mapping[tuple[int, int], Any], factor: float) -> Terms:
+    return {powers: factor * np.asarray(gain, dtype=float) for powers, gain in terms.items()}
+
+
+def _sum(one: Terms, other: Terms) -> Terms:
+    return {powers: one.get(powers, np.zeros(())) + other.get(powers, np.zeros(())) for powers in one.keys() | other.keys()}
+
+
+def _same(one: Terms, other: Terms) -> bool:
+    """Whether two laws are the same but for round-off."""
+    nothing = np.zeros(())
+    return all(
+        np.allclose(one.get(powers, nothing), other.get(powers, nothing), rtol=1e-12, atol=0.0) for powers in one.keys() | other.keys()
+    )
 
 
 def _nonzero(terms: dict[tuple[int, int], Any]) -> Terms:
