@@ -15,6 +15,7 @@ from gainroom.files.logs.options import LogOptions, load_options
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.files.simulator_options import SimulatorOptions
 from gainroom.files.sweep_options import SweepOptions, sweep_plan
+from gainroom.robot.formats.model_files import load_model
 
 TESTBED = joint_examples()["testbed-simulated"]
 BIPED = example_texts()["biped"]
@@ -427,3 +428,31 @@ def test_a_scenario_and_its_joint_are_judged_against_each_other(tmp_path: Path):
     problems = refused(parse_simulation, text, "knee.yaml")
     assert [text for text in begins if any(problem.startswith(f"knee.yaml: {text}") for problem in problems)] == begins
     assert any("none.csv: no such file" in problem for problem in problems)
+
+
+URDF = """<robot name="arm">
+<link name="base"/>
+<link name="upper"><inertial><mass value="-1"/><inertia ixx="-1" ixy="0" ixz="0" iyy="x" iyz="0" izz="1"/></inertial></link>
+<link name="lower"><inertial><mass value="1"/><inertia ixx="-1" ixy="0" ixz="0" iyy="1" iyz="0" izz="-2"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="bas"/><child link="upper"/><axis xyz="0 0 0"/></joint>
+<joint name="elbow" type="hinge"><parent link="upper"/><child link="lower"/></joint>
+</robot>
+"""
+
+
+def test_everything_in_a_urdf(tmp_path: Path):
+    pytest.importorskip("pinocchio")
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF, "utf-8")
+    begins = [
+        "link 'upper': mass -1 kg must be >= 0",
+        "link 'upper': inertia ixx -1 kg·m² must be >= 0",
+        "link 'upper': inertia iyy 'x' must be a finite number",
+        "link 'lower': inertia ixx -1 kg·m² must be >= 0",
+        "link 'lower': inertia izz -2 kg·m² must be >= 0",
+        "joint 'shoulder': parent link 'bas' is not in the file; did you mean 'base'?",
+        "joint 'shoulder': axis '0 0 0' must be three numbers",
+        "joint 'shoulder': does not specify limits",
+        "joint 'elbow': has no known type [hinge]",
+    ]
+    assert_each_said_once(refused(load_model, path, "fixed"), [f"{path}: {each}" for each in begins])

@@ -97,6 +97,7 @@ def sweep(
         mended = _run(store, workers, scheduler or "", output)
         found = summarized(plan, store.finished(), remembered=max(MANY, margins or 0))
         with progress_bar("sweep:") as progress:
+            progress(0, 0, "search near the worst posture")
             near, at_worst = searched(found), worst_states(found, margins, progress)
         found = replace(found, searched=near)
         show(

@@ -9,13 +9,14 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
-from ...errors import GainroomError, first_of_many, nearest, one_line, typo_of
+from ...errors import GainroomError, Together, all_of, first_of_many, nearest, one_line, refuse_all, typo_of
 from ...system.linear.arrays import Floats
 from ..assemble import FARTHEST, LARGEST, MASSLESS, Description, floats, require_at_most
 from ..body import Base, library
@@ -119,19 +120,22 @@ class _Reader:
         xacro = next((element.tag for element in root.iter() if element.tag.startswith("xacro:")), None)
         if xacro:
             raise GainroomError(f"{source}: holds <{xacro}>: expand it first, xacro FILE > robot.urdf")
-        if not root.get("name"):
-            raise GainroomError(f"{source}: No name given: <robot> must have the attribute name")
-        self._require_known(root, source)
         links, joints = root.findall("link"), root.findall("joint")
         require_at_most(source, len(links), "links", MAX_LINKS)
-        self.links, self.joints = self._names(links, "link"), self._names(joints, "joint")
-        for link in links:
-            self._add_link(link)
-        self._require_positive()
-        parents = dict(self._add_joint(joint) for joint in joints)
-        for transmission in root.findall("transmission"):
-            self._add_transmission(transmission)
-        self._require_tree(parents, [joint.find("child").get("link", "") for joint in joints])  # type: ignore[union-attr]
+        with Together() as together:
+            step = together.step
+            step(lambda: refuse_all([] if root.get("name") else [f"{source}: No name given: <robot> must have the attribute name"]))
+            step(lambda: self._require_known(root, source))
+            names = step(lambda: all_of([partial(self._names, links, "link"), partial(self._names, joints, "joint")]))
+            self.links, self.joints = names()
+            for link in links:
+                step(partial(self._add_link, link))
+            step(self._require_positive)
+            parents = [step(partial(self._add_joint, joint)) for joint in joints]
+            for transmission in root.findall("transmission"):
+                step(partial(self._add_transmission, transmission))
+            tree = dict(parent() for parent in parents)
+            self._require_tree(tree, [joint.find("child").get("link", "") for joint in joints])  # type: ignore[union-attr]
 
     def notes(self) -> tuple[str, ...]:
         """What a user should look at."""
@@ -143,11 +147,14 @@ class _Reader:
 
     def _names(self, elements: Sequence[Element], kind: str) -> list[str]:
         names = [element.get("name", "") for element in elements]
-        for name, count in Counter(names).items():
-            if not name.strip():
-                raise GainroomError(f"{self.source}: a {kind} has no name")
-            if count > 1:
-                raise GainroomError(f"{self.source}: {kind} {name!r} is not unique: {count} {kind}s have this name")
+        counts = Counter(names)
+        without = [f"{self.source}: a {kind} has no name"] * any(not name.strip() for name in counts)
+        twice = (
+            f"{self.source}: {kind} {name!r} is not unique: {count} {kind}s have this name"
+            for name, count in counts.items()
+            if count > 1 and name.strip()
+        )
+        refuse_all([*without, *twice])
         return names
 
     def _add_link(self, link: Element) -> None:
@@ -159,11 +166,10 @@ class _Reader:
         if inertial is None:
             return
         parts = {tag: self._only(inertial, tag, f"{owner}: <inertial>") for tag in CHILDREN["inertial"]}
-        mass = self._numbers(parts["mass"], "mass", "value", 1, owner)[0]
-        if not 0 <= mass <= LARGEST:
-            raise GainroomError(f"{owner}: mass {mass:g} kg must be >= 0 and <= {LARGEST:g} kg")
-        moments = [self._numbers(parts["inertia"], "inertia", key, 1, owner)[0] for key in MOMENTS]
-        principal = self._principal(moments, owner)
+        with Together() as together:
+            mass = together.step(lambda: self._mass(parts["mass"], owner))
+            moments, principal = together.step(lambda: self._moments(parts["inertia"], owner))()
+            mass = mass()
         if principal[0] < -max(NEGLIGIBLE * abs(principal[2]), MASSLESS):
             self.negative[name] = float(principal[0])
         inside = SubElement(result, "inertial")
@@ -173,14 +179,25 @@ class _Reader:
         SubElement(inside, "mass", value=repr(mass))
         SubElement(inside, "inertia", dict(zip(MOMENTS, map(repr, moments), strict=True)))
 
-    def _principal(self, moments: Sequence[float], owner: str) -> Floats:
-        """(3,) the principal moments of inertia, ascending. Raises GainroomError where the diagonal is < 0, or absurd."""
-        for key, moment in zip(MOMENTS, moments, strict=True):
-            if abs(moment) > LARGEST or (key in ("ixx", "iyy", "izz") and moment < -MASSLESS):
+    def _mass(self, element: Element | None, owner: str) -> float:
+        mass = self._numbers(element, "mass", "value", 1, owner)[0]
+        if not 0 <= mass <= LARGEST:
+            raise GainroomError(f"{owner}: mass {mass:g} kg must be >= 0 and <= {LARGEST:g} kg")
+        return mass
+
+    def _moments(self, element: Element | None, owner: str) -> tuple[list[float], Floats]:
+        """The moments of inertia, and (3,) the principal ones, ascending. Raises GainroomError where the diagonal is < 0, or absurd."""
+
+        def moment(key: str) -> float:
+            found = self._numbers(element, "inertia", key, 1, owner)[0]
+            if abs(found) > LARGEST or (key in ("ixx", "iyy", "izz") and found < -MASSLESS):
                 least = f"-{LARGEST:g}" if key in ("ixy", "ixz", "iyz") else "0"
-                raise GainroomError(f"{owner}: inertia {key} {moment:g} kg·m² must be >= {least} and <= {LARGEST:g} kg·m²")
+                raise GainroomError(f"{owner}: inertia {key} {found:g} kg·m² must be >= {least} and <= {LARGEST:g} kg·m²")
+            return found
+
+        moments = all_of(partial(moment, key) for key in MOMENTS)
         xx, xy, xz, yy, yz, zz = moments
-        return np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return moments, np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
     def _require_positive(self) -> None:
         """Raise GainroomError for a negative principal moment of inertia that counts beside the robot's largest."""
@@ -200,22 +217,26 @@ class _Reader:
         if kind not in TYPES:
             raise GainroomError(f"{owner}: has no known type [{kind[:40]}]; it must be {', '.join(TYPES[:-1])} or {TYPES[-1]}")
         result = SubElement(self.bare, "joint", name=name, type=kind)
-        ends = {}
-        for side in ("parent", "child"):
-            element = parts[side]
-            ends[side] = "" if element is None else element.get("link", "")
-            if ends[side] not in self.links:
-                raise GainroomError(f"{owner}: {side} link {ends[side]!r} is not in the file{nearest(ends[side], self.links, 'link')}")
-            SubElement(result, side, link=ends[side])
-        self._add_origin(result, parts["origin"], owner)
-        if kind != "fixed" and parts["axis"] is not None:
-            SubElement(result, "axis", xyz=" ".join(map(repr, self._axis(parts["axis"], owner))))
-        if kind in MOVING:
-            self._add_limit(result, parts["limit"], owner)
-            self._add_dynamics(result, parts["dynamics"], owner)
-        if parts["mimic"] is not None and kind != "fixed":
-            self._add_follower(name, kind, parts["mimic"], owner)
-        return ends["child"], ends["parent"]
+        with Together() as together:
+            step, axis, mimic = together.step, parts["axis"], parts["mimic"]
+            parent, child = (step(partial(self._add_end, result, parts[side], side, owner)) for side in ("parent", "child"))
+            step(lambda: self._add_origin(result, parts["origin"], owner))
+            if kind != "fixed" and axis is not None:
+                step(lambda: SubElement(result, "axis", xyz=" ".join(map(repr, self._axis(axis, owner)))))
+            if kind in MOVING:
+                step(lambda: self._add_limit(result, parts["limit"], owner))
+                step(lambda: self._add_dynamics(result, parts["dynamics"], owner))
+            if mimic is not None and kind != "fixed":
+                step(lambda: self._add_follower(name, kind, mimic, owner))
+            return child(), parent()
+
+    def _add_end(self, result: Element, element: Element | None, side: str, owner: str) -> str:
+        """The link on this side of a joint."""
+        link = "" if element is None else element.get("link", "")
+        if link not in self.links:
+            raise GainroomError(f"{owner}: {side} link {link!r} is not in the file{nearest(link, self.links, 'link')}")
+        SubElement(result, side, link=link)
+        return link
 
     def _add_follower(self, name: str, kind: str, mimic: Element, owner: str) -> None:
         leader = mimic.get("joint", "")
