@@ -18,7 +18,7 @@ from .progress import progress_bar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..files.audit_options import Audited, AuditOptions
+    from ..files.audit_options import Audited
     from ..studies.audit import Audit
     from ..studies.audited_workspace import AuditedWorkspace
     from ..studies.simulator_audit import SimulatorAudit
@@ -143,7 +143,7 @@ def audit(
                 swept = audited_workspace(result, workspace, progress)
         show(
             as_json,
-            lambda: _facts(result, simulated, swept, found.options),
+            lambda: _facts(result, simulated, swept, found),
             lambda: _terminal(result, simulated, swept, call, found.options.where_gains_run, report, write_robot, verbose),
         )
         if robot is not None and write_robot is not None:
@@ -173,11 +173,10 @@ def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: 
     return with_drives(judged(found), drives, *HOST), found
 
 
-def _facts(
-    result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", options: "AuditOptions"
-) -> dict[str, Any]:
+def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", found: "Audited") -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
+    from ..files.carried_robot import carried
     from ..report.audit_text import audit_scale, audit_sentence, audit_warnings
     from ..report.columns import facts
     from ..report.gearboxes import gearbox_assumptions, needed_facts, range_facts
@@ -206,8 +205,8 @@ def _facts(
         "delay_ms": 1e3 * max(drive.delay for drive in result.system.drives),
         "command_delay_ms": 1e3 * result.system.control.command_delay,
         "kd_path": path_facts(result.system.control.kd_path),
-        "gains_run": options.gains_run,
-        "joint_damping": options.joint_damping,
+        "gains_run": found.options.gains_run,
+        "joint_damping": found.options.joint_damping,
         "margin_db": as_typed(to_db(result.margin)),
         "stable": all(state.limit.stable for state in result.states),
         "gain_limit": result.tightest.limit.gain,
@@ -219,6 +218,7 @@ def _facts(
         "limiting_joints": list(result.limiting_joints),
         "posture": result.angles,
         "base": result.system.source.body.base,
+        "system": carried(found.sections, result.system),
         "joints": [facts(AUDITED_JOINT, joint) for joint in result.joints],
         "states": [facts(columns, state) for state in result.states + result.immobile],
         **_further_facts(simulated, swept),

@@ -51,7 +51,7 @@ def robot(
     with report_stream(report) as page:
         with progress_bar("robot:") as progress:
             study, swept, elsewhere = _studied(system, sweep, progress)
-        show(as_json, lambda: _facts(study) | elsewhere[0], lambda: _terminal(study, call, report, verbose, elsewhere[1]))
+        show(as_json, lambda: _facts(study, file) | elsewhere[0], lambda: _terminal(study, call, report, verbose, elsewhere[1]))
         if page is not None:
             from ..report.robot import robot_page
 
@@ -92,9 +92,11 @@ def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tup
     return study, None, ({"worse_posture": posture_facts(*worse)}, [worse_note(*worse, known)])
 
 
-def _facts(study: "RobotStudy") -> dict[str, Any]:
+def _facts(study: "RobotStudy", file: Path) -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
+    from ..files.carried_robot import carried
+    from ..files.robot_yaml import robot_sections
     from ..report.columns import facts
     from ..report.margin_columns import margin_facts, required_facts
     from ..report.recommended_gains import recommended_facts
@@ -122,6 +124,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
         "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
         "uncertainty_cost": None if study.exact is None else {"cost": study.uncertainty_cost, "exact": recommended_facts(study.exact)},
         "actuators": actuator_facts(study.system),
+        "system": carried(robot_sections(file), study.system),
         "assumptions": list(study.system.assumptions),
         "warnings": [*warnings(study), *notes(study)],
     }

@@ -7,7 +7,8 @@ A robot         robot_yaml reads, robot_sections has its keys, robot_scenario wh
 Both            system_sections: motor, drive, control (with the types of controllers), limits, ranges; absurd_values; file_types tells
                 one from the other; edited_text writes values into them
 Command lines   audit_options (a bare model), readings (what it leaves open), audited_robot (as a robot.yaml), simulator_options,
-                sweep_options, typed_requirements
-Gains           gain_files reads and gain_export writes other people's forms, each in gain_formats; model_keyframes (postures of MJCF)
+                sweep_options, typed_requirements; typed_over_gains (beside what a file of gains says)
+Gains           gain_files reads and gain_export writes other people's forms, each in gain_formats; model_keyframes (postures of MJCF);
+                carried_robot (what goes along with gains of the robot that they are of)
 Logs            logs, with a file per format
 """

@@ -14,7 +14,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from ..errors import GainroomError, all_of, first_of_many, named, nearest, option_name, refuse_all
+from ..errors import GainroomError, all_of, first_of_many, listed, named, nearest, option_name, refuse_all
 from ..io.validation import checked, number, require_one_of, validate
 from ..io.yaml_text import shown
 from ..robot.assemble import ASSUMED, DAMPING_NOTE
@@ -24,18 +24,19 @@ from ..robot.formats.model_files import joint_order, load_model
 from ..robot.formats.model_names import locate
 from ..robot.gearbox_types import DIRECT, GearboxRange, gearbox_range
 from ..robot.linkage import ties_base
-from ..robot.name_patterns import DEFAULT, select
-from ..system.linear.arrays import Floats
+from ..robot.name_patterns import DEFAULT, select, select_all
 from ..system.plausibility import NO_STIFFNESS
 from ..system.system import System
 from .absurd_values import examined
+from .carried_robot import OF_JOINTS
 from .file_types import kind_of_file, wrong_kind
 from .gain_files import JointGains, gains_of, read_gains
-from .gain_formats.gain_record import ANGLE, GAINS_RUN, JOINT_DAMPING
+from .gain_formats.gain_record import ANGLE, GAINS_RUN, JOINT_DAMPING, GainFile
 from .model_keyframes import model_keyframes
 from .robot_sections import RobotFile
 from .robot_yaml import base_of, robot_spec
 from .system_sections import refuse_long_delay
+from .typed_over_gains import JOINT_VALUES as JOINT_VALUES, padded, typed_first, with_joint_damping
 
 KEYS = {
     "delay_ms": ("drive", "delay_ms"),
@@ -57,8 +58,6 @@ PATHS = {
     "split": {"drive_delay_ms": ("control", "kd_path", "delay_ms"), "drive_rate_hz": ("control", "kd_path", "sample_rate_hz")},
 }
 """Where they stand instead, by --gains-run."""
-JOINT_VALUES = ("stiffness", "damping", "motor_inertia")
-"""What may be typed of all joints, or of some."""
 GIVEN = "given"
 """The name of a posture whose angles are typed."""
 SLIGHT_DAMPING = 0.01
@@ -150,6 +149,11 @@ class AuditOptions:
         said = [self.stiffness, *(value for key, _, value in self.of_joints if key == "stiffness")]
         return any(value is not None and math.isfinite(value) for value in said)
 
+    def base_of(self, path: Path, system: Mapping[str, Any]) -> Base | None:
+        """As it is typed, else as it goes along with the gains, else as the model has it."""
+        stands = bool(self.contacts) or any((system.get("contacts") or {}).values())
+        return base_of(self.base or (system.get("model") or {}).get("base"), path, stands)[0]
+
     @property
     def posture_name(self) -> str:
         """A keyframe's own name; a short one for angles, which would be no name."""
@@ -183,6 +187,7 @@ class AuditOptions:
             "contacts": {"flight" if body.base == "floating" and not ties_base(body) else "free": []}
             | ({"contact": [_contact(text) for text in self.contacts]} if self.contacts else {}),
         }
+        self._along(data, gains.origin.system, [names[k] for k in given], idle)
         for key, pattern, value in self.of_joints:
             for k in select(pattern, [names[k] for k in given], f"{option_name(key)} {pattern}={value:g}"):
                 data["joints"].setdefault(names[given[k]], {})[key] = value
@@ -190,6 +195,33 @@ class AuditOptions:
             if (value := getattr(self, option, None)) is not None:
                 reduce(lambda section, name: section.setdefault(name, {}), sections, data)[key] = value
         return data
+
+    def _along(self, data: dict[str, Any], system: Mapping[str, Any], given: Sequence[str], idle: Sequence[str]) -> None:
+        """What goes along with the gains into the sections, where nobody typed another; joints with gains, and those without."""
+        joints = data["joints"]
+        for name in given:
+            own = (system.get("joints") or {}).get(name) or {}
+            left = {"bandwidth": self.bandwidth is not None, "delay_ms": self.on_drive or not self._same_delay(system)}
+            own = {key: own[key] for key in OF_JOINTS if key in own and not left.get(key)}
+            if own:
+                joints[name] = {**own, **joints.get(name, {})}
+        patterns = (system.get("joints") or {}).get("passive") or ()
+        free = {idle[k] for found in select_all(patterns, idle, "joints.passive", all_match=False) for k in found}
+        joints["locked"] = [name for name in joints["locked"] if name not in free]
+        joints["passive"] += [name for name in idle if name in free and name not in joints["passive"]]
+        data["model"] |= system.get("model") or {}
+        data["control"] |= system.get("control") or {}
+        if self.rate_hz is None and not self.on_drive:
+            data["drive"] |= system.get("drive") or {}
+        if not self.posture and "postures" in system:
+            data["postures"] = system["postures"]
+        if not self.contacts and "contacts" in system:
+            data["contacts"] = system["contacts"]
+
+    def _same_delay(self, system: Mapping[str, Any]) -> bool:
+        """Whether the delay that is typed is that of the slowest joint of those that go along."""
+        delays = [own["delay_ms"] for name, own in (system.get("joints") or {}).items() if isinstance(own, dict) and "delay_ms" in own]
+        return bool(delays) and math.isclose(max(delays), self.delay_ms, rel_tol=1e-12)
 
     @property
     def where_gains_run(self) -> str:
@@ -239,11 +271,14 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     _require_model(path)
     source = path if gains is None else gains
     with _options_named(options):
-        body, found, driven = _body_with_gains(path, source, base_of(options.base, path, bool(options.contacts))[0])
+        read_in = read_gains(source)
+        body, found, driven = _body_with_gains(path, read_in, options.base_of(path, read_in.origin.system))
         if not np.any(found.given[: body.size]):
             raise GainroomError(f"{path}: no joint that can move has gains")
         options, read = _as_the_file_says(options, found, source)
-        options, found, counted = _with_joint_damping(options, found, body, source)
+        damping, found, counted = with_joint_damping(options.joint_damping, found, body, source)
+        options = replace(options, joint_damping=damping)
+        found = typed_first(options, found, body.every_joint, source)
         sections = options.sections(str(path), body, found, driven)
         file = validate(RobotFile, sections, "")
         if (sample_time := file.sample_time()) is not None:
@@ -277,22 +312,23 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         *read,
         *counted,
         *(held if gains is None else []),
-        *_assumptions(spec.source.body, options, rigid, len(spec.source.joint_names)),
+        *_assumptions(spec.source.body, options, rigid, len(spec.source.joint_names), found.origin.system),
     )
     warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings if text not in taken]
     idle = [name for name, has in zip(body.every_joint, found.given, strict=True) if has and name not in body.joint_names]
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
     # A file of gains may have left out a leg; a model has the actuators that it has.
-    warnings = (*found.notes, *([] if gains is None else held), *idle, *kept, *_damping_asked(warnings, options))
+    unjudged = [f"the ranges (uncertainty) of {source} are not judged here: gainroom robot does"] * ("uncertainty" in found.origin.system)
+    warnings = (*found.notes, *([] if gains is None else held), *idle, *kept, *_damping_asked(warnings, options), *unjudged)
     return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, ranges, options)
 
 
-def _body_with_gains(path: Path, source: Path, base: Base | None) -> tuple[RigidBody, JointGains, tuple[str, ...]]:
+def _body_with_gains(path: Path, file: GainFile, base: Base | None) -> tuple[RigidBody, JointGains, tuple[str, ...]]:
     """The model's links, as far as they are named, its joints' gains, and the joints that have a motor because they have gains.
 
     Raises GainroomError.
     """
-    body, gains = load_model(path, base, for_names=True), read_gains(source).in_order(joint_order(path))
+    body, gains = load_model(path, base, for_names=True), file.in_order(joint_order(path))
     found = gains_of(gains, body.every_joint)
     moved = {name for name, has in zip(body.every_joint, found.given, strict=True) if has}
     driven = tuple(re.escape(name) for name in body.passive if name in moved)
@@ -340,7 +376,11 @@ def _as_the_file_says(options: AuditOptions, found: JointGains, source: Path) ->
     if options.rate_hz is None and (rate := origin.sample_rate_hz) is not None and options.gains_run != "drive":
         options = replace(options, rate_hz=rate)
         read.append(f"the controller runs at {rate:g} Hz, as {source} has it: --rate-hz says another")
-    if not options.posture and len(found.postures) == 1:
+    if origin.system:
+        read.append(f"{listed([*origin.system], most=9)}, as {source} has them, where no option says another")
+    if not options.posture and "postures" in origin.system:
+        pass  # all of them are judged
+    elif not options.posture and len(found.postures) == 1:
         (name,) = found.postures
         options = replace(options, posture=(name,))
         read.append(f"the posture is {name} of {source}: --posture says another")
@@ -357,46 +397,9 @@ def _inertia_from(source: Path) -> str:
     return f"--motor-inertia, of all joints or JOINT=NUMBER of each, or {key} of each joint in {source}"
 
 
-def _padded(column: Floats, size: int) -> Floats:
-    """A column of the joints that can move, with zeros for those that are locked."""
-    return np.concatenate([column, np.zeros(size - len(column))])
-
-
-def _with_joint_damping(
-    options: AuditOptions, found: JointGains, body: RigidBody, source: Path
-) -> tuple[AuditOptions, JointGains, list[str]]:
-    """What the joints' own damping is, counted once: by the options or the file of gains, in which it is then; and what is said of it.
-
-    Raises GainroomError where the two contradict each other.
-    """
-    typed, said = options.joint_damping, found.origin.joint_damping
-    if typed is not None and said is not None and typed != said:
-        raise GainroomError(f"--joint-damping {typed}: the gains of {source} hold it as {said} already: leave the option out")
-    known = [(name, damping, found.actuators[k].get("link_viscous")) for k, name, damping in _damped(body, found)]
-    if typed == "controller" and (counted := [name for name, damping, other in known if other == damping]):
-        names = first_of_many(counted)
-        raise GainroomError(f"--joint-damping controller: {source} has the joints' own damping of {names} as link_viscous already")
-    if typed == "friction" and (others := [f"{name} {other:g}, not {own:g}" for name, own, other in known if other not in (None, own)]):
-        raise GainroomError(f"--joint-damping friction: {source} has another link_viscous of {first_of_many(others)}")
-    if said is not None:
-        held = {"controller": "kd", "friction": "link_viscous"}[said]
-        return replace(options, joint_damping=said), found, [f"{held} of {source} has the joints' own damping of the model in it already"]
-    if typed != "controller":
-        return options, found, []
-    if found.origin.whole_kd:
-        return options, found, [f"kd of {source} is the whole one: the joints' own damping of the model is not added to it"]
-    return options, replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0)), []
-
-
-def _damped(body: RigidBody, found: JointGains) -> list[tuple[int, str, float]]:
-    """The joints with gains and with damping of their own in the model: place, name and damping [N m s/rad]."""
-    columns = zip(body.joint_names, body.damping.tolist(), found.given[: body.size].tolist(), strict=True)
-    return [(k, name, damping) for k, (name, damping, given) in enumerate(columns) if given and damping]
-
-
 def _slight_damping(body: RigidBody, found: JointGains, options: AuditOptions) -> str:
     """What is said of the joints' own damping where it is too little beside kd to decide anything; "" where it is not, or was asked for."""
-    own = _padded(body.damping, len(found.kd))
+    own = padded(body.damping, len(found.kd))
     ratio = float(np.max(own / np.maximum(found.kd, 1e-300), initial=0.0, where=found.given))
     if options.joint_damping is not None or not ratio < SLIGHT_DAMPING:
         return ""
@@ -476,17 +479,23 @@ def _require_model(path: Path) -> None:
             raise GainroomError(f"{path}: must be a URDF or MJCF; gains go with --gains {path}")
 
 
-def _assumptions(body: RigidBody, options: AuditOptions, rigid: Sequence[str], count: int) -> tuple[str, ...]:
-    """What is assumed where nothing was said, each with how to say it; `rigid`: gearboxes, of `count`, of which nobody says how stiff."""
+def _assumptions(body: RigidBody, options: AuditOptions, rigid: Sequence[str], count: int, system: Mapping[str, Any]) -> tuple[str, ...]:
+    """What is assumed where nothing was said, each with how to say it.
+
+    rigid   gearboxes, of `count`, of which nobody says how stiff
+    system  what goes along with the gains
+    """
     zero = "every joint stands at 0, perhaps far from how the robot works: give --posture"
-    notes = ["joints that --posture does not name stand at 0" if options.posture else zero, "the encoders are on the motor side"]
+    notes = ["joints that --posture does not name stand at 0" if options.posture else zero] * ("postures" not in system)
+    notes += ["the encoders are on the motor side"] * ("feedback" not in (system.get("control") or {}))
     if rigid:
         which = "gearboxes are rigid" if len(rigid) == count else f"these gearboxes are rigid ({first_of_many(rigid)})"
         notes.append(f"{which}, so limits are optimistic: give --stiffness and --damping")
-    if options.bandwidth is None:
+    loops = any(isinstance(own, dict) and "bandwidth" in own for own in (system.get("joints") or {}).values())
+    if options.bandwidth is None and not loops:
         notes.append("current loops are infinitely fast: give --bandwidth [rad/s]")
     if flat := [text for text in options.contacts if isinstance(_contact(text), str)]:
         notes.append(f"these contacts are flat, all 6 directions held: {first_of_many(flat)}; else FRAME:point or FRAME:line")
-    if body.base == "floating" and not options.contacts and not ties_base(body):
+    if body.base == "floating" and not options.contacts and not ties_base(body) and "contacts" not in system:
         notes.append("the robot is in flight only: name the frames on the ground with --contact")
     return tuple(notes)

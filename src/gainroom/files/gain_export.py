@@ -12,6 +12,7 @@ from pathlib import Path
 from ..errors import GainroomError, first_of_many, listed, printable
 from ..io.yaml_text import read_text, shown
 from ..robot.formats.model_files import joint_order, load_model
+from .carried_robot import left_out, system_flags
 from .edited_text import written
 from .gain_files import gains_of, parse_file
 from .gain_formats.export_text import Carried, arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
@@ -232,6 +233,12 @@ def _not_held(found: GainFile, goal: Carried, form: str) -> tuple[list[str], lis
         flags += ["--gains-run", origin.gains_run]
         drive = {"--drive-rate-hz": origin.drive_rate_hz, "--drive-delay-ms": origin.drive_delay_ms}
         flags += [text for option, value in drive.items() if value is not None for text in (option, written(value))]
+    lost = {key: each for key, each in origin.system.items() if there.system.get(key) != each}
+    more, whose = system_flags(lost)
+    flags += more
+    missing += whose
+    if left := left_out(lost, whose):
+        notes.append(f"{listed(left, most=9)} have no place in this form, and no option: only yaml holds them")
     if goal.posture and _posture(found, (*goal.posture,)) != goal.posture:
         missing.append("the posture")
         flags += _flags("--posture", goal.posture)

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -50,6 +51,11 @@ def load_robot(path: Path | str) -> Robot:
 def load_robot_system(path: Path, two_paths: bool = False) -> System:
     """As load_robot: everything in the file; `two_paths`: kd may have a path of its own."""
     return parse_robot(read_text(path), str(path), path.parent, two_paths)
+
+
+def robot_sections(path: Path) -> dict[str, Any]:
+    """The sections as they are written. Raises GainroomError where there are none."""
+    return parse_as("robot", read_text(path), str(path), "biped")
 
 
 def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool = False) -> System:

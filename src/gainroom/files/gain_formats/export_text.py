@@ -9,6 +9,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import yaml
+
 from ...errors import GainroomError, printable
 from .gain_record import Gain, Origin
 
@@ -54,7 +56,10 @@ def plain_text(goal: Carried, header: Sequence[str]) -> str:
     """Joint → {kp, kd, …}, and where they run, at which rate, in which posture."""
     said = {key: getattr(goal.origin, key) for key in ("sample_rate_hz", "gains_run", "drive_rate_hz", "drive_delay_ms", "joint_damping")}
     lines = [f"{key}: {value if isinstance(value, str) else number_text(value)}\n" for key, value in said.items() if value is not None]
-    lines += [f"posture: {{{_entries(goal.posture)}}}\n"] * bool(goal.posture) + ["gains:\n"]
+    lines += [f"posture: {{{_entries(goal.posture)}}}\n"] * bool(goal.posture)
+    if goal.origin.system:
+        lines.append(f"system: {yaml.safe_dump(dict(goal.origin.system), default_flow_style=True, width=math.inf).strip()}\n")
+    lines.append("gains:\n")
     for name, gain in goal.gains.items():
         given = {key: value for key, value in vars(gain).items() if key in ("kp", "kd") or value}
         lines.append(f"  {quoted(name)}: {{{', '.join(f'{key}: {number_text(value)}' for key, value in given.items())}}}\n")

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field
 
@@ -79,6 +79,7 @@ class Origin:
     gains_run        where they run: "host", "drive" or "split" (kd on the drive); None: not said
     drive_rate_hz, drive_delay_ms   of the loop that runs on the drive
     joint_damping    what of JOINT_DAMPING the model's own damping was taken for, which is in these kd or link_viscous; None: not said
+    system           what decides and is no joint's own number, as carried_robot.py has it
     whole_kd         no damping of the model is to be added to these kd
     """
 
@@ -91,6 +92,7 @@ class Origin:
     drive_delay_ms: float | None = None
     joint_damping: str | None = None
     whole_kd: bool = False
+    system: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -139,6 +141,13 @@ class GainFile:
                 without = f"{self.source}: {title}: the model has no joint for {first_of_many([shown(name) for name in others])}"
                 notes.append(f"{without}; {'the other angles count' if len(others) < len(angles) else 'no angle counts'}")
         return (*self.notes, *notes)
+
+
+def postures_of(system: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Of what goes along: its postures by name, and the rest, which still has them where there are several."""
+    postures = dict(system.get("postures") or {})
+    rest = {key: value for key, value in system.items() if key != "postures" or len(postures) > 1}
+    return {name: angles for name, angles in postures.items() if len(postures) > 1 or any(angles.values())}, rest
 
 
 def _angles_of(angles: Mapping[str, float], joint_names: Sequence[str], owner: str) -> tuple[dict[str, float], list[str]]:

@@ -10,7 +10,8 @@ from typing import Any
 from ...errors import GainroomError, first_of_many, listed, nearest
 from ...io.validation import checked, number, require_one_of
 from ...io.yaml_text import shown
-from .gain_record import ACTUATOR, ANGLE, GAINS_RUN, JOINT_DAMPING, NOT_NEGATIVE, Gain, GainFile, Origin
+from ..carried_robot import read_carried
+from .gain_record import ACTUATOR, ANGLE, GAINS_RUN, JOINT_DAMPING, NOT_NEGATIVE, Gain, GainFile, Origin, postures_of
 
 EVERYWHERE = "everywhere"
 AUDITED = "audited"
@@ -64,7 +65,7 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
 
     Raises GainroomError.
     """
-    postures: dict[str, dict[str, float]] = {}
+    postures, system = postures_of(read_carried(data.get("system"), source, "system"))
     damping = data.get("joint_damping")
     require_one_of(f"{source}: joint_damping {shown(damping)}", damping, JOINT_DAMPING)
     if "recommended" in data:
@@ -101,7 +102,7 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
             if data.get("rigid_gearboxes"):
                 margins += f"; with rigid gearboxes of {first_of_many(tuple(map(str, data['rigid_gearboxes'])))}: audit them with yours"
         form = "gainroom audit --json"
-        postures = _posture(data, source)
+        postures = postures or _posture(data, source)
     actuators = _named(data, "actuators", source) if "actuators" in data else {}
     delays = [checked(f"{source}: actuators.{shown(name)}.delay_ms", each.get("delay_ms"), NUMBER) for name, each in actuators.items()]
     delays += [] if (delay := _number(data, "delay_ms", source)) is None else [delay]
@@ -110,7 +111,7 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
         gains[name] = _gain({**vars(gains[name]), **actuator}, f"{source}: actuators.{shown(name)}")
     place = _place(data, max(delays, default=None), source)
     whole = "recommended" in data
-    origin = Origin(str(data.get("robot") or ""), margins=margins, joint_damping=damping, whole_kd=whole, **place)
+    origin = Origin(str(data.get("robot") or ""), margins=margins, joint_damping=damping, whole_kd=whole, system=system, **place)
     return AnsweredGains(source, form, gains, postures=postures, origin=origin)
 
 

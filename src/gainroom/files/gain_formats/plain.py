@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ...io.validation import Refusals, Section, refusal, relation, validate
+from ..carried_robot import read_carried
 from ..system_sections import DelayMs, SampleRate
-from .gain_record import ANGLE, AnyGain, Gain, GainFile, Origin
+from .gain_record import ANGLE, AnyGain, Gain, GainFile, Origin, postures_of
 
 POSTURE = "posture"
 DRIVE = ("drive_rate_hz", "drive_delay_ms")
@@ -24,6 +25,7 @@ class PlainFile(Section):
     gains_run: Literal["host", "drive", "split"] | None = Field(None, description="where they run, as --gains-run has it")
     drive_rate_hz: SampleRate | None = Field(None, description="of gains that run on the drive [Hz]")
     drive_delay_ms: DelayMs | None = Field(None, description="of their own loop, measurement to torque [ms]")
+    system: dict[str, Any] | None = Field(None, description="what else decides, as sections of a robot.yaml")
     joint_damping: Literal["controller", "friction"] | None = Field(
         None, description="what the model's own joint damping was taken for, which these kd or link_viscous hold already"
     )
@@ -74,6 +76,7 @@ def _is_gain(value: object) -> bool:
 def read_plain(data: dict[str, Any], source: str) -> GainFile:
     """Raises GainroomError."""
     file = validate(PlainFile, data, source)
-    origin = Origin(**{key: getattr(file, key) for key in PLACE})
+    postures, system = postures_of(read_carried(file.system, source, "system"))
+    origin = Origin(**{key: getattr(file, key) for key in PLACE}, system=system)
     gains = {name: Gain(**each.model_dump()) for name, each in file.gains.items()}
-    return GainFile(source, "plain", gains, origin=origin, postures={POSTURE: file.posture} if file.posture else {})
+    return GainFile(source, "plain", gains, origin=origin, postures=postures or ({POSTURE: file.posture} if file.posture else {}))

@@ -1,0 +1,148 @@
+"""What decides about gains and is none of a joint's own numbers: it goes along with them, as the sections that a robot.yaml has.
+
+The robot's base, payload and weight; its encoders and filters; current loops; postures and contact states; joints without a motor. So the
+next command judges the same robot.
+"""
+
+import math
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from ..errors import GainroomError
+from ..io.validation import dotted, validate
+from ..system.linear.arrays import Floats
+from ..system.system import System
+from .robot_sections import RobotFile
+
+KEYS = {
+    "model": ("base", "gravity_stiffness", "payload"),
+    "joints": ("passive",),
+    "drive": ("delay_includes_sampling",),
+    "control": ("feedback", "velocity_filter", "notches"),
+}
+"""Of a robot.yaml's sections; of postures, contacts and uncertainty all goes along."""
+WHOLE = ("postures", "contacts", "uncertainty")
+USUAL: dict[str, Any] = {"feedback": "motor", "delay_includes_sampling": False}
+"""What an audit has where nothing is said."""
+NEEDED = {
+    "model": {"file": "model"},
+    "drive": {"bandwidth": 1.0, "delay_ms": 1.0},
+    "control": {"type": "pd", "feedback": "motor", "kp": 1, "kd": 1},
+}
+"""What a robot.yaml must have."""
+
+
+def carried(sections: Mapping[str, Any], system: System) -> dict[str, Any]:
+    """Of the `sections` of a robot.yaml, from which `system` was made, what goes along; without what is usual."""
+    found: dict[str, Any] = {}
+    for name, keys in KEYS.items():
+        own = sections.get(name) or {}
+        found[name] = {key: own[key] for key in keys if own.get(key) not in (None, [], USUAL.get(key))}
+    for name, own in _of_joints(system).items():
+        found["joints"].setdefault(name, own)
+    found |= {name: sections[name] for name in WHOLE if sections.get(name)}
+    for name in ("postures", "contacts"):  # one at 0, and none on the ground, are usual
+        if len(found.get(name, {})) < 2 and not any(found.get(name, {}).values()):
+            found.pop(name, None)
+    return {name: section for name, section in found.items() if section}
+
+
+def _of_joints(system: System) -> dict[str, dict[str, float]]:
+    """Of each joint its current loop, friction of its motor, and a delay that others do not have, in a robot.yaml's units."""
+    source, drives = system.source, system.drives
+    columns: dict[str, Floats | list[float]] = {"motor_viscous": source.actuators.motor_viscous}
+    if any(math.isfinite(drive.bandwidth) for drive in drives):
+        columns |= {key: [getattr(drive, key) for drive in drives] for key in ("bandwidth", "damping_ratio")}
+    if len({drive.delay for drive in drives}) > 1:
+        columns["delay_ms"] = [1e3 * drive.delay for drive in drives]
+    found = {}
+    for k, name in enumerate(source.joint_names):
+        own = {key: float(column[k]) for key, column in columns.items()}
+        found[name] = {key: value for key, value in own.items() if math.isfinite(value) and (value or key == "delay_ms")}
+    return {name: own for name, own in found.items() if own}
+
+
+USUAL_RATIO = 0.9
+"""Damping ratio of a current loop where nothing is said."""
+BASE, LOOPS, CONTACTS = "the base", "the current loops", "the contact states"
+OF_JOINTS = ("bandwidth", "damping_ratio", "motor_viscous", "delay_ms")
+"""Of a joint."""
+
+
+def read_carried(data: object, source: str, within: str) -> dict[str, Any]:
+    """What `carried` has written and a file holds under the key `within`. Raises GainroomError where a robot.yaml could not have it."""
+    sections = data if isinstance(data, dict) else {}
+    known = (*KEYS, *WHOLE)
+    for name in sections:
+        if name not in known:
+            raise GainroomError(f"{source}: {dotted(within, name)}: must be one of {', '.join(known)}")
+    if (data is not None and not isinstance(data, dict)) or any(not isinstance(each, dict) for each in sections.values()):
+        raise GainroomError(f"{source}: {within}: must be sections of a robot.yaml: {', '.join(known)}")
+    for name, keys in KEYS.items():
+        for key in sections.get(name, {}):
+            if name != "joints" and key not in keys:
+                raise GainroomError(f"{source}: {dotted(within, name, key)}: must be one of {', '.join(keys)}")
+    found = {**sections, **({"contacts": _with_infinite(sections["contacts"])} if "contacts" in sections else {})}
+    whole = {**found, **{name: {**needed, **found.get(name, {})} for name, needed in NEEDED.items()}}
+    validate(RobotFile, {name: each for name, each in whole.items() if name != "uncertainty"}, source, within)
+    return found
+
+
+def system_flags(lost: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """The flags of audit that give back what a form does not hold of a robot, and in words what they are of."""
+    flags, whose = [], []
+    if base := (lost.get("model") or {}).get("base"):
+        flags, whose = [*flags, "--base", str(base)], [*whose, BASE]
+    loops = _same_of_all(lost.get("joints") or {})
+    if loops.get("damping_ratio", USUAL_RATIO) == USUAL_RATIO and "bandwidth" in loops:
+        flags, whose = [*flags, "--bandwidth", repr(loops["bandwidth"])], [*whose, LOOPS]
+    contacts = lost.get("contacts") or {}
+    standing = [frames for frames in contacts.values() if frames]
+    typed = [_contact_text(frame) for frame in standing[0]] if len(standing) == 1 < len(contacts) == 2 else []
+    if typed and None not in typed:
+        flags, whose = [*flags, *(text for each in typed for text in ("--contact", str(each)))], [*whose, CONTACTS]
+    return flags, whose
+
+
+def left_out(lost: Mapping[str, Any], given_back: Collection[str]) -> list[str]:
+    """In words, what a form does not hold of a robot and no flag of audit gives back."""
+    model, joints, control = (lost.get(key) or {} for key in ("model", "joints", "control"))
+    own = [key for each in joints.values() if isinstance(each, dict) for key in each]
+    found = {
+        CONTACTS: "contacts" in lost,
+        "several postures": "postures" in lost,
+        LOOPS: "bandwidth" in own,
+        "delays joint by joint": "delay_ms" in own,
+        "the motors' friction": "motor_viscous" in own,
+        "joints without a motor": "passive" in joints,
+        "the payload": "payload" in model,
+        "whether the weight counts": "gravity_stiffness" in model,
+        "the encoders' side": "feedback" in control,
+        "filters": bool({"velocity_filter", "notches"} & control.keys()),
+        "that the delay has hold and difference in it": "drive" in lost,
+        "ranges of uncertainty": "uncertainty" in lost,
+    }
+    return [text for text, there in found.items() if there and text not in given_back]
+
+
+def _same_of_all(joints: Mapping[str, Any]) -> dict[str, float]:
+    """What all joints have alike of their own numbers."""
+    each = [own for own in joints.values() if isinstance(own, dict)]
+    return {key: value for key, value in each[0].items() if all(own.get(key) == value for own in each)} if each else {}
+
+
+def _contact_text(frame: Any) -> str | None:
+    """A frame on the ground as --contact takes it; None where it has springs, which no option says."""
+    if isinstance(frame, str):
+        return frame
+    kind = frame.get("type", "flat")
+    return None if frame.keys() - {"frame", "type"} else frame["frame"] if kind == "flat" else f"{frame['frame']}:{kind}"
+
+
+def _with_infinite(value: Any) -> Any:
+    """A value of JSON with null, which stands for infinite stiffness there, as what it is."""
+    if isinstance(value, dict):
+        return {key: _with_infinite(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_with_infinite(each) for each in value]
+    return math.inf if value is None else value
