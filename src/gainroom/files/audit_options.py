@@ -211,8 +211,8 @@ class AuditOptions:
         joints["passive"] += [name for name in idle if name in free and name not in joints["passive"]]
         data["model"] |= system.get("model") or {}
         data["control"] |= system.get("control") or {}
-        if self.rate_hz is None and not self.on_drive:
-            data["drive"] |= system.get("drive") or {}
+        left = {"bandwidth": self.bandwidth is not None, "delay_includes_sampling": self.rate_hz is not None or self.on_drive}
+        data["drive"] |= {key: value for key, value in (system.get("drive") or {}).items() if not left.get(key)}
         if not self.posture and "postures" in system:
             data["postures"] = system["postures"]
         if not self.contacts and "contacts" in system:
@@ -491,7 +491,9 @@ def _assumptions(body: RigidBody, options: AuditOptions, rigid: Sequence[str], c
     if rigid:
         which = "gearboxes are rigid" if len(rigid) == count else f"these gearboxes are rigid ({first_of_many(rigid)})"
         notes.append(f"{which}, so limits are optimistic: give --stiffness and --damping")
-    loops = any(isinstance(own, dict) and "bandwidth" in own for own in (system.get("joints") or {}).values())
+    loops = "bandwidth" in (system.get("drive") or {}) or any(
+        isinstance(own, dict) and "bandwidth" in own for own in (system.get("joints") or {}).values()
+    )
     if options.bandwidth is None and not loops:
         notes.append("current loops are infinitely fast: give --bandwidth [rad/s]")
     if flat := [text for text in options.contacts if isinstance(_contact(text), str)]:

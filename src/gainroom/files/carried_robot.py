@@ -17,11 +17,13 @@ from .robot_sections import RobotFile
 KEYS = {
     "model": ("base", "gravity_stiffness", "payload"),
     "joints": ("passive",),
-    "drive": ("delay_includes_sampling",),
+    "drive": ("delay_includes_sampling", "bandwidth", "damping_ratio"),
     "control": ("feedback", "velocity_filter", "notches"),
 }
 """Of a robot.yaml's sections; of postures, contacts and uncertainty all goes along."""
 WHOLE = ("postures", "contacts", "uncertainty")
+LOOP = ("bandwidth", "damping_ratio")
+"""Of a current loop."""
 USUAL: dict[str, Any] = {"feedback": "motor", "delay_includes_sampling": False}
 """What an audit has where nothing is said."""
 NEEDED = {
@@ -38,6 +40,10 @@ def carried(sections: Mapping[str, Any], system: System) -> dict[str, Any]:
     for name, keys in KEYS.items():
         own = sections.get(name) or {}
         found[name] = {key: own[key] for key in keys if own.get(key) not in (None, [], USUAL.get(key))}
+    loops = {(drive.bandwidth, drive.damping_ratio) for drive in system.drives}
+    found["drive"] = {key: value for key, value in found["drive"].items() if key not in LOOP}
+    if len(loops) == 1 and math.isfinite(system.drives[0].bandwidth):
+        found["drive"] |= dict(zip(LOOP, loops.pop(), strict=True))
     for name, own in _of_joints(system).items():
         found["joints"].setdefault(name, own)
     found |= {name: sections[name] for name in WHOLE if sections.get(name)}
@@ -51,8 +57,8 @@ def _of_joints(system: System) -> dict[str, dict[str, float]]:
     """Of each joint its current loop, friction of its motor, and a delay that others do not have, in a robot.yaml's units."""
     source, drives = system.source, system.drives
     columns: dict[str, Floats | list[float]] = {"motor_viscous": source.actuators.motor_viscous}
-    if any(math.isfinite(drive.bandwidth) for drive in drives):
-        columns |= {key: [getattr(drive, key) for drive in drives] for key in ("bandwidth", "damping_ratio")}
+    if len({(drive.bandwidth, drive.damping_ratio) for drive in drives}) > 1:
+        columns |= {key: [getattr(drive, key) for drive in drives] for key in LOOP}
     if len({drive.delay for drive in drives}) > 1:
         columns["delay_ms"] = [1e3 * drive.delay for drive in drives]
     found = {}
@@ -93,7 +99,7 @@ def system_flags(lost: Mapping[str, Any]) -> tuple[list[str], list[str]]:
     flags, whose = [], []
     if base := (lost.get("model") or {}).get("base"):
         flags, whose = [*flags, "--base", str(base)], [*whose, BASE]
-    loops = _same_of_all(lost.get("joints") or {})
+    loops = lost.get("drive") or {}
     if loops.get("damping_ratio", USUAL_RATIO) == USUAL_RATIO and "bandwidth" in loops:
         flags, whose = [*flags, "--bandwidth", repr(loops["bandwidth"])], [*whose, LOOPS]
     contacts = lost.get("contacts") or {}
@@ -106,12 +112,12 @@ def system_flags(lost: Mapping[str, Any]) -> tuple[list[str], list[str]]:
 
 def left_out(lost: Mapping[str, Any], given_back: Collection[str]) -> list[str]:
     """In words, what a form does not hold of a robot and no flag of audit gives back."""
-    model, joints, control = (lost.get(key) or {} for key in ("model", "joints", "control"))
+    model, joints, control, drive = (lost.get(key) or {} for key in ("model", "joints", "control", "drive"))
     own = [key for each in joints.values() if isinstance(each, dict) for key in each]
     found = {
         CONTACTS: "contacts" in lost,
         "several postures": "postures" in lost,
-        LOOPS: "bandwidth" in own,
+        LOOPS: "bandwidth" in own or "bandwidth" in drive,
         "delays joint by joint": "delay_ms" in own,
         "the motors' friction": "motor_viscous" in own,
         "joints without a motor": "passive" in joints,
@@ -119,16 +125,10 @@ def left_out(lost: Mapping[str, Any], given_back: Collection[str]) -> list[str]:
         "whether the weight counts": "gravity_stiffness" in model,
         "the encoders' side": "feedback" in control,
         "filters": bool({"velocity_filter", "notches"} & control.keys()),
-        "that the delay has hold and difference in it": "drive" in lost,
+        "that the delay has hold and difference in it": "delay_includes_sampling" in drive,
         "ranges of uncertainty": "uncertainty" in lost,
     }
     return [text for text, there in found.items() if there and text not in given_back]
-
-
-def _same_of_all(joints: Mapping[str, Any]) -> dict[str, float]:
-    """What all joints have alike of their own numbers."""
-    each = [own for own in joints.values() if isinstance(own, dict)]
-    return {key: value for key, value in each[0].items() if all(own.get(key) == value for own in each)} if each else {}
 
 
 def _contact_text(frame: Any) -> str | None:

@@ -55,7 +55,8 @@ def load_robot_system(path: Path, two_paths: bool = False) -> System:
 
 def robot_sections(path: Path) -> dict[str, Any]:
     """The sections as they are written. Raises GainroomError where there are none."""
-    return parse_as("robot", read_text(path), str(path), "biped")
+    with Together() as together:
+        return parse_as("robot", read_text(path), str(path), "biped", together)
 
 
 def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool = False) -> System:

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import GainroomError, first_of_many, option_name
+from ..io.as_typed import as_typed
 from ..robot.body import RigidBody
 from ..robot.gearbox_types import DIRECT
 from ..robot.name_patterns import select_all
@@ -104,7 +105,12 @@ def with_joint_damping(typed: str | None, found: JointGains, body: RigidBody, so
         return typed, found, []
     if found.origin.whole_kd:
         return typed, found, [f"kd of {source} is the whole one: the joints' own damping of the model is not added to it"]
-    return typed, replace(found, kd=found.kd + np.where(found.given, padded(body.damping, len(found.kd)), 0.0)), []
+    return typed, replace(found, kd=_with(found, padded(body.damping, len(found.kd)))), []
+
+
+def _with(found: JointGains, damping: Floats) -> Floats:
+    """kd with the joints' own damping, both (n,), as a person would have added them."""
+    return np.array([as_typed(kd + own) if given else kd for kd, own, given in zip(found.kd, damping, found.given, strict=True)])
 
 
 def _damped(body: RigidBody, found: JointGains) -> list[tuple[int, str, float]]:

@@ -47,14 +47,14 @@ def what_to_do(
     if found is not None and result.without_inertia.any():
         return _inertia_first(result, found)
     if found is not None:
-        again = " Audit them over the range again, where other gearboxes may be the worst." if result.over is not None else ""
+        there = " with every gearbox of the range that was looked at" if result.over is not None else ""
         rigid = ", with rigid gearboxes," if result.assumed_rigid.all() else ""
         lines = _gain_file(result, found)
         shown = most is None or len(lines) <= most
         file = "As a file for `--gains` and `export`:"
         if not shown:
             file = "As a file: `--verbose`, or `gainroom export` of what `--json` prints."
-        heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}.{again} {file}"
+        heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}{there}. {file}"
         return Advice(heading, lines if shown else ())
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
@@ -172,12 +172,14 @@ def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
     of_first, count = _values(result, found, first), len(found.joints)
     left = len(result.joints) - count
     groups = _by_factor(result, found)
+    kept = sum(not joint.safe and joint.name not in found.joints for joint in result.joints)
     others = f" and leave the other{f' {left}' if count > 1 else 's'}" if left else ""
+    others += f", of which {kept} not safe now {'are' if kept > 1 else 'is'} safe then" if kept else ""
     if count == 1:
         return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}){others}"
     whose = f"the gains of {count} joints" if left else "all gains"
-    unsafe = sum(not joint.safe for joint in result.joints)
-    which = f", {unsafe} unsafe and {count - unsafe} that would vibrate then," if left and count > unsafe else ""
+    unsafe = sum(not joint.safe and joint.name in found.joints for joint in result.joints)
+    which = f", {unsafe} unsafe and {count - unsafe} that are images of those or would vibrate then," if left and count > unsafe else ""
     if len(groups) == 1:
         return f"Multiply {whose} by {found.factor:.4g} ({first} {of_first}){which}{others}"
     if len(groups) == count <= FEW_OWN:

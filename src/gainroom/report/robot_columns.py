@@ -249,6 +249,7 @@ AUDITED_JOINT = [
 
 
 USE = "gains times this factor"
+KEPT = "; × 1 on a joint that is not safe now: it is with the others lowered"
 
 
 def audited_joints(result: "Audit") -> list[Column]:
@@ -261,7 +262,8 @@ def audited_joints(result: "Audit") -> list[Column]:
         def factor(row: Any) -> str:
             return f"× {use.factors[result.joints.index(row)]:.4g}"
 
-        columns.insert(4, Column("use", "", lambda row: None, shown=factor, definition=USE))
+        kept = any(not joint.safe and joint.name not in use.joints for joint in result.joints)
+        columns.insert(4, Column("use", "", lambda row: None, shown=factor, definition=f"{USE}{KEPT}" if kept else USE))
     return columns
 
 

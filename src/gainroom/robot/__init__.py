@@ -2,8 +2,8 @@
 
 Files          formats: URDF, MJCF (links, joints, inertias, the rotors' armature)
 Links          body (inertia, frames, gravity at a posture), assemble (from what a file describes to the body that is studied),
-               plausible_links (units), name_patterns, linkage and held_followers (closed loops, joints that follow), skeleton (drawings),
-               rigid_tree (the core)
+               plausible_links (units), name_patterns, mirror_names (images of each other), linkage and held_followers (closed loops,
+               joints that follow), skeleton (drawings), rigid_tree (the core)
 Actuators      actuators, gearbox_types
 Ground         contact (what holds the robot), ground (slip and lift, for simulation)
 Linear model   robot (all of the above), linearize, model (about one posture in one contact state), tasks (operational space)

@@ -30,7 +30,7 @@ from .factors import largest_factor
 from .gearbox_looks import Looks
 from .gearbox_range import RangeOfGearboxes, look_over
 from .loop_numbers import extra_delay, margins_of
-from .lowered_gains import GainsToUse, gains_to_use
+from .lowered_gains import GainsToUse, gains_over_range, gains_to_use
 from .needed_stiffness import NeededStiffness, needed_stiffness, unknown_gearboxes
 from .over_uncertainty import unknown_first
 from .progress import Progress, after, quiet
@@ -317,7 +317,9 @@ class Audit(Analysis):
     @cached_property
     def to_use(self) -> "GainsToUse[Audit] | None":
         """Gains to use in place of unsafe ones; None where none are known, for safe gains, and without a verdict."""
-        return None if self.safe or self.withheld else gains_to_use(self)
+        if self.safe or self.withheld:
+            return None
+        return gains_to_use(self) if self.over is None else gains_over_range(self)
 
     @property
     def hardly_damped(self) -> bool:
@@ -349,9 +351,17 @@ class Audit(Analysis):
 
     def of_gains(self, gains: Mapping[str, Floats]) -> "Audit":
         """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes: of a range the worst of now."""
-        control = replace(self.system.control, controller=replace(self.controller, **gains))
-        system = replace(self.system, control=control)
+        system = self._with(gains)
         return replace(self, system=system, every=analyze(system, numbers=NUMBERS).every, needed=None, over=None, readings=(), open=False)
+
+    def over_range(self, gains: Mapping[str, Floats]) -> "Audit":
+        """The same over the whole range of gearboxes, anew; over one that there is."""
+        assert self.over is not None
+        return replace(audit(self._with(gains), self.required, gearboxes=self.over.range), joint_damping=self.joint_damping)
+
+    def _with(self, gains: Mapping[str, Floats]) -> System:
+        """The robot with other gains."""
+        return replace(self.system, control=replace(self.system.control, controller=replace(self.controller, **gains)))
 
     @property
     def delay_limit(self) -> float:

@@ -8,6 +8,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
+from ..robot.mirror_names import image_groups
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirement import enough
@@ -31,6 +32,10 @@ LEAST_RISE = 1.02
 """Times as much as the others that a joint's own factor is tried to be, at first: a joint that cannot have it stays with them."""
 NEARLY_ALIKE = 0.02
 """Relative, as ALIKE, of joints that get the same factor: left and right ones of a real robot's model differ by so much."""
+ROUNDS = 10
+"""Of gains that are lowered for the worst gearboxes of a range, which are then others."""
+SLIGHTLY = 0.99
+"""Times the gains, where three digits of a factor would not change them."""
 MOST_TRIED = 40
 """Joints that are tried one by one, a look at every state each."""
 
@@ -60,6 +65,7 @@ class AuditOfGains(Protocol):
     def seen_at(self, lowered: Booleans, factor: float) -> bool: ...
     def seen_with(self, factors: Floats) -> bool: ...
     def of_gains(self, gains: Mapping[str, Floats]) -> Self: ...
+    def over_range(self, gains: Mapping[str, Floats]) -> Self: ...
 
 
 SomeAudit = TypeVar("SomeAudit", bound=AuditOfGains)
@@ -108,6 +114,30 @@ def gains_to_use(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
     return None
 
 
+def gains_over_range(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
+    """Gains that are safe with every gearbox of a range that is looked at; None where none are known.
+
+    Lowered for the worst gearboxes, others may be the worst: they are audited over the range, and lowered again for those.
+    """
+    found, names = gains_to_use(result), result.system.source.joint_names
+    exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}
+    for _ in range(ROUNDS):
+        if found is None:
+            break
+        over = result.over_range(found.gains)
+        if over.safe:
+            return GainsToUse(found.factors, found.joints, found.gains, over)
+        lower = gains_to_use(over)
+        if lower is None:
+            break
+        lowered = np.where(lower.factors < 1, np.minimum(lower.factors, SLIGHTLY), 1.0) if np.any(lower.factors < 1) else SLIGHTLY
+        factors = np.array([typed_factor(factor) for factor in (found.factors * lowered).tolist()])
+        joints = tuple(name for name, factor in zip(names, factors, strict=True) if factor < 1)
+        gains = {name: np.array([float(f"{value:.4g}") for value in (factors * values).tolist()]) for name, values in exact.items()}
+        found = GainsToUse(factors, joints, gains, lower.audited)
+    return None
+
+
 def _each_its_own(result: AuditOfGains, lowered: Booleans, factor: float) -> Iterator[Floats]:
     """Factors (n,) on the gains of the joints `lowered` (n,), of which a common `factor` is good; nothing where that is not known.
 
@@ -129,11 +159,11 @@ def _each_its_own(result: AuditOfGains, lowered: Booleans, factor: float) -> Ite
 def _raised(result: AuditOfGains, lowered: Booleans, factor: float) -> Floats:
     """Factors (n,) from a good one on the joints `lowered` (n,), each raised in turn, those that take the least part in vibration first.
 
-    Joints that are nearly alike, as left and right ones, have the same.
+    Images of each other, and joints that are nearly alike, have the same.
     """
     own, left = np.where(lowered, factor, 1.0), lowered.copy()
     for first in sorted(np.flatnonzero(lowered).tolist(), key=lambda k: -result.joints[k].limit):
-        group = left & np.array([_alike(result.joints[first], joint, NEARLY_ALIKE) for joint in result.joints])
+        group = left & _images(result, first, NEARLY_ALIKE)
         left &= ~group
 
         def holds(raised: float, group: Booleans = group, others: Floats = own) -> bool:
@@ -153,14 +183,15 @@ def _lowered(result: AuditOfGains) -> Iterator[tuple[Booleans, float]]:
     names, limits = result.system.source.joint_names, np.array([joint.limit for joint in result.joints])
     vibrating = {name for state in result.states if not result.enough_together_in(state) for name in state.limiting_joints}
     short, tried = (limits < result.margin) | np.isin(names, list(vibrating)), []
-    for lowered in () if result.has_two_paths else (short, np.array([not joint.safe for joint in result.joints])):
+    for some in () if result.has_two_paths else (short, np.array([not joint.safe for joint in result.joints])):
+        lowered = _with_images(result, some)
         most = min(1.0, float(np.min(limits[lowered], initial=math.inf)) / result.margin)
         for _ in range(GROWTHS if most > 0 else 0):
             found = map(limit_of, result.loops_at(lowered, most))
             more = {name for limit in found if not enough(limit.gain, result.margin) for name in limiting_joints(limit, names)}
             if not np.any(np.isin(names, list(more)) & ~lowered):
                 break
-            lowered = lowered | np.isin(names, list(more))
+            lowered = _with_images(result, lowered | np.isin(names, list(more)))
         if most > 0 and lowered.any() and not lowered.all() and lowered.tolist() not in tried:
             tried.append(lowered.tolist())
             factor = result.seen_factor(lowered, most)
@@ -172,14 +203,14 @@ def _lowered(result: AuditOfGains) -> Iterator[tuple[Booleans, float]]:
 def _without_carried(result: AuditOfGains, lowered: Booleans, factor: float) -> Iterator[tuple[Booleans, float]]:
     """The joints of `lowered` (n,) without those that others only carry along, where there are some, with their own largest factor.
 
-    A joint is carried along where the others, lowered by hardly more than `factor`, have what is required while its gains stay. Joints that
-    are alike, as left and right ones are, keep their gains together or not at all.
+    A joint is carried along where the others, lowered by hardly more than `factor`, have what is required while its gains stay. Images of
+    each other keep their gains together or not at all.
     """
     if not (0 < factor < 1 and np.count_nonzero(lowered) <= MOST_TRIED):
         return
     fewer, least = lowered, factor**HARDLY_MORE
     for first in sorted(np.flatnonzero(lowered).tolist(), key=lambda k: -result.joints[k].limit):
-        group = np.array([_alike(result.joints[first], joint) for joint in result.joints])
+        group = _images(result, first)
         without = fewer & ~group
         if fewer[first] and without.any() and result.seen_at(without, least):
             fewer = without
@@ -188,6 +219,17 @@ def _without_carried(result: AuditOfGains, lowered: Booleans, factor: float) -> 
         yield fewer, found if found >= least else least
 
 
-def _alike(one: Any, other: Any, near: float = ALIKE) -> bool:
-    """Whether two audited joints have the same gains and the same limit, as a robot's mirrored ones do."""
-    return (one.kp, one.kd, one.ki) == (other.kp, other.kd, other.ki) and math.isclose(one.limit, other.limit, rel_tol=near)
+def _images(result: AuditOfGains, first: int, near: float = ALIKE) -> Booleans:
+    """(n,) the joints with the same gains as the `first` that are its images by name, or have the same limit."""
+    one, of = result.joints[first], image_groups(result.system.source.joint_names)
+    same = [(one.kp, one.kd, one.ki) == (other.kp, other.kd, other.ki) for other in result.joints]
+    alike = [of[k] == of[first] or math.isclose(one.limit, other.limit, rel_tol=near) for k, other in enumerate(result.joints)]
+    return np.array(same) & np.array(alike)
+
+
+def _with_images(result: AuditOfGains, lowered: Booleans) -> Booleans:
+    """The joints (n,) and their images, whose gains are lowered together: limbs that take turns have the same gains."""
+    of, kept = np.array(image_groups(result.system.source.joint_names)), lowered.copy()
+    for first in np.flatnonzero(lowered).tolist():
+        kept |= _images(result, first, near=0.0) & (of == of[first])
+    return kept

@@ -58,7 +58,9 @@ def plain_text(goal: Carried, header: Sequence[str]) -> str:
     lines = [f"{key}: {value if isinstance(value, str) else number_text(value)}\n" for key, value in said.items() if value is not None]
     lines += [f"posture: {{{_entries(goal.posture)}}}\n"] * bool(goal.posture)
     if goal.origin.system:
-        lines.append(f"system: {yaml.safe_dump(dict(goal.origin.system), default_flow_style=True, width=math.inf).strip()}\n")
+        lines.append(
+            f"system: {yaml.safe_dump(dict(goal.origin.system), default_flow_style=True, sort_keys=False, width=math.inf).strip()}\n"
+        )
     lines.append("gains:\n")
     for name, gain in goal.gains.items():
         given = {key: value for key, value in vars(gain).items() if key in ("kp", "kd") or value}

@@ -97,8 +97,6 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
                 new = _gain({**entry, **actuator}, f"{source}: to_use.joints.{shown(name)}")
                 gains[name] = replace(new, stiffness=actuator["stiffness"])  # which may be rigid
             margins = f"safe by the audit of {_required_text(data)}, in place of unsafe gains"
-            if data.get("gearbox_range") is not None:
-                margins += "; with one gearbox of the audited range: audit them over the range again"
             if data.get("rigid_gearboxes"):
                 margins += f"; with rigid gearboxes of {first_of_many(tuple(map(str, data['rigid_gearboxes'])))}: audit them with yours"
         form = "gainroom audit --json"
