@@ -163,6 +163,48 @@ def test_a_measured_requirement_of_a_robot(tmp_path: Path, capsys, noise: NoiseT
     assert "rms noise torque" in of_json(capsys, "simulate", path)["sentence"]
 
 
+def audited(folder: Path, *more: str | Path) -> list[str]:
+    """A call of audit for the arm's links with motors and gains."""
+    gains = folder / "gains.yaml"
+    gains.write_text("gains: {shoulder: {kp: 400, kd: 30}, elbow: {kp: 400, kd: 30}}\n", "utf-8")
+    said = {"delay-ms": 2, "rate-hz": 2000, "stiffness": 8000, "damping": 4, "motor-inertia": 0.5, "bandwidth": 4000}
+    machine = [word for name, value in said.items() for word in (f"--{name}", str(value))]
+    return ["audit", str(folder / "robot.urdf"), "--gains", str(gains), *machine, *map(str, more)]
+
+
+@pytest.mark.slow
+def test_a_measured_requirement_of_an_audit(tmp_path: Path, capsys, noise: NoiseTorque):
+    """Asked for by its key, missed, kept by the gains to use instead, and in the robot.yaml that is written, which misses it alike."""
+    written = tmp_path / "written.yaml"
+    write_arm(tmp_path)
+    found = of_json(capsys, *audited(tmp_path, "--require", "noise_torque_nm=2", "--write-robot", written, "--workspace", "4"))
+    now = arm_noise(written, [400.0, 400.0], [30.0, 30.0])
+    assert found["noise_torque_nm"] == pytest.approx(now, rel=1e-6)  # as the file's digits of the model are
+    assert "noise_torque" in found["unmet"]
+    assert "rms noise torque" in found["sentence"]
+    assert found["required"]["noise_torque_nm"] == 2.0
+    use = found["to_use"]["joints"]
+    assert 0.9 * 2 < arm_noise(written, *([joint[gain] for joint in use] for gain in ("kp", "kd"))) <= 2.0 * (1 + 1e-9)
+    robot = of_json(capsys, "robot", written)
+    assert robot["worst"]["noise_torque"]["noise_torque_nm"] == pytest.approx(found["noise_torque_nm"], rel=1e-9)
+    assert "noise_torque" in robot["unmet"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("noise=2", "--require noise=2: must be LIMIT=NUMBER, with one of gain_margin_db,"),
+        ("noise_torque_nm", "--require noise_torque_nm: '' must be a number"),
+        ("noise_torque_nm=-1", "--require noise_torque_nm -1: must be > 0"),
+        ("noise_torque_nm=nan", "--require noise_torque_nm nan: must be > 0"),
+    ],
+)
+def test_what_audit_cannot_require_is_refused(text: str, message: str, tmp_path: Path, capsys, noise: NoiseTorque):
+    write_arm(tmp_path)
+    assert main(audited(tmp_path, "--require", text)) == 2
+    assert message in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_the_app_shows_a_measured_requirement(tmp_path: Path, noise: NoiseTorque):
     """The verdict's table has it; the map of one loop's gains, which cannot, says so."""

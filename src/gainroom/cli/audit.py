@@ -61,6 +61,12 @@ def audit(
     peak_sensitivity: Annotated[
         Number, number_option("--peak-sensitivity", "", "Peak sensitivity Ms of safe gains, at most; without it, it is not judged.")
     ] = None,
+    require: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LIMIT=NUMBER", help="Another limit of safe gains, as in a robot.yaml: delay_margin_ms=2; may be given again."
+        ),
+    ] = None,
     simulator: Annotated[
         str | None, typer.Option(metavar="mujoco", help="Also: are the gains stable in the simulator that trains a policy?")
     ] = None,
@@ -108,7 +114,7 @@ def audit(
         require_postures(workspace, "--workspace")
     options, margin = given.options(delay_ms, damping_ratio=damping_ratio), margin_factor(given.margin_db)
     asked = {"timestep": timestep, "integrator": integrator, "pd": pd, "decimation": decimation, "armature": armature}
-    extra, further = delay_of_margin(delay_margin_ms), further_requirements(phase_margin_deg, peak_sensitivity)
+    extra, further = delay_of_margin(delay_margin_ms), further_requirements(phase_margin_deg, peak_sensitivity, require or ())
     found = audited(model, given.gains, options)
     training = None
     if simulator is not None or any(value is not None for value in asked.values()):
@@ -188,7 +194,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
     from ..system.margin_units import to_db
     from ..system.requirements import REQUIREMENTS
 
-    further = {name: REQUIREMENTS[name] for name in ("phase_margin", "peak_sensitivity")}
+    further = {name: one for name, one in REQUIREMENTS.items() if name not in ("gain_margin", "delay_margin")}
     paths = result.tightest.margins.paths
     return {
         "robot": result.system.source.name,

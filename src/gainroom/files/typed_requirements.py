@@ -1,8 +1,11 @@
 """Requirements as they are typed in options."""
 
+from collections.abc import Sequence
+
 from ..errors import GainroomError, option_name
 from ..io.validation import checked, number
 from ..system.margin_units import from_db
+from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS, Requirements
 
 
@@ -16,13 +19,28 @@ def delay_of_margin(milliseconds: float | None) -> float | None:
     return None if milliseconds is None else 1e-3 * checked("--delay-margin-ms", milliseconds, number(least=0, most=1000))
 
 
-def further_requirements(phase_margin_deg: float | None, peak_sensitivity: float | None) -> Requirements:
-    """What is required besides, as it is typed. Raises GainroomError, which names the option."""
-    typed, values = {"phase_margin": phase_margin_deg, "peak_sensitivity": peak_sensitivity}, {}
-    for name, value in typed.items():
-        one = REQUIREMENTS[name]
+def further_requirements(phase_margin_deg: float | None, peak_sensitivity: float | None, named: Sequence[str] = ()) -> Requirements:
+    """What is required besides, as it is typed; `named`: LIMIT=NUMBER each. Raises GainroomError, which names the option."""
+    values = {}
+    for name, value in (("phase_margin", phase_margin_deg), ("peak_sensitivity", peak_sensitivity)):
         if value is not None:
-            if not one.in_unit(one.low) < value <= one.most:
-                raise GainroomError(f"{option_name(one.key)} {value:g}: must be > {one.in_unit(one.low):g} and <= {one.most:g}")
-            values[name] = one.in_si(value)
+            values[name] = _in_si(option_name(REQUIREMENTS[name].key), REQUIREMENTS[name], value)
+    for text in named:
+        limit, _, number = text.partition("=")
+        one = next((one for one in REQUIREMENTS.values() if one.key == limit), None)
+        if one is None:
+            raise GainroomError(
+                f"--require {text}: must be LIMIT=NUMBER, with one of {', '.join(one.key for one in REQUIREMENTS.values())}"
+            )
+        try:
+            value = float(number)
+        except ValueError:
+            raise GainroomError(f"--require {limit}: {number!r} must be a number") from None
+        values[one.name] = _in_si(f"--require {limit}", one, value)
     return Requirements(**values)
+
+
+def _in_si(typed: str, one: Requirement, value: float) -> float:
+    if not one.in_unit(one.low) < value <= one.most:
+        raise GainroomError(f"{typed} {value:g}: must be > {one.in_unit(one.low):g} and <= {one.most:g}")
+    return one.in_si(value)

@@ -387,7 +387,7 @@ def required_of(
     margin = (REQUIREMENTS["gain_margin"].usual or 1.0) if margin is None else margin
     extra = EXTRA_DELAY * system.delay if delay_margin is None else delay_margin
     required = {name: value for name, value, least in (("gain_margin", margin, 1.0), ("delay_margin", extra, 0.0)) if value > least}
-    return Requirements(**required, **({} if further is None else further.needed))
+    return Requirements(**required | ({} if further is None else dict(further.needed)))
 
 
 def audit(

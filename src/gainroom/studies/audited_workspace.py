@@ -64,7 +64,7 @@ def audited_workspace(result: Audit, samples: int, progress: Progress = quiet) -
     every shorter one, too, is judged in the sample.
     """
     asked = result.required
-    shapes = asked.only("phase_margin", "peak_sensitivity")
+    shapes = asked.only(*(name for name in asked.asked if name not in ("gain_margin", "delay_margin")))
     further = {**(shapes if shapes.asked else Requirements.usual().only("phase_margin", "peak_sensitivity")).needed}
     further |= asked.only("delay_margin").needed
     system = replace(result.system, requirements=Requirements(**further))
