@@ -1,15 +1,17 @@
 """Units of a robot's joints, and what is required, as text for terminal and page."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import first_of_many
-from ..system.controller import GainKey
+
+if TYPE_CHECKING:
+    from ..system.controller import GainKey
 
 _UNITS = {"load": ("kg·m²", "kg"), "kp": ("N·m/rad", "N/m"), "kd": ("N·m·s/rad", "N·s/m"), "ki": ("N·m/(rad·s)", "N/(m·s)")}
 """Of a revolute and of a prismatic joint; a load is a motor's inertia too."""
 
 
-def unit_of_gain(key: GainKey, body: Any) -> str:
+def unit_of_gain(key: "GainKey", body: Any) -> str:
     """The unit of a gain of a RigidBody's joints."""
     return joint_units(body)[key.name] if key.unit == _UNITS.get(key.name, ("",))[0] else key.unit
 
