@@ -415,9 +415,11 @@ def test_advice_that_changes_the_type_names_it(tmp_path: Path, capsys, observer:
     for command, path, text in (("joint", tmp_path / "joint.yaml", KNEE), ("robot", arm, ARM + limits)):
         for kind in ("unplanned", "dob") if command == "robot" else ("unplanned",):
             path.write_text(text.replace("type: dob", f"type: {kind}"), "utf-8")
-            main([command, str(path)])
-            screen = capsys.readouterr().out
+            main([command, str(path), "--report", str(tmp_path / "page.html")])
+            screen, page = capsys.readouterr().out, (tmp_path / "page.html").read_text("utf-8")
             assert "type: pd  # leave out observer and inertia" in screen
+            assert "type: pd  # leave out observer and inertia" in page
+            assert command == "robot" or "Recommended controller, type pd: kp" in page
             path.write_text(pasted(screen, text), "utf-8")
             found = of_json(capsys, command, path)
             assert found["unmet"] == []

@@ -8,6 +8,7 @@ from ..analysis.margin_record import Margins
 from ..errors import at_frequency, case_text
 from ..simulation.step_response import StepResponse, step_response
 from ..studies.joint import JointStudy
+from ..system.controller import type_of
 from ..system.requirements import REQUIREMENTS, Requirements
 from . import style
 from .bode import bode, cases, nyquist
@@ -85,7 +86,8 @@ def _recommended(study: JointStudy) -> list[str]:
     best = study.recommended
     if best is None:
         return ["No gains are recommended: nothing is required, or no PD gains meet it."]
-    return [f"Recommended controller: {typed_gains(best.controller)}.", recommended_text(best)]
+    other = "" if type(best.controller) is type(study.system.control.controller) else f", type {type_of(best.controller)}"
+    return [f"Recommended controller{other}: {typed_gains(best.controller)}.", recommended_text(best)]
 
 
 def _certificate(study: JointStudy) -> Html:
