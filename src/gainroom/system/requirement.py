@@ -97,9 +97,9 @@ class Requirement:
 
     def value(self, found: MarginRecord) -> float:
         """What is held against the requirement: the worst over all loops together and one at a time; NaN where it is not known."""
-        field = self.bounds or self.name
-        if hasattr(found, field):
-            return getattr(found, field)
+        known = getattr(found, self.bounds or self.name, None)
+        if known is not None:
+            return known
         values = [self._measured_once(loop) for loop in found.loops] if found.stable else []
         worst = max if self.at_most else min
         return math.nan if not values or any(map(math.isnan, values)) else worst(values)
