@@ -456,3 +456,55 @@ def test_everything_in_a_urdf(tmp_path: Path):
         "joint 'elbow': has no known type [hinge]",
     ]
     assert_each_said_once(refused(load_model, path, "fixed"), [f"{path}: {each}" for each in begins])
+
+
+WHOLE_JOINT = """
+joint: {rotor_inertia: 1.0e-4, gear_ratio: 100, link_inertia: 16.0, stiffness: 1.0e4, damping: 1.0}
+drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2}
+control: {type: pd, kp: 1.0e4, kd: 300.0, feedback: motor, sample_rate_hz: 2000, notches: [{frequency_hz: 80}, {frequency_hz: 90}]}
+limits: {gain_margin_db: 6.0, phase_margin_deg: 30.0, peak_sensitivity: 2.0}
+uncertainty: {delay_ms: [2, 3], stiffness: 20%, link_inertia: [0.8, 16.0]}
+scenario: {duration: 4, reference: {type: step, by: 1, start: 1}, disturbance: {torque: 1, start: 1}, jitter_ms: 0.1}
+"""
+EDITS = {
+    "joint": [
+        ("gear_ratio: 100", "gear_ratio: 100, motor_inertia: 1"),
+        ("bandwidth: 4000.0", "bandwidth: quick"),
+        ("{frequency_hz: 80}", "{frequency_hz: 1200}"),
+        ("{frequency_hz: 90}", "{frequency_hz: 90, depth: 2}"),
+        ("feedback: motor", "feedback: both"),
+        ("peak_sensitivity: 2.0", "peak_sensitivity: 0.5"),
+        ("stiffness: 20%", "stiffness: 200%"),
+        ("delay_ms: [2, 3]", "delay_ms: [3, 4]"),
+        ("by: 1, start: 1", "by: 1, start: 9"),
+        ("torque: 1,", "torqe: 1,"),
+        ("gain_margin_db: 6.0", "gain_margin_db: 1e999"),
+    ],
+    "robot": [
+        ("gear_ratio: 100\n", "gear_ratio: -100\n"),
+        ("delay_ms: 2.0", "delay_ms: none"),
+        ("postures:", "postures:\n  more: {left_kne: 1}"),
+        ("type: pd", "type: pdd"),
+        ("phase_margin_deg: 30.0", "phase_margin: 30.0"),
+        ("left: [left_sole]", "left: [left_sol]"),
+        ("frame: pelvis, kp: 100", "frame: plvis, kp: -100"),
+        ("model: {", "model: {payload: {frame: pelvis, mass: -1}, "),
+    ],
+}
+
+
+@pytest.mark.parametrize(("make", "kind", "whole"), [(parse_joint, "joint", WHOLE_JOINT), (parse_robot, "robot", BIPED)])
+@given(data=st.data())
+@settings(max_examples=25, deadline=None)
+def test_of_several_mistakes_each_is_said_as_if_it_were_the_only_one(data, make, kind: str, whole: str):
+    """Mistakes that have nothing to do with each other: together they are refused with the lines that each has alone."""
+    if kind == "robot":
+        pytest.importorskip("pinocchio")
+    edits = data.draw(st.lists(st.sampled_from(EDITS[kind]), min_size=2, max_size=6, unique=True))
+    alone: set[str] = set()
+    text = whole
+    for old, new in edits:
+        assert whole.count(old) == 1, old
+        alone |= set(refused(make, whole.replace(old, new), "f"))
+        text = text.replace(old, new)
+    assert set(refused(make, text, "f")) == alone

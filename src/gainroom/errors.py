@@ -165,6 +165,10 @@ class Step(Generic[Made]):
     def __init__(self, *made: Made) -> None:
         self._made = made
 
+    def otherwise(self, other: "Step[Made]") -> "Step[Made]":
+        """This one, or the `other` where it has failed."""
+        return self if self._made else other
+
     def __call__(self) -> Made:
         if not self._made:
             raise UnjudgedError

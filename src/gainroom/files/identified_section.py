@@ -62,6 +62,7 @@ class IdentifiedSection(Section):
     @property
     def coulomb(self) -> tuple[float, float]:
         """Friction of motor and link [N m]; 0 where the log needed none."""
+        self.require_right()
         found = dict(zip(self.names, self.values, strict=True))
         return abs(found.get("coulomb", 0.0)), abs(found.get("link_coulomb", 0.0))
 

@@ -224,6 +224,7 @@ class ScenarioSection(Section):
             found = together.step(lambda: self._reference(joint))
             tick, name = joint.control.sample_time, self.feedforward
             torques = together.step(lambda: None if name is None or tick is None else _torque_of(folder / name, tick))
+            self.require_right()
             reference, forward, duration, disturbance = found(), torques(), self.duration, self.disturbance
             torque = 0.0 if disturbance is None else Step(disturbance.torque, disturbance.start)
             if forward is not None and tick is not None:
@@ -242,6 +243,7 @@ class ScenarioSection(Section):
     def _reference(self, joint: System) -> Trajectory:
         """Raises GainroomError where it is too quick for the joint's rate."""
         highest = math.inf if joint.control.sample_time is None else math.pi / joint.control.sample_time
+        self.reference.require_right()
         reference = self.reference.trajectory()
         if reference.fastest >= highest:
             raise GainroomError(

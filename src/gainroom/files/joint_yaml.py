@@ -150,17 +150,20 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
         """In SI units. Raises GainroomError where sections contradict each other."""
         with Together() as together:
             step = together.step
-            step(lambda: self.joint.inertia())
-            tick, joint, nominal = step(self.tick), step(lambda: self.joint.joint()), {}
-            drive = step(lambda: self.drive.drive(tick()))
+            tick, inertia, joint = step(self.tick), step(lambda: self.joint.inertia()), step(lambda: self.joint.joint())
+            delay, drive = step(lambda: self.drive.delay(tick())), step(lambda: self.drive.drive(tick()))
             sample_time = step(lambda: self.sample_time())
-            step(lambda: refuse_long_delay(drive().delay, sample_time(), self.drive.delay_key))
+            step(lambda: refuse_long_delay(delay(), sample_time(), self.drive.delay_key))
             step(lambda: _refuse_seized_gearbox(joint()))
-            step(lambda: nominal.update(delay=drive().delay))
-            step(lambda: nominal.update(vars(joint())))
+            nominal: dict[str, float] = {}
+            step(lambda: nominal.update(delay=delay()))
+            step(lambda: nominal.update(motor_inertia=inertia()))
+            for name in ("stiffness", "damping", "link_inertia"):
+                step(lambda name=name: nominal.update({name: getattr(self.joint, name)}))
             uncertainty = step(lambda: self.uncertainty.uncertainty(nominal, tick))
             controller = step(lambda: self.control.controller({name: getattr(self.control, name) for name in self.control.gain_names}))
             path = step(lambda: self.control.gain_path())
+            self.require_right()
             found = System.of_joint(
                 joint=joint(),
                 drive=drive(),

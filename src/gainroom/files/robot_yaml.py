@@ -88,7 +88,7 @@ def robot_spec(file: RobotFile, name: str, path: Callable[[], Path], folder: Pat
         drive = step(lambda: file.drive.drive(tick()))
         base = step(lambda: base_of(file.model.base, path(), any((file.contacts or {}).values())))
         links = step(lambda: _links(file, path(), base()[0], known_body))
-        body = step(lambda: _carrying(file, links()))
+        body = step(lambda: _carrying(file, links())).otherwise(links)
         # Patterns may name joints that are locked or passive: to lock a joint, one line is enough.
         step(lambda: assign({key: 0 for key, each in file.joints.entries.items() if each.is_section}, body().every_joint, "joints"))
         entries = step(lambda: _entries(file, folder, body()))
@@ -103,6 +103,7 @@ def robot_spec(file: RobotFile, name: str, path: Callable[[], Path], folder: Pat
         step(lambda: nominal.update(delay=[drive.delay for drive in drives()]))
         step(lambda: nominal.update(described()[0].quantities))
         given = step(lambda: file.uncertainty.uncertainty(nominal, tick))
+        file.require_right()
         uncertainty, from_files = with_ranges(given(), entries(), nominal, body().joint_names)
         actuators, guessed = described()
         return System(

@@ -116,17 +116,22 @@ class DriveSection(Section):
         return "drive.delay_ticks" if self.delay_ms is None else "drive.delay_ms"
 
     def drive(self, tick: float | None) -> Drive:
-        """In SI; `tick` [s]. Raises GainroomError where ticks have no length."""
+        """In SI; `tick` [s]. Raises GainroomError as `delay`."""
         self.require_right()
-        delay = 1e-3 * (self.delay_ms or 0.0)
-        if self.delay_ticks is not None:
-            if tick is None:
-                raise GainroomError(
-                    f"drive.delay_ticks: {self.delay_ticks} needs sample_rate_hz (in drive, or in control where the "
-                    "loop is to be studied as sampled), or give delay_ms"
-                )
-            delay = self.delay_ticks * tick
-        return Drive(bandwidth=self.bandwidth, damping_ratio=self.damping_ratio, delay=delay)
+        return Drive(bandwidth=self.bandwidth, damping_ratio=self.damping_ratio, delay=self.delay(tick))
+
+    def delay(self, tick: float | None) -> float:
+        """[s]; `tick` [s]. Raises GainroomError where ticks have no length."""
+        if self.delay_ticks is None:
+            return 1e-3 * (self.delay_ms or 0.0)
+        if self.delay_ms is not None:
+            raise UnjudgedError
+        if tick is None:
+            raise GainroomError(
+                f"drive.delay_ticks: {self.delay_ticks} needs sample_rate_hz (in drive, or in control where the "
+                "loop is to be studied as sampled), or give delay_ms"
+            )
+        return self.delay_ticks * tick
 
 
 class FrequencySection(Section):

@@ -219,8 +219,8 @@ class Section(BaseModel):
                 pass
 
     def require_right(self) -> None:
-        """Raise UnjudgedError where something is wrong with its keys, alone or beside each other."""
-        if self._faults or self._contradictions:
+        """Raise UnjudgedError where anything is wrong in it."""
+        if any(True for _ in self.problems()):
             raise UnjudgedError
 
     def is_right(self, name: str) -> bool:
