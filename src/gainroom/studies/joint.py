@@ -125,7 +125,11 @@ class JointStudy(Analysis):
     @cached_property
     def recommended(self) -> Recommendation | None:
         """None where nothing is required, or no gains meet it."""
-        return self._recommend(self.system.uncertainty)
+        found = self._recommend(self.system.uncertainty)
+        if found is None:
+            return None
+        nominal = margins(self.system.loop(controller=found.controller))  # as the file with these gains has them, to the last bit
+        return replace(found, nominal=nominal) if self.system.uncertainty.names else replace(found, nominal=nominal, worst=nominal)
 
     @cached_property
     def at_usual_rate(self) -> "JointStudy | None":
