@@ -1,8 +1,14 @@
 """Everything that is wrong in a file is said in one run: one line each, with file, key, value and what is allowed."""
 
+import copy
+import math
+from collections.abc import Iterator
+from functools import reduce
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 from hypothesis import given, settings, strategies as st
 
 from gainroom.cli import main
@@ -15,6 +21,7 @@ from gainroom.files.logs.options import LogOptions, load_options
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.files.simulator_options import SimulatorOptions
 from gainroom.files.sweep_options import SweepOptions, sweep_plan
+from gainroom.io.yaml_text import parse_yaml
 from gainroom.robot.formats.model_files import load_model
 
 TESTBED = joint_examples()["testbed-simulated"]
@@ -508,3 +515,68 @@ def test_of_several_mistakes_each_is_said_as_if_it_were_the_only_one(data, make,
         alone |= set(refused(make, whole.replace(old, new), "f"))
         text = text.replace(old, new)
     assert set(refused(make, text, "f")) == alone
+
+
+WHOLE_GAINS = (
+    "gains: {left_hip: {kp: 1, kd: 2}, left_knee: [1, 2], '.*': {kp: 3, motor_inertia: 1}}\ngains_run: split\nsample_rate_hz: 100\n"
+    "drive_rate_hz: 1000\ndrive_delay_ms: 1\nposture: {left_hip: 1}",
+    "legs: {ros__parameters: {gains: {left_hip: {p: 1, d: 2, u_clamp_max: 3, u_clamp_min: -3}, left_knee: {p: 1, i: 2}}}}\n"
+    "controller_manager: {ros__parameters: {update_rate: 100}}",
+    "joint_names: [left_hip, left_knee, right_hip, right_knee]\nkps: [1, 2, 3, 4]\nkds: [1, 2, 3, 4]\narm_kps: [1]\narm_kds: [1]\n"
+    "arm_joint_names: [x]",
+    "control: {stiffness: {hip: 1, knee: 2}, damping: {hip: 1, knee: 2}, control_type: P}\nasset: {armature: 0.1}\n"
+    "init_state: {default_joint_angles: {hip: 1}}",
+    "actuators: {hips: {joint_names_expr: ['.*_hip'], stiffness: 1, damping: {'.*': 2}, armature: 0.1}}",
+    "moteus: {left_hip: {kp: 1, kd: 2}, '.*': {kp: 2}}",
+)
+ODD = (
+    None,
+    [],
+    {},
+    "x",
+    -1,
+    0,
+    math.inf,
+    math.nan,
+    True,
+    1e300,
+    [1],
+    [1, 2, 3],
+    {"a": 1},
+    "20%",
+    [3, 2],
+    {"default": 1},
+    "left_knee",
+    7,
+    "task",
+)
+
+
+def places(node: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Of all values in it, the keys that lead there."""
+    for key, value in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
+        yield (*at, key)
+        yield from places(value, (*at, key))
+
+
+@given(random=st.randoms(use_true_random=False), whole=st.sampled_from([WHOLE_JOINT, TESTBED, *WHOLE_GAINS]))
+@settings(max_examples=150, deadline=None)
+def test_whatever_stands_in_several_places_it_is_read_or_refused(random: Any, whole: str):
+    """Checks that go on beside a wrong value meet nothing that they do not expect."""
+    data = parse_yaml(whole, "f.yaml")
+    for _ in range(random.randint(1, 6)):
+        *path, last = random.choice([*places(data)] or [("x",)])
+        node = reduce(lambda inner, key: inner[key], path, data)
+        if random.random() < 0.7:
+            node[last] = copy.deepcopy(random.choice(ODD))
+        else:
+            node.pop(last, None) if isinstance(node, dict) else node.pop()
+    text, problems = yaml.safe_dump(data), ()
+    try:
+        if whole in WHOLE_GAINS:
+            gains_of(parse_gains(text, "f.yaml"), LEGS)
+        else:
+            parse_simulation(text, "f.yaml")
+    except GainroomError as error:
+        problems = error.problems
+    assert all(problem.startswith("f.yaml") and "\n" not in problem for problem in problems)
