@@ -187,7 +187,7 @@ def test_the_page_names_what_disagrees_and_closes_the_rest(result: Reproduction)
 @pytest.fixture
 def shown(result: Reproduction, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """What the command prints of `result`, which is computed once."""
-    monkeypatch.setattr("gainroom.paper.run_reproduction", lambda: result)
+    monkeypatch.setattr("gainroom.paper.run_reproduction", lambda progress: result)
 
     def run(*options: str) -> str:
         assert main(["reproduce", *options]) == 0

@@ -165,6 +165,11 @@ class Step(Generic[Made]):
     def __init__(self, *made: Made) -> None:
         self._made = made
 
+    @property
+    def is_made(self) -> bool:
+        """Whether the step has not failed."""
+        return bool(self._made)
+
     def otherwise(self, other: "Step[Made]") -> "Step[Made]":
         """This one, or the `other` where it has failed."""
         return self if self._made else other

@@ -220,11 +220,12 @@ class ScenarioSection(Section):
     def spec(self, joint: System, folder: Path = Path()) -> JointSimulation:
         """With its joint, in SI; `folder`: of the file. Raises GainroomError where the two do not go together."""
         with Together() as together:
-            together.step(lambda: self._refuse_late(joint))
+            in_time = together.step(lambda: self._refuse_late(joint))
             found = together.step(lambda: self._reference(joint))
             tick, name = joint.control.sample_time, self.feedforward
             torques = together.step(lambda: None if name is None or tick is None else _torque_of(folder / name, tick))
             self.require_right()
+            in_time()
             reference, forward, duration, disturbance = found(), torques(), self.duration, self.disturbance
             torque = 0.0 if disturbance is None else Step(disturbance.torque, disturbance.start)
             if forward is not None and tick is not None:

@@ -131,7 +131,7 @@ def select_all(
     with Together() as together:
         for pattern in patterns:
             found.append(together.step(lambda pattern=pattern: chosen(pattern, names, owner if each is None else each(pattern))))
-            tries += 0.0 if pattern in names else len(names) * _ways(pattern, length)
+            tries += 0.0 if pattern in names or not found[-1].is_made else len(names) * _ways(pattern, length)
             if tries > MOST_TRIES:
                 raise GainroomError(f"{owner}: these patterns can match in too many ways together; use fewer, or fewer * in them")
         return [indices() for indices in found]
