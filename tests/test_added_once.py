@@ -177,14 +177,14 @@ def test_a_measured_requirement_of_an_audit(tmp_path: Path, capsys, noise: Noise
     """Asked for by its key, missed, kept by the gains to use instead, and in the robot.yaml that is written, which misses it alike."""
     written = tmp_path / "written.yaml"
     write_arm(tmp_path)
-    found = of_json(capsys, *audited(tmp_path, "--require", "noise_torque_nm=2", "--write-robot", written, "--workspace", "4"))
+    found = of_json(capsys, *audited(tmp_path, "--require", "noise_torque_nm=6", "--write-robot", written, "--workspace", "4"))
     now = arm_noise(written, [400.0, 400.0], [30.0, 30.0])
     assert found["noise_torque_nm"] == pytest.approx(now, rel=1e-6)  # as the file's digits of the model are
     assert "noise_torque" in found["unmet"]
     assert "rms noise torque" in found["sentence"]
-    assert found["required"]["noise_torque_nm"] == 2.0
+    assert found["required"]["noise_torque_nm"] == 6.0
     use = found["to_use"]["joints"]
-    assert 0.9 * 2 < arm_noise(written, *([joint[gain] for joint in use] for gain in ("kp", "kd"))) <= 2.0 * (1 + 1e-9)
+    assert 0.9 * 6 < arm_noise(written, *([joint[gain] for joint in use] for gain in ("kp", "kd"))) <= 6.0 * (1 + 1e-9)
     robot = of_json(capsys, "robot", written)
     assert robot["worst"]["noise_torque"]["noise_torque_nm"] == pytest.approx(found["noise_torque_nm"], rel=1e-9)
     assert "noise_torque" in robot["unmet"]
