@@ -283,7 +283,7 @@ def test_the_command_on_the_page_makes_it_again(folder: Path, capsys: pytest.Cap
         "--rate-hz",
         "1000",
         "--motor-inertia",
-        "0.3",
+        ".*=0.3",
         "--base",
         "fixed",
         "--contact",
