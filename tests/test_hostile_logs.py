@@ -140,7 +140,8 @@ def outcome(path: Path) -> tuple[str, str]:
         log = read_log(path)
     except gr.GainroomError as error:
         text = str(error)
-        return ("refusal", text) if path.name in text and "\n" not in text and len(text) < 900 else ("not one line", text)
+        lines = path.name in text and all("\n" not in line and len(line) < 900 for line in error.problems)
+        return ("refusal" if lines else "not one line", text)
     except TooLong:
         return "too long", "".join(traceback.format_exc().splitlines(keepends=True)[-6:])
     except BaseException:  # noqa: BLE001 - counted and reported with its traceback
