@@ -35,6 +35,8 @@ JOINTS = ("hip", "knee", "ankle")
 ARMATURE = np.array([0.05, 0.04, 0.006])
 CALL = ("--delay-ms", "3", "--rate-hz", "1000")
 MARGIN = 10 ** (6 / 20)
+BOTH_MARGINS = ("--delay-margin-ms", "1.5", "--phase-margin-deg", "1", "--peak-sensitivity", "100")
+"""So that gain and delay margin decide."""
 
 
 @pytest.fixture(autouse=True)
@@ -67,7 +69,7 @@ def draw(seed: int) -> None:
 def test_a_joint_is_judged_with_the_other_loops_closed(capsys: pytest.CaptureFixture[str]):
     """By roots of the loop with one joint's gains scaled. With the others off the ankle has 5.96 dB, which is told, not judged."""
     draw(4)
-    status, told = asked(capsys, "audit", "leg.xml", "--gains", "gains.yaml", *CALL, "--write-robot", "robot.yaml")
+    status, told = asked(capsys, "audit", "leg.xml", "--gains", "gains.yaml", *CALL, *BOTH_MARGINS, "--write-robot", "robot.yaml")
     assert (status, told["safe"]) == (0, True)
     ankle = told["joints"][2]
     assert ankle["gain_limit"] < MARGIN < ankle["limit_others_closed"]
@@ -93,7 +95,7 @@ def test_both_miss_the_same(capsys: pytest.CaptureFixture[str], monkeypatch: pyt
         draw(seed)
         _, audited = asked(
             capsys, "audit", "leg.xml", "--gains", "gains.yaml", *CALL, "--phase-margin-deg", "30", "--peak-sensitivity", "2",
-            "--margin-db", "5", "--write-robot", "robot.yaml",
+            "--margin-db", "5", "--delay-margin-ms", "1.5", "--write-robot", "robot.yaml",
         )  # fmt: skip
         status, robot = asked(capsys, "robot", "robot.yaml", "--strict")
         assert robot["required"] == pytest.approx(audited["required"])
@@ -109,7 +111,7 @@ def test_both_miss_the_same(capsys: pytest.CaptureFixture[str], monkeypatch: pyt
 def test_the_way_that_an_unsafe_audit_names_ends_in_safe(capsys: pytest.CaptureFixture[str], options: tuple[str, ...]):
     """--write-robot, robot, and audit again."""
     write_gains((60, 60, 120), (3, 2, 5))
-    call = ("audit", "leg.xml", *CALL, *options, "--peak-sensitivity", "2")
+    call = ("audit", "leg.xml", *CALL, *options, "--delay-margin-ms", "1.5")
     status, told = asked(capsys, *call, "--gains", "gains.yaml", "--write-robot", "robot.yaml")
     assert status == 1
     assert told["required"]["delay_margin_ms"] == 1.5

@@ -100,7 +100,7 @@ def test_a_continuous_clock_decides_that_no_rate_is_missing():
     """The same loop, margins and missed requirements, and nothing of what a usual rate would cost; a tick may still have a length."""
     text = joint_examples()["fig9"]
     stated, missing = (analyze(parse_joint(each, "f")) for each in (text, text.replace("clock: continuous", "#")))
-    assert (stated.rate_is_missing, missing.rate_is_missing) == (False, True)
+    assert (stated.system.rate_is_missing, missing.system.rate_is_missing) == (False, True)
     assert (stated.missed_at_usual_rate == {}, missing.missed_at_usual_rate == {}) == (True, False)
     assert stated.states[0].margins == missing.states[0].margins
     assert stated.unmet.keys() == missing.unmet.keys()

@@ -114,7 +114,7 @@ def told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     monkeypatch.chdir(tmp_path)
 
     def run(*call: str) -> dict:
-        assert main([*call, "--json"]) < 2
+        assert main([*call, "--json"]) != 2
         return json.loads(capsys.readouterr().out)
 
     return run

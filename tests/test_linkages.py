@@ -219,7 +219,7 @@ def test_audit_of_a_follower_that_alone_has_gains(tmp_path, capsys):
     for joint, servo in (("lead", 'kp="60" kv="3"'), ("follow", 'kp="15" kv="0.75"')):
         text = FOLLOWING.replace("0.1 1.5 0.4 0 0", "0 2 0 0 0").replace('joint="lead"', f'joint="{joint}"')
         path = write(tmp_path, text.replace("</mujoco>", f'<actuator><position joint="{joint}" {servo}/></actuator></mujoco>'))
-        assert main(["audit", str(path), "--delay-ms", "2", "--json"]) in (0, 1)
+        assert main(["audit", str(path), "--delay-ms", "2", "--json"]) != 2
         answer = json.loads(capsys.readouterr().out)
         assert [one["name"] for one in answer["joints"]] == [joint]
         limits.append(answer["gain_limit"])
@@ -266,7 +266,7 @@ def test_the_written_robot_of_a_driven_follower_is_the_same(tmp_path, monkeypatc
     write(tmp_path, PAIR, "pair.xml")
     write(tmp_path, "follow: {kp: 20, kd: 1.5}\n", "gains.yaml")
     call = ["audit", "pair.xml", "--gains", "gains.yaml", "--delay-ms", "1", "--write-robot", "robot.yaml"]
-    assert main(call) in (0, 1)
+    assert main(call) != 2
     body = load_robot("robot.yaml").body
     assert (body.joint_names, body.passive) == (("follow",), ("lead",))
 

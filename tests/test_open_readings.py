@@ -78,7 +78,7 @@ GENERAL = leg().replace("<position joint='hip' kp=\"12\"/>", '<general joint="hi
 def test_a_servo_without_kd_on_a_damped_joint_is_open_between_two_limits(model: str, capsys: pytest.CaptureFixture[str]):
     """Each is the spectral radius's, to 1e-6 of it, where a root on the circle is known to about the square root of round-off."""
     status, found = told(capsys, model)
-    assert (status, found["safe"], found["decided"]) == (1, False, False)
+    assert (status, found["verdict"], found["decided"]) == (3, "undecided", False)
     assert found["sentence"].startswith("Not decided: --joint-damping is not given: controller (")
     damping = np.array([DAMPING, 0.8 if '"0.8"' in model else DAMPING])
     kp = np.full(2, 12.0)
@@ -96,7 +96,7 @@ def test_a_servo_without_kd_on_a_damped_joint_is_open_between_two_limits(model: 
 
 def test_the_flag_that_decides_is_advised_and_decides(capsys: pytest.CaptureFixture[str]):
     Path("robot.xml").write_text(leg(), "utf-8")
-    assert main(["audit", "robot.xml", *CALL]) == 1
+    assert main(["audit", "robot.xml", *CALL]) == 3
     out = capsys.readouterr().out
     assert out.startswith("Not decided: --joint-damping is not given")
     assert len(re.findall(r"^  gainroom audit robot.xml .* --joint-damping (?:controller|friction)$", out, re.MULTILINE)) == 2
@@ -108,7 +108,7 @@ def test_the_flag_that_decides_is_advised_and_decides(capsys: pytest.CaptureFixt
 def test_a_file_of_gains_without_kd_likewise(capsys: pytest.CaptureFixture[str]):
     Path("gains.yaml").write_text("{default: {kp: 12, kd: 0}}", "utf-8")
     status, found = told(capsys, leg('kp="1" kv="1"'), *CALL, "--gains", "gains.yaml")
-    assert (status, found["safe"]) == (1, False)
+    assert (status, found["verdict"]) == (3, "undecided")
     assert found["sentence"].startswith("Not decided: --joint-damping is not given")
 
 
@@ -141,7 +141,7 @@ HOST_UNSAFE = ('kp="60" kv="5"', 0.0)  # at 4 ms and 500 Hz, not in a drive at 1
 def test_where_kp_and_kd_run_is_open_on_robots_whose_drives_take_them(robot: dict, capsys: pytest.CaptureFixture[str]):
     model, call = leg(*HOST_UNSAFE, **robot), ("--delay-ms", "4", "--rate-hz", "500", "--gearbox", "direct")
     status, found = told(capsys, model, *call)
-    assert (status, found["safe"], found["to_use"]) == (1, False, None)
+    assert (status, found["verdict"], found["to_use"]) == (3, "undecided", None)
     assert found["sentence"].startswith("Not decided: --gains-run is not given: host (the program computes the torques and sends them): ")
     host, drive = found["readings"]
     assert (host["safe"], drive["safe"]) == (False, True)
@@ -169,7 +169,8 @@ def test_gains_in_a_drives_own_form_likewise(capsys: pytest.CaptureFixture[str])
 )
 def test_elsewhere_the_host_is_judged(robot: dict, options: tuple[str, ...], capsys: pytest.CaptureFixture[str]):
     _, found = told(capsys, leg(*HOST_UNSAFE, **robot), "--delay-ms", "4", "--rate-hz", "500", "--gearbox", "direct", *options)
-    assert found["sentence"].startswith("Not safe")
+    assert found["sentence"].startswith("Stable, but 3 requirements fail: ")
+    assert found["verdict"] == "unsafe"
     assert found["readings"] == []
 
 
@@ -189,7 +190,8 @@ def test_a_reading_that_cannot_be_computed_does_not_end_the_audit(capsys: pytest
 
     monkeypatch.setattr("gainroom.files.readings.drive_reading", fails)
     _, found = told(capsys, leg(*HOST_UNSAFE, **HUMANOID), "--delay-ms", "4", "--rate-hz", "500", "--gearbox", "direct")
-    assert (found["sentence"].startswith("Not safe"), found["readings"]) == (True, [])
+    assert (found["verdict"], found["readings"]) == ("unsafe", [])
+    assert found["sentence"].startswith("Stable, but 3 requirements fail: ")
 
 
 def test_the_numbers_say_which_reading_they_are_of(capsys: pytest.CaptureFixture[str]):

@@ -189,12 +189,12 @@ def test_options_of_audit(folder: Path, capsys: pytest.CaptureFixture[str]):
 
 def test_a_posture_beyond_the_limits_is_a_warning(folder: Path, capsys: pytest.CaptureFixture[str]):
     (folder / "robot.yaml").write_text(ROBOT.replace("hip: 0.3", "hip: 3.3").partition("tasks")[0] + "limits: {}\n", "utf-8")
-    assert main(["robot", str(folder / "robot.yaml")]) == 0
+    assert main(["robot", str(folder / "robot.yaml")]) == 3  # no margin is required
     assert "Warning: posture 'bent': joint 'hip' at 3.3 is outside its limits" in " ".join(capsys.readouterr().out.split())
     model = folder / "robot.urdf"
     model.write_text(model.read_text("utf-8").replace('lower="-3"', 'lower="0.1"'), "utf-8")
     call = ["audit", str(model), "--gains", str(folder / "gains.yaml"), "--delay-ms", "2", "--motor-inertia", "0.5"]
-    assert main(call) == 1  # not decided: no rate
+    assert main(call) == 3  # no rate
     told = " ".join(capsys.readouterr().out.split())
     assert "Warning: posture 'zero': joint 'hip' at 0 is outside its limits 0.1 to 3 rad, joint 'knee' at 0" in told
 
@@ -202,7 +202,7 @@ def test_a_posture_beyond_the_limits_is_a_warning(folder: Path, capsys: pytest.C
 def test_absurd_numbers_that_are_allowed_have_an_answer(folder: Path, capsys: pytest.CaptureFixture[str]):
     text = ROBOT.partition("tasks")[0].replace("5e3", "1e-12").replace("damping: 2", "damping: 1e12") + "limits: {}\n"
     (folder / "robot.yaml").write_text(text, "utf-8")
-    assert main(["robot", str(folder / "robot.yaml")]) in (0, 1)
+    assert main(["robot", str(folder / "robot.yaml")]) != 2
     out, err = capsys.readouterr()
     assert err == ""
     assert "nan" not in out

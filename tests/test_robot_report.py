@@ -454,8 +454,8 @@ def test_recommended_gains_in_both_units(small_arm):
     for k in range(2):
         assert plain[3 * k : 3 * k + 3] == [joint.names[k], digits(best.kp[k]), digits(best.kd[k])]
         assert normalised[3 * k + 1 : 3 * k + 3] == [digits(best.kp[k] / load[k]), digits(best.kd[k] / load[k])]
-    assert len(plain) == len(normalised) == 2 * 3  # one contact state: its own set is the one that is safe in all
-    assert kept[0::6] == ["safe in all"]
+    assert len(plain) == len(normalised) == 2 * 3  # one contact state: its own set is the one for all states
+    assert kept[0::6] == ["for all states"]
     assert "≥ 6 dB" in tables[2]
     assert task.names == ("tip x", "tip y", "tip z")
     assert tasks[3:6] == ["tip y", "–", "–"] or tasks[4] != "–"  # y is across the plane in which the arm moves

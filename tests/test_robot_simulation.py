@@ -41,7 +41,8 @@ def test_joint_space_with_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_task_space_moves_the_task(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     text = ROBOT.replace(", kp: 400.0, kd: 30.0", ", space: task")
     status, facts = simulated(write_arm(tmp_path, text), capsys)
-    assert status == 0
+    assert status != 2
+    assert (facts["diverged"], facts["vibrates"]) == (False, False)
     channels = list(facts["tracking"])
     assert channels[:3] == ["com x", "com y", "com z"]
     assert facts["tracking"]["com x"]["peak"] < 0.01  # the default move; it follows, so it is never a whole centimetre off

@@ -10,15 +10,21 @@ import numpy as np
 import pytest
 import yaml
 
+import gainroom as gr
 from gainroom.cli import main
 from gainroom.errors import GainroomError
 from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.report.audit_text import audit_sentence
+from gainroom.report.words import SOFTER
 from gainroom.studies import audit as study
 from gainroom.studies.needed_stiffness import unknown_gearboxes
 
 STEP = 2e-3
 CALL = ("--delay-ms", "2", "--rate-hz", "500")
+BOTH_MARGINS = gr.Requirements(gain_margin=10 ** (6 / 20), delay_margin=1e-3)
+"""Of these arms, which are hardly damped: no phase margin is 12°."""
+ASKED = ("--delay-margin-ms", "1", "--phase-margin-deg", "1", "--peak-sensitivity", "100")
+"""Likewise of the command."""
 
 
 def straight_arm(rotors: tuple[float, ...], last: str = "1e-3 1e-3 3e-4") -> str:
@@ -80,7 +86,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def told(capsys: pytest.CaptureFixture[str], *call: str) -> dict:
-    assert main(["audit", *call, "--json"]) in (0, 1)
+    assert main(["audit", *call, "--json"]) != 2
     return json.loads(capsys.readouterr().out)
 
 
@@ -103,13 +109,13 @@ def test_straight_arms_with_geared_joints_get_their_limit(arm: str, capsys: pyte
 def test_what_is_asked_besides_never_ends_the_audit(error: Exception, place: str, monkeypatch: pytest.MonkeyPatch):
     Path("arm.xml").write_text(ARMS["geared elbow"], "utf-8")
     system = audited("arm.xml", None, AuditOptions(2.0, rate_hz=500.0)).system
-    without = study.audit(system)
+    without = study.audit(system, BOTH_MARGINS)
 
     def fails(*_: object) -> None:
         raise error
 
     monkeypatch.setattr(study, place, fails)
-    found = study.audit(system, damping_ratio=0.05)
+    found = study.audit(system, BOTH_MARGINS, damping_ratio=0.05)
     assert found.needed is None or place == "Looks"  # which only says what will be asked for
     assert found.tightest.limit.gain == without.tightest.limit.gain
     assert found.safe
@@ -137,11 +143,14 @@ def test_who_says_that_joints_are_rigid_is_believed(how: str):
     }
     Path("gains.yaml").write_text(yaml.safe_dump(gains), "utf-8")
     asked = audited("arm.xml", Path("gains.yaml"), AuditOptions(2.0, rate_hz=500.0, **options))
-    found = study.audit(asked.system, gearboxes=asked.gearboxes)
+    found = study.audit(asked.system, BOTH_MARGINS, gearboxes=asked.gearboxes)
     said = how != "nobody"
     assert (found.safe, found.decided) == (True, said)
     assert audit_sentence(found).startswith(
-        "Safe" if said else "Not decided: the gearboxes' stiffness is not given. Safe if the gearboxes are rigid."
+        "Safe"
+        if said
+        else "Not decided: the stiffness of the gearboxes is not given (--gearbox or --stiffness). "
+        "With rigid gearboxes every requirement is met"
     )
     assert found.assumed_rigid.tolist() == [not said] * 4
     assert unknown_gearboxes(asked.system).any() is not said
@@ -151,9 +160,11 @@ def test_who_says_that_joints_are_rigid_is_believed(how: str):
 @pytest.mark.slow
 def test_of_some_rigid_joints_only_the_others_are_asked(capsys: pytest.CaptureFixture[str]):
     Path("arm.xml").write_text(ARMS["geared elbow"], "utf-8")
-    found = told(capsys, "arm.xml", *CALL, "--gearbox", "twist1=direct", "--gearbox", "bend2=direct")
+    found = told(capsys, "arm.xml", *CALL, *ASKED, "--gearbox", "twist1=direct", "--gearbox", "bend2=direct")
     assert (found["decided"], found["rigid_gearboxes"]) == (False, ["bend1", "twist2"])
-    assert found["sentence"].startswith("Not decided: the gearboxes' stiffness is not given. Safe if 2 of 4 gearboxes are rigid.")
+    (why,) = [one for one in found["findings"] if one["level"] == "undecided"]
+    assert (why["code"], why["joints"]) == ("gearbox_unknown", ["bend1", "twist2"])
+    assert found["sentence"].startswith("Not decided: the stiffness of the gearboxes of bend1 and twist2 is not given (")
     assert [joint["name"] for joint in found["needed_stiffness"]["joints"]] == ["bend1", "twist2"]
 
 
@@ -174,9 +185,14 @@ def test_the_written_robot_says_that_joints_are_rigid(capsys: pytest.CaptureFixt
 
 @pytest.mark.slow
 def test_the_sentence_claims_no_more_than_was_checked(capsys: pytest.CaptureFixture[str]):
-    """Safe if rigid, whatever was checked of elastic ones: of those it says how many sets were, and that others may not be."""
+    """Met with rigid gearboxes, whatever was checked of elastic ones: how many sets were is told apart, and that others may not be safe."""
     Path("arm.xml").write_text(ARMS["geared elbow"], "utf-8")
-    found = told(capsys, "arm.xml", *CALL, "--gearbox", "twist1=direct")
-    looks = len(found["needed_stiffness"]["looks"]) + found["needed_stiffness"]["mixed_looks"]
-    assert f"Safe if 3 of 4 gearboxes are rigid. Of {looks} elastic sets that were checked all with K ≥ " in found["sentence"]
-    assert ", are safe, others may not be" in found["sentence"]
+    call = ("arm.xml", *CALL, *ASKED, "--gearbox", "twist1=direct")
+    found = told(capsys, *call)
+    assert found["verdict"] == "undecided"
+    assert "With rigid gearboxes every requirement is met" in found["sentence"]
+    assert "checked" not in found["sentence"]
+    looks = found["needed_stiffness"]
+    assert any(f"checked at {len(looks['looks'])} Ω and {looks['mixed_looks']} mixes" in text for text in found["assumptions"])
+    assert main(["audit", *call]) == 3
+    assert SOFTER in " ".join(capsys.readouterr().out.split())

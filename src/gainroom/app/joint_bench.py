@@ -15,10 +15,11 @@ from ..io.yaml_text import parse_yaml
 from ..report.columns import facts
 from ..report.gains_to_use import joint_gains
 from ..report.joint import joint_page
-from ..report.joint_text import sentence, severity, warnings
+from ..report.joint_text import sentence, warnings
 from ..report.margin_columns import margin_columns, margins_text
 from ..report.number_format import own_gains
 from ..report.verdict import joint_to_use, verdict_rows
+from ..report.words import severity
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
 from ..studies.progress import Progress, quiet

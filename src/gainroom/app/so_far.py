@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from ..report.robot_text import severity
+from ..report.words import severity
 from ..studies.analysis import analyzed, in_turn
 from ..studies.progress import Progress
 from ..studies.robot import NUMBERS, RobotStudy

@@ -132,7 +132,7 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
     found = audited(file, given.gains, options)
     if found.options.gains_run == "split":
         raise GainroomError("--gains-run split: the page has one rate and delay for all gains; gainroom audit judges two")
-    required = required_of(found.system, margin_factor(given.margin_db))
+    required = required_of(margin_factor(given.margin_db))
     result = None
     if found.gearboxes is not None:
         from ..studies.audit import audit

@@ -11,7 +11,19 @@ from ..errors import named
 from ..io.as_typed import as_typed
 from ..report.number_format import model_facts, model_text
 from .model_options import ModelCall, audited_text
-from .options import AsJson, Number, Report, Verbose, number_option, report_stream, text_output, typed_command, with_options
+from .options import (
+    AsJson,
+    ExitZero,
+    Number,
+    Report,
+    Verbose,
+    exit_status,
+    number_option,
+    report_stream,
+    text_output,
+    typed_command,
+    with_options,
+)
 from .output import closing, column_table, do_this, folded_parts, headings, render, show, warned_first
 from .progress import progress_bar
 
@@ -22,6 +34,7 @@ if TYPE_CHECKING:
     from ..studies.audit import Audit
     from ..studies.audited_workspace import AuditedWorkspace
     from ..studies.simulator_audit import SimulatorAudit
+    from ..studies.verdict import Verdict
 
 STIFFNESS = "By the stiffness of the gearboxes that are not known"
 FEW_LINES = 4
@@ -53,13 +66,15 @@ def audit(
     ] = 0.05,
     delay_margin_ms: Annotated[
         Number,
-        number_option("--delay-margin-ms", "in milliseconds", "Extra delay that safe gains survive [ms]; without it, half of the delay."),
+        number_option(
+            "--delay-margin-ms", "in milliseconds", "Extra delay that safe gains survive [ms]; without it, it is shown and not judged."
+        ),
     ] = None,
     phase_margin_deg: Annotated[
-        Number, number_option("--phase-margin-deg", "in degrees", "Phase margin that safe gains have [°]; without it, it is not judged.")
+        Number, number_option("--phase-margin-deg", "in degrees", "Phase margin that safe gains have [°]; 30 without it.")
     ] = None,
     peak_sensitivity: Annotated[
-        Number, number_option("--peak-sensitivity", "", "Peak sensitivity Ms of safe gains, at most; without it, it is not judged.")
+        Number, number_option("--peak-sensitivity", "", "Peak sensitivity Ms of safe gains, at most; 2 without it.")
     ] = None,
     require: Annotated[
         list[str] | None,
@@ -89,6 +104,7 @@ def audit(
     ] = None,
     as_json: AsJson = False,
     verbose: Verbose = False,
+    exit_zero: ExitZero = False,
     report: Report = None,
 ) -> int:
     """Which of the gains that a robot already has are safe, their headroom, and the delay at which it vibrates.
@@ -101,8 +117,8 @@ def audit(
       gainroom audit robot.xml --delay-ms 2 --simulator mujoco --timestep 0.005 --pd explicit
       gainroom audit robot.xml --delay-ms 4 --rate-hz 500 --gains-run split --drive-rate-hz 20000 --drive-delay-ms 0.05
 
-    Exit status: 0 safe; 1 not safe, unstable in the simulator, or not decided (what decides is not given); 2 a file or the call is
-    wrong.
+    Exit status: 0 safe; 1 not safe: unstable, or a requirement is missed; 2 the file or the call is wrong; 3 not decided: something that
+    decides is not known, and the answer names what gives it.
     """
     from ..files.audit_options import audited
     from ..files.typed_requirements import delay_of_margin, further_requirements, margin_factor
@@ -129,7 +145,7 @@ def audit(
         with progress_bar("audit:") as progress, named(model):
 
             def judged(one: "Audited") -> "Audit":
-                required = required_of(one.system, margin, extra, further)
+                required = required_of(margin, extra, further, one.system.control.kd_path is not None)
                 result = run_audit(one.system, required, progress, options.damping_ratio, one.gearboxes)
                 return replace(result, joint_damping=one.options.joint_damping)
 
@@ -158,7 +174,7 @@ def audit(
             from ..report.audit import audit_page
 
             page.write(audit_page(result, typed_command(context, "write_robot"), simulated, swept, call))
-    return 0 if result.passes and (simulated is None or simulated.limit.stable) and (swept is None or swept.safe) else 1
+    return exit_status(judged_with(result, simulated, swept), exit_zero)
 
 
 def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: "Callable[[Audited], Audit]") -> "tuple[Audit, Audited]":
@@ -177,6 +193,11 @@ def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: 
         return None if there is None else ReadAs(there.option, there.meaning, judged(there.asked))
 
     return with_drives(judged(found), drives, *HOST), found
+
+
+def judged_with(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> "Verdict":
+    """The audit's verdict, with what was asked for besides."""
+    return result.verdict.with_findings(*([] if simulated is None else simulated.findings), *([] if swept is None else swept.findings))
 
 
 def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", found: "Audited") -> dict[str, Any]:
@@ -199,7 +220,8 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
     return {
         "robot": result.system.source.name,
         "gainroom": __version__,
-        "safe": result.passes,
+        **judged_with(result, simulated, swept).facts,
+        "safe": judged_with(result, simulated, swept).level == "safe",
         "decided": result.decided,
         "sentence": audit_sentence(result),
         "requirements_met": result.safe,
@@ -272,7 +294,7 @@ def _terminal(
 ) -> str:
     """`call`, `written`: see what_to_do; `gains_run`: where; `verbose`: also every contact state and joint, and all that is assumed."""
     from ..report.audit_advice import what_to_do
-    from ..report.audit_text import audit_warnings, not_required, reason, verdict
+    from ..report.audit_text import audit_warnings, reason, verdict
     from ..report.columns import definitions
     from ..report.gearboxes import CAPTION, gearbox_assumptions, look_columns, shown_looks
     from ..report.robot_columns import audited_joints, audited_states, joint_caption, legend
@@ -309,7 +331,6 @@ def _terminal(
                 joints,
                 others + legend(result, headings(joints)),
                 *closing({"Report": report, "Robot": written}, warned),
-                *filter(None, [not_required(result)]),
                 f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
                 f"{gains_run} (--gains-run). {len(assumed)} assumptions: --verbose.",
             )
@@ -330,7 +351,6 @@ def _terminal(
         joint_caption(result, headings(joints)),
         *stiffness,
         *folded_parts(do),
-        *filter(None, [not_required(result)]),
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
         *closing({"Report": report, "Robot": written}, warned, assumed),
     )

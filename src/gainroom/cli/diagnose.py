@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .log_options import LogCall
-from .options import AsJson, Report, Verbose, report_stream, typed_command, with_options
+from .options import AsJson, ExitZero, Report, Verbose, exit_status, report_stream, typed_command, with_options
 from .output import closing, render, show
 from .progress import progress_bar
 
@@ -28,6 +28,7 @@ def diagnose(
     joint: JointFileOrName = None,
     as_json: AsJson = False,
     verbose: Verbose = False,
+    exit_zero: ExitZero = False,
     report: Report = None,
     call: LogCall,
 ) -> int:
@@ -41,7 +42,8 @@ def diagnose(
     Example:
       gainroom diagnose run.csv --joint joint.yaml --report diagnosis.html
 
-    Exit status: 0 no vibration; 1 vibrates, or ran away; 2 the file or the call is wrong.
+    Exit status: 0 safe; 1 not safe: unstable, or a requirement is missed; 2 the file or the call is wrong; 3 not decided: something that
+    decides is not known, and the answer names what gives it.
     """
     from ..errors import GainroomError
     from ..files.logs import read_joint
@@ -70,7 +72,7 @@ def diagnose(
             from ..report.diagnosis import diagnosis_page
 
             page.write(diagnosis_page(found, str(call.file), typed_command(context)))
-    return 1 if found.vibrates or found.ran_away else 0
+    return exit_status(found.verdict, exit_zero)
 
 
 def _facts(found: "Diagnosis", logged: "LoggedJoint") -> dict[str, Any]:
@@ -78,7 +80,7 @@ def _facts(found: "Diagnosis", logged: "LoggedJoint") -> dict[str, Any]:
     from ..report.diagnosis_text import facts
     from ..report.log_text import logged_facts, logged_remarks
 
-    answer = facts(found)
+    answer = {**found.verdict.facts, **facts(found)}
     answer["warnings"] += logged_remarks(logged)
     return {**answer, "log": logged_facts(logged)}
 

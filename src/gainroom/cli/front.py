@@ -52,7 +52,7 @@ def _front(context: typer.Context, version: Annotated[bool, typer.Option("--vers
       gainroom example testbed > joint.yaml
       gainroom joint joint.yaml --report joint.html
 
-    Exit status: 0 done; 1 the answer is "unstable" or "not safe"; 2 the input or the call is wrong.
+    Exit status: 0 done, and what is judged is safe; 1 not safe; 2 the input or the call is wrong; 3 not decided.
     """
     if version:
         from .. import __version__

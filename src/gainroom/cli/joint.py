@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import model_facts, model_text, own_gains, typed_gains
-from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
+from .options import AsJson, ExitZero, Report, Strict, Verbose, exit_status, report_stream, typed_command
 from .output import closing, column_table, folded_parts, render, show, table, verdict_parts, warned_first
 from .progress import progress_bar
 
@@ -22,6 +22,7 @@ def joint(
     as_json: AsJson = False,
     verbose: Verbose = False,
     strict: Strict = False,
+    exit_zero: ExitZero = False,
     report: Report = None,
 ) -> int:
     """Stability of a joint, its margins, what limits its gains, and recommended gains.
@@ -30,8 +31,8 @@ def joint(
     Example:
       gainroom joint joint.yaml --report joint.html
 
-    Exit status: 0 stable, also in every case within `uncertainty`; 1 unstable, with --strict also where a requirement is not met;
-    2 the file or the call is wrong.
+    Exit status: 0 safe; 1 not safe: unstable, or a requirement is missed; 2 the file or the call is wrong; 3 not decided: something that
+    decides is not known, and the answer names what gives it.
     """
     from ..files.joint_yaml import load_joint
 
@@ -39,7 +40,7 @@ def joint(
     if system.control.kd_path is not None:
         from .two_paths import two_paths
 
-        return two_paths(system, as_json, report, strict)
+        return exit_status(two_paths(system, as_json, report), exit_zero)
     with report_stream(report) as page:
         from ..studies.joint import study_joint
 
@@ -51,7 +52,7 @@ def joint(
             from ..report.joint import joint_page
 
             page.write(joint_page(study, typed_command(context), call))
-    return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
+    return exit_status(study.verdict, exit_zero)
 
 
 def _facts(study: "JointStudy") -> dict[str, Any]:
@@ -63,6 +64,7 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
     margins, requirements, rule = study.margins, study.system.requirements, study.rule
     recommended = study.recommended
     return {
+        **study.verdict.facts,
         "stable": margins.stable,
         "stable_in_range": study.stable_in_range,
         "unstable_at": study.unstable_at or None,

@@ -9,16 +9,20 @@ from dataclasses import is_dataclass
 from functools import wraps
 from io import StringIO
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+if TYPE_CHECKING:
+    from ..studies.verdict import Verdict
+
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 Verbose = Annotated[bool, typer.Option("--verbose", help="All there is to know, not only what matters first.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Exit status 1 also where a requirement is not met.")]
+Strict = Annotated[bool, typer.Option("--strict", hidden=True, help="Without effect: a requirement that is not met is exit status 1.")]
+ExitZero = Annotated[bool, typer.Option("--exit-zero", help="Exit status 0 also where the answer is unsafe or not decided.")]
 Report = Annotated[Path | None, typer.Option("--report", metavar="OUT.html", help="Also write a self-contained page.")]
 Number = float | None
-SHOWN = ("as_json", "verbose", "strict")
+SHOWN = ("as_json", "verbose", "strict", "exit_zero")
 """Parameters that say how an answer is shown, or taken."""
 
 
@@ -43,6 +47,11 @@ def _number(value: object, flag: str, unit: str) -> float:
     except ValueError:
         written = f"a number {unit}, without the unit" if unit else "a number"
         raise typer.BadParameter(f"{str(value)[:60]!r} must be {written}", param_hint=f"'{flag}'") from None
+
+
+def exit_status(verdict: "Verdict", exit_zero: bool) -> int:
+    """Of every command that judges; `exit_zero`: 0 whatever the verdict."""
+    return 0 if exit_zero else verdict.status
 
 
 @contextlib.contextmanager

@@ -7,7 +7,7 @@ import typer
 
 from ..report.number_format import model_facts, model_text
 from ..report.robot_units import requirements_text
-from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
+from .options import AsJson, ExitZero, Report, Strict, Verbose, exit_status, report_stream, typed_command
 from .output import closing, column_table, folded_parts, headings, render, show, verdict_parts, warned_first
 from .progress import progress_bar
 
@@ -29,6 +29,7 @@ def robot(
     as_json: AsJson = False,
     verbose: Verbose = False,
     strict: Strict = False,
+    exit_zero: ExitZero = False,
     report: Report = None,
 ) -> int:
     """The gain limit of a robot with all loops closed, in every posture and contact state, and the joints that vibrate there.
@@ -37,8 +38,8 @@ def robot(
     Example:
       gainroom robot robot.yaml --report robot.html
 
-    Exit status: 0 stable in every state, also in the cases of `uncertainty`; 1 unstable, with --strict also where a requirement is
-    not met; 2 the file or the call is wrong.
+    Exit status: 0 safe; 1 not safe: unstable, or a requirement is missed; 2 the file or the call is wrong; 3 not decided: something that
+    decides is not known, and the answer names what gives it.
     """
     from ..files.robot_yaml import load_robot_system
 
@@ -46,7 +47,7 @@ def robot(
     if system.control.kd_path is not None:
         from .two_paths import two_paths
 
-        return two_paths(system, as_json, report, strict)
+        return exit_status(two_paths(system, as_json, report), exit_zero)
     call = typed_command(context, "report")
     with report_stream(report) as page:
         with progress_bar("robot:") as progress:
@@ -56,7 +57,7 @@ def robot(
             from ..report.robot import robot_page
 
             page.write(robot_page(study, typed_command(context), swept, elsewhere[1], call))
-    return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
+    return exit_status(study.verdict, exit_zero)
 
 
 Elsewhere = tuple[dict[str, Any], list[str]]
@@ -107,6 +108,7 @@ def _facts(study: "RobotStudy", file: Path) -> dict[str, Any]:
     usual = study.recommended_at_usual_rate
     met = usual is not None and study.system.requirements.met_by(usual)
     return {
+        **study.verdict.facts,
         "robot": study.system.source.name,
         "gainroom": __version__,
         "stable": study.stable,

@@ -10,7 +10,19 @@ import typer
 
 from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
-from .options import AsJson, Report, Verbose, command_line, kind_of, number_option, refuse_inputs, report_stream, typed_command
+from .options import (
+    AsJson,
+    ExitZero,
+    Report,
+    Verbose,
+    command_line,
+    exit_status,
+    kind_of,
+    number_option,
+    refuse_inputs,
+    report_stream,
+    typed_command,
+)
 from .output import closing, column_table, do_this, render, show, table, warned_first
 from .progress import progress_bar
 
@@ -30,6 +42,7 @@ def simulate(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml; see `gainroom example`.", show_default=False)],
     as_json: AsJson = False,
     verbose: Verbose = False,
+    exit_zero: ExitZero = False,
     report: Report = None,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="Also write every tick: .csv, .parquet or .mcap.")] = None,
     feedforward: Annotated[
@@ -44,8 +57,8 @@ def simulate(
     Example:
       gainroom simulate joint.yaml --gain 1.2 --log run.csv --report run.html
 
-    Exit status: 0 no vibration, and stable; 1 diverges, falls, vibrates or is unstable;
-    2 the file or the call is wrong; 130 interrupted (the log has the rows up to then).
+    Exit status: 0 safe; 1 not safe: unstable, or a requirement is missed; 2 the file or the call is wrong; 3 not decided: something that
+    decides is not known, and the answer names what gives it.
     """
     from ..errors import GainroomError
 
@@ -61,7 +74,7 @@ def simulate(
             from ..report.simulation import simulation_page
 
             page.write(simulation_page(outcome, typed_command(context, "log"), call, study_call))
-    return 0 if outcome.sound else 1
+    return exit_status(outcome.verdict, exit_zero)
 
 
 def _load(file: Path, feedforward: Path | None) -> "SimulationSpec":
@@ -120,6 +133,7 @@ def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
         name: dict(zip(run.joint_names, getattr(outcome, name).tolist(), strict=True)) for name in ("at_torque_limit", "torque_peak")
     }
     return {
+        **outcome.verdict.facts,
         "diverged": run.diverged,
         "diverged_at": run.diverged_at,
         "fell": run.ending == "fell",

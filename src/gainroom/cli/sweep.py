@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .interrupts import Stopped, stop_signals
-from .options import AsJson, Report, Strict, report_stream, typed_command
+from .options import AsJson, ExitZero, Report, Strict, exit_status, report_stream, typed_command
 from .output import closing, column_table, render, show, warned_first
 from .progress import progress_bar
 
@@ -68,6 +68,7 @@ def sweep(
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Compute on the workers of this Dask scheduler.")] = None,
     as_json: AsJson = False,
     strict: Strict = False,
+    exit_zero: ExitZero = False,
     report: Report = None,
 ) -> int:
     """The gain limit in many postures, contact states and draws of what is uncertain; which posture is the worst, and how sure that is.
@@ -76,8 +77,8 @@ def sweep(
     Example:
       gainroom sweep robot.yaml --samples 100000 --output sweep.zarr --report sweep.html
 
-    Exit status: 0 stable in every posture swept; 1 unstable or not known in one, with --strict also where a requirement is not met;
-    2 the file or the call is wrong.
+    Exit status: 0 safe; 1 not safe: unstable, or a requirement is missed; 2 the file or the call is wrong; 3 not decided: something that
+    decides is not known, and the answer names what gives it.
     """
     from ..errors import GainroomError
     from ..files.robot_yaml import load_robot_system
@@ -92,7 +93,7 @@ def sweep(
     with report_stream(report) as page, _store(output, plan) as store:
         from ..studies.sweep.search import searched
         from ..studies.sweep.summary import summarized
-        from ..studies.swept_margins import MANY, worst_states
+        from ..studies.swept_margins import MANY, swept_verdict, worst_states
 
         mended = _run(store, workers, scheduler or "", output)
         found = summarized(plan, store.finished(), remembered=max(MANY, margins or 0))
@@ -107,7 +108,7 @@ def sweep(
             from ..report.sweep import sweep_page
 
             page.write(sweep_page(found, near, at_worst, store, typed_command(context, "workers", "scheduler")))
-    return 0 if found.stable and not (strict and (at_worst.unmet or not found.margin_held)) else 1
+    return exit_status(swept_verdict(found, at_worst), exit_zero)
 
 
 @contextlib.contextmanager
@@ -148,12 +149,14 @@ def _facts(
     from ..report.number_format import model_facts
     from ..report.robot_columns import state_columns
     from ..report.sweep_text import columns, posture_facts, sample_facts, sentence, warnings
+    from ..studies.swept_margins import swept_verdict
     from ..system.margin_units import to_db
 
     plan = found.plan
     return {
         "robot": plan.robot.name,
         "gainroom": __version__,
+        **swept_verdict(found, at_worst).facts,
         "stable": found.stable,
         "gain_margin_met": found.margin_held if found.margin > 1 else None,
         "unmet": [*(["gain_margin"] if found.margin > 1 and not found.margin_held else []), *at_worst.unmet],

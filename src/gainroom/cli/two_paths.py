@@ -9,11 +9,12 @@ from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..studies.two_paths import PathStudy
+    from ..studies.verdict import Verdict
     from ..system.system import System
 
 
-def two_paths(system: "System", as_json: bool, report: Path | None, strict: bool = False) -> int:
-    """The exit status: 0 stable in every state and case of the uncertainty; 1 unstable, or with `strict` an unmet requirement.
+def two_paths(system: "System", as_json: bool, report: Path | None) -> "Verdict":
+    """What is decided, once it is shown.
 
     Raises GainroomError for a page.
     """
@@ -25,7 +26,7 @@ def two_paths(system: "System", as_json: bool, report: Path | None, strict: bool
     with progress_bar("states:") as progress:
         study = study_two_paths(system, progress)
     show(as_json, lambda: path_study_facts(study), lambda: _terminal(study))
-    return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
+    return study.verdict
 
 
 def _terminal(study: "PathStudy") -> str:

@@ -26,6 +26,7 @@ from .robot_skeleton import common_view
 from .robot_tables import inputs
 from .robot_units import joint_units
 from .sweep_text import counted
+from .words import safe_means
 from .workspace import advice_there, in_workspace, workspace_card, workspace_section
 
 UNSAFE_STATES = 3
@@ -94,8 +95,13 @@ def _reasons(result: Audit) -> list[Section]:
     else:
         names = {name for state in result.states for name in result.joints_that_miss_in(state)}
         joints = [joint.name for joint in result.joints if joint.name in names]
-        where = paragraph(f"Joints whose loops miss it, or that move there: {listed(joints)}.")
-        first = [Section(f"What fails: {'; '.join(besides(result))}", [where]), Section(f"Gain margin {gain}, is enough", picture)]
+        where = [paragraph(f"Joints whose loops miss it, or that move there: {listed(joints)}.")]
+        unknown = all(math.isnan(result.value_in(result.worst_of(one), one)) for one in (REQUIREMENTS[name] for name in result.missed))
+        what = "; ".join(besides(result))
+        first = [
+            Section(f"{what[0].upper()}{what[1:]}", []) if unknown else Section(f"What fails: {what}", where),
+            Section(f"Gain margin {gain}, is enough", picture),
+        ]
     return [
         *first,
         *([] if result.needed is None else [Section("Elastic gearboxes that were checked", [needed_table(result, result.needed)])]),
@@ -129,7 +135,7 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWork
         return Lead(sentence, "warn", "", said, do)
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
-    doubt = lost or short or result.hardly_damped or bool(result.assumed_rigid.any())
+    doubt = lost or short or result.verdict.level == "undecided"
     return Lead(sentence, "bare" if not result.safe else "warn" if doubt else "good", "", said, do)
 
 
@@ -161,8 +167,8 @@ def _cards(result: Audit) -> list[Card]:
         "delay margin",
         digits(1e3 * extra, "", 3),
         "ms" if math.isfinite(extra) else "",
-        f"≥ {digits(1e3 * result.delay_margin, 'ms', 3)}",
-        None if math.isnan(extra) and result.stable else enough(extra, result.delay_margin),
+        requirement(asked, "delay_margin", 3),
+        None if not result.delay_margin or (math.isnan(extra) and result.stable) else enough(extra, result.delay_margin),
         f"vibrates from {until} of delay, {digits(1e3 * result.system.delay, 'ms', 3)} given" if 0 < result.delay_limit < math.inf else "",
     )
     joints = [joint.name for joint in result.joints_tightest_first if not joint.safe]
@@ -172,8 +178,8 @@ def _cards(result: Audit) -> list[Card]:
     return [
         first,
         delay,
-        Card("unsafe joints", str(len(joints)), f"of {len(result.joints)}", "none allowed", not joints, listed(joints)),
-        Card("unsafe states", str(len(states)), f"of {len(result.states)}", "none allowed", not states, f"judged: {judged}"),
+        Card("joints that fail", str(len(joints)), f"of {len(result.joints)}", "none allowed", not joints, listed(joints)),
+        Card("states that fail", str(len(states)), f"of {len(result.states)}", "none allowed", not states, f"judged: {judged}"),
         _gearboxes(result),
     ]
 
@@ -187,7 +193,7 @@ def _gearboxes(result: Audit) -> Card:
         least = np.where(result.needed.unknown, result.needed.least.stiffness, 0.0)
         name = result.joints[first_least(-least)].name
         return Card(
-            "checked gearboxes are safe from", digits(rounded_up(float(least.max()))), revolute, "not known", note=f"{name}, the stiffest"
+            "checked gearboxes hold from", digits(rounded_up(float(least.max()))), revolute, "not known", note=f"{name}, the stiffest"
         )
     if rigid.all():
         return Card("gearboxes", "rigid", "", "assumed", note="optimistic; give yours with --stiffness and --damping")
@@ -204,7 +210,7 @@ def _vibrations(result: Audit) -> list[Html]:
 def _state_table(result: Audit) -> Html:
     columns = audited_states(result.enough_in)
     headings, texts = tabulated(columns, result.states + result.immobile)
-    return table(headings, texts, f"{definitions(columns, headings)} Safe: {asked(result)} or more.")
+    return table(headings, texts, f"{definitions(columns, headings)} {safe_means(asked(result))}.")
 
 
 def _simulator(result: "SimulatorAudit") -> list[Html]:
@@ -239,11 +245,14 @@ def audited_margins(result: Audit) -> list[Column]:
     def met(one: Requirement) -> bool | None:
         return required.met(one.name, value(one, result)) and result.stable
 
+    def unknown(one: Requirement) -> bool:
+        return result.stable and math.isnan(value(one, result))
+
     columns = [
         Column("in continuous time" if step is None else f"at {rate(1 / step)}", "", lambda one: one.label),
         Column("these gains", "", lambda one: margin_value(required, one.name, value(one, result), met(one), 3)),
         Column("required", "", lambda one: requirement(required, one.name, 3) or "not required"),
-        Column("met", "", lambda one: "" if met(one) is None else yes(met(one))),
+        Column("met", "", lambda one: "" if met(one) is None else "not known" if unknown(one) else yes(met(one))),
     ]
     if result.ready_to_use is not None:
         use = result.ready_to_use.audited

@@ -6,19 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import at_frequency, listed
+from ..errors import listed
 from ..files.audit_options import GIVEN
 from ..studies.audit import Audit
 from ..studies.lowered_gains import GainsToUse
 from ..studies.state import USUAL_RATE
 from ..system.margin_units import to_db
-from ..system.requirements import REQUIREMENTS
 from .gains_to_use import gain_file, posture_lines
 from .margin_columns import requirement
 from .number_format import digits
 from .page import Advice
+from .words import SOFTER
 
-PEAK = REQUIREMENTS["peak_sensitivity"]
 FEW_OWN = 2
 """Joints with a factor of their own that are named one by one."""
 
@@ -43,8 +42,8 @@ def what_to_do(
     if result.safe:
         return _to_decide(result, call)
     if found is not None and found is not result.ready_to_use:
-        return _not_yet(result, found, call, written)
-    if found is not None and result.without_inertia.any():
+        return _not_yet(result, found, call)
+    if found is not None and result.system.source.unknown.get("motor_inertia_unknown"):
         return _inertia_first(result, found)
     if found is not None:
         there = " with every gearbox of the range that was looked at" if result.over is not None else ""
@@ -59,6 +58,8 @@ def what_to_do(
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
     none = "No common factor on the gains was found that gives all margins."
+    if result.has_two_paths:
+        return Advice(f"{none} Gains whose kd closes on another clock are not searched: lower kp or kd, and audit again.")
     if result.over is not None:
         measure = "Measure the gearboxes (`gainroom identify stiffness`), as a wide range may leave no gains; for one point in the range"
         return Advice(f"{none} {measure} search joint by joint:", _searched(call, written), [AGAIN])
@@ -111,40 +112,22 @@ def _to_decide(result: Audit, call: str) -> Advice:
         if rigid.all():
             known = np.any(result.system.source.actuators.motor_inertia > 0)
             options += " --gearbox harmonic" if known else " --stiffness 10000 --damping 10"
-    if result.hardly_damped:
-        given, options = given or ["a required Ms"], f"{options} --peak-sensitivity {PEAK.usual:g}"
     if not given:
         return Advice("These gains may stay.")
-    remarks = ["On softer gearboxes these gains may not be safe."] if rigid.any() else []
+    remarks = [SOFTER] if rigid.any() else []
     return Advice(f"Audit again with {listed(given)}, such as:", [f"{call}{options}"], remarks)
 
 
-def _not_yet(result: Audit, found: GainsToUse[Audit], call: str, written: Path | None) -> Advice:
-    """Where gains with the required margins are known, but not the loop's rate, or they hardly damp the motion."""
-    damped, rate = not found.audited.hardly_damped, result.system.control.sample_time is not None
-    factors = _factors(result, found)
-    options = "" if damped else f" --peak-sensitivity {PEAK.usual:g}"
-    before, after = result.worst[PEAK.name], found.audited.worst[PEAK.name]
-    at = at_frequency(PEAK.frequency(after.margins))
-    was, becomes = (PEAK.text(PEAK.value(state.margins)) for state in (before, after))
-    change = f"{PEAK.heading} would {f'go from {was} to' if result.stable else 'be'} {becomes}{at}, where {PEAK.usual:g} is usual"
-    folded = f"Not yet to use: {factors}, the others as they are"
-    if not rate:
-        margin, extra = to_db(found.audited.tightest.limit.gain), found.audited.least_extra_delay
-        lost = f"; at rates below about {digits(1 / extra, 'Hz', 3)} these gains, too, may vibrate" if 0 < extra < math.inf else ""
-        leave = "leave" if found.factor is None else "leaves"
-        why = f"{factors} {leave} gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
-        remarks = [f"Without a rate, {why}", *([] if damped else [f"{change}."])]
-        return Advice("Give the loop's rate and audit again, such as:", [f"{call} --rate-hz {USUAL_RATE:.0f}{options}"], remarks, (
-            f"{folded}; found in continuous time:", _gain_file(result, found)
-        ))  # fmt: skip
-    text = f"Do not use {factors} yet: {_required(result)}, but {change}."
-    heading = f"Search gains joint by joint, from the present ones, with Ms ≤ {PEAK.usual:g}:"
+def _not_yet(result: Audit, found: GainsToUse[Audit], call: str) -> Advice:
+    """Where gains with the required margins are known, but not the loop's rate."""
+    factors, extra = _factors(result, found), found.audited.least_extra_delay
+    margin = to_db(found.audited.tightest.limit.gain)
+    lost = f"; at rates below about {digits(1 / extra, 'Hz', 3)} these gains, too, may vibrate" if 0 < extra < math.inf else ""
+    leave = "leave" if found.factor is None else "leaves"
+    why = f"Without a rate, {factors} {leave} gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
+    folded = f"Not yet to use: {factors}, the others as they are; found in continuous time:"
     return Advice(
-        heading,
-        _searched(f"{call}{options}", written if damped else None),
-        [text, AGAIN],
-        (f"{folded}; {change}:", _gain_file(result, found)),
+        "Give the loop's rate and audit again, such as:", [f"{call} --rate-hz {USUAL_RATE:.0f}"], [why], (folded, _gain_file(result, found))
     )
 
 
@@ -179,7 +162,7 @@ def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
         return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}){others}"
     whose = f"the gains of {count} joints" if left else "all gains"
     unsafe = sum(not joint.safe and joint.name in found.joints for joint in result.joints)
-    which = f", {unsafe} unsafe and {count - unsafe} that are images of those or would vibrate then," if left and count > unsafe else ""
+    which = f", {unsafe} short of a margin and {count - unsafe} that are images of those or would vibrate then," if left and count > unsafe else ""
     if len(groups) == 1:
         return f"Multiply {whose} by {found.factor:.4g} ({first} {of_first}){which}{others}"
     if len(groups) == count <= FEW_OWN:

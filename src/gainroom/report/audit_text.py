@@ -10,16 +10,15 @@ from ..studies.audit import Audit
 from ..studies.deciding_joints import joints_that_miss
 from ..studies.factors import typed_factor
 from ..studies.state import HELD
-from ..system.excluded_sets import ROUND_OFF
-from ..system.linear.arrays import first_least
 from ..system.margin_units import to_db
 from ..system.plausibility import doubts_first
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
-from .gearboxes import needed_text, over_range, worst_gearboxes
-from .margin_columns import margin_value, short_text
+from .gearboxes import over_range, worst_gearboxes
+from .margin_columns import margin_value
 from .number_format import digits
 from .robot_text import free_joints, unconfirmed
+from .words import UNSTABLE, headline, unsafe_joints
 
 PEAK = REQUIREMENTS["peak_sensitivity"]
 SLIGHT = 0.05
@@ -33,11 +32,17 @@ def audit_sentence(result: Audit) -> str:
 
 def verdict(result: Audit) -> str:
     """Whether the gains are safe, and what fails first, where, and in which joints. No number in it is one to use."""
+    over, unsafe = over_range(result), sum(not joint.safe for joint in result.joints)
     if result.doubts:
-        return f"Not decided: {'; '.join(result.doubts)}"
+        return headline(result)
+    readings = _readings(result) if result.readings else ""
     if result.open:
-        return f"Not decided: {_readings(result)}{_also_open(result)}"
-    return f"{_verdict(result)}{f' {_readings(result)}' if result.readings else ''}"
+        return headline(result, over, readings)
+    if result.stable or result.verdict.level != "unsafe":
+        text = headline(result, over)
+    else:
+        text = f"{UNSTABLE}{over} with {_given(result)} of delay{_mainly(result)}."
+    return " ".join(filter(None, [text, unsafe_joints(unsafe, len(result.joints)) if unsafe else "", readings]))
 
 
 def _readings(result: Audit) -> str:
@@ -49,105 +54,10 @@ def _readings(result: Audit) -> str:
 
 def _unsafe(found: Audit) -> str:
     """How many joints are not safe, and where vibration starts."""
-    limit, count = found.tightest.limit, sum(not joint.safe for joint in found.joints)
-    joints = "no joint" if not count else f"{count} of {len(found.joints)} joints"
+    limit = found.tightest.limit
     start = "nothing makes it vibrate" if math.isinf(limit.gain) else f"vibration starts at {digits(limit.gain, '×', 4)} these gains"
-    return f"{joints} {'is' if count < 2 else 'are'} unsafe, {start if limit.gain > 0 else 'no lower gains are stable'}"
-
-
-def _also_open(result: Audit) -> str:
-    """What else is not known, where nothing but that decides; a sentence."""
-    return " The gearboxes' stiffness is not given, too." if result.assumed_rigid.any() else ""
-
-
-def _verdict(result: Audit) -> str:
-    """Of one way to read it."""
-    over, worst, count = over_range(result), result.tightest, sum(not joint.safe for joint in result.joints)
-    if not worst.limit.stable:
-        return (
-            f"Not safe{over}: unstable with {_given(result)} of delay{_mainly(result)}. {_count(count, result)}{_without_inertia(result)}"
-        )
-    unknown = [state.contact for state in result.states if math.isnan(state.limit.gain)]
-    if unknown:
-        return f"Not safe{over}: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
-    if result.safe:
-        return _safe_text(result, over)
-    short = "; ".join([*([_short_of_gain(result)] if "gain_margin" in result.missed else []), *besides(result)])
-    less = "; at any real loop rate it is less" if result.system.control.sample_time is None else ""
-    return f"Not safe{over}: {short}{less}. {_count(count, result)}{_without_inertia(result)}{_hardly_damped(result)}"
-
-
-def _without_inertia(result: Audit) -> str:
-    """That unsafe gains are judged without a motor's inertia, a sentence; "" where all are known."""
-    names = [name for name, none in zip(result.system.source.joint_names, result.without_inertia.tolist(), strict=True) if none]
-    if not names:
-        return ""
-    joints = "The motors' inertias are" if len(names) == len(result.joints) else f"The motor inertia of {listed(names, most=3)} is"
-    return f" {joints} not given and count{'' if len(names) == len(result.joints) else 's'} as 0, which mostly lowers limits."
-
-
-def _safe_text(result: Audit, over: str) -> str:
-    """Safe where all that it rests on is known; else what is not, and what of it is needed at least."""
-    unknown, needs, more = [], [], ""
-    if result.system.control.sample_time is None:
-        unknown.append("the loop's rate")
-        needs += _needed_rate(result)
-    if result.assumed_rigid.any():
-        unknown.append("the gearboxes' stiffness")
-        gearboxes, more = needed_text(result)
-        needs.append(gearboxes)
-    if result.decided:
-        return f"Safe{over}{_tightest(result)}."
-    if not unknown:
-        return f"Not decided{over}: all that is required holds.{_hardly_damped(result)}"
-    text = f"Not decided{over}: {listed(unknown)} {'are' if len(unknown) > 1 else 'is'} not given."
-    only = "only if" if result.system.control.sample_time is None else "if"  # of a rate's cost only an estimate is known
-    least = f" Safe {only} {' and '.join(needs)}." if needs else ""
-    return f"{text}{least}{more}{_hardly_damped(result)}"
-
-
-def _needed_rate(result: Audit) -> list[str]:
-    """The rates, estimated, from which safe gains have the required gain margin, and below which they vibrate."""
-    enough, lost = result.delay_with_margin, result.least_extra_delay
-    if not 0 < enough < math.inf:
-        return []
-    vibrates = f" (estimated; below about {digits(1 / lost, 'Hz', 3)} it may vibrate)" if 0 < lost < math.inf else ""
-    return [f"the loop runs at {digits(1 / enough, 'Hz', 3)} or faster{vibrates}"]
-
-
-def damping_counts(result: Audit) -> bool:
-    """Whether little damping is left, where nothing is required of it, also with gains to use."""
-    return result.hardly_damped and (result.to_use is None or result.to_use.audited.hardly_damped)
-
-
-def _hardly_damped(result: Audit) -> str:
-    """That little damping is left, a sentence; "" where that does not count."""
-    if not damping_counts(result):
-        return ""
-    found = []
-    for name in ("peak_sensitivity", "phase_margin"):
-        one, state = REQUIREMENTS[name], result.worst[name]
-        value, omega = one.value(state.margins), one.frequency(state.margins)
-        if name not in result.required.asked and math.isfinite(value):
-            usual = f" (usual: {one.sign} {one.text(one.usual)})" if one.usual else ""
-            found.append(f"{one.heading} {one.text(value)}{usual}{at_frequency(omega)}")
-    return f" The motion is hardly damped: {listed(found)}."
-
-
-def _short_of_gain(result: Audit) -> str:
-    """The gain margin that is too small: of all gains together, or the lesser one of a path or a joint, the others as they are."""
-    state = result.worst["gain_margin"]
-    found, where = state.margins, f" in {state.contact}" if len(result.states) > 1 else ""
-    short = short_text(result.required, {"gain_margin": found.least_gain_margin})
-    least = found.least_gain_margin * (1 + ROUND_OFF)
-    if found.paths is not None and found.paths.headroom <= least:
-        return f"{short} of kp or kd by itself,{_mainly(result)}"
-    if found.limit.gain <= least:
-        return f"{short}{at_frequency(found.limit.frequency)}{_mainly(result)}"
-    if found.gain_headroom <= least:
-        return f"{short}{where} as all gains fall"
-    name = result.system.source.joint_names[first_least(found.one_loop_gain_margins)]
-    return f"{short}{where} of {name}, all other loops closed"
+    joints = unsafe_joints(sum(not joint.safe for joint in found.joints), len(found.joints)).rstrip(".")
+    return f"{joints}, {start if limit.gain > 0 else 'no lower gains are stable'}"
 
 
 def _given(result: Audit) -> str:
@@ -220,31 +130,6 @@ def _beside_required(result: Audit, one: Requirement, needed: float) -> str:
     return f"{one.label} {shown} ({one.sign} {one.text(needed)}){at_frequency(one.frequency(state.margins))}{where}"
 
 
-def _tightest(result: Audit) -> str:
-    """Which requirement has least left, of gains that meet all."""
-    asked = result.required.asked_for
-    if not asked:
-        return ""
-    one, needed = max(asked, key=lambda each: each[0].shortfall(each[1], result.value_in(result.worst_of(each[0]), each[0])))
-    return f": every requirement is met; the tightest is {_beside_required(result, one, needed)}"
-
-
-def not_required(result: Audit) -> str:
-    """The least phase margin and the peak sensitivity where nothing is required of them; "" where all is, or they are not known."""
-    parts, options = [], []
-    if damping_counts(result):  # the verdict says it
-        return ""
-    for name, option in (("phase_margin", "--phase-margin-deg"), ("peak_sensitivity", "--peak-sensitivity")):
-        one, state = REQUIREMENTS[name], result.worst[name]
-        value = one.value(state.margins)
-        after = math.nan if result.ready_to_use is None else one.value(result.ready_to_use.audited.worst[name].margins)
-        if name not in result.required.asked and (math.isfinite(value) or math.isfinite(after)):
-            now = f" {one.text(value)}{at_frequency(one.frequency(state.margins))}" if math.isfinite(value) else ""
-            parts.append(f"{one.heading}{now}" + (f" (new gains: {one.text(after)})" if math.isfinite(after) else ""))
-            options.append(option)
-    return f"Not required: {', '.join(parts)}; {', '.join(options)}." if parts else ""
-
-
 def audit_scale(result: Audit) -> float | None:
     """The factor on all gains that makes unsafe ones safe, rounded down; None where none is known, and for safe gains."""
     scale = result.scale
@@ -271,10 +156,6 @@ def _weakest_path(paths: PathMargins) -> str:
     if lower * upper > 1:
         return f"Vibration starts where {name} alone falls to {digits(lower, '×', 3)} ({to_db(lower):.3g} dB)"
     return f"Vibration starts at {digits(upper, '×', 3)} {name} alone ({to_db(upper):.3g} dB)"
-
-
-def _count(unsafe: int, result: Audit) -> str:
-    return f"{unsafe} of {len(result.joints)} joints {'is' if unsafe == 1 else 'are'} not safe."
 
 
 def audit_warnings(result: Audit) -> tuple[str, ...]:

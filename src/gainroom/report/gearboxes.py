@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import listed
 from ..robot.gearbox_types import sources
 from .columns import Column, facts, tabulated, yes
-from .number_format import digits, hertz, rounded_up
+from .number_format import digits, hertz
 from .page import Html, table
 from .robot_units import joint_units
 
@@ -90,38 +90,6 @@ def _spread(values: Any) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def needed_text(result: "Audit") -> tuple[str, str]:
-    """What a safe verdict asks of the gearboxes that are not known, and what elastic ones were seen to do, sentences or ""."""
-    rigid = result.assumed_rigid
-    count = int(np.count_nonzero(rigid))
-    which = f"{'the gearboxes' if count == len(rigid) else f'{count} of {len(rigid)} gearboxes'} are rigid"
-    needed = result.needed
-    if needed is None:
-        known = np.any(result.system.source.actuators.motor_inertia[rigid] > 0)
-        return which if known else f"{which} (what elastic ones do takes their motors' inertia: --motor-inertia)", ""
-    ratio = f"{100 * needed.damping_ratio:.3g} % of critical damping"
-    if needed.least is None:
-        return f"{which}: with {ratio} no stiffness that was checked is enough", ""
-    softer = [look.gain_limit for look in needed.looks if not look.safe]
-    softest = (
-        "" if not softer or math.isnan(min(softer)) else f"; some softer ones vibrate from {digits(min(softer), '×', 3)} these gains on"
-    )
-    least = f"{_least(result, needed)} and B ≥ {2 * needed.damping_ratio:.3g} √(K J), {ratio} (J: the motor's inertia)"
-    checked = f"Of {len(needed.looks) + needed.mixed} elastic sets that were checked all with"
-    return which, f" {checked} {least}, are safe, others may not be{softest}."
-
-
-def _least(result: "Audit", needed: "NeededStiffness") -> str:
-    assert needed.least is not None
-    stiffness = np.where(needed.unknown, needed.least.stiffness, math.nan)
-    low, high = int(np.nanargmin(stiffness)), int(np.nanargmax(stiffness))
-    first, last = (digits(rounded_up(float(stiffness[k])), "") for k in (low, high))
-    names, unit = result.system.source.joint_names, joint_units(result.system.source.body)["kp"]
-    if first == last:
-        return f"K ≥ {last} {unit}"
-    return f"K ≥ {last} {unit} ({names[high]}; {first} for {names[low]})"
-
-
 def how_it_was_found(needed: "NeededStiffness | None") -> tuple[str, ...]:
     """What was looked at, and what was not: for the assumptions."""
     if needed is None:
@@ -182,8 +150,8 @@ def needed_facts(result: "Audit") -> dict[str, Any] | None:
 
 
 CAPTION = (
-    "resonance: of every motor on its gearbox, output held; limit: the factor on all gains until vibration; safe: with all that is "
-    "required."
+    "resonance: of every motor on its gearbox, output held; limit: the factor on all gains until vibration; "
+    "the last column: whether all that is required holds."
 )
 
 

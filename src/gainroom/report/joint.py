@@ -15,12 +15,13 @@ from .bode import bode, cases, nyquist
 from .columns import Column
 from .gain_map import gain_map
 from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
-from .joint_text import cause, notes, recommended_text, sentence, severity, uncertainty_cost_text, warnings
+from .joint_text import cause, notes, recommended_text, sentence, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, typed_gains
 from .page import Card, Html, Lead, Section, facts, figure, page, paragraph
 from .page_parts import assumptions, margin_card, unstable_card
 from .verdict import gains_box, joint_to_use
+from .words import severity
 
 
 def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE") -> str:
@@ -63,7 +64,7 @@ def _cards(study: JointStudy) -> list[Card]:
     """Three to five numbers."""
     found, asked = study.margins, study.system.requirements
     worst = study.in_range.margins if study.system.uncertainty.names else None
-    time = "continuous time" if study.rate_is_missing else ""
+    time = "continuous time" if study.system.rate_is_missing else ""
     cards = [_margin_card(column, found, worst, asked, time) for column in bounded_columns()]
     if not found.stable:
         cards[0] = unstable_card(asked, study.limit, f"; vibration there {at_frequency(study.limit.frequency, 'at ', hertz)}", "it")

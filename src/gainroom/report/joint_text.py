@@ -1,29 +1,26 @@
 """The results for one joint in sentences, for terminal and page."""
 
 import math
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..design.joint_gains import COST_ACCURACY
-from ..errors import QUANTITIES, apart, at_frequency, case_text, frequency_text, listed
+from ..errors import QUANTITIES, at_frequency, case_text, frequency_text, listed
 from ..studies.analysis import Analysis
-from ..studies.deciding_joints import deciding_joints_in
-from ..studies.state import USUAL_RATE
 from ..system.margin_units import to_db
 from ..system.plausibility import unusual_values
-from ..system.requirements import REQUIREMENTS, title_of
+from ..system.requirements import title_of
 from ..system.system import System
-from .margin_columns import lacking, short_text, stable_but
+from .margin_columns import lacking, short_text
 from .number_format import digits, own_gains, quantity
+from .words import AT_USUAL, UNSTABLE, headline
 
 if TYPE_CHECKING:
     from ..design.joint_gains import Recommendation
     from ..design.uncertainty_cost import KnownExactly
     from ..studies.joint import JointStudy
 
-AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
-NOT_EVERYWHERE = "Not safe: stable nominally, but not everywhere in the uncertainty ranges"
 CONTINUOUS = (
     "continuous model: a real controller's hold and velocity difference cost about one more tick of delay, unless the delay contains "
     "them; set control.sample_rate_hz for the sampled answer"
@@ -50,11 +47,11 @@ RULE = "10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2,
 def sentence(study: "JointStudy") -> str:
     """Verdict, unmet requirements, and the gain limit with its frequency; first of all, where the uncertainty makes it unstable."""
     if study.unstable_at:
-        return f"{NOT_EVERYWHERE}: unstable at {case_text(study.unstable_at)}.{_instead(study)}"
+        return f"{headline(study)}{_instead(study)}"
     limit, worst = study.limit, study.in_range.margins.limit
     at = f", at {frequency_text(limit.frequency)}"
     if study.margins.stable:
-        text = verdict_text(study)
+        text = headline(study)
         if math.isinf(limit.gain):
             return f"{text} No common factor on these gains makes the modelled joint vibrate.{at_usual_rate_text(study)}"
         if study.system.uncertainty.names:
@@ -65,12 +62,12 @@ def sentence(study: "JointStudy") -> str:
         return f"{text} {start} at {digits(limit.gain, '×', 3)} these gains ({to_db(limit.gain):.3g} dB){at}.{at_usual_rate_text(study)}"
     if limit.gain > 0 and math.isfinite(limit.gain):
         return (
-            f"Not safe: unstable. Scaled together, these gains are stable only below {digits(limit.gain, '×', 3)}, with no margin "
+            f"{UNSTABLE}. Scaled together, these gains are stable only below {digits(limit.gain, '×', 3)}, with no margin "
             f"there{at}.{_instead(study)}"
         )
     if math.isnan(limit.gain):
-        return f"Not safe: unstable. Whether lower gains in the same ratio are stable is not known.{_instead(study)}"
-    return f"Not safe: unstable. No lower gains in the same ratio are stable.{_instead(study)}"
+        return f"{UNSTABLE}. Whether lower gains in the same ratio are stable is not known.{_instead(study)}"
+    return f"{UNSTABLE}. No lower gains in the same ratio are stable.{_instead(study)}"
 
 
 def _instead(study: "JointStudy") -> str:
@@ -84,114 +81,15 @@ def cause(study: "JointStudy") -> str:
     return _cause(study.limit.gain, study.without).strip() if 0 < study.limit.gain < math.inf else ""
 
 
-def severity(study: Analysis) -> Literal["good", "warn", "bare"]:
-    """How the verdict on a stable system looks on a page: safe, not decided, stable but short of a requirement."""
-    if study.unmet or study.unstable_at_usual_rate is not None:
-        return "bare" if study.unstable_at_usual_rate is not None or _known_to_fail(study) else "warn"
-    return "warn" if study.rate_is_missing or not study.system.requirements.asked else "good"
-
-
-def _known_to_fail(study: Analysis) -> int:
-    """How many requirements; those whose margin is not known are not counted."""
-    return sum(not math.isnan(study.least(state, name)) for name, state in study.unmet.items())
-
-
-def verdict_text(study: Analysis, where: str = "") -> str:
-    """Whether a stable system is safe, with every requirement that fails, its value and place; `where`: the states of a safe one."""
-    lost = study.unstable_at_usual_rate
-    if lost is not None:
-        there = f" in {lost.title}" if len(study.states) > 1 else ""
-        fails = _failing(study)
-        rest = fails.lstrip(", :") if fails else f"every requirement is met{where}{_tightest_text(study)}"
-        return f"Stable in continuous time only: unstable in a loop at {AT_USUAL}{there}. In continuous time {rest}."
-    if study.unmet:
-        time = " in continuous time" if study.rate_is_missing else ""
-        known = _known_to_fail(study)
-        start = stable_but(known, time) if known else f"Not decided{time}"
-        return f"{start}{_failing(study)}.{_nominally(study)}"
-    if not study.system.requirements.asked:
-        return f"Not decided: stable{where}, but no margin is required (`limits`)."
-    met = f"every requirement is met{_in_the_worst_case(study, '' if study.requirements_met else ' examined')}{_tightest_text(study)}"
-    if study.rate_is_missing:
-        return f"Not decided: the file has no rate, and any rate costs margin. In continuous time{where} {met}."
-    return f"Safe{where}: {met}."
-
-
-def _nominally(study: Analysis) -> str:
-    """Which of the requirements that fail in the worst case fail at nominal values, too, a sentence; "" where nothing is uncertain."""
-    if not study.system.uncertainty.names:
-        return ""
-    asked = study.system.requirements
-    fail = [
-        REQUIREMENTS[name].heading
-        for name in study.unmet
-        if any(asked.met(name, REQUIREMENTS[name].value(state.margins)) is False for state in study.states)
-    ]
-    if len(fail) == len(study.unmet):
-        return " Nominally, too."
-    return f" Nominally {listed(fail)} {'fail' if len(fail) > 1 else 'fails'}, too." if fail else " Nominally none fails."
-
-
-def _tightest_text(study: Analysis) -> str:
-    least = tightest(study)
-    return f"; the tightest is {least}" if least else ""
-
-
-def _in_the_worst_case(study: Analysis, proved: str = "") -> str:
-    """Of what a margin is the worst, where the file has ranges."""
-    names = [name.replace("_", " ") for name in study.system.uncertainty.names]
-    return f" in the worst case of uncertain {listed(names)}{proved}" if names else ""
-
-
 def vibration_starts(study: Analysis) -> str:
     """How the sentence on the gain limit begins: in continuous time it is another one than at the rate of a loop."""
-    return "In continuous time vibration starts" if study.rate_is_missing else "Vibration starts"
+    return "In continuous time vibration starts" if study.system.rate_is_missing else "Vibration starts"
 
 
 def at_usual_rate_text(study: Analysis) -> str:
     """What the present gains are known to miss in a usual loop, a sentence; "" where that is nothing."""
     missed = short_text(study.system.requirements, study.missed_at_usual_rate)
     return f" At a rate of {AT_USUAL}, for example, these gains have {missed}." if missed else ""
-
-
-def _failing(study: Analysis) -> str:
-    """The unmet requirements: ": phase margin 26.1° (≥ 30°) at 2.88 Hz, Ms 2.28 (≤ 2) at 77.4 Hz"; "" where there is none."""
-    parts, several, joints = [], len(study.states) > 1, _joints(study)
-    if not study.unmet:
-        return ""
-    alike = len(set(joints.values())) == 1 and bool(next(iter(joints.values())))
-    shared = len({id(state) for state in study.unmet.values()}) == 1
-    for name, state in study.unmet.items():
-        one, needed = REQUIREMENTS[name], study.system.requirements.needed[name]
-        value, omega = study.least(state, name), one.frequency(study.worst_in(state).margins)
-        shown = one.text(value, 3 if math.isnan(value) else apart(one.in_unit(value), one.in_unit(needed), 3))
-        title = one.heading if one.named(state.margins) == one.title else one.named(state.margins)
-        places = [*joints.get(name, ())[:1]] if not alike else []
-        places += [frequency_text(omega)] if math.isfinite(omega) else []
-        at = f" at {', '.join(places)}" if places else ""
-        where = f" in {state.title}" if several and not shared else ""
-        parts.append(f"{title} {shown} ({one.sign} {one.text(needed)}){where}{at}")
-    worst = f", worst in {next(iter(study.unmet.values())).title}" if several and shared else ""
-    worst += _in_the_worst_case(study)
-    mainly = f", mainly at {listed(next(iter(joints.values())), most=2)}" if alike else ""
-    return f"{worst}: {('; ' if several or joints else ', ').join(parts)}{mainly}"
-
-
-def _joints(study: Analysis) -> dict[str, tuple[str, ...]]:
-    """The joints that miss each unmet requirement in its worst state; of one joint none."""
-    if len(study.system.source.joint_names) == 1:
-        return {}
-    return {name: deciding_joints_in(state, name) for name, state in study.unmet.items()}
-
-
-def tightest(study: Analysis) -> str:
-    """The requirement with the least to spare: "phase margin 30° (≥ 30°)"; "" where none is asked for."""
-    name, asked = study.decisive, study.system.requirements
-    if not name:
-        return ""
-    one, state = REQUIREMENTS[name], study.worst[name]
-    where = f" in {state.title}" if len(study.states) > 1 else ""
-    return f"{one.heading} {one.text(study.least(state, name))} ({one.sign} {one.text(asked.needed[name])}){where}"
 
 
 def _cause(gain: float, without: dict[str, float]) -> str:
@@ -293,7 +191,7 @@ def warnings(study: "JointStudy") -> tuple[str, ...]:
         said.append(f"{cause}: no torque holds the joint's position, so it drifts; the verdict covers its other motions; give it kp")
     if not study.range_proved:
         said.append("these gains are stable in every case examined within the uncertainty ranges; in between it is not proved")
-    if study.rate_is_missing and study.at_usual_rate is None:
+    if study.system.rate_is_missing and study.at_usual_rate is None:
         said.append(CONTINUOUS)
     if control.feedback == "link" and joint.damping == 0 and not math.isinf(joint.stiffness):
         said.append(undamped_link_feedback(study, "this joint"))
@@ -323,7 +221,7 @@ def notes(study: "JointStudy") -> tuple[str, ...]:
     if study.unstable_at:
         instead = "lower these gains, or give narrower ranges" if study.recommended is None else "use the recommended gains"
         said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
-    if study.rate_is_missing and study.at_usual_rate is not None:
+    if study.system.rate_is_missing and study.at_usual_rate is not None:
         said += [*_recommended_without_rate(study), CONTINUOUS]
     if not system.control.controller.has_plane:
         said.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")

@@ -125,11 +125,6 @@ def lacking(asked: Requirements, margins: Margins) -> str:
     return f"have {short_text(asked, missed) or 'all that is required'}"
 
 
-def stable_but(count: int, time: str = "") -> str:
-    """How the verdict begins on a stable loop of which `count` ≥ 1 requirements fail; `time`: " in continuous time"."""
-    return f"Stable{time}, but {count} requirement{'s fail' if count > 1 else ' fails'}"
-
-
 def margin_rows(margins: Margins, worst: Margins, required: Requirements) -> list[tuple[str, ...]]:
     """Every margin of one loop: name, value, frequency, what is required, and whether it is met at the `worst` of the uncertainty."""
     rows = []

@@ -122,7 +122,7 @@ class Row:
     @property
     def title(self) -> str:
         """Its name in a table."""
-        return self.contact or "safe in all"
+        return self.contact or "for all states"
 
     @property
     def acts(self) -> bool:

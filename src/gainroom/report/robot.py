@@ -22,10 +22,11 @@ from .robot_headroom import coupling, heat_map, joint_factors, task_factors
 from .robot_loci import loci, loci_window
 from .robot_skeleton import common_view
 from .robot_tables import gain_tables, inputs, joint_table, state_table, task_table
-from .robot_text import notes, sentence, severity, warnings
+from .robot_text import notes, sentence, warnings
 from .robot_units import requirements_text
 from .sweep_text import checked_sentence, counted
 from .verdict import gains_box, robot_to_use
+from .words import severity
 from .workspace import workspace_section
 
 FEW = 4
@@ -219,7 +220,7 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
 
     def card(one: Requirement, state: State) -> Card:
-        where = f"{at(one.frequency(state.margins))}{state.title}{', continuous time' if study.rate_is_missing else ''}"
+        where = f"{at(one.frequency(state.margins))}{state.title}{', continuous time' if study.system.rate_is_missing else ''}"
         named = one.named(state.margins)
         label, nominal = one.label if named == one.title else named, one.value(state.margins)
         least = study.least(state, one.name)

@@ -11,6 +11,7 @@ from .columns import Column, definitions, facts, units_of, yes
 from .margin_columns import margin_facts
 from .number_format import digits, hertz, rounded_up
 from .robot_units import joint_units
+from .words import safe_means
 
 if TYPE_CHECKING:
     from ..studies.analysis import Analysis
@@ -226,7 +227,7 @@ def actuator_facts(system: "System") -> list[dict[str, Any]]:
     return [{"name": name, "delay_ms": 1e3 * drive.delay, **dict(zip(columns, values, strict=True))} for name, drive, *values in rows]
 
 
-SEEN_SAFE = "K safe"
+SEEN_SAFE = "K from"
 AUDITED_JOINT = [
     Column("joint", "name", lambda row: row.name),
     Column("safe", "safe", lambda row: row.safe, shown=lambda row: yes(row.safe)),
@@ -241,7 +242,7 @@ AUDITED_JOINT = [
         SEEN_SAFE,
         "",
         lambda row: rounded_up(row.needed_stiffness),
-        definition="the least stiffness of each gearbox from which on all that was checked was safe",
+        definition="the least stiffness of each gearbox from which on all that was checked held",
         significant=3,
     ),
 ]
@@ -275,10 +276,10 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
         "use": f"use: {USE}",
         "alone": "alone: factor on a joint's gains until vibration, the others switched off",
         "one loop": f"one loop: the factor on one joint's gains until vibration, the other loops closed{endless}",
-        SEEN_SAFE: f"{SEEN_SAFE} [{units['kp']}]: of each gearbox, from which on all that was checked was safe",
+        SEEN_SAFE: f"{SEEN_SAFE} [{units['kp']}]: of each gearbox, from which on all that was checked held",
     }
     gains = units_of(shown, {name: units[name] for name in ("kp", "kd", "ki")})
-    return f"{gains}; {'; '.join(text for title, text in parts.items() if title in shown)}. safe: {asked(result)} or more."
+    return f"{gains}; {'; '.join(text for title, text in parts.items() if title in shown)}. {safe_means(asked(result))}."
 
 
 def joint_caption(result: "Audit", shown: Collection[str]) -> str:
@@ -286,8 +287,8 @@ def joint_caption(result: "Audit", shown: Collection[str]) -> str:
     units = joint_units(result.system.source.body)
     by_title = {**{name: units[name] for name in ("kp", "kd", "ki")}, "motor inertia": units["load"]}
     return (
-        f"In the worst state. {definitions(audited_joints(result), shown)} {units_of(shown, by_title)}.{units['prismatic']} Safe: "
-        f"{asked(result)} or more with the other loops closed, and no part in the vibration of a state with too little of a margin."
+        f"In the worst state. {definitions(audited_joints(result), shown)} {units_of(shown, by_title)}.{units['prismatic']} "
+        f"{safe_means(asked(result))} with the other loops closed, and no part in the vibration of a state with too little of a margin."
     )
 
 

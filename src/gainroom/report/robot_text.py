@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,16 +15,14 @@ from ..system.plausibility import NO_DATA, NO_STIFFNESS, doubts_first
 from ..system.system import System
 from .joint_text import (
     CONTINUOUS,
-    NOT_EVERYWHERE,
     at_usual_rate_text,
     lost_at_usual_rate,
-    severity as severity_of_loops,
     undamped_link_feedback,
-    verdict_text,
     vibration_starts,
 )
 from .margin_columns import short_text
 from .number_format import rounded_up
+from .words import LEVELS, UNSTABLE, headline
 
 if TYPE_CHECKING:
     from ..studies.robot import RobotStudy
@@ -40,8 +38,6 @@ def sentence(study: "RobotStudy") -> str:
     Of a study that lacks some of the robot's states (Analysis.examined) it begins with which it is of, unless one of them is unstable.
     """
     parts = [_so_far(study, _verdict(study)), *_lost_tasks(study), *_weak_tasks(study)]
-    if study.unstable_case:
-        parts[0] = f"{NOT_EVERYWHERE}: unstable in {study.unstable_case}."
     unlimited = [state.title for state in study.without_limit]
     if unlimited:
         parts.append(f"In {listed(unlimited)} only the verdict is known, not the gain limit.")
@@ -50,16 +46,11 @@ def sentence(study: "RobotStudy") -> str:
     return " ".join(parts)
 
 
-def severity(study: "RobotStudy") -> Literal["good", "warn", "bare"]:
-    """As joint_text has it; not decided, too, where only tasks that the controller does not close are unstable."""
-    return "warn" if study.unstable_tasks and not study.unmet else severity_of_loops(study)
-
-
 def _so_far(study: "RobotStudy", text: str) -> str:
     """A verdict that claims no more than is known: "safe" is said of all states alone, "not safe" of the first that is not."""
     if not study.examined or not study.stable:
         return text
-    text = text.removeprefix("Safe: ")
+    text = text.removeprefix(f"{LEVELS['safe']}: ")
     return f"{'In' if study.examined == THIS_STATE else 'So far, in'} {study.examined}: {text[0].lower()}{text[1:]}"
 
 
@@ -104,9 +95,13 @@ def _verdict(study: "RobotStudy") -> str:
     every = "" if study.examined else f"{' in the one state' if act else ''}{act}" if count == 1 else f" in all {count} states{act}"
     every += " without the robot's weight" if study.topples else ""
     unstable = sum(not state.limit.stable for state in study.states)
+    if unstable and study.verdict.level == "undecided":
+        return headline(study, every)
     at, joints = frequency_text(limit.frequency), listed(worst.limiting_joints)
     if not unstable:
-        start = verdict_text(study, every)
+        start = headline(study, every)
+        if study.unstable_case:
+            return start
         if study.without_limit and not math.isfinite(limit.gain):
             return start
         if math.isinf(limit.gain):
@@ -115,7 +110,7 @@ def _verdict(study: "RobotStudy") -> str:
         limited = f"{begins} at {digits(limit.gain, '×', 3)} these gains, at {at} {where}, mainly {joints}.{_coupling(worst)}"
         return f"{start} {limited}{at_usual_rate_text(study)}"
     every = f" in {worst.title}" if study.examined else every
-    start = f"Not safe: unstable{every}" if count == 1 else f"Not safe: unstable in {unstable} of {count} states{act}"
+    start = f"{UNSTABLE}{every}" if count == 1 else f"{UNSTABLE} in {unstable} of {count} states{act}"
     if study.softest is not None:
         least = digits(rounded_up(study.softest.lower_gain), "×", 3)
         return f"{start}: too soft to hold the robot against gravity, which in {study.softest.title} takes more than {least} these gains."
@@ -150,7 +145,7 @@ def warnings(study: "RobotStudy") -> tuple[str, ...]:
     found += _of_weights(study, own_space=True)
     found += [text for text in system.assumptions if text.startswith((NO_DATA, NO_STIFFNESS))]
     found += [*_not_found(study), *_undamped(study), *system.warnings]
-    found += [CONTINUOUS] if study.rate_is_missing and study.recommended_at_usual_rate is None else []
+    found += [CONTINUOUS] if study.system.rate_is_missing and study.recommended_at_usual_rate is None else []
     return tuple(doubts_first(list(dict.fromkeys(found))))
 
 
@@ -162,7 +157,7 @@ def notes(study: "RobotStudy") -> tuple[str, ...]:
     found += [] if in_tasks else _uncontrolled(study)
     found += _of_weights(study, own_space=False)
     found += _weightless(study)
-    found += [CONTINUOUS] if study.rate_is_missing and study.recommended_at_usual_rate is not None else []
+    found += [CONTINUOUS] if study.system.rate_is_missing and study.recommended_at_usual_rate is not None else []
     found += [] if system.uncertainty.names else [EXACT_ROBOT]
     return tuple(dict.fromkeys(found))
 

@@ -5,14 +5,13 @@ import math
 import numpy as np
 
 from ..analysis.margin_record import GainLimit
-from ..errors import at_frequency, beside, frequency_text, listed, printable
+from ..errors import beside, frequency_text, listed, printable
 from ..simulation.simulation_spec import SimulationSpec
 from ..simulation.tracking import SETTLED
 from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
-from ..system.requirements import REQUIREMENTS
-from .margin_columns import short_text, stable_but
 from .number_format import digits, frequency, gain_factor, milli, motion, settling
+from .words import NOT_SAFE, UNSTABLE, run_headline
 
 SMALLEST_ERROR = 1e-6
 """[m, rad] smaller errors are not distinguished in a sentence."""
@@ -48,44 +47,17 @@ def sentence(outcome: Outcome) -> str:
     at = "" if found is None else frequency_text(found.vibration.frequency)
     if not outcome.completed:
         name = printable(run.channels[outcome.leading[0]])
-        text = f"Not safe: {run.reason}; {name} deviates by {_size(outcome, outcome.leading[0], 'peak')}"
+        text = f"{NOT_SAFE}: {run.reason}; {name} deviates by {_size(outcome, outcome.leading[0], 'peak')}"
         text += f", vibrating at {at}" if at else ""
     elif found is not None:
         how = "irregularly, on average at" if found.irregular else "at"
-        text = f"Not safe: vibrates {how} {at}, {growth_text(outcome)}, mainly {printable(found.strongest[0])} by {motion(found.swing)}"
+        text = f"{NOT_SAFE}: vibrates {how} {at}, {growth_text(outcome)}, mainly {printable(found.strongest[0])} by {motion(found.swing)}"
     elif outcome.hidden:
-        text = f"Not safe: unstable, {_excess(outcome.limit)}. This run shows no sustained vibration: {_hiding(outcome)}"
+        text = f"{UNSTABLE}, {_excess(outcome.limit)}. This run shows no sustained vibration: {_hiding(outcome)}"
     else:
         late = _unsettled(outcome)
-        text = f"{_safe_or_not(outcome)}No vibration{'' if late else ' in this run'}{late}. {_errors(outcome)}"
+        text = f"{run_headline(outcome)}No vibration{'' if late else ' in this run'}{late}. {_errors(outcome)}"
     return f"{text}. {prediction(outcome.limit, outcome.spec.adds_viscous_friction)}."
-
-
-def _safe_or_not(outcome: Outcome) -> str:
-    """Whether a stable loop is safe, with what it has too little of and where, before all else."""
-    asked, found, where = outcome.spec.system.requirements, outcome.margins, _state(outcome)
-    if found is None:
-        return ""
-    uncertain = bool(outcome.spec.system.uncertainty.names)
-    parts = []
-    for name in outcome.missed:
-        one = REQUIREMENTS[name]
-        places = [outcome.joint_that_misses(name), at_frequency(one.frequency(found), "")]
-        at = ", ".join(filter(None, places))
-        parts.append(short_text(asked, {name: one.value(found)}) + (f" at {printable(at)}" if at else ""))
-    if parts:
-        return f"{stable_but(len(parts))}{where}{', at nominal values' if uncertain else ''}: {'; '.join(parts)}. "
-    if uncertain:
-        return "Not decided: this run is at nominal values, and the file has ranges. "
-    if not asked.asked:
-        return "Not decided: no margin is required. "
-    known = all(outcome.met(name) for name in asked.asked)
-    return f"Safe{where}: every requirement is met. " if known else f"Not decided{where}: not every margin is known. "
-
-
-def _state(outcome: Outcome) -> str:
-    """Posture and contact state of a robot's run."""
-    return f" in {outcome.spec.state}" if outcome.spec.state else ""
 
 
 def unsettled(outcome: Outcome) -> list[int]:

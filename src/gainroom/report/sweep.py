@@ -24,6 +24,7 @@ from .robot_drawing import hero, small
 from .robot_skeleton import common_view
 from .robot_tables import machine
 from .sweep_text import advice as use, columns, counted, joint_name, sureness, verdict, warnings
+from .words import SWEPT
 from .workspace import CURVES, FEW, sample_table
 
 SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
@@ -54,8 +55,8 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
     state = "bad" if not found.stable else "good" if found.margin_held and not at_worst.unmet else "warn"
     headline = {
         "good": "",
-        "warn": "NOT SAFE EVERYWHERE: a requirement is not met in some postures",
-        "bad": "NOT SAFE: unstable, or not known, in some postures",
+        "warn": SWEPT["warn"],
+        "bad": SWEPT["bad"],
     }
     lead = Lead(" ".join(verdict(found, at_worst)), state, headline[state], warnings(found), do_this)
     kind = model_kind(plan.system.control.sample_time)

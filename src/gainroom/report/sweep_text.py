@@ -12,6 +12,7 @@ from ..system.requirements import Requirements
 from .columns import Column, facts
 from .margin_columns import margin_value, requirement
 from .number_format import digits, gain_factor, hertz
+from .words import swept_headline
 
 BY_JOINT = "Search joint by joint: `gainroom robot FILE --sweep DIR.zarr`."
 MOST_ANGLES = 8
@@ -96,9 +97,7 @@ def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
 
 def verdict(found: SweepSummary, worst: WorstStates) -> list[str]:
     """What fails first: other requirements where the gain margin holds."""
-    missed = unmet_text(found, worst)
-    said = [missed, sentence(found)] if found.margin_held else [sentence(found), missed]
-    return [text for text in said if text]
+    return swept_headline(found, worst, sentence(found), unmet_text(found, worst))
 
 
 def unmet_text(found: SweepSummary, worst: WorstStates, required: Requirements | None = None) -> str:
@@ -176,9 +175,7 @@ def warnings(found: SweepSummary) -> list[str]:
     """What takes something away from the verdict."""
     said = list(found.plan.notes)
     if found.unknown:
-        said.append(
-            f"{counted(found.unknown)} limits are not known: no certified answer was found there; these postures count as not safe."
-        )
+        said.append(f"{counted(found.unknown)} limits are not known: no certified answer was found there; these postures count as failing.")
     if found.uncertified:
         said.append(f"{counted(found.uncertified)} limits are not certified: roots could not be counted on both sides.")
     if found.lower > 0:

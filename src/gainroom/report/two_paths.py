@@ -9,8 +9,9 @@ from ..system.margin_units import to_db
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS
 from .columns import Column, yes
-from .margin_columns import margin_facts, required_facts, stable_but
+from .margin_columns import margin_facts, required_facts
 from .number_format import digits, hertz, model_facts, path_facts
+from .words import UNSTABLE, path_headline
 
 NOT_MADE = "gain maps, largest gains, recommended gains and curves over frequency are of loops with one path, and are not made here"
 COLUMNS = [
@@ -56,14 +57,10 @@ def sentence(study: PathStudy) -> str:
             else "no lower gains in the same ratio are stable"
         )
         below = "whether lower gains are stable is not known" if math.isnan(gain) else below
-        return f"Not safe: unstable{_where(case)}; {below}."
+        return f"{UNSTABLE}{_where(case)}; {below}."
+    text = path_headline(study)
     if study.unstable_at:
-        return f"Not safe: stable nominally, but unstable at {study.unstable_at}."
-    fails = [f"{REQUIREMENTS[name].title} {_worst_text(study, name)}" for name in study.unmet]
-    held = "Safe: every requirement is met." if study.system.requirements.needed else "Not decided: stable, but no margin is required."
-    if study.unknown:
-        held = f"Not decided: stable, but {listed([REQUIREMENTS[name].title for name in study.unknown])} not known."
-    text = f"{stable_but(len(fails))}: {', '.join(fails)}." if fails else held
+        return text
     starts = {"kp and kd together": case.limit.gain} | ({} if paths is None else {"kp alone": paths.others, "kd alone": paths.kd})
     factors = [f"{digits(factor, '×', 3)} {what}" for what, factor in starts.items() if math.isfinite(factor)]
     text += f" Vibration starts{_where(case)} at {listed(factors, 'or')}." if factors else " No factor on these gains makes it vibrate."
@@ -74,12 +71,6 @@ def sentence(study: PathStudy) -> str:
 
 def _where(case: PathCase) -> str:
     return f" in {case.title}" if case.title else ""
-
-
-def _worst_text(study: PathStudy, name: str) -> str:
-    one, (value, case) = REQUIREMENTS[name], study.worst[name]
-    where = f" at {case.text}" if case.text else ""
-    return f"{one.text(value)}{where} ({one.sign} {one.text(study.system.requirements.needed[name])})"
 
 
 def requirement_rows(study: PathStudy) -> list[tuple[str, ...]]:
@@ -123,6 +114,7 @@ def path_study_facts(study: PathStudy) -> dict[str, Any]:
 
     control, case = study.system.control, study.tightest
     return {
+        **study.verdict.facts,
         "stable": study.stable,
         "stable_in_range": study.stable_in_range,
         "unstable_at": study.unstable_at or None,

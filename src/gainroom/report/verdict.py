@@ -14,11 +14,11 @@ from ..system.controller import type_of
 from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, tabulated, yes
 from .gains_to_use import joint_gains, kept, robot_gains
-from .joint_text import AT_USUAL
 from .margin_columns import lacking, margin_value, requirement
 from .number_format import digits, hertz, own_gains, rate, span, typed
 from .page import Advice, Html, advice_box, table
 from .robot_units import unit_of_gain
+from .words import AT_USUAL
 
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
     from ..design.joint_gains import Recommendation

@@ -10,13 +10,14 @@ from .columns import Column, yes
 from .margin_columns import short_text
 from .number_format import digits
 from .page import Advice
+from .words import UNSTABLE
 
 
 def sentence(result: Verification) -> str:
     """The answer in one or two sentences: a limit too near for the required gain margin comes first."""
     least = result.least
     if result.agrees and least.predicted_gain <= 1:
-        return f"Not safe: unstable. {_compared_text(result)}"
+        return f"{UNSTABLE}. {_compared_text(result)}"
     if not result.agrees or least.enough is not False:
         return _compared_text(result)
     asked = Requirements(gain_margin=least.required)

@@ -49,7 +49,7 @@ def in_workspace(verdict: str, swept: AuditedWorkspace | None) -> str:
     if not found.unsafe:
         return f"In this posture: {verdict} In the workspace not all that is required holds."
     at_most = "at most " if swept.summary.unsafe and found is swept.later else ""
-    return f"In this posture: {verdict} In the workspace {at_most}{safe_share(found)} of {counted(found.count)} limits are safe."
+    return f"In this posture: {verdict} In the workspace {at_most}{safe_share(found)} of {counted(found.count)} limits hold."
 
 
 def advice_there(swept: AuditedWorkspace) -> Advice:

@@ -17,6 +17,8 @@ from ..system.linear.arrays import Booleans, Floats
 from ..system.plausibility import NO_DATA, NO_STIFFNESS
 from .name_patterns import assign
 
+NOT_NUMBERS = ("unknown", "uninformed")
+
 
 @dataclass(frozen=True)
 class Actuators:
@@ -28,6 +30,7 @@ class Actuators:
     motor_viscous, link_viscous   viscous friction to ground [N m s/rad]
     effort_limit    of the torque [N m], inf: not known; no margin depends on it, and it goes along with the gains
     unknown   (n,) True where nobody has said how stiff the gearbox is: such a one counts as rigid; None: so are all that count as rigid
+    uninformed   (n,) True where nobody has given a motor inertia, which counts as 0; None: nowhere
     """
 
     motor_inertia: Floats
@@ -37,11 +40,12 @@ class Actuators:
     link_viscous: Floats
     effort_limit: Floats = field(default_factory=lambda: np.asarray(math.inf))
     unknown: Booleans | None = None
+    uninformed: Booleans | None = None
 
     def __post_init__(self) -> None:
         if not np.ndim(self.effort_limit):
             object.__setattr__(self, "effort_limit", np.full(np.shape(self.stiffness), self.effort_limit))
-        shapes = {name: np.shape(value) for name, value in vars(self).items() if name != "unknown"}
+        shapes = {name: np.shape(value) for name, value in vars(self).items() if name not in NOT_NUMBERS}
         if len(set(shapes.values())) != 1 or len(shapes["stiffness"]) != 1:
             raise GainroomError(f"actuators: shapes {shapes} must all be (n,)")
         for name in shapes:
@@ -54,13 +58,19 @@ class Actuators:
     @property
     def quantities(self) -> dict[str, Floats]:
         """The numbers that margins depend on, by name, each (n,)."""
-        return {name: value for name, value in vars(self).items() if name not in ("effort_limit", "unknown")}
+        return {name: value for name, value in vars(self).items() if name not in ("effort_limit", *NOT_NUMBERS)}
 
     @property
     def assumed_rigid(self) -> Booleans:
         """(n,) the gearboxes that count as rigid because nobody has said how stiff they are."""
         rigid = np.isinf(self.stiffness)
         return rigid if self.unknown is None else rigid & self.unknown
+
+    @property
+    def without_inertia(self) -> Booleans:
+        """(n,) the motors whose inertia counts as 0 because nobody has given one."""
+        none = self.motor_inertia == 0
+        return none & self.uninformed if self.uninformed is not None else np.zeros_like(none)
 
     @property
     def known(self) -> dict[str, Floats]:
@@ -130,7 +140,8 @@ def actuators_of(entries: Sequence[ActuatorEntry], joint_names: Sequence[str], a
     for name in ("stiffness", "effort_limit"):
         columns[name] = np.array([math.inf if (value := getattr(entry, name)) is None else value for entry in entries])
     unknown = np.array([entry.stiffness is None for entry in entries])
-    return Actuators(motor_inertia=inertia, **columns, unknown=unknown), tuple(warnings)
+    uninformed = np.isin(joint_names, without + bare)
+    return Actuators(motor_inertia=inertia, **columns, unknown=unknown, uninformed=uninformed), tuple(warnings)
 
 
 def drives_of(entries: Sequence[ActuatorEntry], common: Drive) -> tuple[Drive, ...]:

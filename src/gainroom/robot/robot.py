@@ -72,6 +72,17 @@ class Robot:
         return self.body.prismatic
 
     @property
+    def unknown(self) -> Mapping[str, tuple[str, ...]]:
+        """Gearboxes and motor inertias that nobody gave, and what of the links no robot has; only what there is."""
+        joints, actuators = np.array(self.joint_names), self.actuators
+        found = {
+            "gearbox_unknown": tuple(joints[actuators.assumed_rigid].tolist()),
+            "motor_inertia_unknown": tuple(joints[actuators.without_inertia].tolist()),
+            "implausible": self.body.doubts,
+        }
+        return {code: names for code, names in found.items() if names}
+
+    @property
     def quantities(self) -> Mapping[str, Floats]:
         """Motor inertia, gearbox and friction by name, each (n,)."""
         return self.actuators.quantities

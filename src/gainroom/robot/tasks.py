@@ -89,6 +89,12 @@ class Task:
         columns = {name: tuple(float(getattr(one, name)) for one in own) for name in own[0].gain_names()}
         return replace(self, kp=columns["kp"], kd=columns[own[0].damping_name], ki=columns.get("ki"))
 
+    def scaled(self, factor: float) -> "Task":
+        """The same with its torque multiplied by `factor`."""
+        if self.ki is None:
+            return replace(self, kp=factor * np.asarray(self.kp), kd=factor * np.asarray(self.kd))
+        return replace(self, kd=factor * np.asarray(self.kd), ki=factor * np.asarray(self.ki))
+
     def jacobian(self, model: Stance) -> Floats:
         """J (m, N), in world axes."""
         if self.kind == "posture":

@@ -100,10 +100,10 @@ class RobotSimulation(SimulationSpec):
                 yield part if delay == 0 else replace(part, reference=part.reference + asked)
 
     @property
-    def state(self) -> str:
+    def place(self) -> tuple[str, str]:
         """Those of the scenario, or the file's first."""
         scenario, (posture, contact) = self.system.scenario, self.system.source.states[0]
-        return f"{scenario.posture or posture}/{scenario.contact or contact}"
+        return scenario.posture or posture, scenario.contact or contact
 
     @property
     def adds_viscous_friction(self) -> bool:

@@ -118,9 +118,14 @@ class SimulationSpec:
         raise NotImplementedError
 
     @property
+    def place(self) -> tuple[str, str]:
+        """Posture and contact state by name; of a joint without names."""
+        return "", ""
+
+    @property
     def state(self) -> str:
-        """Posture and contact state of a robot, as text."""
-        return ""
+        """The same, as text; "" of a joint."""
+        return "/".join(filter(None, self.place))
 
     def loop(self, gain: float = 1.0) -> Loop:
         """The sampled linear loop with all gains times `gain`, the scenario's viscous friction part of it."""

@@ -5,7 +5,7 @@ adds.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,8 +16,16 @@ from ..system.system import System
 from .over_uncertainty import Worst, unknown_first
 from .progress import Progress, quiet
 from .state import State, limit_headroom, state_of
+from .verdict import Verdict, verdict_of
 
 THIS_STATE = "this state"
+KEYS = {
+    "rate_unknown": "control.sample_rate_hz",
+    "gearbox_unknown": "joints: stiffness",
+    "motor_inertia_unknown": "joints: motor_inertia",
+    "limits": "limits",
+}
+"""Of a joint.yaml or robot.yaml, what gives something that is not known, by a finding's code."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +34,20 @@ class Analysis:
 
     system: System
     every: tuple[State, ...]
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Safe, unsafe or not decided, with all that was found."""
+        return verdict_of(self)
+
+    @property
+    def remedies(self) -> Mapping[str, str]:
+        """The key of the file, or the option, that gives what is not known, by a finding's code."""
+        return KEYS
+
+    def title_of(self, state: State) -> str:
+        """Posture and contact state; "" of a joint."""
+        return state.title if state.posture else ""
 
     @property
     def states(self) -> tuple[State, ...]:
@@ -73,7 +95,7 @@ class Analysis:
     @property
     def unstable_case(self) -> str:
         """State and case within the uncertainty in which the gains are unstable, as text; "": none found, or they are nominally."""
-        found = [(state.title, self.worst_in(state).unstable_at) for state in self.states] if self.stable else []
+        found = [(self.title_of(state), self.worst_in(state).unstable_at) for state in self.states] if self.stable else []
         return next((f"{title} ({case})" if title else case for title, case in found if case), "")
 
     def worst_in(self, state: State) -> Worst:
@@ -119,16 +141,10 @@ class Analysis:
         met = self.stable_in_range and not self.unmet
         return None if met and self.system.uncertainty.names else met
 
-    @property
-    def rate_is_missing(self) -> bool:
-        """Continuous time that nobody asked for, and a delay as only a sampled loop has one, without what sampling adds to it."""
-        control = self.system.control
-        return control.sample_time is None and self.system.delay > 0 and not (control.sampling_in_delay or control.continuous)
-
     @cached_property
     def unstable_at_usual_rate(self) -> State | None:
         """A state in which gains that are stable in continuous time are unstable at USUAL_RATE; None: there is none, or a rate is given."""
-        if not (self.rate_is_missing and self.stable):
+        if not (self.system.rate_is_missing and self.stable):
             return None
         states = (state.at_usual_rate for state in self.states)
         try:
@@ -142,7 +158,7 @@ class Analysis:
 
         Of the states that decide in continuous time alone, so what is not named may be missed, too; only where nothing is uncertain.
         """
-        if not self.rate_is_missing or self.system.uncertainty.names or self.unstable_at_usual_rate is not None or not self.decisive:
+        if not self.system.rate_is_missing or self.system.uncertainty.names or self.unstable_at_usual_rate is not None or not self.decisive:
             return {}
         deciding = {state.title: state for state in (*self.unmet.values(), self.worst[self.decisive])}
         try:

@@ -35,11 +35,15 @@ from .needed_stiffness import NeededStiffness, needed_stiffness, unknown_gearbox
 from .over_uncertainty import unknown_first
 from .progress import Progress, after, quiet
 from .state import State, path_headroom, state_of
+from .verdict import Finding, Verdict, verdict_of
 
-EXTRA_DELAY = 0.5
-"""Of the loop's delay: by so much it may be longer than was said, by default."""
-BARE = 5.0
-"""Ms above which gains hardly damp their motion: up to it at least 1.9 dB and 11.5° are left."""
+OPTIONS = {
+    "rate_unknown": "--rate-hz",
+    "gearbox_unknown": "--gearbox or --stiffness",
+    "motor_inertia_unknown": "--motor-inertia",
+    "limits": "--margin-db",
+}
+"""Of the command, what gives something that is not known, by a finding's code."""
 Answer = TypeVar("Answer")
 NUMBERS = ("margins", "limits_others_open", "delay_limit")
 
@@ -130,18 +134,38 @@ class Audit(Analysis):
         """Whether there is no verdict, neither safe nor unsafe, whatever the numbers say."""
         return bool(self.doubts) or self.open
 
+    @cached_property
+    def verdict(self) -> Verdict:
+        """As of any system, with what its gearboxes' ranges make of it, and what may be read in two ways."""
+        found = verdict_of(self)
+        if self.over is not None and not self.over.safe and found.level != "unsafe":
+            found = found.with_findings(Finding("unsafe_in_gearbox_range", "unsafe"))
+        if self.has_two_paths and "peak_sensitivity" not in self.required.asked:
+            found = found.with_findings(Finding("peak_sensitivity_not_judged", "safe"))
+        if not self.open:
+            return found
+        flag = self.readings[0].option.split()[0]
+        limits = {f"gain_limit with {one.option}": one.audit.tightest.limit.gain for one in self.readings}
+        return found.open(Finding("read_in_two_ways", "undecided", limits, remedy=flag))
+
+    @property
+    def remedies(self) -> Mapping[str, str]:
+        """The options that give what is not known, by a finding's code."""
+        return OPTIONS
+
+    def least(self, state: State, name: str) -> float:
+        """See value_in: an audit's gearboxes may lie in a range, and nothing else is uncertain."""
+        return self.value_in(state, REQUIREMENTS[name])
+
     @property
     def decided(self) -> bool:
-        """False where gains are safe only if the rate or the gearboxes, which are not known, allow it, or hardly damp the motion."""
-        if self.withheld:
-            return False
-        given = self.system.control.sample_time is not None and not self.assumed_rigid.any()
-        return not self.safe or (given and not self.hardly_damped)
+        """False where something that is not known decides."""
+        return self.verdict.level != "undecided"
 
     @property
     def passes(self) -> bool:
-        """Safe, with all that decides given: what scripts go by."""
-        return self.safe and self.decided
+        """Safe, with all that decides given."""
+        return self.verdict.level == "safe"
 
     def enough_in(self, state: State) -> bool:
         """Whether a state is stable and has what is required."""
@@ -167,6 +191,7 @@ class Audit(Analysis):
         """The joints that move where a state has too little of something; of one that is not stable those that vibrate."""
         found = set() if self.enough_together_in(state) else set(state.limiting_joints)
         missed = set(self.missed_in(state)) - {"gain_margin"} if state.limit.stable else set()
+        missed = {name for name in missed if not math.isnan(self.value_in(state, REQUIREMENTS[name]))}  # of what is not known nobody is it
         return found.union(*(joints_that_miss(state, one, needed) for one, needed in self.required.asked_for if one.name in missed))
 
     def enough_together_in(self, state: State) -> bool:
@@ -322,32 +347,14 @@ class Audit(Analysis):
         return gains_to_use(self) if self.over is None else gains_over_range(self)
 
     @property
-    def hardly_damped(self) -> bool:
-        """Whether Ms is above BARE, where nothing is required of it."""
-        value = self.worst["peak_sensitivity"].margins.peak_sensitivity
-        return "peak_sensitivity" not in self.required.asked and value > BARE
-
-    @property
     def ready_to_use(self) -> "GainsToUse[Audit] | None":
-        """Those, unless the loop's rate is not known, which costs margin, or they hardly damp the motion."""
-        found = self.to_use
-        return None if found is None or self.system.control.sample_time is None or found.audited.hardly_damped else found
+        """Those, unless the loop's rate is not known, which costs margin."""
+        return None if self.system.control.sample_time is None else self.to_use
 
     @property
     def assumed_rigid(self) -> Booleans:
         """(n,) the gearboxes whose stiffness was not given: a safe verdict is conditional on them."""
         return self.system.source.actuators.assumed_rigid
-
-    @property
-    def without_inertia(self) -> Booleans:
-        """(n,) rigid joints with gains whose motor inertia was not given and counts as 0."""
-        gains = np.array([max(joint.kp, joint.kd, joint.ki) for joint in self.joints])
-        return (gains > 0) & (self.system.source.actuators.motor_inertia == 0)
-
-    @cached_property
-    def delay_with_margin(self) -> float:
-        """[s] of extra delay that leaves the required gain margin, over all states; NaN where it is not known, or is not there at all."""
-        return float(np.min([extra_delay(state.loop, self.margin) for state in self.states]))
 
     def of_gains(self, gains: Mapping[str, Floats]) -> "Audit":
         """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes: of a range the worst of now."""
@@ -381,13 +388,21 @@ class Audit(Analysis):
 
 
 def required_of(
-    system: System, margin: float | None = None, delay_margin: float | None = None, further: Requirements | None = None
+    margin: float | None = None, delay_margin: float | None = None, further: Requirements | None = None, kd_apart: bool = False
 ) -> Requirements:
-    """Of safe gains: a gain margin (a factor; 1: none), a delay margin [s], `further` ones. None: the usual, EXTRA_DELAY of the delay."""
-    margin = (REQUIREMENTS["gain_margin"].usual or 1.0) if margin is None else margin
-    extra = EXTRA_DELAY * system.delay if delay_margin is None else delay_margin
-    required = {name: value for name, value, least in (("gain_margin", margin, 1.0), ("delay_margin", extra, 0.0)) if value > least}
-    return Requirements(**required | ({} if further is None else dict(further.needed)))
+    """The usual ones, with another gain margin (a factor; 1: none), a delay margin [s], and `further` ones in place of theirs.
+
+    kd_apart   kd closes on a path of its own, where Ms is not known: it is not required unless it is among the `further` ones
+    """
+    required = dict(Requirements.usual().needed)
+    if kd_apart:
+        del required["peak_sensitivity"]
+    if margin is not None:
+        required["gain_margin"] = margin
+    if delay_margin is not None:
+        required["delay_margin"] = delay_margin
+    required |= {} if further is None else further.needed
+    return Requirements(**{name: value for name, value in required.items() if not (name == "gain_margin" and value <= 1) and value > 0})
 
 
 def audit(
@@ -404,7 +419,7 @@ def audit(
                     that can be computed
     gearboxes       the ranges that the others lie in; the audit is then one of the worst within them
     """
-    system, over = replace(system, requirements=required_of(system) if required is None else required), None
+    system, over = replace(system, requirements=required_of() if required is None else required), None
     if gearboxes is not None:
         states = _moving(system)
         over = look_over(system, states, gearboxes, progress) if states else None

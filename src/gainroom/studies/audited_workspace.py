@@ -8,6 +8,7 @@ from .progress import Progress, quiet
 from .sweep.summary import SweepSummary
 from .sweep.workspace import over_workspace
 from .swept_margins import SampledRequirement, WorstStates, worst_states
+from .verdict import Finding
 
 EACH = 20
 """Postures with the lowest gain limits, and as many at random, of each contact state."""
@@ -30,6 +31,11 @@ class AuditedWorkspace:
     def safe(self) -> bool:
         """All that is asked for holds, wherever it was judged."""
         return not self.unmet
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is missed in some posture."""
+        return tuple(Finding(name, "unsafe", state="workspace") for name in self.unmet)
 
     @property
     def unmet(self) -> tuple[str, ...]:

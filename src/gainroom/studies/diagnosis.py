@@ -10,6 +10,7 @@ from ..identification.outliers import Outliers, without_outliers
 from ..identification.record import Record
 from ..identification.recorded_oscillation import RecordedOscillation
 from ..system.system import System
+from .verdict import Finding, Verdict
 from .vibration_causes import UNKNOWN, Cause, ranked_causes
 from .vibration_prediction import SLOW_LOG, Prediction, predicted_vibration
 
@@ -57,6 +58,18 @@ class Diagnosis:
     def ran_away(self) -> bool:
         """The joint left its set-point, further and further to the end of the record, in swings or without."""
         return self.search.away is not None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Unsafe where the joint vibrates, or ran away, in this record; of other motions nothing is said."""
+        found = [Finding("ran_away", "unsafe")] if self.ran_away else []
+        if self.vibrates and self.oscillation is not None:
+            values = {
+                "frequency_rad_s": self.oscillation.vibration.frequency,
+                "likelihood": self.causes[0].likelihood if self.causes else math.nan,
+            }
+            found.append(Finding("vibrates", "unsafe", values, state="" if self.cause is None else self.cause.name))
+        return Verdict.of(found)
 
     @property
     def cause(self) -> Cause | None:

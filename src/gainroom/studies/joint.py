@@ -134,7 +134,7 @@ class JointStudy(Analysis):
     @cached_property
     def at_usual_rate(self) -> "JointStudy | None":
         """The recommended gains at USUAL_RATE; None where the file has a rate, or none are recommended."""
-        if not self.rate_is_missing or self.recommended is None:
+        if not self.system.rate_is_missing or self.recommended is None:
             return None
         control = replace(self.system.control, controller=self.recommended.controller, sample_time=1 / USUAL_RATE)
         sampled = replace(self.system, control=control)

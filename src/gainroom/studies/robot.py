@@ -120,7 +120,7 @@ class RobotStudy(Analysis):
     @cached_property
     def recommended_at_usual_rate(self) -> Margins | None:
         """What those keep at USUAL_RATE; None where the file has a rate, or there are none."""
-        if self.to_use is None or not self.rate_is_missing:
+        if self.to_use is None or not self.system.rate_is_missing:
             return None
         gains, found = self.to_use
         return margins_at_rate(self.system, found, gains.space, USUAL_RATE)

@@ -16,10 +16,14 @@ from ..simulation.simulation_spec import TORQUE_LIMIT, SimulationSpec
 from ..simulation.tracking import Tracking, track
 from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS
+from .analysis import Analysis, analyzed
 from .deciding_joints import deciding_joints
+from .joint import study_joint
 from .loop_numbers import margins_of, moves
 from .oscillation import Oscillation, oscillation_in, torque_ripple_of
 from .progress import Progress, quiet
+from .state import state_of
+from .verdict import Finding, Verdict
 
 RIPPLE = 0.1
 """Of a joint's torque peak: torque ripple above the reference's frequencies that is reported, RMS."""
@@ -159,6 +163,25 @@ class Outcome:
     def sound(self) -> bool:
         """True where the run reached its end without vibration, and the linear loop is stable."""
         return self.completed and not self.vibrates and self.stable
+
+    @cached_property
+    def judged(self) -> Analysis | None:
+        """The file's loop with the gains of the run, as it is judged without a run; None where they act on no motion."""
+        system = self.spec.system if self.gain == 1 else self.spec.system.scaled(self.gain)
+        if self.margins is None:
+            return None
+        return study_joint(system) if system.source.body is None else analyzed(system, [state_of(system, *self.spec.place)])
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Of the file's loop, whatever friction and torque limits hide; a run that ends early or vibrates makes it unsafe."""
+        found = [] if self.judged is None else [*self.judged.verdict.findings]
+        if not self.completed:
+            found.append(Finding(self.run.ending, "unsafe", {"time_s": self.duration}))
+        if self.oscillation is not None and self.oscillation.lasts:
+            values = {"frequency_rad_s": self.oscillation.vibration.frequency}
+            found.append(Finding("vibrates", "unsafe", values, self.spec.state, self.oscillation.strongest[:1]))
+        return Verdict.of(found)
 
     @property
     def effects(self) -> tuple[str, ...]:

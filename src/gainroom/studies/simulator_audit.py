@@ -10,6 +10,7 @@ from ..simulation.simulated_gains import SimulatedRobot, Simulator, SimulatorLim
 from ..system.linear.arrays import Booleans
 from .audit import Audit
 from .state import limiting_joints
+from .verdict import Finding
 
 HeldBy = Literal["both", "simulator", "robot", "neither"]
 """Which of the two is stable with some gains."""
@@ -53,6 +54,14 @@ class SimulatorAudit:
     def tightest(self) -> SimulatedState:
         """The state with the least headroom."""
         return min(self.states, key=lambda state: (state.limit.stable, state.limit.gain))
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """That the gains are unstable in the simulator."""
+        if self.limit.stable:
+            return ()
+        where = f"{self.tightest.posture}/{self.tightest.contact}"
+        return (Finding("unstable_in_simulator", "unsafe", {"gain_limit": self.limit.gain}, where),)
 
     @property
     def limit(self) -> SimulatorLimit:

@@ -5,20 +5,23 @@ corners of an uncertainty are (design/gain_cases.py), in a tenth of the time; wh
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..analysis.margin_record import Margins
 from ..errors import GainroomError
+from ..system.margin_units import to_db
 from ..system.requirement import Requirement
 from ..system.system import StateCase
+from .analysis import KEYS
 from .loop_numbers import margins_of, moves, with_certified_delay
 from .progress import Progress, quiet
 from .state import State, state_of
 from .sweep.plan import SweepPlan
 from .sweep.summary import SweepSummary, SweptPosture
+from .verdict import Finding, Verdict, judged, missed
 
 MOST = 6
 """Contact states of which the worst posture has all margins: those with the lowest limits."""
@@ -106,6 +109,31 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
     every = len(looked) == plan.states
     lowest = max(len(contact.worst[: max(each, 1)]) for contact in found.contacts)
     return WorstStates(states, lowest, min(each, plan.postures.count), len(looked), random_count, every, tuple(sampled))
+
+
+def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
+    """Of every posture that was swept: what fails in one, and what is not known."""
+    system, lowest = found.plan.system, found.worst_posture
+    title = "" if lowest is None else f"{lowest.name}/{found.plan.contacts[lowest.contact]}"
+    limit = {} if lowest is None else {"gain_limit": lowest.gain, "limit_frequency_rad_s": lowest.frequency}
+    joints = () if lowest is None or lowest.joint < 0 else (found.plan.robot.joint_names[lowest.joint],)
+    unstable, short = (sum(getattr(one, name) for one in found.contacts) for name in ("unstable", "short"))
+    findings = [Finding("unstable", "unsafe", {**limit, "postures": unstable}, title, joints)] if unstable else []
+    if short > unstable and found.margin > 1 and lowest is not None:
+        levels = {"gain_margin_db": to_db(lowest.gain), "required": to_db(found.margin)}
+        values = {**levels, "frequency_rad_s": lowest.frequency, "postures": short}
+        findings.append(Finding("gain_margin", "unsafe", values, title, joints))
+    if found.unknown or not found.complete or lowest is None:
+        findings.append(Finding("limit_unknown", "undecided", {"postures": found.unknown}))
+    stable = [(name, one) for name, one in worst.unmet.items() if one.state.limit.stable]  # of others no margin is told
+    for name, one in stable:
+        made = missed(system, name, one.value, one.state.margins, one.state, one.state.title)
+        findings.append(replace(made, values={**made.values, "postures": one.missed}))
+    if not system.requirements.asked:
+        findings.append(Finding("nothing_required", "undecided", remedy=KEYS["limits"]))
+    if found.uncertified:
+        findings.append(Finding("not_certified", "safe", {"postures": found.uncertified}))
+    return judged(system, KEYS, findings)
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,10 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..errors import GainroomError, computable
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
+from .analysis import KEYS
 from .progress import Progress, quiet
 from .state import State, path_headroom
+from .verdict import Finding, Verdict, judged
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,25 @@ class PathStudy:
         """The requirements that are asked for and not known of two paths; none of an unstable system."""
         asked = self.system.requirements.needed if self.stable_in_range else ()
         return tuple(name for name in asked if math.isnan(self.worst[name][0]))
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """As of systems with one path."""
+        found = [
+            Finding("unstable", "unsafe", {"gain_limit": case.limit.gain, "limit_frequency_rad_s": case.limit.frequency}, case.text)
+            for case in self.nominal
+            if not case.limit.stable
+        ]
+        found += [Finding("unstable_in_range", "unsafe", state=self.unstable_at)] if self.unstable_at else []
+        for name in (*self.unmet, *self.unknown):
+            one, (value, case) = REQUIREMENTS[name], self.worst[name]
+            values = {one.key: one.in_unit(value), "required": one.in_unit(self.system.requirements.needed[name])}
+            found.append(Finding(name, "undecided" if name in self.unknown else "unsafe", values, case.text))
+        if self.stable and not self.system.requirements.needed:
+            found.append(Finding("nothing_required", "undecided", remedy=KEYS["limits"]))
+        if self.stable_in_range and self.system.uncertainty.names and not self.unmet:
+            found.append(Finding("range_sampled", "safe"))
+        return judged(self.system, KEYS, found)
 
     @property
     def requirements_met(self) -> bool | None:

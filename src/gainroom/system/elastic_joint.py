@@ -76,6 +76,11 @@ class ElasticJoint:
         return (self.name,)
 
     @property
+    def unknown(self) -> Mapping[str, tuple[str, ...]]:
+        """Nothing: a joint is described whole."""
+        return {}
+
+    @property
     def quantities(self) -> Mapping[str, Floats]:
         """Inertias, gearbox and friction by name, each (1,)."""
         return {name: np.array([value]) for name, value in vars(self).items() if name != "name"}

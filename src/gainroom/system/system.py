@@ -33,6 +33,7 @@ class PlantSource(Protocol):
     body        the links; None for one joint
     stack       tasks by falling priority
     quantities  of the actuators by name in Uncertainty and plausibility.py, each (n,), SI
+    unknown     what decides and nobody gave, by a finding's code (studies/verdict.py): the joints or links that it is of
     """
 
     @property
@@ -49,6 +50,8 @@ class PlantSource(Protocol):
     def stack(self) -> tuple[Any, ...]: ...
     @property
     def quantities(self) -> Mapping[str, Floats]: ...
+    @property
+    def unknown(self) -> Mapping[str, tuple[str, ...]]: ...
 
     def linearize(self, posture: str | None = None, contact: str | None = None, weight: bool = False) -> Plant:
         """The plant in one state, without names the first; `weight`: with gravity stiffness where nothing is said of gravity."""
@@ -148,6 +151,12 @@ class System(Generic[Source]):
         """The longest of its drives' [s]."""
         return max(drive.delay for drive in self.drives)
 
+    @property
+    def rate_is_missing(self) -> bool:
+        """Continuous time that nobody asked for, and a delay as only a sampled loop has one, without what sampling adds to it."""
+        control = self.control
+        return control.sample_time is None and self.delay > 0 and not (control.sampling_in_delay or control.continuous)
+
     def controller(self, model: Any) -> Any:
         """The controller of n joints in one state: the file's own in joint space, that of its tasks in task space."""
         if self.control.controller is not None:
@@ -161,6 +170,12 @@ class System(Generic[Source]):
     def with_controller(self, controller: Any) -> "System":
         """The same with another controller in joint space."""
         return replace(self, control=replace(self.control, space="joint", controller=controller))
+
+    def scaled(self, factor: float) -> Self:
+        """The same with all gains times `factor`."""
+        if self.control.controller is not None:
+            return replace(self, control=replace(self.control, controller=self.control.controller.scaled(factor)))
+        return replace(self, source=replace(self.source, stack=tuple(task.scaled(factor) for task in self.source.stack)))  # type: ignore[type-var]
 
     def loop(self, model: Plant | None = None, controller: Any = None) -> Loop:
         """The loop of one state, by default the first, with another controller where one is given."""

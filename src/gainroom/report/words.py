@@ -1,0 +1,271 @@
+"""Every sentence about whether a system is safe: nothing else in the package says so in words.
+
+A headline names the verdict, what decides it with its numbers and places, and, where something is not known, what gives it.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Literal
+
+from ..errors import apart, frequency_text, listed
+from ..studies.deciding_joints import deciding_joints_in
+from ..studies.state import USUAL_RATE
+from ..system.requirements import REQUIREMENTS
+
+if TYPE_CHECKING:
+    from ..studies.analysis import Analysis
+    from ..studies.simulation import Outcome
+    from ..studies.sweep.summary import SweepSummary
+    from ..studies.swept_margins import WorstStates
+    from ..studies.two_paths import PathStudy
+    from ..studies.verdict import Finding, Level
+
+LEVELS: "Mapping[Level, str]" = {"safe": "Safe", "unsafe": "Not safe", "undecided": "Not decided"}
+NOT_SAFE = LEVELS["unsafe"]
+UNSTABLE = f"{NOT_SAFE}: unstable"
+AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
+SOFTER = "On softer gearboxes these gains may not be safe."
+SWEPT = {
+    "warn": "NOT SAFE EVERYWHERE: a requirement is not met in some postures",
+    "bad": "NOT SAFE: unstable, or not known, in some postures",
+}
+"""Over a sweep's page, by its tone."""
+MOST_NAMES = 3
+"""Of joints or links, in a sentence."""
+
+
+def headline(study: "Analysis", where: str = "", reading: str = "") -> str:
+    """Of a system that is stable at its nominal values, or not decided: a sentence or two.
+
+    where     in which states and gearboxes it is safe, as text with a blank before
+    reading   what is known of each way to read what may be read in two ways, a sentence
+    """
+    level = study.verdict.level
+    if level == "undecided":
+        return _undecided(study, where, reading)
+    if level == "safe":
+        return f"{LEVELS[level]}{where}: {_all_met(study)}."
+    if not study.stable:
+        return f"{UNSTABLE}."
+    if study.unstable_case:
+        return f"{LEVELS[level]}: stable nominally, but not everywhere in the uncertainty ranges: unstable {_case(study)}."
+    other = [OTHERS[one.code] for one in study.verdict.deciding if one.code in OTHERS]
+    if not study.unmet:
+        return f"{LEVELS[level]}{where}: {listed(other)}."
+    there = where if len(study.states) == 1 else ""
+    return f"{stable_but(_known_to_fail(study), _time(study))}{there}{_failing(study)}.{_nominally(study)}"
+
+
+OTHERS = {"unsafe_in_gearbox_range": "with some gearboxes in the range too little is left of what is required"}
+"""What makes a system unsafe beside its own states, by a finding's code."""
+
+
+def stable_but(count: int, time: str = "") -> str:
+    """How the verdict begins on a stable loop of which `count` ≥ 1 requirements fail; `time`: " in continuous time"."""
+    return f"Stable{time}, but {count} requirement{'s fail' if count > 1 else ' fails'}"
+
+
+def safe_means(asked: str) -> str:
+    """What a column "safe" says, for a legend; `asked`: the gain margin."""
+    return f"safe: {asked} or more, and all else that is required"
+
+
+def unsafe_joints(count: int, of: int) -> str:
+    """How many joints' gains are not safe, a sentence."""
+    return f"{count} of {of} joints {'is' if count == 1 else 'are'} not safe." if count else "No joint is unsafe."
+
+
+def _undecided(study: "Analysis", where: str, reading: str) -> str:
+    """What is not known and what gives it; then what holds, or fails, as it was computed without."""
+    why = [REASONS[one.code](one) for one in study.verdict.deciding if one.code in REASONS]
+    unknown = [name for name, state in study.unmet.items() if math.isnan(study.least(state, name))]
+    why += [f"the {REQUIREMENTS[name].title}{_in_state(study, name)} is not known" for name in unknown]
+    lost = study.unstable_at_usual_rate
+    if lost is not None:
+        there = f" in {lost.title}" if len(study.states) > 1 else ""
+        why.append(f"in a loop at {AT_USUAL} these gains would be unstable{there}")
+    start = f"{LEVELS['undecided']}: {'; '.join(filter(None, [reading.rstrip('.'), *why]))}."
+    if not study.system.requirements.asked and study.stable:
+        return f"{start} The gains are stable{where}."
+    return f"{start} {_as_computed(study)}"
+
+
+def _as_computed(study: "Analysis") -> str:
+    """What the numbers say where they do not decide, a sentence."""
+    codes = {one.code for one in study.verdict.findings}
+    assumed = [text for code, text in ASSUMED.items() if code in codes]
+    as_read = f"{' and '.join(assumed)}".capitalize() if assumed else "As it was read"
+    if not study.stable:
+        return f"{as_read} the gains are unstable."
+    if study.unstable_case:
+        return f"{as_read} the gains are unstable {_case(study)}."
+    if _known_to_fail(study):
+        return f"{as_read}: {_failing(study).lstrip(', :')}.{_nominally(study)}"
+    if study.unmet:
+        return f"{as_read} all that is known is met."
+    return f"{as_read} {_all_met(study)}."
+
+
+ASSUMED = {
+    "rate_unknown": "in continuous time",
+    "gearbox_unknown": "with rigid gearboxes",
+    "motor_inertia_unknown": "with motor inertias of 0",
+}
+"""What a system was computed with, by a finding's code."""
+REASONS: "Mapping[str, Callable[[Finding], str]]" = {
+    "rate_unknown": lambda one: f"the loop's rate is not given, and any rate costs margin ({one.remedy})",
+    "gearbox_unknown": lambda one: f"the stiffness of {_gearboxes(one)} is not given ({one.remedy})",
+    "motor_inertia_unknown": lambda one: f"the inertia of {_whose(one, 'the motors', 'the motor of')} is not given ({one.remedy})",
+    "implausible": lambda one: "; ".join(one.joints),
+    "nothing_required": lambda one: f"no margin is required ({one.remedy})",
+}
+"""Why nothing is decided, by a finding's code."""
+
+
+def _gearboxes(one: "Finding") -> str:
+    return _whose(one, "the gearboxes", "the gearbox of")
+
+
+def _whose(one: "Finding", many: str, single: str) -> str:
+    """The joints by name where they are few: "the gearbox of knee", "the gearboxes"."""
+    names = one.joints
+    return f"{single} {names[0]}" if len(names) == 1 else f"{many} of {listed(names)}" if len(names) <= MOST_NAMES else many
+
+
+def _all_met(study: "Analysis") -> str:
+    """That every requirement is met, in which cases, and which has the least to spare."""
+    examined = "" if study.requirements_met else " examined"
+    least = tightest(study)
+    return f"every requirement is met{in_the_worst_case(study, examined)}{f'; the tightest is {least}' if least else ''}"
+
+
+def tightest(study: "Analysis") -> str:
+    """The requirement with the least to spare: "phase margin 30° (≥ 30°)"; "" where none is asked for."""
+    name, asked = study.decisive, study.system.requirements
+    if not name:
+        return ""
+    one = REQUIREMENTS[name]
+    return f"{one.heading} {one.text(study.least(study.worst[name], name))} ({one.sign} {one.text(asked.needed[name])})" + _in_state(
+        study, name
+    )
+
+
+def _in_state(study: "Analysis", name: str) -> str:
+    return f" in {study.worst[name].title}" if len(study.states) > 1 else ""
+
+
+def _case(study: "Analysis") -> str:
+    """Where in the ranges the gains are unstable: "at delay 3 ms", of a robot "in stand/left (delay 3 ms)"."""
+    return f"{'in' if study.states[0].posture else 'at'} {study.unstable_case}"
+
+
+def _time(study: "Analysis") -> str:
+    return " in continuous time" if study.system.rate_is_missing else ""
+
+
+def in_the_worst_case(study: "Analysis", proved: str = "") -> str:
+    """Of what a margin is the worst, where the file has ranges."""
+    names = [name.replace("_", " ") for name in study.system.uncertainty.names]
+    return f" in the worst case of uncertain {listed(names)}{proved}" if names else ""
+
+
+def _nominally(study: "Analysis") -> str:
+    """Which of the requirements that fail in the worst case fail at nominal values, too, a sentence; "" where nothing is uncertain."""
+    if not study.system.uncertainty.names:
+        return ""
+    asked = study.system.requirements
+    fail = [
+        REQUIREMENTS[name].heading
+        for name in study.unmet
+        if any(asked.met(name, REQUIREMENTS[name].value(state.margins)) is False for state in study.states)
+    ]
+    if len(fail) == len(study.unmet):
+        return " Nominally, too."
+    return f" Nominally {listed(fail)} {'fail' if len(fail) > 1 else 'fails'}, too." if fail else " Nominally none fails."
+
+
+def _known_to_fail(study: "Analysis") -> int:
+    """How many requirements; those whose margin is not known are not counted."""
+    return sum(not math.isnan(study.least(state, name)) for name, state in study.unmet.items())
+
+
+def severity(study: "Analysis") -> Literal["good", "warn", "bare"]:
+    """How the verdict on a stable system looks on a page: safe, not decided, stable but short of a requirement."""
+    return TONES[study.verdict.level]
+
+
+TONES: "Mapping[Level, Literal['good', 'warn', 'bare']]" = {"safe": "good", "undecided": "warn", "unsafe": "bare"}
+
+
+def _failing(study: "Analysis") -> str:
+    """The unmet requirements: ": phase margin 26.1° (≥ 30°) at 2.88 Hz, Ms 2.28 (≤ 2) at 77.4 Hz"; "" where there is none."""
+    parts, several, joints = [], len(study.states) > 1, _joints(study)
+    if not study.unmet:
+        return ""
+    alike = len(set(joints.values())) == 1 and bool(next(iter(joints.values())))
+    shared = len({id(state) for state in study.unmet.values()}) == 1
+    for name, state in study.unmet.items():
+        one, needed = REQUIREMENTS[name], study.system.requirements.needed[name]
+        value, omega = study.least(state, name), one.frequency(study.worst_in(state).margins)
+        shown = one.text(value, 3 if math.isnan(value) else apart(one.in_unit(value), one.in_unit(needed), 3))
+        title = one.heading if one.named(state.margins) == one.title else one.named(state.margins)
+        places = [*joints.get(name, ())[:1]] if not alike else []
+        places += [frequency_text(omega)] if math.isfinite(omega) else []
+        at = f" at {', '.join(places)}" if places else ""
+        where = f" in {state.title}" if several and not shared else ""
+        parts.append(f"{title} {shown} ({one.sign} {one.text(needed)}){where}{at}")
+    worst = f", worst in {next(iter(study.unmet.values())).title}" if several and shared else ""
+    worst += in_the_worst_case(study)
+    mainly = f", mainly at {listed(next(iter(joints.values())), most=2)}" if alike else ""
+    return f"{worst}: {('; ' if several or joints else ', ').join(parts)}{mainly}"
+
+
+def _joints(study: "Analysis") -> dict[str, tuple[str, ...]]:
+    """The joints that miss each unmet requirement in its worst state; of one joint none."""
+    if len(study.system.source.joint_names) == 1:
+        return {}
+    return {name: deciding_joints_in(state, name) for name, state in study.unmet.items()}
+
+
+def path_headline(study: "PathStudy") -> str:
+    """Of a system that is stable at its nominal values, whose kd closes on a path of its own."""
+    level = study.verdict.level
+    fails = [f"{REQUIREMENTS[name].title} {path_worst(study, name)}" for name in study.unmet]
+    if study.unstable_at:
+        return f"{LEVELS['unsafe']}: stable nominally, but unstable at {study.unstable_at}."
+    if level == "unsafe":
+        return f"{stable_but(len(fails))}: {', '.join(fails)}."
+    if level == "safe":
+        return f"{LEVELS[level]}: every requirement is met."
+    why = [REASONS[one.code](one) for one in study.verdict.deciding if one.code in REASONS]
+    why += [f"{listed([REQUIREMENTS[name].title for name in study.unknown])} not known"] if study.unknown else []
+    return f"{LEVELS[level]}: {'; '.join(why)}. The gains are stable{f', but {listed(fails)}' if fails else ''}."
+
+
+def run_headline(outcome: "Outcome") -> str:
+    """Of the file's loop behind a run without vibration, with a blank behind; "" where the gains act on no motion."""
+    study = outcome.judged
+    if study is None:
+        return ""
+    where = f" in {outcome.spec.state}" if outcome.spec.state else ""
+    if not study.stable and outcome.verdict.level == "unsafe":
+        return f"{UNSTABLE}{where} without the friction of the scenario. "
+    return f"{headline(study, where)} "
+
+
+def swept_headline(found: "SweepSummary", worst: "WorstStates", said: str, missed: str) -> list[str]:
+    """Of a sweep, in sentences; `said`, `missed`: the lowest gain limit and where it is, and which other requirements fail."""
+    from ..studies.swept_margins import swept_verdict  # loads the stores of sweeps
+
+    verdict = swept_verdict(found, worst)
+    why = [REASONS[one.code](one) for one in verdict.deciding if one.code in REASONS and verdict.level == "undecided"]
+    start = f"{LEVELS[verdict.level]}{': ' + '; '.join(why) if why else ''}. "
+    first, second = (missed, said) if found.margin_held and missed else (said, missed)
+    return [text for text in (start + first, second) if text]
+
+
+def path_worst(study: "PathStudy", name: str) -> str:
+    """The least of what a requirement bounds, where, and what is asked for."""
+    one, (value, case) = REQUIREMENTS[name], study.worst[name]
+    where = f" at {case.text}" if case.text else ""
+    return f"{one.text(value)}{where} ({one.sign} {one.text(study.system.requirements.needed[name])})"
