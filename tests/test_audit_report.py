@@ -260,9 +260,12 @@ def test_of_two_paths_the_card_and_the_star_are_the_one_that_fails_first(folder:
 
 
 def test_what_is_not_known_is_not_said_to_fail(folder: Path, capsys: pytest.CaptureFixture[str]):
-    """The peak sensitivity where kd closes on a path of its own: all else is met."""
+    """The peak sensitivity where kd closes on a path of its own: not required there, unless it is asked for; all else is met."""
     split = ["--gains-run", "split", "--drive-rate-hz", "2000", "--drive-delay-ms", "0.1", "--rate-hz", "500", "--delay-ms", "4"]
     status, page, told = page_of(folder, capsys, *split)
+    assert (status, told["verdict"], told["peak_sensitivity"]) == (0, "safe", None)
+    assert [one["code"] for one in told["findings"]] == ["peak_sensitivity_not_judged"]
+    status, page, told = page_of(folder, capsys, *split, "--peak-sensitivity", "2")
     assert (status, told["verdict"], told["peak_sensitivity"]) == (3, "undecided", None)
     own = html.unescape(without_library(page))
     assert headline(own).startswith("Not decided: the peak sensitivity is not known")

@@ -108,7 +108,8 @@ def test_what_was_counted_counts_once_or_contradicts(
 def test_the_file_that_an_audit_prints_goes_with_the_same_call(folder: Path, capsys: pytest.CaptureFixture[str], what: str | None):
     """Pasted back, with the options that were typed: the margins that the advice was given with."""
     (folder / "gains.yaml").write_text(UNSAFE, "utf-8")
-    call = ["audit", "leg.xml", "--delay-ms", "3", *RATE, *(() if what is None else ("--joint-damping", what))]
+    bounds = ("--phase-margin-deg", "1", "--peak-sensitivity", "100")  # the gain margin decides, which a factor on the gains mends
+    call = ["audit", "leg.xml", "--delay-ms", "3", *RATE, *bounds, *(() if what is None else ("--joint-damping", what))]
     first = told(capsys, *call, "--gains", "gains.yaml")
     assert not first["requirements_met"]
     assert main([*call, "--gains", "gains.yaml", "--verbose"]) == 1

@@ -157,12 +157,16 @@ def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
     groups = _by_factor(result, found)
     kept = sum(not joint.safe and joint.name not in found.joints for joint in result.joints)
     others = f" and leave the other{f' {left}' if count > 1 else 's'}" if left else ""
-    others += f", of which {kept} not safe now {'are' if kept > 1 else 'is'} safe then" if kept else ""
+    others += f", of which {kept} that {'fail' if kept > 1 else 'fails'} now {'have' if kept > 1 else 'has'} enough then" if kept else ""
     if count == 1:
         return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}){others}"
     whose = f"the gains of {count} joints" if left else "all gains"
     unsafe = sum(not joint.safe and joint.name in found.joints for joint in result.joints)
-    which = f", {unsafe} short of a margin and {count - unsafe} that are images of those or would vibrate then," if left and count > unsafe else ""
+    which = (
+        f", {unsafe} short of a margin and {count - unsafe} that are images of those or would vibrate then,"
+        if left and count > unsafe
+        else ""
+    )
     if len(groups) == 1:
         return f"Multiply {whose} by {found.factor:.4g} ({first} {of_first}){which}{others}"
     if len(groups) == count <= FEW_OWN:

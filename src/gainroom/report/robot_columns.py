@@ -250,7 +250,7 @@ AUDITED_JOINT = [
 
 
 USE = "gains times this factor"
-KEPT = "; × 1 on a joint that is not safe now: it is with the others lowered"
+KEPT = "; × 1 on a joint that fails now: it has enough with the others lowered"
 
 
 def audited_joints(result: "Audit") -> list[Column]:
