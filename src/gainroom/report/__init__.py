@@ -11,6 +11,6 @@ sweep        sweep, sweep_text; workspace: a sweep as a part of another page
 verify       verification, verification_text
 identify     identification, identified_text, identification_advice, identification_figures, delay_text, log_text, estimates; plan;
              diagnosis, diagnosis_text, diagnosis_advice
-of several   verdict (requirements and gains to use, first on every page), gains_to_use, margin_columns, columns, page (HTML),
-             page_parts, number_format, style; two_paths
+of several   words (every sentence about safety), verdict (requirements and gains to use, first on every page), gains_to_use,
+             margin_columns, columns, page (HTML), page_parts, number_format, style; two_paths
 """

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
@@ -16,7 +18,7 @@ from ..system.system import System
 from .over_uncertainty import Worst, unknown_first
 from .progress import Progress, quiet
 from .state import State, limit_headroom, state_of
-from .verdict import Verdict, verdict_of
+from .verdict import Finding, Verdict, judged, missed
 
 THIS_STATE = "this state"
 KEYS = {
@@ -210,3 +212,50 @@ def analyzed(system: System, states: Iterable[State]) -> Analysis:
     if not any(state.moves for state in found):
         raise GainroomError(f"{system.source.name}: {found[0].reason} in any posture and contact state, so there is nothing to study")
     return Analysis(system, found)
+
+
+def verdict_of(study: Analysis) -> Verdict:
+    """Of a system analysed."""
+    found = (*found_unstable(study), *found_missed(study), *rests_on(study))
+    return judged(study.system, study.remedies, found, lambda: _unsafe_with_motors(study))
+
+
+def _unsafe_with_motors(study: Analysis) -> bool:
+    """Whether gains are unsafe, too, where motors of unknown inertia have that of the links they move: few have more."""
+    actuators = study.system.source.actuators
+    with np.errstate(divide="ignore"):
+        loads = np.max([1 / np.maximum(np.diagonal(state.model.link_inverse_inertia), 0.0) for state in study.states], axis=0)
+    known = np.where(np.isfinite(loads), loads, actuators.motor_inertia.max(initial=1.0))
+    inertia = np.where(actuators.without_inertia, known, actuators.motor_inertia)
+    return analyze(study.system.with_values(motor_inertia=inertia)).verdict.level == "unsafe"
+
+
+def found_unstable(study: Analysis) -> Iterator[Finding]:
+    """States in which the gains are unstable; where none is at the nominal values, the case in the ranges in which one is."""
+    for state in study.states:
+        limit = state.limit
+        if not limit.stable:
+            values = {"gain_limit": limit.gain, "lower_gain_limit": limit.lower_gain, "limit_frequency_rad_s": limit.frequency}
+            code = "topples" if state.loop.topples else "unstable"
+            yield Finding(code, "unsafe", values, study.title_of(state), state.limiting_joints)
+    if study.unstable_case:
+        yield Finding("unstable_in_range", "unsafe", {}, study.unstable_case)
+
+
+def found_missed(study: Analysis) -> Iterator[Finding]:
+    """Requirements that a stable system misses, what is missed most first; one that is not known leaves the verdict open."""
+    for name, state in study.unmet.items():
+        yield missed(study.system, name, study.least(state, name), study.worst_in(state).margins, state, study.title_of(state))
+    if study.stable and not study.system.requirements.asked:
+        yield Finding("nothing_required", "undecided", remedy=study.remedies["limits"])
+
+
+def rests_on(study: Analysis) -> Iterator[Finding]:
+    """What a verdict does not cover, or was looked at and not proved."""
+    if study.stable_in_range and not study.unmet and study.requirements_met is None:
+        yield Finding("range_sampled", "safe")
+    if study.immobile:
+        yield Finding("immobile", "safe", state=", ".join(state.title for state in study.immobile))
+    uncertified = [state.title for state in study.states if not state.margins.certified]
+    if uncertified:
+        yield Finding("not_certified", "safe", state=", ".join(filter(None, uncertified)))

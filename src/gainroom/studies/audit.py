@@ -24,7 +24,7 @@ from ..system.loop import Loop
 from ..system.requirement import Requirement, enough
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
-from .analysis import Analysis, analyze
+from .analysis import Analysis, analyze, verdict_of
 from .deciding_joints import joints_that_miss
 from .factors import largest_factor
 from .gearbox_looks import Looks
@@ -35,7 +35,7 @@ from .needed_stiffness import NeededStiffness, needed_stiffness, unknown_gearbox
 from .over_uncertainty import unknown_first
 from .progress import Progress, after, quiet
 from .state import State, path_headroom, state_of
-from .verdict import Finding, Verdict, verdict_of
+from .verdict import Finding, Verdict
 
 OPTIONS = {
     "rate_unknown": "--rate-hz",

@@ -9,17 +9,14 @@ report/words.py makes sentences of them.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
-
-import numpy as np
 
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 
 if TYPE_CHECKING:
-    from .analysis import Analysis
     from .state import State
 
 Level = Literal["safe", "undecided", "unsafe"]
@@ -102,12 +99,6 @@ class Verdict:
         return Verdict.of((*why, *told))
 
 
-def verdict_of(study: "Analysis") -> Verdict:
-    """Of a system analysed."""
-    found = (*found_unstable(study), *found_missed(study), *rests_on(study))
-    return judged(study.system, study.remedies, found, lambda: _unsafe_with_motors(study))
-
-
 def judged(
     system: System, remedies: Mapping[str, str], findings: Iterable[Finding], unsafe_with_motors: Callable[[], bool] = lambda: False
 ) -> Verdict:
@@ -131,38 +122,6 @@ def judged(
     return found
 
 
-def _unsafe_with_motors(study: "Analysis") -> bool:
-    """Whether gains are unsafe, too, where motors of unknown inertia have that of the links they move: few have more."""
-    from .analysis import analyze
-
-    actuators = study.system.source.actuators
-    with np.errstate(divide="ignore"):
-        loads = np.max([1 / np.maximum(np.diagonal(state.model.link_inverse_inertia), 0.0) for state in study.states], axis=0)
-    known = np.where(np.isfinite(loads), loads, actuators.motor_inertia.max(initial=1.0))
-    inertia = np.where(actuators.without_inertia, known, actuators.motor_inertia)
-    return analyze(study.system.with_values(motor_inertia=inertia)).verdict.level == "unsafe"
-
-
-def found_unstable(study: "Analysis") -> Iterator[Finding]:
-    """States in which the gains are unstable; where none is at the nominal values, the case in the ranges in which one is."""
-    for state in study.states:
-        limit = state.limit
-        if not limit.stable:
-            values = {"gain_limit": limit.gain, "lower_gain_limit": limit.lower_gain, "limit_frequency_rad_s": limit.frequency}
-            code = "topples" if state.loop.topples else "unstable"
-            yield Finding(code, "unsafe", values, study.title_of(state), state.limiting_joints)
-    if study.unstable_case:
-        yield Finding("unstable_in_range", "unsafe", {}, study.unstable_case)
-
-
-def found_missed(study: "Analysis") -> Iterator[Finding]:
-    """Requirements that a stable system misses, what is missed most first; one that is not known leaves the verdict open."""
-    for name, state in study.unmet.items():
-        yield missed(study.system, name, study.least(state, name), study.worst_in(state).margins, state, study.title_of(state))
-    if study.stable and not study.system.requirements.asked:
-        yield Finding("nothing_required", "undecided", remedy=study.remedies["limits"])
-
-
 def missed(system: System, name: str, value: float, margins: Any, state: "State", title: str) -> Finding:
     """One requirement that has `value` where `state` is worst, with all `margins` there."""
     from .deciding_joints import deciding_joints_in
@@ -171,14 +130,3 @@ def missed(system: System, name: str, value: float, margins: Any, state: "State"
     values = {one.key: one.in_unit(value), "required": one.in_unit(needed), "frequency_rad_s": one.frequency(margins)}
     joints = () if math.isnan(value) or len(system.source.joint_names) == 1 else deciding_joints_in(state, name)
     return Finding(name, "undecided" if math.isnan(value) else "unsafe", values, title, joints)
-
-
-def rests_on(study: "Analysis") -> Iterator[Finding]:
-    """What a verdict does not cover, or was looked at and not proved."""
-    if study.stable_in_range and not study.unmet and study.requirements_met is None:
-        yield Finding("range_sampled", "safe")
-    if study.immobile:
-        yield Finding("immobile", "safe", state=", ".join(state.title for state in study.immobile))
-    uncertified = [state.title for state in study.states if not state.margins.certified]
-    if uncertified:
-        yield Finding("not_certified", "safe", state=", ".join(filter(None, uncertified)))
