@@ -15,7 +15,7 @@ from .record import resolution
 Prior = tuple[Floats, Floats]
 """Mean and information (p,) of what is known beforehand."""
 LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
-LAW_DAMPING, LAW_OTHER, LAW_OWN, LAW_COMMON, LAW_DELAY = 40.0, 0.08, 0.02, 0.7, 5.0
+LAW_DAMPING, LAW_OTHER, LAW_OWN, LAW_COMMON, LAW_DELAY = 40.0, 0.08, 0.07, 0.7, 5.0
 """How much more of the damping than of the stiffness a wrong law of friction takes, how much of the motor's it lays to the link, how far
 the motor's own is off, how much of its variance is common to inertias and stiffness, and how much more of a phase it is."""
 BEFOREHAND = {
