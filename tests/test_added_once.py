@@ -556,3 +556,23 @@ def test_the_app_shows_a_controller(tmp_path: Path, observer: None):
     assert other["use"]["gains"] is None
     with pytest.raises(gr.GainroomError, match=r"control\.type: unplanned has no kp–kd plane"):
         RobotBench(Opened(ARM.replace("dob", "unplanned"), "file.yaml", tmp_path))
+
+
+@pytest.mark.slow
+def test_every_command_finds_the_same(tmp_path: Path, capsys, noise: NoiseTorque):
+    """One level and one finding for a requirement that nobody knew: joint and simulate, robot, simulate, audit and sweep."""
+    joint, limits = tmp_path / "joint.yaml", "limits: {gain_margin_db: 6, phase_margin_deg: 30, peak_sensitivity: 2}\n"
+    joint.write_text(with_limit(JOINT.replace("kp: 900", "sample_rate_hz: 2000, kp: 900"), 1.0), "utf-8")
+    robot = write_arm(
+        tmp_path, with_limit(ROBOT.partition("tasks")[0].replace("{bent: {shoulder: 0.4, elbow: 0.9}}", "{zero: {}}") + limits, 2.0)
+    )
+    calls = [("joint", joint), ("simulate", joint), ("robot", robot), ("simulate", robot), ("sweep", robot, "--samples", "4")]
+    for words in (*calls, (*audited(tmp_path, "--require", "noise_torque_nm=2"),)):
+        found = of_json(capsys, *words)
+        assert found["verdict"] == "unsafe", words
+        (one,) = (each for each in found["findings"] if each["code"] == "noise_torque")
+        assert one["level"] == "unsafe"
+        assert one["noise_torque_nm"] > one["required"]
+    for most, level in ((1e9, "safe"), (1e-9, "unsafe")):
+        joint.write_text(with_limit(JOINT.replace("kp: 900", "sample_rate_hz: 2000, kp: 900"), most), "utf-8")
+        assert {of_json(capsys, command, joint)["verdict"] for command in ("joint", "simulate")} == {level}
