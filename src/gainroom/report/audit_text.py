@@ -57,6 +57,7 @@ def _unsafe(found: Audit) -> str:
     limit = found.tightest.limit
     start = "nothing makes it vibrate" if math.isinf(limit.gain) else f"vibration starts at {digits(limit.gain, '×', 4)} these gains"
     joints = unsafe_joints(sum(not joint.safe for joint in found.joints), len(found.joints)).rstrip(".")
+    joints = f"{joints[0].lower()}{joints[1:]}"
     return f"{joints}, {start if limit.gain > 0 else 'no lower gains are stable'}"
 
 

@@ -127,6 +127,7 @@ def missed(system: System, name: str, value: float, margins: Any, state: "State"
     from .deciding_joints import deciding_joints_in
 
     one, needed = REQUIREMENTS[name], system.requirements.needed[name]
-    values = {one.key: one.in_unit(value), "required": one.in_unit(needed), "frequency_rad_s": one.frequency(margins)}
+    asked = float(f"{one.in_unit(needed):.12g}")  # as it was typed: 30° came back from radians as 29.999999999999996
+    values = {one.key: one.in_unit(value), "required": asked, "frequency_rad_s": one.frequency(margins)}
     joints = () if math.isnan(value) or len(system.source.joint_names) == 1 else deciding_joints_in(state, name)
     return Finding(name, "undecided" if math.isnan(value) else "unsafe", values, title, joints)
