@@ -42,7 +42,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 def furnish(folder: Path, old: bool) -> None:
     """The inputs of COMMANDS; with `old`, something under every name that they write to."""
     for name, text in {
-        "joint.yaml": EXAMPLES["testbed"],
+        "joint.yaml": EXAMPLES["testbed"].replace("kp: 1600.0", "kp: 300.0").replace("kd: 70.0", "kd: 20.0"),  # which are safe: status 0
         "played.yaml": EXAMPLES["testbed-simulated"],
         "robot.yaml": EXAMPLES["biped-simulated"],
         "gains.yaml": GAINS,

@@ -40,7 +40,8 @@ control: {{type: pd, kp: {{default: 900, ".*_knee": 700}}, kd: {{default: 40, ".
 def test_contacts_have_types_and_joints_their_own_gearbox(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str):
     gains = write(tmp_path, GAINS, "gains.yaml")
     typed = "left_sole" if kind == "flat" else f"left_sole:{kind}"
-    arguments = ("--delay-ms", "2", "--gains", str(gains), "--stiffness", "20000", "--damping", "1", "--contact", typed)
+    arguments = ("--delay-ms", "2", "--gains", str(gains), "--stiffness", ".*_(hip|ankle)_.*=20000", "--damping", ".*_(hip|ankle)_.*=1")
+    arguments += ("--contact", typed)
     _, found = asked(capsys, "audit", BIPED, *arguments)
     state = next(state for state in found["states"] if state["contact"] == "contact")
     hand = by_hand(tmp_path, kind)

@@ -81,8 +81,8 @@ def strict_json(text: str) -> dict:
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
 def test_joint_json(said: Callable[..., Said], name: str):
     status, out, err = said(name, "--json")
-    assert (status, err) == (0, "")
     facts = strict_json(out)
+    assert (status, err, facts["verdict"]) == (1, "", "unsafe")  # every shipped joint has gains to improve
     assert set(facts) >= JOINT_KEYS
     assert facts["stable"] is True
     assert facts["model"] == ("sampled" if "sample_rate_hz: " in EXAMPLES[name] else "continuous")
@@ -142,14 +142,14 @@ def test_gains_are_judged_over_the_stated_ranges(tmp_path: Path, capsys: pytest.
     text = EXAMPLES["testbed"].partition("uncertainty:")[0].replace("sample_rate_hz", "# sample_rate_hz")  # continuous: any delay
     file = tmp_path / "joint.yaml"
     file.write_text(text, "utf-8")
-    assert main(["joint", str(file), "--json"]) == 0
+    assert main(["joint", str(file), "--json", "--exit-zero"]) == 0
     stated = strict_json(capsys.readouterr().out)
     assert (stated["stable_in_range"], stated["unstable_at"]) == (True, None)
     delay = load_joint(file).delay
     longest = 1e3 * delay + (1.001 if beyond else 0.999) * stated["delay_margin_ms"]
     file.write_text(f"{text}\nuncertainty: {{delay_ms: [{0.9e3 * delay:.12g}, {longest:.12g}]}}\n", "utf-8")
     report = tmp_path / "joint.html"
-    assert main(["joint", str(file), "--json", "--report", str(report)]) == (1 if beyond else 0)
+    assert main(["joint", str(file), "--json", "--report", str(report)]) == 1
     facts = strict_json(capsys.readouterr().out)
     assert facts["stable"] is True
     assert facts["stable_in_range"] is not beyond
@@ -213,7 +213,7 @@ def test_uncertain_rows_keep_cases_apart(said: Callable[..., Said]):
 @pytest.mark.slow
 def test_report_is_one_page_and_keeps_stdout_pure(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     report = tmp_path / "out.html"
-    assert main(["joint", str(folder / "testbed.yaml"), "--json", "--report", str(report)]) == 0
+    assert main(["joint", str(folder / "testbed.yaml"), "--json", "--report", str(report), "--exit-zero"]) == 0
     strict_json(capsys.readouterr().out)
     page = report.read_text("utf-8")
     assert page.lstrip().lower().startswith("<!doctype html")
