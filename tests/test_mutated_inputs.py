@@ -219,7 +219,7 @@ def outcome(call: tuple[str, ...]) -> tuple[str, str]:
 
 
 def _judged(status: Any, out: str, err: str) -> tuple[str, str]:
-    if status in (0, 1):
+    if status in (0, 1, 3):
         try:
             json.loads(out)
         except ValueError:
@@ -227,8 +227,9 @@ def _judged(status: Any, out: str, err: str) -> tuple[str, str]:
         return "answer", ""
     if status != 2:
         return "wrong status", f"{status} {err}"
-    if out or not err.startswith("gainroom: error: ") or err.count("\n") != 1 or len(err) > 900:
-        return "not one line", err
+    lines = err.splitlines()  # one for each thing that is wrong, 20 at most and how many more
+    if out or not lines or not all(line.startswith("gainroom: error: ") and len(line) <= 900 for line in lines) or len(lines) > 21:
+        return "not one line each", err
     return ("refusal", err) if any(name in err for name in ("joint.yaml", "robot.", "gains.yaml", "--")) else ("no file named", err)
 
 
