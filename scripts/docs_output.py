@@ -100,7 +100,7 @@ def _session(content: str, folder: str, fresh: bool) -> str:
 
 
 def _output(command: str, folder: str, fresh: bool) -> str:
-    """What a shell prints for `command`, standard error included, but for progress, which is of the machine; any exit status."""
+    """The text that a shell prints for `command`, standard error included, but for progress, which is of the machine."""
     environment = {**os.environ, "NO_COLOR": "1", "COLUMNS": "80", "PYTHONPATH": str(ROOT / "src")}
     environment |= {"LC_ALL": "C.UTF-8", "PYTHONIOENCODING": "utf-8", "EXAMPLES": str(ROOT / "examples")}
     called = "-m gainroom" if fresh else f'-I -S "{WARM}" call "{_warm()}"'

@@ -11,7 +11,7 @@ import pytest
 from gainroom.cli import main
 from gainroom.files.gain_export import FORMS, export_gains
 from gainroom.files.gain_files import read_gains
-from test_gains_go_along import LEG, audited, exported, told
+from test_gains_go_along import LEG, audited, exported, told, with_leg
 
 GAINS = "hip: {kp: 120, kd: 7.1, motor_inertia: 0.2}\nknee: {kp: 60, kd: 2.3}\n"
 UNSAFE = "hip: {kp: 4000, kd: 40, motor_inertia: 0.2}\nknee: {kp: 900, kd: 9}\n"
@@ -33,10 +33,7 @@ WHERE = {
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "leg.xml").write_text(LEG, "utf-8")
-    (tmp_path / "gains.yaml").write_text(GAINS, "utf-8")
-    return tmp_path
+    return with_leg(tmp_path, GAINS, monkeypatch)
 
 
 def resistance(text: str) -> dict[str, float]:

@@ -40,12 +40,17 @@ PLACES = {
 JUDGED = ("safe", "gain_limit", "delay_limit_ms", "limit_frequency_rad_s", "sample_rate_hz", "kd_path", "command_delay_ms", "gains_run")
 
 
+def with_leg(folder: Path, gains: str, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder, in which the test then works, with the leg and a file of gains."""
+    monkeypatch.chdir(folder)
+    (folder / "leg.xml").write_text(LEG, "utf-8")
+    (folder / "gains.yaml").write_text(gains, "utf-8")
+    return folder
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "leg.xml").write_text(LEG, "utf-8")
-    (tmp_path / "gains.yaml").write_text(GAINS, "utf-8")
-    return tmp_path
+    return with_leg(tmp_path, GAINS, monkeypatch)
 
 
 def told(capsys: pytest.CaptureFixture[str], *call: str) -> dict[str, Any]:

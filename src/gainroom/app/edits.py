@@ -83,7 +83,7 @@ def conditions(source: str, own: Mapping[str, Any], view: View) -> str:
 
 
 def other_formats_hold(own: Controller) -> bool:
-    """Whether other formats have all of its gains: those of a PD or PID."""
+    """True where other formats have all of its gains: those of a PD or PID."""
     return set(own.gain_keys()) <= set(PID.GAINS)
 
 

@@ -19,7 +19,7 @@ from ..report.joint_text import sentence, warnings
 from ..report.margin_columns import margin_columns, margins_text
 from ..report.number_format import own_gains
 from ..report.verdict import joint_to_use, verdict_rows
-from ..report.words import severity
+from ..report.words import tone
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
 from ..studies.progress import Progress, quiet
@@ -224,7 +224,7 @@ def _verdict(study: JointStudy, basis: str) -> dict[str, Any]:
     return {
         "basis": basis,
         "sentence": sentence(study),
-        "tone": severity(study) if study.stable_in_range else "bad",
+        "tone": tone(study.verdict),
         "rows": [vars(row) for row in verdict_rows(study, best)],
         "numbers": facts(margin_columns(), study.margins),
         "worst": facts(margin_columns(), study.in_range.margins),

@@ -57,7 +57,7 @@ from .robot_curves import (
 )
 from .robot_shapes import described, film, pose, shapes_of
 from .shaken import shaken
-from .so_far import SoFar, tone
+from .so_far import SoFar, tone_so_far
 
 
 class RobotBench:
@@ -336,7 +336,7 @@ class RobotBench:
         return {
             "basis": basis,
             "sentence": sentence(study),
-            "tone": tone(study),
+            "tone": tone_so_far(study),
             "rows": [vars(row) | {"place": self._where(study, row)} for row in verdict_rows(study, best)],
             "states": [facts(state_columns(), state) for state in study.every],
             "recommended": [recommended_facts(gains) for gains in study.recommended] or None,

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from ..report.words import severity
+from ..report.words import tone
 from ..studies.analysis import analyzed, in_turn
 from ..studies.progress import Progress
 from ..studies.robot import NUMBERS, RobotStudy
@@ -37,11 +37,9 @@ class SoFar:
         yield last[1]
 
 
-def tone(study: RobotStudy) -> str:
+def tone_so_far(study: RobotStudy) -> str:
     """How its verdict looks on the page; "good" of all states alone."""
-    if not study.stable_in_range:
-        return "bad"
-    found = severity(study)
+    found = tone(study.verdict)
     return "wait" if study.examined and found == "good" else found
 
 

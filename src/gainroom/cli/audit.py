@@ -1,7 +1,7 @@
 """gainroom audit: whether the gains that a robot already has are safe."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,10 +31,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..files.audit_options import Audited
+    from ..report.page import Advice
+    from ..simulation.simulated_gains import Simulator
     from ..studies.audit import Audit
     from ..studies.audited_workspace import AuditedWorkspace
     from ..studies.simulator_audit import SimulatorAudit
-    from ..studies.verdict import Verdict
+    from ..system.requirements import Requirements
+    from ..system.system import System
 
 STIFFNESS = "By the stiffness of the gearboxes that are not known"
 FEW_LINES = 4
@@ -43,6 +46,67 @@ FEW_JOINTS = 4
 """Shown without being asked for all, at most: those with the least headroom."""
 SCREEN_LINES = 25
 """Of a short answer; where it would be longer, fewer joints are shown."""
+
+
+@dataclass(frozen=True)
+class RequirementCall:
+    """Requirements of safe gains besides their gain margin, as they are typed."""
+
+    delay_margin_ms: Annotated[
+        Number,
+        number_option(
+            "--delay-margin-ms", "in milliseconds", "Extra delay that safe gains survive [ms]; without it, it is shown and not judged."
+        ),
+    ] = None
+    phase_margin_deg: Annotated[
+        Number, number_option("--phase-margin-deg", "in degrees", "Phase margin that safe gains have [°]; 30 without it.")
+    ] = None
+    peak_sensitivity: Annotated[
+        Number, number_option("--peak-sensitivity", "", "Peak sensitivity Ms of safe gains, at most; 2 without it.")
+    ] = None
+    require: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LIMIT=NUMBER", help="Another limit of safe gains, as in a robot.yaml: delay_margin_ms=2; may be given again."
+        ),
+    ] = None
+
+    def of(self, margin_db: float) -> "Callable[[System], Requirements]":
+        """Requirements of a system, with a gain margin of `margin_db`. Raises GainroomError."""
+        from ..files.typed_requirements import further_requirements, margin_factor
+        from ..studies.audit import required_of
+
+        further = further_requirements(self.delay_margin_ms, self.phase_margin_deg, self.peak_sensitivity, self.require or ())
+        margin = margin_factor(margin_db)
+        return lambda system: required_of(margin, further, system.control.kd_path is not None)
+
+
+@dataclass(frozen=True)
+class SimulatorCall:
+    """Questions about the simulator that trains a policy, as they are typed."""
+
+    simulator: Annotated[
+        str | None, typer.Option(metavar="mujoco", help="Also: are the gains stable in the simulator that trains a policy?")
+    ] = None
+    timestep: Annotated[Number, number_option("--timestep", "in seconds", "Of the simulator [s]; without it, the MJCF's.")] = None
+    integrator: Annotated[str | None, typer.Option(metavar="NAME", help="MuJoCo's, as implicitfast; without it, the MJCF's.")] = None
+    pd: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="explicit: a program computes torques; implicit: MuJoCo's actuators do; joint-damping: so, kd as joint damping.",
+        ),
+    ] = None
+    decimation: Annotated[int | None, typer.Option(metavar="STEPS", help="For which an explicit torque is held; 1 by default.")] = None
+    armature: Annotated[str | None, typer.Option(metavar="OF", help="Of the simulator's joints: file, or motor, its inertia.")] = None
+
+    def of(self, model: str, own_gains: bool, damping_in_kd: bool) -> "tuple[Simulator, tuple[str, ...]] | None":
+        """The simulator, as simulator_of has it; None where nothing is asked. Raises GainroomError."""
+        if all(value is None for value in vars(self).values()):
+            return None
+        from ..files.simulator_options import SimulatorOptions, simulator_of
+
+        return simulator_of(SimulatorOptions(**vars(self)), model, own_gains, damping_in_kd)
 
 
 @with_options
@@ -64,38 +128,8 @@ def audit(
     damping_ratio: Annotated[
         float, number_option("--damping-ratio", "", "Of gearboxes whose stiffness is not given, for how stiff they must be; 0.05 is 5 %.")
     ] = 0.05,
-    delay_margin_ms: Annotated[
-        Number,
-        number_option(
-            "--delay-margin-ms", "in milliseconds", "Extra delay that safe gains survive [ms]; without it, it is shown and not judged."
-        ),
-    ] = None,
-    phase_margin_deg: Annotated[
-        Number, number_option("--phase-margin-deg", "in degrees", "Phase margin that safe gains have [°]; 30 without it.")
-    ] = None,
-    peak_sensitivity: Annotated[
-        Number, number_option("--peak-sensitivity", "", "Peak sensitivity Ms of safe gains, at most; 2 without it.")
-    ] = None,
-    require: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="LIMIT=NUMBER", help="Another limit of safe gains, as in a robot.yaml: delay_margin_ms=2; may be given again."
-        ),
-    ] = None,
-    simulator: Annotated[
-        str | None, typer.Option(metavar="mujoco", help="Also: are the gains stable in the simulator that trains a policy?")
-    ] = None,
-    timestep: Annotated[Number, number_option("--timestep", "in seconds", "Of the simulator [s]; without it, the MJCF's.")] = None,
-    integrator: Annotated[str | None, typer.Option(metavar="NAME", help="MuJoCo's, as implicitfast; without it, the MJCF's.")] = None,
-    pd: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KIND",
-            help="explicit: a program computes torques; implicit: MuJoCo's actuators do; joint-damping: so, kd as joint damping.",
-        ),
-    ] = None,
-    decimation: Annotated[int | None, typer.Option(metavar="STEPS", help="For which an explicit torque is held; 1 by default.")] = None,
-    armature: Annotated[str | None, typer.Option(metavar="OF", help="Of the simulator's joints: file, or motor, its inertia.")] = None,
+    asked: RequirementCall,
+    training: SimulatorCall,
     write_robot: Annotated[
         Path | None, typer.Option(metavar="ROBOT.yaml", help="Also write this robot as a robot.yaml, to go on from with gainroom robot.")
     ] = None,
@@ -121,42 +155,32 @@ def audit(
     decides is not known, and the answer names what gives it.
     """
     from ..files.audit_options import audited
-    from ..files.typed_requirements import delay_of_margin, further_requirements, margin_factor
-    from ..studies.audit import audit as run_audit, required_of
+    from ..studies.audit import audit as run_audit
 
     if workspace is not None:
         from ..studies.sweep.postures import require_postures
 
         require_postures(workspace, "--workspace")
-    options, margin = given.options(delay_ms, damping_ratio=damping_ratio), margin_factor(given.margin_db)
-    asked = {"timestep": timestep, "integrator": integrator, "pd": pd, "decimation": decimation, "armature": armature}
-    extra, further = delay_of_margin(delay_margin_ms), further_requirements(phase_margin_deg, peak_sensitivity, require or ())
+    options, required = given.options(delay_ms, damping_ratio=damping_ratio), asked.of(given.margin_db)
     found = audited(model, given.gains, options)
-    training = None
-    if simulator is not None or any(value is not None for value in asked.values()):
-        from ..files.simulator_options import SimulatorOptions, simulator_of
-
-        training = simulator_of(
-            SimulatorOptions(simulator, **asked), model, given.gains is None, found.options.joint_damping == "controller"
-        )
-    besides = ("simulator", *asked, "workspace", "write_robot")
+    simulator = training.of(model, given.gains is None, found.options.joint_damping == "controller")
+    besides = (*vars(training), "workspace", "write_robot")
     call = typed_command(context, *besides, "report")
     with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:
         with progress_bar("audit:") as progress, named(model):
 
             def judged(one: "Audited") -> "Audit":
-                required = required_of(margin, extra, further, one.system.control.kd_path is not None)
-                result = run_audit(one.system, required, progress, options.damping_ratio, one.gearboxes)
+                result = run_audit(one.system, required(one.system), progress, options.damping_ratio, one.gearboxes)
                 return replace(result, joint_damping=one.options.joint_damping)
 
             result, found = read_in_every_way(model, given.gains, found, judged)
         simulated = None
-        if training is not None:
+        if simulator is not None:
             from ..studies.simulator_audit import audit_simulator
 
             with progress_bar("audit:") as progress:
                 progress(0, 0, "in the simulator")
-                simulated = audit_simulator(result, *training)
+                simulated = audit_simulator(result, *simulator)
         swept = None
         if workspace is not None:
             from ..studies.audited_workspace import audited_workspace
@@ -174,7 +198,7 @@ def audit(
             from ..report.audit import audit_page
 
             page.write(audit_page(result, typed_command(context, "write_robot"), simulated, swept, call))
-    return exit_status(judged_with(result, simulated, swept), exit_zero)
+    return exit_status(result.verdict_with(simulated, swept), exit_zero)
 
 
 def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: "Callable[[Audited], Audit]") -> "tuple[Audit, Audited]":
@@ -193,11 +217,6 @@ def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: 
         return None if there is None else ReadAs(there.option, there.meaning, judged(there.asked))
 
     return with_drives(judged(found), drives, *HOST), found
-
-
-def judged_with(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> "Verdict":
-    """The audit's verdict, with what was asked for besides."""
-    return result.verdict.with_findings(*([] if simulated is None else simulated.findings), *([] if swept is None else swept.findings))
 
 
 def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", found: "Audited") -> dict[str, Any]:
@@ -220,8 +239,8 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
     return {
         "robot": result.system.source.name,
         "gainroom": __version__,
-        **judged_with(result, simulated, swept).facts,
-        "safe": judged_with(result, simulated, swept).level == "safe",
+        **result.verdict_with(simulated, swept).facts,
+        "safe": result.verdict_with(simulated, swept).level == "safe",
         "decided": result.decided,
         "sentence": audit_sentence(result),
         "requirements_met": result.safe,
@@ -294,7 +313,7 @@ def _terminal(
 ) -> str:
     """`call`, `written`: see what_to_do; `gains_run`: where; `verbose`: also every contact state and joint, and all that is assumed."""
     from ..report.audit_advice import what_to_do
-    from ..report.audit_text import audit_warnings, reason, verdict
+    from ..report.audit_text import audit_warnings
     from ..report.columns import definitions
     from ..report.gearboxes import CAPTION, gearbox_assumptions, look_columns, shown_looks
     from ..report.robot_columns import audited_joints, audited_states, joint_caption, legend
@@ -307,12 +326,7 @@ def _terminal(
     assumed, warned = result.system.assumptions + gearbox_assumptions(result) + assumed, audit_warnings(result)
     needed, do = result.needed, what_to_do(result, call, written, None if verbose else FEW_LINES)
     doubts, warned = warned_first(warned, None if verbose else MOST_WARNINGS)
-    answer = [verdict(result), *do_this(do), reason(result)]
-    if swept is not None and not swept.safe:
-        from ..report.workspace import advice_there, in_workspace
-
-        there = do_this(replace(advice_there(swept), remarks=())) if result.safe else answer[1:-1]
-        answer = [in_workspace(verdict(result), swept), *there, reason(result)]
+    answer = _answer(result, simulated, swept, do)
     stiffness = [] if needed is None else ["", column_table(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     if not verbose:
         other = "gain_limit" if result.stable else "limit_others_closed"  # which is not what joints are judged by
@@ -321,8 +335,9 @@ def _terminal(
         def screen(count: int) -> str:
             """With the `count` joints of the least headroom."""
             left = result.joints_tightest_first[count:]
-            unsafe = sum(not joint.safe for joint in left)
-            others = f"{len(left)} more joint{'s' * (len(left) > 1)}{f', {unsafe} unsafe' if unsafe else ''}: --verbose. " if left else ""
+            failing = sum(not joint.safe for joint in left)
+            of_them = f", {failing} of which fail" if failing else ""
+            others = f"{len(left)} more joint{'s' * (len(left) > 1)}{of_them}: --verbose. " if left else ""
             joints = column_table("", columns, result.joints_tightest_first[:count])
             return render(
                 *doubts,
@@ -354,6 +369,20 @@ def _terminal(
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
         *closing({"Report": report, "Robot": written}, warned, assumed),
     )
+
+
+def _answer(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", do: "Advice") -> list[Any]:
+    """The verdict, what to do, and why."""
+    from ..report.audit_text import reason, verdict
+    from ..report.words import in_simulator
+
+    said, there = in_simulator(verdict(result), simulated), do_this(do)
+    if swept is not None and not swept.safe:
+        from ..report.workspace import advice_there, in_workspace
+
+        said = in_workspace(said, swept)
+        there = do_this(replace(advice_there(swept), remarks=())) if result.safe else there
+    return [said, *there, reason(result)]
 
 
 def _rigid(result: "Audit") -> str:

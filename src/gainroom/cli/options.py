@@ -50,7 +50,7 @@ def _number(value: object, flag: str, unit: str) -> float:
 
 
 def exit_status(verdict: "Verdict", exit_zero: bool) -> int:
-    """Of every command that judges; `exit_zero`: 0 whatever the verdict."""
+    """The exit status of every command that judges; `exit_zero`: 0 whatever the verdict."""
     return 0 if exit_zero else verdict.status
 
 

@@ -1,4 +1,4 @@
-"""How far a long command has come, on standard error: a bar on a terminal, and a plain line every 10 s wherever no bar stands."""
+"""Progress of a long command on standard error: a bar on a terminal, and a plain line every 10 s wherever no bar stands."""
 
 import contextlib
 import sys
@@ -12,11 +12,11 @@ from .streams import say
 EVERY = 10.0
 """[s] between two lines, and before the first: a short command has none."""
 FIRST, LAST = "reading the input", "preparing the answer and its page"
-"""What a command does before it counts anything, and when it has counted all."""
+"""Work of a command before it counts anything, and when it has counted all."""
 
 
 class Progress:
-    """What a command last told of itself, and the line that says it.
+    """The last that a command told of itself, and the line that says it.
 
     now   the clock [s]
     """
@@ -25,7 +25,7 @@ class Progress:
         self._now, self._begun = now, now()
         self._told = ("", 0, 0, FIRST)
         self._counts: dict[tuple[str, int], tuple[float, int, int]] = {}
-        """Of each count that was told, by its title and end: when it began [s], at how much, and the latest."""
+        """Counts that were told, by title and end: when each began [s], at how much, and the latest."""
         self.in_a_bar = False
 
     def tell(self, title: str, done: int, total: int, what: str) -> None:
@@ -37,7 +37,7 @@ class Progress:
         self._told = title, done, total, what
 
     def line(self) -> str:
-        """What is being done, the share that is done, the time so far and the time that is left, as far as the share tells it."""
+        """A line: what is being done, the share that is done, the time so far, and the time left as far as the share tells it."""
         title, done, total, what = self._told
         parts = []
         if total > 0:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def two_paths(system: "System", as_json: bool, report: Path | None) -> "Verdict":
-    """What is decided, once it is shown.
+    """The verdict, once it is shown.
 
     Raises GainroomError for a page.
     """

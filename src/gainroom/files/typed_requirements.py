@@ -14,28 +14,27 @@ def margin_factor(decibels: float) -> float:
     return from_db(checked("--margin-db", decibels, number(above=0, most=100, unit="dB")))
 
 
-def delay_of_margin(milliseconds: float | None) -> float | None:
-    """A delay margin in ms as it is typed, in s. Raises GainroomError."""
-    return None if milliseconds is None else 1e-3 * checked("--delay-margin-ms", milliseconds, number(least=0, most=1000))
-
-
-def further_requirements(phase_margin_deg: float | None, peak_sensitivity: float | None, named: Sequence[str] = ()) -> Requirements:
-    """What is required besides, as it is typed; `named`: LIMIT=NUMBER each. Raises GainroomError, which names the option."""
+def further_requirements(
+    delay_margin_ms: float | None, phase_margin_deg: float | None, peak_sensitivity: float | None, named: Sequence[str] = ()
+) -> Requirements:
+    """Requirements besides a gain margin, as they are typed; `named`: LIMIT=NUMBER each. Raises GainroomError, which names the option."""
     values = {}
+    if delay_margin_ms is not None and checked("--delay-margin-ms", delay_margin_ms, number(least=0, most=1000)) > 0:
+        values["delay_margin"] = REQUIREMENTS["delay_margin"].in_si(delay_margin_ms)
     for name, value in (("phase_margin", phase_margin_deg), ("peak_sensitivity", peak_sensitivity)):
         if value is not None:
             values[name] = _in_si(option_name(REQUIREMENTS[name].key), REQUIREMENTS[name], value)
     for text in named:
-        limit, _, number = text.partition("=")
+        limit, _, typed = text.partition("=")
         one = next((one for one in REQUIREMENTS.values() if one.key == limit), None)
         if one is None:
             raise GainroomError(
                 f"--require {text}: must be LIMIT=NUMBER, with one of {', '.join(one.key for one in REQUIREMENTS.values())}"
             )
         try:
-            value = float(number)
+            value = float(typed)
         except ValueError:
-            raise GainroomError(f"--require {limit}: {number!r} must be a number") from None
+            raise GainroomError(f"--require {limit}: {typed!r} must be a number") from None
         values[one.name] = _in_si(f"--require {limit}", one, value)
     return Requirements(**values)
 

@@ -26,7 +26,7 @@ from .robot_skeleton import common_view
 from .robot_tables import inputs
 from .robot_units import joint_units
 from .sweep_text import counted
-from .words import safe_means
+from .words import in_simulator, safe_means, tone
 from .workspace import advice_there, in_workspace, workspace_card, workspace_section
 
 UNSAFE_STATES = 3
@@ -96,7 +96,7 @@ def _reasons(result: Audit) -> list[Section]:
         names = {name for state in result.states for name in result.joints_that_miss_in(state)}
         joints = [joint.name for joint in result.joints if joint.name in names]
         where = [paragraph(f"Joints whose loops miss it, or that move there: {listed(joints)}.")]
-        unknown = all(math.isnan(result.value_in(result.worst_of(one), one)) for one in (REQUIREMENTS[name] for name in result.missed))
+        unknown = all(math.isnan(result.value_in(result.worst[one.name], one)) for one in (REQUIREMENTS[name] for name in result.missed))
         what = "; ".join(besides(result))
         first = [
             Section(f"{what[0].upper()}{what[1:]}", []) if unknown else Section(f"What fails: {what}", where),
@@ -121,22 +121,16 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWork
     said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _do_this(result, call), verdict(result)
     if not result.stable and result.to_use is None and not result.withheld:
         sentence = audit_sentence(result)
-    lost = simulated is not None and not simulated.limit.stable
-    if lost:
-        sentence = f"{sentence} These gains are unstable in the simulator: see below."
-    sentence, short = in_workspace(sentence, swept), swept is not None and not swept.safe
-    if swept is not None and short:
+    sentence = in_workspace(in_simulator(sentence, simulated), swept)
+    if swept is not None and not swept.safe:
         advice = advice_there(swept)
         if result.safe:
             do = advice_box(advice)
         else:
             said.insert(0, " ".join([*advice.remarks, advice.heading]))
-    if result.withheld:
-        return Lead(sentence, "warn", "", said, do)
-    if not result.stable:
-        return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
-    doubt = lost or short or result.verdict.level == "undecided"
-    return Lead(sentence, "bare" if not result.safe else "warn" if doubt else "good", "", said, do)
+    how = tone(result.verdict_with(simulated, swept))
+    where = " in the simulator: do not train with" if result.stable else ": do not run"
+    return Lead(sentence, how, f"UNSTABLE{where} these gains" if how == "bad" else "", said, do)
 
 
 def _do_this(result: Audit, call: str) -> Html | str:
@@ -240,7 +234,7 @@ def audited_margins(result: Audit) -> list[Column]:
     def value(one: Requirement, found: Audit) -> float:
         if not found.stable:  # of an unstable robot only by how much the gains are too high
             return found.tightest.limit.gain if one.name == "gain_margin" else math.nan
-        return found.value_in(found.worst_of(one), one)
+        return found.value_in(found.worst[one.name], one)
 
     def met(one: Requirement) -> bool | None:
         return required.met(one.name, value(one, result)) and result.stable

@@ -119,7 +119,7 @@ def _to_decide(result: Audit, call: str) -> Advice:
 
 
 def _not_yet(result: Audit, found: GainsToUse[Audit], call: str) -> Advice:
-    """Where gains with the required margins are known, but not the loop's rate."""
+    """Advice where gains with the required margins are known, but not the loop's rate."""
     factors, extra = _factors(result, found), found.audited.least_extra_delay
     margin = to_db(found.audited.tightest.limit.gain)
     lost = f"; at rates below about {digits(1 / extra, 'Hz', 3)} these gains, too, may vibrate" if 0 < extra < math.inf else ""

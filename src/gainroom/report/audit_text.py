@@ -113,7 +113,7 @@ def besides(result: Audit) -> list[str]:
     """What there is too little of besides the gain margin, each beside what is required, and where."""
     parts = []
     for one, needed in result.required.asked_for:
-        state = result.worst_of(one)
+        state = result.worst[one.name]
         value = result.value_in(state, one)
         if one.name == "gain_margin" or one.met(needed, value):
             continue
@@ -125,7 +125,7 @@ def besides(result: Audit) -> list[str]:
 
 def _beside_required(result: Audit, one: Requirement, needed: float) -> str:
     """The least that is left of a requirement, beside what is asked for, and where."""
-    state = result.worst_of(one)
+    state = result.worst[one.name]
     shown = margin_value(result.required, one.name, result.value_in(state, one), False, 3)
     where = f" in {state.contact}" if len(result.states) > 1 else ""
     return f"{one.label} {shown} ({one.sign} {one.text(needed)}){at_frequency(one.frequency(state.margins))}{where}"

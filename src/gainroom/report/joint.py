@@ -21,7 +21,7 @@ from .number_format import digits, frequency, hertz, model_kind, typed_gains
 from .page import Card, Html, Lead, Section, facts, figure, page, paragraph
 from .page_parts import assumptions, margin_card, unstable_card
 from .verdict import gains_box, joint_to_use
-from .words import severity
+from .words import tone
 
 
 def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE") -> str:
@@ -51,13 +51,9 @@ def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE
 
 
 def _lead(study: JointStudy, call: str) -> Lead:
-    said, do = warnings(study), gains_box(study, joint_to_use(study, call))
-    if not study.margins.stable:
-        return Lead(sentence(study), "bad", "UNSTABLE: do not run these gains", said, do)
-    if study.unstable_at:
-        where = case_text(study.unstable_at)
-        return Lead(sentence(study), "bad", f"UNSTABLE within the uncertainty ranges, at {where}: do not run these gains", said, do)
-    return Lead(sentence(study), severity(study), "", said, do)
+    said, do, how = warnings(study), gains_box(study, joint_to_use(study, call)), tone(study.verdict)
+    where = f" within the uncertainty ranges, at {case_text(study.unstable_at)}" if study.unstable_at else ""
+    return Lead(sentence(study), how, f"UNSTABLE{where}: do not run these gains" if how == "bad" else "", said, do)
 
 
 def _cards(study: JointStudy) -> list[Card]:

@@ -26,7 +26,7 @@ from .robot_text import notes, sentence, warnings
 from .robot_units import requirements_text
 from .sweep_text import checked_sentence, counted
 from .verdict import gains_box, robot_to_use
-from .words import severity
+from .words import tone
 from .workspace import workspace_section
 
 FEW = 4
@@ -180,16 +180,12 @@ def _joints(study: RobotStudy) -> list[Html]:
 
 def _lead(study: RobotStudy, elsewhere: Sequence[str], call: str) -> Lead:
     answer, first, do = sentence(study), [*elsewhere, *warnings(study)[:ON_TOP]], gains_box(study, robot_to_use(study, call))
-    unstable = [state.title for state in study.states if not state.limit.stable]
-    if unstable:
-        count, states = len(unstable), len(study.states)
-        where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
-        more = f" and {count - 3} more" if 3 < count < states else ""
-        return Lead(answer, "bad", f"UNSTABLE{where}{more}: do not run these gains", first, do)
-    if study.unstable_case:
-        where = f"UNSTABLE within the uncertainty ranges, in {study.unstable_case}: do not run these gains"
-        return Lead(answer, "bad", where, first, do)
-    return Lead(answer, severity(study), "", first, do)
+    how, unstable = tone(study.verdict), [state.title for state in study.states if not state.limit.stable]
+    count, states = len(unstable), len(study.states)
+    where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
+    where += f" and {count - 3} more" if 3 < count < states else ""
+    where = f" within the uncertainty ranges, in {study.unstable_case}" if study.unstable_case else where
+    return Lead(answer, how, f"UNSTABLE{where}: do not run these gains" if how == "bad" else "", first, do)
 
 
 def _cards(study: RobotStudy) -> list[Card]:

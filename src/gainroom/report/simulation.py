@@ -31,7 +31,7 @@ from .simulation_text import (
     unsettled,
     warnings,
 )
-from .words import TONES
+from .words import tone
 
 Pair = tuple[str, str]
 
@@ -219,8 +219,7 @@ def _lead(outcome: Outcome, call: str, study_call: str) -> Lead:
     """The verdict with its sentence, warnings and advice."""
     do = advice_box(what_to_do(outcome, call, study_call))
     if outcome.sound:
-        tone = TONES[outcome.verdict.level]
-        return Lead(sentence(outcome), "warn" if tone == "good" and unsettled(outcome) else tone, "", warnings(outcome), do)
+        return Lead(sentence(outcome), tone(outcome.verdict), "", warnings(outcome), do)
     verdict = {"fell": "FELL", "diverged": "DIVERGES"}.get(outcome.run.ending, "VIBRATES" if outcome.vibrates else "UNSTABLE")
     what = "this on the robot" if outcome.run.ending == "fell" else "these gains"
     return Lead(sentence(outcome), "bad", f"{verdict}: do not run {what}", warnings(outcome), do)

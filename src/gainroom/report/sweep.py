@@ -13,7 +13,7 @@ from ..studies.state import State
 from ..studies.sweep.maps import PairMaps, pair_maps
 from ..studies.sweep.store import Store
 from ..studies.sweep.summary import CONFIDENCE, SweepSummary, SweptPosture
-from ..studies.swept_margins import WorstStates
+from ..studies.swept_margins import WorstStates, swept_verdict
 from . import style
 from .columns import definitions, tabulated
 from .number_format import digits, hertz, model_kind
@@ -24,7 +24,7 @@ from .robot_drawing import hero, small
 from .robot_skeleton import common_view
 from .robot_tables import machine
 from .sweep_text import advice as use, columns, counted, joint_name, sureness, verdict, warnings
-from .words import SWEPT
+from .words import SWEPT, tone
 from .workspace import CURVES, FEW, sample_table
 
 SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
@@ -52,13 +52,8 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
     ]
     said = use(found, at_worst)
     do_this = advice(said, "") if said and worst is not None and found.scale < 1 else ""
-    state = "bad" if not found.stable else "good" if found.margin_held and not at_worst.unmet else "warn"
-    headline = {
-        "good": "",
-        "warn": SWEPT["warn"],
-        "bad": SWEPT["bad"],
-    }
-    lead = Lead(" ".join(verdict(found, at_worst)), state, headline[state], warnings(found), do_this)
+    how = tone(swept_verdict(found, at_worst))
+    lead = Lead(" ".join(verdict(found, at_worst)), how, SWEPT if how == "bad" else "", warnings(found), do_this)
     kind = model_kind(plan.system.control.sample_time)
     return page(f"gainroom sweep: {counted(plan.postures.count)} postures, {kind} model", lead, _cards(found, near), sections, command)
 

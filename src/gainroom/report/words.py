@@ -8,34 +8,31 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Literal
 
 from ..errors import apart, frequency_text, listed
-from ..studies.deciding_joints import deciding_joints_in
 from ..studies.state import USUAL_RATE
 from ..system.requirements import REQUIREMENTS
 
 if TYPE_CHECKING:
     from ..studies.analysis import Analysis
     from ..studies.simulation import Outcome
+    from ..studies.simulator_audit import SimulatorAudit
     from ..studies.sweep.summary import SweepSummary
     from ..studies.swept_margins import WorstStates
     from ..studies.two_paths import PathStudy
-    from ..studies.verdict import Finding, Level
+    from ..studies.verdict import Finding, Level, Verdict
 
 LEVELS: "Mapping[Level, str]" = {"safe": "Safe", "unsafe": "Not safe", "undecided": "Not decided"}
 NOT_SAFE = LEVELS["unsafe"]
 UNSTABLE = f"{NOT_SAFE}: unstable"
 AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
 SOFTER = "On softer gearboxes these gains may not be safe."
-SWEPT = {
-    "warn": "NOT SAFE EVERYWHERE: a requirement is not met in some postures",
-    "bad": "NOT SAFE: unstable, or not known, in some postures",
-}
-"""Over a sweep's page, by its tone."""
+SWEPT = "NOT SAFE: unstable in some postures"
+"""Over a sweep's page."""
 MOST_NAMES = 3
-"""Of joints or links, in a sentence."""
+"""Names of joints or links in a sentence, at most."""
 
 
 def headline(study: "Analysis", where: str = "", reading: str = "") -> str:
-    """Of a system that is stable at its nominal values, or not decided: a sentence or two.
+    """The verdict on a system that is stable at its nominal values, or not decided: a sentence or two.
 
     where     in which states and gearboxes it is safe, as text with a blank before
     reading   what is known of each way to read what may be read in two ways, a sentence
@@ -57,26 +54,33 @@ def headline(study: "Analysis", where: str = "", reading: str = "") -> str:
 
 
 OTHERS = {"unsafe_in_gearbox_range": "with some gearboxes in the range too little is left of what is required"}
-"""What makes a system unsafe beside its own states, by a finding's code."""
+"""Reasons beside a system's own states why it is unsafe, by a finding's code."""
 
 
 def stable_but(count: int, time: str = "") -> str:
-    """How the verdict begins on a stable loop of which `count` ≥ 1 requirements fail; `time`: " in continuous time"."""
+    """The begin of the verdict on a stable loop of which `count` ≥ 1 requirements fail; `time`: " in continuous time"."""
     return f"Stable{time}, but {count} requirement{'s fail' if count > 1 else ' fails'}"
 
 
 def safe_means(asked: str) -> str:
-    """What a column "safe" says, for a legend; `asked`: the gain margin."""
+    """The legend of a column "safe"; `asked`: the gain margin."""
     return f"safe: {asked} or more, and all else that is required"
 
 
 def unsafe_joints(count: int, of: int) -> str:
-    """How many joints' gains are not safe, a sentence."""
+    """The number of joints whose gains are not safe, a sentence."""
     return f"{count} of {of} joints {'is' if count == 1 else 'are'} not safe." if count else "No joint is unsafe."
 
 
+def in_simulator(verdict: str, simulated: "SimulatorAudit | None") -> str:
+    """An audit's verdict, as that of the robot alone where the simulator does not hold the gains."""
+    if simulated is None or simulated.limit.stable:
+        return verdict
+    return f"On the robot: {verdict} These gains are unstable in the simulator: see below."
+
+
 def _undecided(study: "Analysis", where: str, reading: str) -> str:
-    """What is not known and what gives it; then what holds, or fails, as it was computed without."""
+    """The verdict that is not decided: what is not known and what gives it, then what holds, or fails, as it was computed without."""
     why = [REASONS[one.code](one) for one in study.verdict.deciding if one.code in REASONS]
     unknown = [name for name, state in study.unmet.items() if math.isnan(study.least(state, name))]
     why += [f"the {REQUIREMENTS[name].title}{_in_state(study, name)} is not known" for name in unknown]
@@ -91,7 +95,7 @@ def _undecided(study: "Analysis", where: str, reading: str) -> str:
 
 
 def _as_computed(study: "Analysis") -> str:
-    """What the numbers say where they do not decide, a sentence."""
+    """The numbers that do not decide, a sentence."""
     codes = {one.code for one in study.verdict.findings}
     assumed = [text for code, text in ASSUMED.items() if code in codes]
     as_read = f"{' and '.join(assumed)}".capitalize() if assumed else "As it was read"
@@ -111,7 +115,7 @@ ASSUMED = {
     "gearbox_unknown": "with rigid gearboxes",
     "motor_inertia_unknown": "with motor inertias of 0",
 }
-"""What a system was computed with, by a finding's code."""
+"""Assumptions that a system was computed with, by a finding's code."""
 REASONS: "Mapping[str, Callable[[Finding], str]]" = {
     "rate_unknown": lambda one: f"the loop's rate is not given, and any rate costs margin ({one.remedy})",
     "gearbox_unknown": lambda one: f"the stiffness of {_gearboxes(one)} is not given ({one.remedy})",
@@ -119,7 +123,7 @@ REASONS: "Mapping[str, Callable[[Finding], str]]" = {
     "implausible": lambda one: "; ".join(one.joints),
     "nothing_required": lambda one: f"no margin is required ({one.remedy})",
 }
-"""Why nothing is decided, by a finding's code."""
+"""Reasons why nothing is decided, by a finding's code."""
 
 
 def _gearboxes(one: "Finding") -> str:
@@ -133,7 +137,7 @@ def _whose(one: "Finding", many: str, single: str) -> str:
 
 
 def _all_met(study: "Analysis") -> str:
-    """That every requirement is met, in which cases, and which has the least to spare."""
+    """A clause that every requirement is met, in which cases, and which has the least to spare."""
     examined = "" if study.requirements_met else " examined"
     least = tightest(study)
     return f"every requirement is met{in_the_worst_case(study, examined)}{f'; the tightest is {least}' if least else ''}"
@@ -155,7 +159,7 @@ def _in_state(study: "Analysis", name: str) -> str:
 
 
 def _case(study: "Analysis") -> str:
-    """Where in the ranges the gains are unstable: "at delay 3 ms", of a robot "in stand/left (delay 3 ms)"."""
+    """The case in the ranges in which gains are unstable: "at delay 3 ms", of a robot "in stand/left (delay 3 ms)"."""
     return f"{'in' if study.states[0].posture else 'at'} {study.unstable_case}"
 
 
@@ -164,13 +168,13 @@ def _time(study: "Analysis") -> str:
 
 
 def in_the_worst_case(study: "Analysis", proved: str = "") -> str:
-    """Of what a margin is the worst, where the file has ranges."""
+    """The ranges over which a margin is the worst; "" where the file has none."""
     names = [name.replace("_", " ") for name in study.system.uncertainty.names]
     return f" in the worst case of uncertain {listed(names)}{proved}" if names else ""
 
 
 def _nominally(study: "Analysis") -> str:
-    """Which of the requirements that fail in the worst case fail at nominal values, too, a sentence; "" where nothing is uncertain."""
+    """Requirements that fail at nominal values, too, of those that fail in the worst case, a sentence; "" where nothing is uncertain."""
     if not study.system.uncertainty.names:
         return ""
     asked = study.system.requirements
@@ -185,23 +189,27 @@ def _nominally(study: "Analysis") -> str:
 
 
 def _known_to_fail(study: "Analysis") -> int:
-    """How many requirements; those whose margin is not known are not counted."""
+    """The number of requirements that fail; those whose margin is not known are not counted."""
     return sum(not math.isnan(study.least(state, name)) for name, state in study.unmet.items())
 
 
-def severity(study: "Analysis") -> Literal["good", "warn", "bare"]:
-    """How the verdict on a stable system looks on a page: safe, not decided, stable but short of a requirement."""
-    return TONES[study.verdict.level]
+Tone = Literal["good", "warn", "bare", "bad"]
+SHAKES = ("unstable", "topples", "unstable_in_range", "unstable_in_simulator", "vibrates", "ran_away", "diverged", "fell")
+"""Findings, by code, that make a system unsafe and are no margin."""
 
 
-TONES: "Mapping[Level, Literal['good', 'warn', 'bare']]" = {"safe": "good", "undecided": "warn", "unsafe": "bare"}
+def tone(verdict: "Verdict") -> Tone:
+    """The look of a verdict on every page: safe, not decided, short of a requirement, unstable."""
+    if verdict.level != "unsafe":
+        return "good" if verdict.level == "safe" else "warn"
+    return "bad" if any(one.code in SHAKES for one in verdict.deciding) else "bare"
 
 
 def _failing(study: "Analysis") -> str:
     """The unmet requirements: ": phase margin 26.1° (≥ 30°) at 2.88 Hz, Ms 2.28 (≤ 2) at 77.4 Hz"; "" where there is none."""
-    parts, several, joints = [], len(study.states) > 1, _joints(study)
     if not study.unmet:
         return ""
+    parts, several, joints = [], len(study.states) > 1, {one.code: one.joints for one in study.verdict.findings if one.code in study.unmet}
     alike = len(set(joints.values())) == 1 and bool(next(iter(joints.values())))
     shared = len({id(state) for state in study.unmet.values()}) == 1
     for name, state in study.unmet.items():
@@ -217,18 +225,11 @@ def _failing(study: "Analysis") -> str:
     worst = f", worst in {next(iter(study.unmet.values())).title}" if several and shared else ""
     worst += in_the_worst_case(study)
     mainly = f", mainly at {listed(next(iter(joints.values())), most=2)}" if alike else ""
-    return f"{worst}: {('; ' if several or joints else ', ').join(parts)}{mainly}"
-
-
-def _joints(study: "Analysis") -> dict[str, tuple[str, ...]]:
-    """The joints that miss each unmet requirement in its worst state; of one joint none."""
-    if len(study.system.source.joint_names) == 1:
-        return {}
-    return {name: deciding_joints_in(state, name) for name, state in study.unmet.items()}
+    return f"{worst}: {('; ' if several or any(joints.values()) else ', ').join(parts)}{mainly}"
 
 
 def path_headline(study: "PathStudy") -> str:
-    """Of a system that is stable at its nominal values, whose kd closes on a path of its own."""
+    """The verdict on a system that is stable at its nominal values and whose kd closes on a path of its own."""
     level = study.verdict.level
     fails = [f"{REQUIREMENTS[name].title} {path_worst(study, name)}" for name in study.unmet]
     if study.unstable_at:
@@ -243,7 +244,7 @@ def path_headline(study: "PathStudy") -> str:
 
 
 def run_headline(outcome: "Outcome") -> str:
-    """Of the file's loop behind a run without vibration, with a blank behind; "" where the gains act on no motion."""
+    """The verdict on the file's loop behind a run without vibration, with a blank behind; "" where the gains act on no motion."""
     study = outcome.judged
     if study is None:
         return ""
@@ -254,7 +255,7 @@ def run_headline(outcome: "Outcome") -> str:
 
 
 def swept_headline(found: "SweepSummary", worst: "WorstStates", said: str, missed: str) -> list[str]:
-    """Of a sweep, in sentences; `said`, `missed`: the lowest gain limit and where it is, and which other requirements fail."""
+    """The verdict on a sweep, in sentences; `said`: the lowest gain limit and where it is, `missed`: which other requirements fail."""
     from ..studies.swept_margins import swept_verdict  # loads the stores of sweeps
 
     verdict = swept_verdict(found, worst)

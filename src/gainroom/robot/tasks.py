@@ -90,7 +90,7 @@ class Task:
         return replace(self, kp=columns["kp"], kd=columns[own[0].damping_name], ki=columns.get("ki"))
 
     def scaled(self, factor: float) -> "Task":
-        """The same with its torque multiplied by `factor`."""
+        """The task with its torque multiplied by `factor`."""
         if self.ki is None:
             return replace(self, kp=factor * np.asarray(self.kp), kd=factor * np.asarray(self.kd))
         return replace(self, kd=factor * np.asarray(self.kd), ki=factor * np.asarray(self.ki))

@@ -124,7 +124,7 @@ class SimulationSpec:
 
     @property
     def state(self) -> str:
-        """The same, as text; "" of a joint."""
+        """Posture and contact state, as text; "" of a joint."""
         return "/".join(filter(None, self.place))
 
     def loop(self, gain: float = 1.0) -> Loop:

@@ -15,6 +15,7 @@ from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
+from .deciding_joints import deciding_joints_in
 from .over_uncertainty import Worst, unknown_first
 from .progress import Progress, quiet
 from .state import State, limit_headroom, state_of
@@ -25,9 +26,9 @@ KEYS = {
     "rate_unknown": "control.sample_rate_hz",
     "gearbox_unknown": "joints: stiffness",
     "motor_inertia_unknown": "joints: motor_inertia",
-    "limits": "limits",
+    "nothing_required": "limits",
 }
-"""Of a joint.yaml or robot.yaml, what gives something that is not known, by a finding's code."""
+"""Keys of a joint.yaml or robot.yaml that give what is not known, by a finding's code."""
 
 
 @dataclass(frozen=True)
@@ -215,19 +216,24 @@ def analyzed(system: System, states: Iterable[State]) -> Analysis:
 
 
 def verdict_of(study: Analysis) -> Verdict:
-    """Of a system analysed."""
+    """The verdict on a system analysed."""
     found = (*found_unstable(study), *found_missed(study), *rests_on(study))
-    return judged(study.system, study.remedies, found, lambda: _unsafe_with_motors(study))
+    return judged(study.system, study.remedies, found, lambda: unsafe_with_motors(study.states))
 
 
-def _unsafe_with_motors(study: Analysis) -> bool:
-    """Whether gains are unsafe, too, where motors of unknown inertia have that of the links they move: few have more."""
-    actuators = study.system.source.actuators
+def unsafe_with_motors(states: Sequence[State]) -> bool:
+    """True where gains are unsafe in one of the states with motors of unknown inertia that have their links': few have more."""
     with np.errstate(divide="ignore"):
-        loads = np.max([1 / np.maximum(np.diagonal(state.model.link_inverse_inertia), 0.0) for state in study.states], axis=0)
-    known = np.where(np.isfinite(loads), loads, actuators.motor_inertia.max(initial=1.0))
-    inertia = np.where(actuators.without_inertia, known, actuators.motor_inertia)
-    return analyze(study.system.with_values(motor_inertia=inertia)).verdict.level == "unsafe"
+        loads = np.max([1 / np.maximum(np.diagonal(state.model.link_inverse_inertia), 0.0) for state in states], axis=0)
+
+    def with_motors(state: State) -> State:
+        actuators = state.system.source.actuators
+        likely = np.where(np.isfinite(loads), loads, actuators.motor_inertia.max(initial=1.0))
+        inertia = np.where(actuators.without_inertia, likely, actuators.motor_inertia)
+        return state_of(state.system.with_values(motor_inertia=inertia), state.posture, state.contact)
+
+    changed = [with_motors(state) for state in states]
+    return any(Analysis(state.system, (state,)).verdict.level == "unsafe" for state in changed)
 
 
 def found_unstable(study: Analysis) -> Iterator[Finding]:
@@ -244,14 +250,15 @@ def found_unstable(study: Analysis) -> Iterator[Finding]:
 
 def found_missed(study: Analysis) -> Iterator[Finding]:
     """Requirements that a stable system misses, what is missed most first; one that is not known leaves the verdict open."""
+    required = study.system.requirements
     for name, state in study.unmet.items():
-        yield missed(study.system, name, study.least(state, name), study.worst_in(state).margins, state, study.title_of(state))
-    if study.stable and not study.system.requirements.asked:
-        yield Finding("nothing_required", "undecided", remedy=study.remedies["limits"])
+        omega = REQUIREMENTS[name].frequency(study.worst_in(state).margins)
+        joints = deciding_joints_in(state, name) if len(study.system.source.joint_names) > 1 else ()
+        yield missed(required, name, study.least(state, name), frequency=omega, state=study.title_of(state), joints=joints)
 
 
 def rests_on(study: Analysis) -> Iterator[Finding]:
-    """What a verdict does not cover, or was looked at and not proved."""
+    """Findings that a verdict rests on: what it does not cover, or was looked at and not proved."""
     if study.stable_in_range and not study.unmet and study.requirements_met is None:
         yield Finding("range_sampled", "safe")
     if study.immobile:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -41,9 +41,9 @@ OPTIONS = {
     "rate_unknown": "--rate-hz",
     "gearbox_unknown": "--gearbox or --stiffness",
     "motor_inertia_unknown": "--motor-inertia",
-    "limits": "--margin-db",
+    "nothing_required": "--margin-db",
 }
-"""Of the command, what gives something that is not known, by a finding's code."""
+"""Options that give what is not known, by a finding's code."""
 Answer = TypeVar("Answer")
 NUMBERS = ("margins", "limits_others_open", "delay_limit")
 
@@ -74,6 +74,13 @@ class AuditedJoint:
     link_viscous: float = math.nan
     effort_limit: float = math.nan
     needed_stiffness: float = math.nan
+
+
+class Beside(Protocol):
+    """A question beside an audit's own, and its findings."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -136,7 +143,7 @@ class Audit(Analysis):
 
     @cached_property
     def verdict(self) -> Verdict:
-        """As of any system, with what its gearboxes' ranges make of it, and what may be read in two ways."""
+        """The verdict as on any system, with what its gearboxes' ranges make of it, and what may be read in two ways."""
         found = verdict_of(self)
         if self.over is not None and not self.over.safe and found.level != "unsafe":
             found = found.with_findings(Finding("unsafe_in_gearbox_range", "unsafe"))
@@ -145,8 +152,11 @@ class Audit(Analysis):
         if not self.open:
             return found
         flag = self.readings[0].option.split()[0]
-        limits = {f"gain_limit with {one.option}": one.audit.tightest.limit.gain for one in self.readings}
-        return found.open(Finding("read_in_two_ways", "undecided", limits, remedy=flag))
+        return found.open(Finding("read_in_two_ways", "undecided", remedy=flag))
+
+    def verdict_with(self, *others: "Beside | None") -> Verdict:
+        """The verdict with what was asked for besides: the simulator, the workspace."""
+        return self.verdict.with_findings(*(found for one in others if one is not None for found in one.findings))
 
     @property
     def remedies(self) -> Mapping[str, str]:
@@ -162,11 +172,6 @@ class Audit(Analysis):
         """False where something that is not known decides."""
         return self.verdict.level != "undecided"
 
-    @property
-    def passes(self) -> bool:
-        """Safe, with all that decides given."""
-        return self.verdict.level == "safe"
-
     def enough_in(self, state: State) -> bool:
         """Whether a state is stable and has what is required."""
         return not self.missed_in(state)
@@ -180,12 +185,6 @@ class Audit(Analysis):
     def value_in(self, state: State, one: Requirement) -> float:
         """What is held against a requirement; where kd has a path of its own, the delay margin is that of the other gains' path."""
         return self.extra_delay(state) if one.name == "delay_margin" else one.value(state.margins)
-
-    def worst_of(self, one: Requirement) -> State:
-        """The state that has least left of a requirement."""
-        if one.name == "delay_margin":
-            return min(self.states, key=lambda state: unknown_first(self.extra_delay(state)))
-        return self.worst[one.name]
 
     def joints_that_miss_in(self, state: State) -> set[str]:
         """The joints that move where a state has too little of something; of one that is not stable those that vibrate."""
@@ -362,7 +361,7 @@ class Audit(Analysis):
         return replace(self, system=system, every=analyze(system, numbers=NUMBERS).every, needed=None, over=None, readings=(), open=False)
 
     def over_range(self, gains: Mapping[str, Floats]) -> "Audit":
-        """The same over the whole range of gearboxes, anew; over one that there is."""
+        """An audit of other gains over the whole range of gearboxes, which there must be."""
         assert self.over is not None
         return replace(audit(self._with(gains), self.required, gearboxes=self.over.range), joint_damping=self.joint_damping)
 
@@ -387,22 +386,16 @@ class Audit(Analysis):
         return {name: posture.angles.get(name, 0.0) for name in posture.body.joint_names} | dict(posture.body.locked)
 
 
-def required_of(
-    margin: float | None = None, delay_margin: float | None = None, further: Requirements | None = None, kd_apart: bool = False
-) -> Requirements:
-    """The usual ones, with another gain margin (a factor; 1: none), a delay margin [s], and `further` ones in place of theirs.
+def required_of(margin: float | None = None, further: Requirements | None = None, kd_apart: bool = False) -> Requirements:
+    """The usual ones, with another gain margin (a factor; 1: none), and `further` ones in place of theirs.
 
     kd_apart   kd closes on a path of its own, where Ms is not known: it is not required unless it is among the `further` ones
     """
-    required = dict(Requirements.usual().needed)
+    required = dict(Requirements.usual().needed) | ({} if margin is None else {"gain_margin": margin})
     if kd_apart:
         del required["peak_sensitivity"]
-    if margin is not None:
-        required["gain_margin"] = margin
-    if delay_margin is not None:
-        required["delay_margin"] = delay_margin
     required |= {} if further is None else further.needed
-    return Requirements(**{name: value for name, value in required.items() if not (name == "gain_margin" and value <= 1) and value > 0})
+    return Requirements(**{name: value for name, value in required.items() if name != "gain_margin" or value > 1})
 
 
 def audit(

@@ -34,7 +34,7 @@ class AuditedWorkspace:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is missed in some posture."""
+        """Requirements that are missed in some posture."""
         return tuple(Finding(name, "unsafe", state="workspace") for name in self.unmet)
 
     @property

@@ -64,11 +64,7 @@ class Diagnosis:
         """Unsafe where the joint vibrates, or ran away, in this record; of other motions nothing is said."""
         found = [Finding("ran_away", "unsafe")] if self.ran_away else []
         if self.vibrates and self.oscillation is not None:
-            values = {
-                "frequency_rad_s": self.oscillation.vibration.frequency,
-                "likelihood": self.causes[0].likelihood if self.causes else math.nan,
-            }
-            found.append(Finding("vibrates", "unsafe", values, state="" if self.cause is None else self.cause.name))
+            found.append(Finding("vibrates", "unsafe", {"frequency_rad_s": self.oscillation.vibration.frequency}))
         return Verdict.of(found)
 
     @property

@@ -33,7 +33,7 @@ LEAST_RISE = 1.02
 NEARLY_ALIKE = 0.02
 """Relative, as ALIKE, of joints that get the same factor: left and right ones of a real robot's model differ by so much."""
 ROUNDS = 10
-"""Of gains that are lowered for the worst gearboxes of a range, which are then others."""
+"""Rounds in which gains are lowered for the worst gearboxes of a range, which are then others."""
 SLIGHTLY = 0.99
 """Times the gains, where three digits of a factor would not change them."""
 MOST_TRIED = 40

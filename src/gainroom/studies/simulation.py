@@ -174,7 +174,7 @@ class Outcome:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Of the file's loop, whatever friction and torque limits hide; a run that ends early or vibrates makes it unsafe."""
+        """The verdict on the file's loop, whatever friction and torque limits hide; a run that ends early or vibrates makes it unsafe."""
         found = [] if self.judged is None else [*self.judged.verdict.findings]
         if not self.completed:
             found.append(Finding(self.run.ending, "unsafe", {"time_s": self.duration}))

@@ -57,7 +57,7 @@ class SimulatorAudit:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """That the gains are unstable in the simulator."""
+        """A finding where the gains are unstable in the simulator."""
         if self.limit.stable:
             return ()
         where = f"{self.tightest.posture}/{self.tightest.contact}"

@@ -5,17 +5,18 @@ corners of an uncertainty are (design/gain_cases.py), in a tenth of the time; wh
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ..analysis.margin_record import Margins
 from ..errors import GainroomError
-from ..system.margin_units import to_db
 from ..system.requirement import Requirement
+from ..system.requirements import Requirements
 from ..system.system import StateCase
-from .analysis import KEYS
+from .analysis import KEYS, unsafe_with_motors
+from .deciding_joints import deciding_joints_in
 from .loop_numbers import margins_of, moves, with_certified_delay
 from .progress import Progress, quiet
 from .state import State, state_of
@@ -112,7 +113,7 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
 
 
 def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
-    """Of every posture that was swept: what fails in one, and what is not known."""
+    """The verdict on every posture that was swept: what fails in one, and what is not known."""
     system, lowest = found.plan.system, found.worst_posture
     title = "" if lowest is None else f"{lowest.name}/{found.plan.contacts[lowest.contact]}"
     limit = {} if lowest is None else {"gain_limit": lowest.gain, "limit_frequency_rad_s": lowest.frequency}
@@ -120,20 +121,17 @@ def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
     unstable, short = (sum(getattr(one, name) for one in found.contacts) for name in ("unstable", "short"))
     findings = [Finding("unstable", "unsafe", {**limit, "postures": unstable}, title, joints)] if unstable else []
     if short > unstable and found.margin > 1 and lowest is not None:
-        levels = {"gain_margin_db": to_db(lowest.gain), "required": to_db(found.margin)}
-        values = {**levels, "frequency_rad_s": lowest.frequency, "postures": short}
-        findings.append(Finding("gain_margin", "unsafe", values, title, joints))
+        where = {"frequency": lowest.frequency, "state": title, "joints": joints, "postures": short}
+        findings.append(missed(Requirements(gain_margin=found.margin), "gain_margin", lowest.gain, **where))
     if found.unknown or not found.complete or lowest is None:
         findings.append(Finding("limit_unknown", "undecided", {"postures": found.unknown}))
-    stable = [(name, one) for name, one in worst.unmet.items() if one.state.limit.stable]  # of others no margin is told
-    for name, one in stable:
-        made = missed(system, name, one.value, one.state.margins, one.state, one.state.title)
-        findings.append(replace(made, values={**made.values, "postures": one.missed}))
-    if not system.requirements.asked:
-        findings.append(Finding("nothing_required", "undecided", remedy=KEYS["limits"]))
+    for name, one in worst.unmet.items():
+        if one.state.limit.stable:  # of others no margin is told
+            where = {"frequency": one.requirement.frequency(one.state.margins), "joints": deciding_joints_in(one.state, name)}
+            findings.append(missed(system.requirements, name, one.value, **where, state=one.state.title, postures=one.missed))
     if found.uncertified:
         findings.append(Finding("not_certified", "safe", {"postures": found.uncertified}))
-    return judged(system, KEYS, findings)
+    return judged(system, KEYS, findings, lambda: any(unsafe_with_motors([state]) for state in worst.states))
 
 
 @dataclass(frozen=True)

@@ -11,21 +11,23 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..errors import GainroomError, computable
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .analysis import KEYS
+from .analysis import KEYS, unsafe_with_motors
 from .progress import Progress, quiet
 from .state import State, path_headroom
-from .verdict import Finding, Verdict, judged
+from .verdict import Finding, Verdict, judged, missed
 
 
 @dataclass(frozen=True)
 class PathCase:
     """One state at one place in the uncertainty.
 
-    title        posture and contact state; "" of a joint
+    state        in its posture and contact state
+    title        those; "" of a joint
     place        as text; "" for the nominal case
     delay_limit  [s] of the other gains' path, kd's as it is; NaN where it is not known, 0 where no delay there is short enough
     """
 
+    state: State
     title: str
     place: str
     margins: Margins
@@ -104,7 +106,7 @@ class PathStudy:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """As of systems with one path."""
+        """The verdict as on systems with one path."""
         found = [
             Finding("unstable", "unsafe", {"gain_limit": case.limit.gain, "limit_frequency_rad_s": case.limit.frequency}, case.text)
             for case in self.nominal
@@ -112,14 +114,12 @@ class PathStudy:
         ]
         found += [Finding("unstable_in_range", "unsafe", state=self.unstable_at)] if self.unstable_at else []
         for name in (*self.unmet, *self.unknown):
-            one, (value, case) = REQUIREMENTS[name], self.worst[name]
-            values = {one.key: one.in_unit(value), "required": one.in_unit(self.system.requirements.needed[name])}
-            found.append(Finding(name, "undecided" if name in self.unknown else "unsafe", values, case.text))
-        if self.stable and not self.system.requirements.needed:
-            found.append(Finding("nothing_required", "undecided", remedy=KEYS["limits"]))
+            value, case = self.worst[name]
+            omega = REQUIREMENTS[name].frequency(case.margins)
+            found.append(missed(self.system.requirements, name, value, frequency=omega, state=case.text))
         if self.stable_in_range and self.system.uncertainty.names and not self.unmet:
             found.append(Finding("range_sampled", "safe"))
-        return judged(self.system, KEYS, found)
+        return judged(self.system, KEYS, found, lambda: unsafe_with_motors([case.state for case in self.nominal]))
 
     @property
     def requirements_met(self) -> bool | None:
@@ -138,7 +138,7 @@ def study_two_paths(system: System, progress: Progress = quiet) -> PathStudy:
         name = state.title if case.posture else ""
         with computable(system.source.name + (f": {case.title}" if name else "")):
             if state.moves:
-                found.append(PathCase(name, case.place, state.margins, state.delay_limit))
+                found.append(PathCase(state, name, case.place, state.margins, state.delay_limit))
     progress(len(every), len(every), "")
     if not found:
         raise GainroomError(f"{system.source.name}: its gains act on no motion in any state, so there is nothing to study")

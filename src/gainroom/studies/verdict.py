@@ -1,4 +1,4 @@
-"""Whether a system is safe, in one record: every command, page and app shows it, and the exit status follows from it.
+"""The verdict on a system, safe, unsafe or undecided, in one record: every command and page shows it, the exit status follows.
 
 A finding alone makes a system unsafe, leaves it open, or says what a safe verdict rests on. Findings hold numbers and names;
 report/words.py makes sentences of them.
@@ -11,13 +11,10 @@ report/words.py makes sentences of them.
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-from ..system.requirements import REQUIREMENTS
+from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
-
-if TYPE_CHECKING:
-    from .state import State
 
 Level = Literal["safe", "undecided", "unsafe"]
 STATUS: Mapping[Level, int] = {"safe": 0, "unsafe": 1, "undecided": 3}
@@ -47,7 +44,7 @@ class Finding:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What --json prints."""
+        """The finding as --json prints it."""
         return {
             "code": self.code,
             "level": self.level,
@@ -60,18 +57,18 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a system is safe, and all that was found, what decides first."""
+    """The verdict on a system, with all that was found, what decides first."""
 
     findings: tuple[Finding, ...]
 
     @classmethod
     def of(cls, findings: Iterable[Finding]) -> "Verdict":
-        """With the findings that decide first, each level in the order given."""
+        """A verdict with the findings that decide first, each level in the order given."""
         return cls(tuple(sorted(findings, key=lambda one: -RISING.index(one.level))))
 
     @property
     def level(self) -> Level:
-        """That of the worst finding."""
+        """The level of the worst finding."""
         return RISING[max((RISING.index(one.level) for one in self.findings), default=0)]
 
     @property
@@ -90,44 +87,48 @@ class Verdict:
         return {"verdict": self.level, "findings": [one.facts for one in self.findings]}
 
     def with_findings(self, *more: Finding) -> "Verdict":
-        """With some more, which may make it worse and never better."""
+        """The verdict with some more findings, which may make it worse and never better."""
         return Verdict.of((*self.findings, *more))
 
     def open(self, *why: Finding) -> "Verdict":
-        """The same where something that is not known, `why`, may turn what is unsafe into safe: that is not decided either."""
+        """The verdict where something that is not known, `why`, may turn what is unsafe into safe: that is not decided either."""
         told = (replace(one, level="undecided") if one.level == "unsafe" else one for one in self.findings)
         return Verdict.of((*why, *told))
 
 
-def judged(
-    system: System, remedies: Mapping[str, str], findings: Iterable[Finding], unsafe_with_motors: Callable[[], bool] = lambda: False
-) -> Verdict:
-    """From what was found of a system, and what of it is not known.
+def judged(system: System, remedies: Mapping[str, str], findings: Iterable[Finding], unsafe_with_motors: Callable[[], bool]) -> Verdict:
+    """The verdict from what was found of a system, and what of it is not known.
 
     remedies   what gives that, by the finding's code
     unsafe_with_motors   whether it is unsafe, too, where motors that nobody described have the inertia of motors of that size
     """
-    found, unknown = Verdict.of(findings), dict(system.source.unknown)
+    found, unknown = Verdict.of(findings), system.source.unknown
+
+    def why(code: str, level: Level = "undecided") -> Finding:
+        return Finding(code, level, joints=unknown.get(code, ()), remedy=remedies.get(code, ""))
+
+    if not system.requirements.asked:
+        found = found.with_findings(why("nothing_required"))
     if system.rate_is_missing:
-        found = found.with_findings(Finding("rate_unknown", "undecided", remedy=remedies["rate_unknown"]))
-    if gearboxes := unknown.get("gearbox_unknown"):
-        found = found.with_findings(Finding("gearbox_unknown", "undecided", joints=gearboxes, remedy=remedies["gearbox_unknown"]))
-    if doubts := unknown.get("implausible"):
-        found = found.open(Finding("implausible", "undecided", joints=doubts))
+        found = found.with_findings(why("rate_unknown"))
+    if "gearbox_unknown" in unknown:
+        found = found.with_findings(why("gearbox_unknown"))
+    if "implausible" in unknown:
+        found = found.open(why("implausible"))
     # An inertia that counts as 0 mostly lowers limits: what is safe without it rests on that, what is not may be safe.
-    if motors := unknown.get("motor_inertia_unknown"):
-        why = Finding("motor_inertia_unknown", "safe", joints=motors, remedy=remedies["motor_inertia_unknown"])
-        lowered = found.level == "unsafe" and not unsafe_with_motors()
-        found = found.open(replace(why, level="undecided")) if lowered else found.with_findings(why)
+    if "motor_inertia_unknown" in unknown:
+        may_be_safe = found.level == "unsafe" and not unsafe_with_motors()
+        found = found.open(why("motor_inertia_unknown")) if may_be_safe else found.with_findings(why("motor_inertia_unknown", "safe"))
     return found
 
 
-def missed(system: System, name: str, value: float, margins: Any, state: "State", title: str) -> Finding:
-    """One requirement that has `value` where `state` is worst, with all `margins` there."""
-    from .deciding_joints import deciding_joints_in
+def missed(required: Requirements, name: str, value: float, **where: Any) -> Finding:
+    """One requirement that has `value` [SI] at the worst; not known (NaN) it leaves the verdict open, and nobody is it.
 
-    one, needed = REQUIREMENTS[name], system.requirements.needed[name]
-    asked = float(f"{one.in_unit(needed):.12g}")  # as it was typed: 30° came back from radians as 29.999999999999996
-    values = {one.key: one.in_unit(value), "required": asked, "frequency_rad_s": one.frequency(margins)}
-    joints = () if math.isnan(value) or len(system.source.joint_names) == 1 else deciding_joints_in(state, name)
-    return Finding(name, "undecided" if math.isnan(value) else "unsafe", values, title, joints)
+    where   `frequency` [rad/s], `state`, `joints`, and `postures`, in how many it is missed; as far as they are known
+    """
+    one, known = REQUIREMENTS[name], not math.isnan(value)
+    asked = float(f"{one.in_unit(required.needed[name]):.12g}")  # as it was typed: 30° came back from radians as 29.999999999999996
+    values = {one.key: one.in_unit(value), "required": asked, "frequency_rad_s": where.get("frequency", math.nan)}
+    values |= {"postures": where["postures"]} if "postures" in where else {}
+    return Finding(name, "unsafe" if known else "undecided", values, where.get("state", ""), where.get("joints", ()) if known else ())

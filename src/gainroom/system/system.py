@@ -172,7 +172,7 @@ class System(Generic[Source]):
         return replace(self, control=replace(self.control, space="joint", controller=controller))
 
     def scaled(self, factor: float) -> Self:
-        """The same with all gains times `factor`."""
+        """The system with all gains times `factor`."""
         if self.control.controller is not None:
             return replace(self, control=replace(self.control, controller=self.control.controller.scaled(factor)))
         return replace(self, source=replace(self.source, stack=tuple(task.scaled(factor) for task in self.source.stack)))  # type: ignore[type-var]
