@@ -11,12 +11,12 @@ import pytest
 import gainroom as gr
 from gainroom.analysis.range_proof import prove
 from gainroom.cli import main
-from gainroom.cli.joint import _facts, _terminal
+from gainroom.cli.output import render
 from gainroom.design.margin_slopes import Case, moved
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.report.columns import Column
-from gainroom.report.joint import joint_page
+from gainroom.report.joint_presentation import JointPresentation
 from gainroom.report.margin_columns import margin_rows
 from gainroom.report.number_format import digits
 from gainroom.report.robot_columns import JOINT
@@ -92,9 +92,10 @@ def test_a_controller_is_one_class():
     assert study.recommended is not None
     assert isinstance(study.recommended.controller, Series)
     assert study.recommended.controller.plane_gains() == pytest.approx((pd.recommended.kp, pd.recommended.kd), rel=1e-9)
-    assert _facts(study)["recommended"]["lead"] == pytest.approx(pd.recommended.kd / pd.recommended.kp, rel=1e-9)
-    assert digits(study.recommended.kd) in _terminal(study, "gainroom joint joint.yaml", None, True)
-    assert "Series" in joint_page(study, "again")
+    shown = JointPresentation(study)
+    assert shown.facts()["recommended"]["lead"] == pytest.approx(pd.recommended.kd / pd.recommended.kp, rel=1e-9)
+    assert digits(study.recommended.kd) in render(*next(shown.screens(verbose=True)))
+    assert "Series" in shown.page("again")
 
 
 class Twice(Series):

@@ -14,15 +14,20 @@ from .streams import give_up
 from .table_widths import KEPT, shared
 
 if TYPE_CHECKING:
+    from io import StringIO
+
     from rich.table import Table
 
     from ..report.columns import Column
     from ..report.page import Advice
+    from ..report.presentation import Part, Presentation
 
 WIDTH = 80
 """Columns, where no terminal says otherwise."""
 WIDEST = 100
 """Columns, at most."""
+SCREEN_LINES = 25
+"""Of an answer that can be shorter."""
 UNBROKEN = "\ue000"
 """Stands for THIN while lines are broken, as KEPT for spaces: rich would break a number there."""
 NARROWEST = 40
@@ -55,6 +60,23 @@ def show(as_json: bool, facts: Callable[[], Mapping[str, Any]], text: Callable[[
         emit_json(facts())
     else:
         emit(text())
+
+
+def present(shown: "Presentation", as_json: bool, verbose: bool, page: "StringIO | None", command: str) -> None:
+    """A study on standard output, and on its `page` where one is asked for; `command`: that makes the page."""
+    show(as_json, shown.facts, lambda: _fitting(shown.screens(verbose)))
+    if page is not None:
+        page.write(shown.page(command))
+
+
+def _fitting(screens: "Iterable[Sequence[Part]]") -> str:
+    """The first that has at most SCREEN_LINES lines, else the last."""
+    text = ""
+    for parts in screens:
+        text = render(*parts)
+        if text.count("\n") <= SCREEN_LINES:
+            break
+    return text
 
 
 def columns_wide() -> int:
@@ -158,6 +180,19 @@ def closing(files: Mapping[str, Path | None], warnings: Iterable[str], assumed: 
     return [*written, *(f"{kind}: {text}" for kind, texts in kinds.items() for text in texts)]
 
 
+def _drawn(part: "Part | Table") -> Any:
+    """A text, a line that is not broken, or a table, as rich takes them."""
+    from rich.text import Text
+
+    from ..report.presentation import Grid, Legend, Typed
+
+    if isinstance(part, Grid):
+        return table(part.title, part.headings, part.rows, part.drops)
+    if isinstance(part, Legend):
+        return part.text([heading for one in part.tables for heading in headings(_drawn(one))])
+    return Text(printable(part), no_wrap=True) if isinstance(part, Typed) else part
+
+
 def render(*parts: Any, wide: bool = False) -> str:
     """Text and tables as they go to this terminal; plain where standard output is none, or NO_COLOR is set. `wide`: see table.
 
@@ -179,7 +214,7 @@ def render(*parts: Any, wide: bool = False) -> str:
         markup=False,
         emoji=False,
     )
-    for part in parts:
+    for part in map(_drawn, parts):
         if isinstance(part, str):
             part = UNITS.sub(KEPT, "\n".join(map(printable, part.split("\n"))).replace(THIN, UNBROKEN))
         console.width = max(across, getattr(part, "min_width", None) or 0)  # of a table whose numbers need more

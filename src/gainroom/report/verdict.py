@@ -17,6 +17,7 @@ from .gains_to_use import joint_gains, kept, robot_gains
 from .margin_columns import lacking, margin_value, requirement
 from .number_format import digits, hertz, own_gains, rate, span, typed
 from .page import Advice, Html, advice_box, table
+from .presentation import Grid, Part, do_this
 from .robot_units import unit_of_gain
 from .words import AT_USUAL
 
@@ -245,6 +246,13 @@ def _heading(study: Analysis, place: str) -> str:
     if study.requirements_met is False:
         return f"Use instead, {place}:"
     return f"The present gains may stay. The stiffest that meet the requirements, {place}:"
+
+
+def verdict_lines(study: Analysis, to_use: ToUse) -> list[Part]:
+    """What stands first in the terminal: gains to use with what is said of them, and every requirement at its worst."""
+    drops = ("at", "nominal", to_use.column, "required")
+    rows = Grid.of("", verdict_columns(study, to_use), verdict_rows(study, to_use.margins), drops)
+    return [*do_this(to_use), rows] if to_use.lines else [rows]
 
 
 def gains_box(study: "JointStudy | RobotStudy", found: ToUse) -> Html | str:

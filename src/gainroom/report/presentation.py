@@ -1,0 +1,113 @@
+"""A study as it is shown, in one record: the keys of --json, the lines of the terminal, the page. Commands and the app take it as it is.
+
+X_presentation.py has the record of a study. A further key of --json is one more entry in its `facts`, beside the lines and the page.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..system.plausibility import by_doubt
+from .columns import Column, tabulated
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .page import Advice
+
+
+class Typed(str):
+    """A line of the terminal that is not broken, however long: a path, or what is typed or copied."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table of the terminal, as text; `drops`: headings of columns that may be left out where there is no room, the first first."""
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    drops: Sequence[str] = ()
+
+    @classmethod
+    def of(cls, title: str, columns: Sequence[Column], rows: Iterable[Any], drops: Sequence[str] = ()) -> "Grid":
+        """A table of columns."""
+        return cls(title, *tabulated(columns, rows), drops)
+
+
+@dataclass(frozen=True)
+class Legend:
+    """A text below tables; `text` takes the headings of the columns that there was room for."""
+
+    tables: Sequence[Grid]
+    text: "Callable[[Sequence[str]], str]"
+
+
+Part = str | Grid | Legend
+"""A part of what the terminal shows: a text that is broken into lines, or what stands above."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Presentation(ABC):
+    """A study with all that is shown of it.
+
+    call    the command that makes the study, without a page: to go on from
+    files   the names of what the command writes, with their paths; None where one is not asked for
+    """
+
+    call: str = "gainroom COMMAND FILE"
+    files: Mapping[str, Path | None] = field(default_factory=dict)
+
+    @abstractmethod
+    def facts(self) -> dict[str, Any]:
+        """The keys of --json."""
+
+    @abstractmethod
+    def screens(self, verbose: bool) -> Iterator[list[Part]]:
+        """The terminal's answer, `verbose` or not; of several the longest first, for the first that is short enough."""
+
+    @abstractmethod
+    def page(self, command: str) -> str:
+        """The page, HTML; `command`: that makes it."""
+
+
+def closing(
+    files: Mapping[str, Path | None], warnings: Iterable[str] = (), assumed: Iterable[str] = (), notes: Iterable[str] = ()
+) -> list[Part]:
+    """The last lines of an answer; `files`: see Presentation."""
+    written = [Typed(f"{name}: {path}") for name, path in files.items() if path is not None]
+    kinds = {"Assumed": assumed, "Warning": warnings, "Note": notes}
+    return [*written, *(f"{kind}: {text}" for kind, texts in kinds.items() for text in texts)]
+
+
+def warned_first(warnings: Sequence[str], most: int | None = None) -> tuple[list[Part], list[str]]:
+    """Lines that stand before the answer, as what they warn of makes its numbers doubtful; the other warnings, and how many are not shown.
+
+    most   of either that are shown, so that many doubts hide nothing else; None: every one
+    """
+    doubts, others = by_doubt(warnings)
+    first, after = doubts[:most], others[:most]
+    more = len(doubts) + len(others) - len(first) - len(after)
+    return [*closing({}, first), ""] if first else [], [*after, *([f"{more} more: --verbose"] if more else [])]
+
+
+def do_this(found: "Advice | None") -> list[Part]:
+    """What to do; nothing where there is none."""
+    if found is None:
+        return []
+    plain = [text.replace("`", "") for text in (found.heading, *found.remarks)]
+    return [f"Do this: {plain[0]}", *_typed(found.lines), *plain[1:]]
+
+
+def folded(found: "Advice") -> list[Part]:
+    """Gains that are shown only where all is, as they are not to be used as they are."""
+    heading, lines = found.folded or ("", ())
+    return [*filter(None, [heading.replace("`", "")]), *_typed(lines)]
+
+
+def _typed(lines: Iterable[str]) -> list[Part]:
+    return [Typed(f"  {line}") for line in lines]
