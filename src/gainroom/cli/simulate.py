@@ -4,11 +4,10 @@ import contextlib
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
 from .options import (
     AsJson,
@@ -23,18 +22,13 @@ from .options import (
     report_stream,
     typed_command,
 )
-from .output import closing, column_table, do_this, render, show, table, warned_first
+from .output import present
 from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..simulation import Run
     from ..simulation.simulation_spec import SimulationSpec
     from ..studies.simulation import Outcome
-
-MOST_JOINTS = 6
-"""In the terminal's table of torques."""
-NUMBERS = ("rms", "peak", "steady_state", "overshoot", "settling_time")
-"""Of Tracking, in JSON."""
 
 
 def simulate(
@@ -69,11 +63,10 @@ def simulate(
     study_call = command_line("robot" if spec.kind == "mujoco" else "joint", file)
     with report_stream(report, log) as page:
         outcome = _simulated(spec, gain, log)
-        show(as_json, lambda: _facts(outcome, log), lambda: _terminal(outcome, call, study_call, report, log, verbose))
-        if page is not None:
-            from ..report.simulation import simulation_page
+        from ..report.simulation_presentation import SimulationPresentation
 
-            page.write(simulation_page(outcome, typed_command(context, "log"), call, study_call))
+        shown = SimulationPresentation(outcome, study_call, call=call, files={"Log": log, "Report": report})
+        present(shown, as_json, verbose, page, typed_command(context, "log"))
     return exit_status(outcome.verdict, exit_zero)
 
 
@@ -122,76 +115,3 @@ def _log_rows(log: Path | None, spec: "SimulationSpec") -> Iterator[Callable[["R
     refuse_inputs(log, "log")
     with open_log(log, spec.joint_names, spec.signals) as writer:
         yield lambda part: writer.write(part.columns())
-
-
-def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
-    """What --json prints."""
-    from ..report.simulation_text import sentence, unsettled, warnings
-
-    run, found, limit, seen = outcome.run, outcome.tracking, outcome.limit, outcome.oscillation
-    by_joint = {
-        name: dict(zip(run.joint_names, getattr(outcome, name).tolist(), strict=True)) for name in ("at_torque_limit", "torque_peak")
-    }
-    return {
-        **outcome.verdict.facts,
-        "diverged": run.diverged,
-        "diverged_at": run.diverged_at,
-        "fell": run.ending == "fell",
-        "ended_at": run.ended_at,
-        "vibrates": outcome.vibrates,
-        "unstable": outcome.hidden,
-        "sentence": sentence(outcome),
-        "model": outcome.spec.kind,
-        "sample_rate_hz": 1 / run.sample_time,
-        "gain": outcome.gain,
-        "tracking": {channel: {name: getattr(found, name)[k] for name in NUMBERS} for k, channel in enumerate(run.channels)},
-        **by_joint,
-        "slip": dict(zip(outcome.spec.contact_frames, outcome.slip.tolist(), strict=True)),
-        "vibration": None
-        if seen is None
-        else {
-            "frequency_rad_s": seen.vibration.frequency,
-            "growth_rate": seen.vibration.growth_rate,
-            "amplitude": seen.vibration.amplitude,
-            "joints": [name for name in seen.strongest if name in run.joint_names] or list(run.joint_names),
-        },
-        "predicted": None
-        if limit is None
-        else {"stable": limit.stable, "gain_limit": limit.gain, "limit_frequency_rad_s": limit.frequency},
-        "log": None if log is None else str(log),
-        "settled": not unsettled(outcome) if any(time == time for time in found.settling_time.tolist()) else None,
-        "warnings": list(warnings(outcome)),
-    }
-
-
-def _terminal(outcome: "Outcome", call: str, study_call: str, report: Path | None, log: Path | None, verbose: bool) -> str:
-    """`call`, `study_call`: see what_to_do; `verbose`: also torques, and the vibration beside the linear loop's."""
-    from ..report.columns import Column
-    from ..report.simulation_advice import what_to_do
-    from ..report.simulation_text import TRACKING, limit_text, sentence, tracking_cells, vibration_text, warnings
-
-    run = outcome.run
-    tracking = [(f"{channel} [m{run.units[k]}]", *tracking_cells(outcome, k)) for k, channel in enumerate(run.channels)]
-    columns = [Column(title, "", lambda row, k=k: row[k]) for k, title in enumerate(("", *TRACKING))]
-    hardest = sorted(range(len(run.joint_names)), key=lambda k: -outcome.torque_peak[k])[:MOST_JOINTS]
-    torques = [
-        (run.joint_names[k], *(digits(float(values[k]), run.torque_units[k], 3) for values in (outcome.torque_peak, outcome.torque_rms)))
-        for k in hardest
-    ]
-    rate = digits(1 / run.sample_time, "Hz")
-    doubts, said = warned_first(warnings(outcome), None if verbose else 3)
-    parts: list[Any] = [
-        *doubts,
-        sentence(outcome),
-        *do_this(what_to_do(outcome, call, study_call)),
-        "",
-        column_table(f"Tracking ({outcome.spec.kind}, {rate}, encoders on the {run.feedback} side)", columns, tracking),
-    ]
-    more = [
-        table("Joints with the largest torques" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),
-        table(
-            "Vibration", ("", "frequency", "growth"), [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit))]
-        ),
-    ]
-    shown = closing({"Log": log, "Report": report}, said)
-    return render(*parts, *(more if verbose else []), *shown, *([] if verbose else ["Torques and vibration: --verbose."]))

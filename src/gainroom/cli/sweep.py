@@ -3,53 +3,67 @@
 import contextlib
 import tempfile
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .interrupts import Stopped, stop_signals
-from .options import AsJson, ExitZero, Report, Strict, exit_status, report_stream, typed_command
-from .output import closing, column_table, render, show, warned_first
+from .options import AsJson, ExitZero, Report, Strict, exit_status, report_stream, typed_command, with_options
+from .output import present
 from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..studies.sweep.plan import SweepPlan
     from ..studies.sweep.store import Store
-    from ..studies.sweep.summary import SweepSummary, SweptPosture
-    from ..studies.swept_margins import WorstStates
-
+    from ..system.system import System
 
 MOST_MARGINS = 10_000
 """Postures of each contact state: a quarter of an hour for a biped."""
 
 
-def sweep(
-    context: typer.Context,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False)],
+@dataclass(frozen=True)
+class PosturesCall:
+    """Which postures, contact states and draws are swept, as they are typed."""
+
     samples: Annotated[
         int | None, typer.Option(help="So many postures, spread evenly within the joints' limits; 10 000 without any other choice.")
-    ] = None,
+    ] = None
     ranges: Annotated[
         list[str] | None,
         typer.Option(
             "--range", metavar="JOINT=LOW:HIGH", help="In place of a joint's limits [rad; m if prismatic]; name or pattern; repeats."
         ),
-    ] = None,
+    ] = None
     grid: Annotated[
         list[str] | None,
         typer.Option(
             metavar="JOINT=LOW:HIGH:POINTS", help="A grid over these joints, the others as in --posture; name or pattern; repeats."
         ),
-    ] = None,
+    ] = None
     trajectory: Annotated[
         Path | None, typer.Option(metavar="LOG", help="The postures of a log: columns motor_position_NAME or link_position_NAME.")
-    ] = None,
-    posture: Annotated[str, typer.Option(metavar="NAME", help="Where joints stand that are not swept; the first without it.")] = "",
-    contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A contact state; repeats; all without it.")] = None,
-    draws: Annotated[int, typer.Option(help="Also so many draws of the file's `uncertainty`.")] = 0,
-    seed: Annotated[int, typer.Option(help="Of samples and draws.")] = 0,
+    ] = None
+    posture: Annotated[str, typer.Option(metavar="NAME", help="Where joints stand that are not swept; the first without it.")] = ""
+    contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A contact state; repeats; all without it.")] = None
+    draws: Annotated[int, typer.Option(help="Also so many draws of the file's `uncertainty`.")] = 0
+    seed: Annotated[int, typer.Option(help="Of samples and draws.")] = 0
+
+    def plan(self, system: "System") -> "SweepPlan":
+        """All of them. Raises GainroomError."""
+        from ..files.sweep_options import SweepOptions, sweep_plan
+
+        asked = self.grid or (), self.ranges or (), self.trajectory, self.contact or ()
+        return sweep_plan(system, SweepOptions(self.samples, *asked, self.draws, self.seed, self.posture))
+
+
+@with_options
+def sweep(
+    *,
+    context: typer.Context,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False)],
+    swept: PosturesCall,
     margins: Annotated[
         int | None,
         typer.Option(
@@ -82,15 +96,14 @@ def sweep(
     """
     from ..errors import GainroomError
     from ..files.robot_yaml import load_robot_system
-    from ..files.sweep_options import SweepOptions, sweep_plan
 
     if margins is not None and not 0 <= margins <= MOST_MARGINS:
         raise GainroomError(f"--margins {margins} must be from 0 to {MOST_MARGINS}")
     if workers is not None and (workers < 1 or scheduler is not None):
         raise GainroomError(f"--workers {workers} must be 1 or more, and not beside --scheduler")
-    system = load_robot_system(file)
-    plan = sweep_plan(system, SweepOptions(samples, grid or (), ranges or (), trajectory, contact or (), draws, seed, posture))
+    plan = swept.plan(load_robot_system(file))
     with report_stream(report) as page, _store(output, plan) as store:
+        from ..report.sweep_presentation import SweepPresentation
         from ..studies.sweep.search import searched
         from ..studies.sweep.summary import summarized
         from ..studies.swept_margins import MANY, swept_verdict, worst_states
@@ -101,13 +114,8 @@ def sweep(
             progress(0, 0, "search near the worst posture")
             near, at_worst = searched(found), worst_states(found, margins, progress)
         found = replace(found, searched=near)
-        show(
-            as_json, lambda: _facts(found, near, at_worst, output, mended), lambda: _terminal(found, near, at_worst, output, report, mended)
-        )
-        if page is not None:
-            from ..report.sweep import sweep_page
-
-            page.write(sweep_page(found, near, at_worst, store, typed_command(context, "workers", "scheduler")))
+        shown = SweepPresentation(found, at_worst, store, mended, files={"Results": output, "Report": report})
+        present(shown, as_json, False, page, typed_command(context, "workers", "scheduler"))
     return exit_status(swept_verdict(found, at_worst), exit_zero)
 
 
@@ -137,63 +145,3 @@ def _run(store: "Store", workers: int | None, scheduler: str, output: Path | Non
             kept = f"; {done.finished} of {done.total} limits are in {output}: the same command goes on" if output is not None else ""
             raise Stopped(asked(), kept)
     return [f"{text}; it was computed again" for text in (*(f"{damaged(store.path, place)}" for place in store.mended), *done.damaged)]
-
-
-def _facts(
-    found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstStates", output: Path | None, mended: list[str]
-) -> dict[str, Any]:
-    """What --json prints."""
-    from .. import __version__
-    from ..io.as_typed import as_typed
-    from ..report.columns import facts
-    from ..report.number_format import model_facts
-    from ..report.robot_columns import state_columns
-    from ..report.sweep_text import columns, posture_facts, sample_facts, sentence, warnings
-    from ..studies.swept_margins import swept_verdict
-    from ..system.margin_units import to_db
-
-    plan = found.plan
-    return {
-        "robot": plan.robot.name,
-        "gainroom": __version__,
-        **swept_verdict(found, at_worst).facts,
-        "stable": found.stable,
-        "gain_margin_met": found.margin_held if found.margin > 1 else None,
-        "unmet": [*(["gain_margin"] if found.margin > 1 and not found.margin_held else []), *at_worst.unmet],
-        "sentence": sentence(found),
-        **model_facts(plan.system.control.sample_time),
-        "margin_db": as_typed(to_db(found.margin)) if found.margin > 1 else None,
-        "postures": plan.postures.kind,
-        "count": plan.postures.count,
-        "draws": len(plan.places) - 1,
-        "limits": found.count,
-        "unknown": found.unknown,
-        "uncertified": found.uncertified,
-        "worst": posture_facts(found, found.worst_posture),
-        "searched": posture_facts(found, near),
-        "worst_states": [facts(state_columns(), state) for state in at_worst.states],
-        "judged": sample_facts(found, at_worst),
-        "scale": found.scale,
-        "rarer_than": found.rarer_than,
-        "contacts": [facts(columns(found), one) for one in found.contacts],
-        "output": None if output is None else str(output),
-        "warnings": [*warnings(found), *mended],
-    }
-
-
-def _terminal(
-    found: "SweepSummary",
-    near: "SweptPosture | None",
-    at_worst: "WorstStates",
-    output: Path | None,
-    report: Path | None,
-    mended: list[str],
-) -> str:
-    from ..report.sweep_text import advice, columns, looked_at, sureness, verdict, warnings
-
-    table = column_table("", columns(found), found.contacts, ("highest", "10 %"))
-    doubts, warned = warned_first(warnings(found))
-    said = [*doubts, *verdict(found, at_worst), *filter(None, [advice(found, at_worst)])]
-    sure = [*sureness(found, near), *filter(None, [looked_at(found, at_worst)])]
-    files = {"Results": output, "Report": report}
-    return render(*said, table, *sure, *closing(files, [*warned, *mended]))

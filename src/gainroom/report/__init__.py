@@ -7,8 +7,8 @@ joint        joint_presentation; joint, joint_text, joint_tables; gain_map and m
 robot        robot_presentation; robot, robot_text, robot_columns, robot_tables (states, joints, tasks), recommended_gains; robot_units;
              pictures: robot_drawing, robot_skeleton, robot_headroom, robot_loci
 audit        audit, audit_text, audit_advice, audit_headroom; gearboxes, simulator_text
-simulate     simulation, simulation_text, simulation_advice, simulation_figures; curves
-sweep        sweep, sweep_text; workspace: a sweep as a part of another page
+simulate     simulation_presentation; simulation, simulation_text, simulation_advice, simulation_figures; curves
+sweep        sweep_presentation; sweep, sweep_text; workspace: a sweep as a part of another page
 verify       verification, verification_text
 identify     identification, identified_text, identification_advice, identification_figures, delay_text, log_text, estimates; plan;
              diagnosis, diagnosis_text, diagnosis_advice

@@ -11,7 +11,7 @@ from .joint_text import RULE, cause, notes, recommended_text, sentence, uncertai
 from .margin_columns import margin_columns, margin_rows, required_facts
 from .number_format import model_facts, model_text, own_gains, typed_gains
 from .presentation import Grid, Part, Presentation, closing, folded, warned_first
-from .verdict import MOST_WARNINGS, joint_to_use, verdict_lines
+from .verdict import joint_to_use, verdict_lines
 
 if TYPE_CHECKING:
     from ..analysis.margin_record import Margins
@@ -57,7 +57,7 @@ class JointPresentation(Presentation):
 
     def screens(self, verbose: bool) -> Iterator[list[Part]]:
         study, use = self.study, joint_to_use(self.study, self.call)
-        doubts, said = warned_first(warnings(study), None if verbose else MOST_WARNINGS)
+        doubts, said = warned_first(warnings(study), verbose)
         parts = [*doubts, sentence(study), *verdict_lines(study, use)]
         parts += [*folded(use), "", *_all_there_is(study)] if verbose else []
         yield [*parts, *closing(self.files, said, notes=notes(study) if verbose else ())]

@@ -47,6 +47,8 @@ class Legend:
     text: "Callable[[Sequence[str]], str]"
 
 
+MOST_WARNINGS = 3
+"""That a terminal shows without being asked for all."""
 Part = str | Grid | Legend
 """A part of what the terminal shows: a text that is broken into lines, or what stands above."""
 
@@ -84,11 +86,12 @@ def closing(
     return [*written, *(f"{kind}: {text}" for kind, texts in kinds.items() for text in texts)]
 
 
-def warned_first(warnings: Sequence[str], most: int | None = None) -> tuple[list[Part], list[str]]:
+def warned_first(warnings: Sequence[str], every: bool) -> tuple[list[Part], list[str]]:
     """Lines that stand before the answer, as what they warn of makes its numbers doubtful; the other warnings, and how many are not shown.
 
-    most   of either that are shown, so that many doubts hide nothing else; None: every one
+    every   all of either, not MOST_WARNINGS, so that many doubts hide nothing else
     """
+    most = None if every else MOST_WARNINGS
     doubts, others = by_doubt(warnings)
     first, after = doubts[:most], others[:most]
     more = len(doubts) + len(others) - len(first) - len(after)

@@ -20,7 +20,7 @@ from .robot_tables import TASK_UNITS, joint_legend, tasks_together
 from .robot_text import notes, sentence, warnings
 from .robot_units import requirements_text
 from .sweep_text import checked_sentence, posture_facts, worse_note
-from .verdict import MOST_WARNINGS, robot_to_use, verdict_lines
+from .verdict import robot_to_use, verdict_lines
 from .workspace import workspace_facts
 
 
@@ -86,7 +86,7 @@ class RobotPresentation(Presentation):
 
     def screens(self, verbose: bool) -> Iterator[list[Part]]:
         study, use = self.study, robot_to_use(self.study, self.call)
-        doubts, said = warned_first(warnings(study), None if verbose else MOST_WARNINGS)
+        doubts, said = warned_first(warnings(study), verbose)
         parts = [*doubts, sentence(study), *verdict_lines(study, use), *self._elsewhere()]
         if verbose:
             parts += [*folded(use), "", *_all_there_is(study)]

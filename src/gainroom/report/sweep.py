@@ -12,7 +12,7 @@ from ..io.strict_json import strict
 from ..studies.state import State
 from ..studies.sweep.maps import PairMaps, pair_maps
 from ..studies.sweep.store import Store
-from ..studies.sweep.summary import CONFIDENCE, SweepSummary, SweptPosture
+from ..studies.sweep.summary import CONFIDENCE, SweepSummary
 from ..studies.swept_margins import WorstStates, swept_verdict
 from . import style
 from .columns import definitions, tabulated
@@ -31,8 +31,8 @@ SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
 """ColorBrewer's Blues (Brewer 2013), the lowest darkest."""
 
 
-def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstStates, store: Store, command: str) -> str:
-    """The report of a sweep as one HTML page; `near`: what a local search from the worst found; `command`: that makes it."""
+def sweep_page(found: SweepSummary, at_worst: WorstStates, store: Store, command: str) -> str:
+    """The report of a sweep as one HTML page; `command`: that makes it."""
     plan, worst, states = found.plan, found.worst_posture, list(at_worst.states)
     maps = pair_maps(plan, store.finished(), np.sum([one.joints for one in found.contacts], axis=0))
     sections = [
@@ -43,7 +43,7 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
         Section("Which joint limits", [_limiting(found)]),
         Section("Other requirements", [sample_table(found, at_worst)]) if at_worst.requirements else None,
         Section("Margins in the worst postures", [_margins(states)], "all of them, one posture of each contact state") if states else None,
-        Section("How sure the worst case is", [facts(_sure(found, near))]),
+        Section("How sure the worst case is", [facts(_sure(found))]),
         Section(
             "Inputs and assumptions",
             [facts(_inputs(found)), assumptions("Linear about every posture", plan.system.control, "; contacts neither slip nor lift")],
@@ -55,11 +55,11 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
     how = tone(swept_verdict(found, at_worst))
     lead = Lead(" ".join(verdict(found, at_worst)), how, SWEPT if how == "bad" else "", warnings(found), do_this)
     kind = model_kind(plan.system.control.sample_time)
-    return page(f"gainroom sweep: {counted(plan.postures.count)} postures, {kind} model", lead, _cards(found, near), sections, command)
+    return page(f"gainroom sweep: {counted(plan.postures.count)} postures, {kind} model", lead, _cards(found), sections, command)
 
 
-def _cards(found: SweepSummary, near: SweptPosture | None) -> list[Card]:
-    worst = found.worst_posture
+def _cards(found: SweepSummary) -> list[Card]:
+    worst, near = found.worst_posture, found.searched
     if worst is None:
         return []
     asked = found.plan.system.requirements
@@ -184,8 +184,8 @@ def _margins(states: list[State]) -> Html:
     return table(headings, texts, f"{definitions(shown, headings)} Nominal values.")
 
 
-def _sure(found: SweepSummary, near: SweptPosture | None) -> list[tuple[str, str]]:
-    plan = found.plan
+def _sure(found: SweepSummary) -> list[tuple[str, str]]:
+    plan, near = found.plan, found.searched
     pairs = [("coverage", text) for text in sureness(found, near)]
     kinds = {
         "samples": "Sobol's sequence within the limits of every joint: no gap, and no direction preferred",
