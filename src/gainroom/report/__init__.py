@@ -6,7 +6,7 @@ command, `X_text.py` its sentences, `X_columns.py` its numbers as columns of ter
 joint        joint_presentation; joint, joint_text, joint_tables; gain_map and map_lines; bode
 robot        robot_presentation; robot, robot_text, robot_columns, robot_tables (states, joints, tasks), recommended_gains; robot_units;
              pictures: robot_drawing, robot_skeleton, robot_headroom, robot_loci
-audit        audit, audit_text, audit_advice, audit_headroom; gearboxes, simulator_text
+audit        audit_presentation; audit, audit_text, audit_advice, audit_headroom; gearboxes, simulator_text
 simulate     simulation_presentation; simulation, simulation_text, simulation_advice, simulation_figures; curves
 sweep        sweep_presentation; sweep, sweep_text; workspace: a sweep as a part of another page
 verify       verification, verification_text

@@ -29,8 +29,6 @@ if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
 STATE = "posture/contact"
 HALF = 0.5
 """Part of a joint's gain: uncertainty that costs no less is told."""
-MOST_WARNINGS = 3
-"""That a terminal shows without being asked for all."""
 
 
 @dataclass(frozen=True)
