@@ -2,18 +2,14 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from .log_options import LogCall
 from .options import AsJson, ExitZero, Report, Verbose, exit_status, report_stream, typed_command, with_options
-from .output import closing, render, show
+from .output import present
 from .progress import progress_bar
-
-if TYPE_CHECKING:
-    from ..files.logs import LoggedJoint
-    from ..studies.diagnosis import Diagnosis
 
 JointFileOrName = Annotated[
     list[str] | None,
@@ -62,39 +58,12 @@ def diagnose(
         logged = read_joint(call.file, call.options(), progress)
     with report_stream(report) as page:
         from ..errors import named
+        from ..report.diagnosis_presentation import DiagnosisPresentation
         from ..studies.diagnosis import diagnose as study
 
         with progress_bar("diagnose:") as progress, named(str(call.file)):
             progress(0, 0, "causes")
             found = study(logged.record, system)
-        show(as_json, lambda: _facts(found, logged), lambda: _terminal(found, logged, verbose, report))
-        if page is not None:
-            from ..report.diagnosis import diagnosis_page
-
-            page.write(diagnosis_page(found, str(call.file), typed_command(context)))
+        shown = DiagnosisPresentation(found, logged, str(call.file), files={"Report": report})
+        present(shown, as_json, verbose, page, typed_command(context))
     return exit_status(found.verdict, exit_zero)
-
-
-def _facts(found: "Diagnosis", logged: "LoggedJoint") -> dict[str, Any]:
-    """What --json prints."""
-    from ..report.diagnosis_text import facts
-    from ..report.log_text import logged_facts, logged_remarks
-
-    answer = {**found.verdict.facts, **facts(found)}
-    answer["warnings"] += logged_remarks(logged)
-    return {**answer, "log": logged_facts(logged)}
-
-
-def _terminal(found: "Diagnosis", logged: "LoggedJoint", verbose: bool, report: Path | None) -> str:
-    from ..report.diagnosis_advice import advice
-    from ..report.diagnosis_text import evidence_lines, sentence, warnings
-    from ..report.log_text import logged_remarks
-
-    evidence = evidence_lines(found, everything=verbose)
-    return render(
-        sentence(found),
-        *(f"→ {text}" for text in advice(found)),
-        *(["", *evidence] if evidence else []),
-        *([""] if report is not None else []),
-        *closing({"Report": report}, warnings(found), notes=logged_remarks(logged)),
-    )

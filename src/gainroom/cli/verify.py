@@ -1,17 +1,16 @@
 """gainroom verify: the predicted limit compared with simulation."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..errors import named
 from .options import AsJson, Report, command_line, kind_of, report_stream, typed_command
-from .output import closing, column_table, do_this, render, show
+from .output import present
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..studies.verification import Verification
     from ..system.system import System
 
 
@@ -36,16 +35,14 @@ def verify(
     """
     system, effects = _load(file)
     with report_stream(report) as page:
+        from ..report.verification_presentation import VerificationPresentation
         from ..studies.verification import verify as verified
 
         with progress_bar("verify:") as progress, named(str(file)):
             result = verified(system, progress, effects)
         study_call = command_line("robot" if result.of_robot else "joint", file)
-        show(as_json, lambda: _facts(result), lambda: _terminal(result, study_call, report))
-        if page is not None:
-            from ..report.verification import verification_page
-
-            page.write(verification_page(system, result, typed_command(context), study_call))
+        shown = VerificationPresentation(system, result, call=study_call, files={"Report": report})
+        present(shown, as_json, False, page, typed_command(context))
     return 0 if result.agrees else 1
 
 
@@ -62,29 +59,3 @@ def _load(file: Path) -> "tuple[System, tuple[str, ...]]":
 
     simulation = load_simulation(file)
     return simulation.system, simulation.scenario_effects
-
-
-def _facts(result: "Verification") -> dict[str, Any]:
-    """What --json prints."""
-    from ..report.columns import facts
-    from ..report.verification_text import CASE, sentence
-
-    return {
-        "agrees": result.agrees,
-        "sentence": sentence(result),
-        "cases": [facts(CASE, case) for case in result.cases],
-        "warnings": list(result.warnings),
-    }
-
-
-def _terminal(result: "Verification", study_call: str, report: Path | None) -> str:
-    from ..report.verification_text import SHORT, sentence, what_to_do
-
-    return render(
-        sentence(result),
-        *do_this(what_to_do(result, study_call)),
-        "",
-        column_table("Factor on all gains at which vibration starts, and its frequency", SHORT, result.cases, ("difference",)),
-        *(f"Left out: {warning}" for warning in result.warnings),
-        *closing({"Report": report}, ()),
-    )

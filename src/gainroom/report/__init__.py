@@ -9,9 +9,9 @@ robot        robot_presentation; robot, robot_text, robot_columns, robot_tables 
 audit        audit_presentation; audit, audit_text, audit_advice, audit_headroom; gearboxes, simulator_text
 simulate     simulation_presentation; simulation, simulation_text, simulation_advice, simulation_figures; curves
 sweep        sweep_presentation; sweep, sweep_text; workspace: a sweep as a part of another page
-verify       verification, verification_text
+verify       verification_presentation; verification, verification_text
 identify     identification, identified_text, identification_advice, identification_figures, delay_text, log_text, estimates; plan;
-             diagnosis, diagnosis_text, diagnosis_advice
+             diagnosis_presentation; diagnosis, diagnosis_text, diagnosis_advice
 of several   words (every sentence about safety), verdict (requirements and gains to use, first on every page), gains_to_use,
              margin_columns, columns, presentation, page (HTML), page_parts, number_format, style; two_paths
 """

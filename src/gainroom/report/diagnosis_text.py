@@ -2,16 +2,14 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 from ..errors import frequency_text, listed
 from ..identification.clipping import limited_text
 from ..identification.outliers import outliers_text
 from ..identification.recorded_oscillation import POSITIONS, RecordedOscillation
-from ..studies.diagnosis import AT_LIMIT, Diagnosis
+from ..studies.diagnosis import Diagnosis
 from ..studies.vibration_causes import UNKNOWN, Cause, Evidence
 from ..system.margin_units import to_db
-from .diagnosis_advice import advice
 from .number_format import digits, hertz, motion
 
 NAMES = {
@@ -236,55 +234,5 @@ def _log(value: complex) -> float:
     return math.log(abs(value)) if value == value and abs(value) > 0 else 0.0
 
 
-def facts(found: Diagnosis) -> dict[str, Any]:
-    """In JSON."""
-    seen, predicted = found.oscillation, found.predicted
-    return {
-        "sentence": sentence(found),
-        "vibrates": found.vibrates,
-        "ran_away": found.ran_away,
-        "vibration": None
-        if seen is None or found.toggles
-        else {
-            "frequency_rad_s": seen.vibration.frequency,
-            "growth_rate": seen.vibration.growth_rate,
-            "state": seen.state,
-            "amplitude": seen.vibration.amplitude,
-            "channel": seen.side,
-            "encoder_step": seen.step,
-            "clipped": seen.clipped,
-            "standing": seen.standing,
-            "odd_harmonics": seen.odd,
-            "even_harmonics": seen.even,
-            "irregular": seen.irregular,
-            "from": float(found.record.time[seen.rows][0]),
-            "to": float(found.record.time[seen.rows][-1]),
-        },
-        "excitation_rad_s": None if found.search.excited is None else list(found.search.excited),
-        "cause": None if found.cause is None else found.cause.name,
-        "causes": [
-            {
-                "cause": one.name,
-                "likelihood": one.likelihood,
-                "evidence": [vars(each) | {"text": evidence_text(each)} for each in one.evidence],
-            }
-            for one in found.causes
-        ],
-        "predicted": None
-        if predicted is None
-        else {
-            "stable": predicted.limit.stable,
-            "gain_limit": predicted.limit.gain,
-            "frequency_rad_s": predicted.frequency,
-            "growth_rate": predicted.growth,
-        },
-        "gain_factor": found.factor if found.vibrates and found.cause is not None and found.cause.name in SCALED else None,
-        "advice": advice(found),
-        "warnings": warnings(found),
-    }
-
-
 OTHER_LAW = ("aliasing", "outer_loop")
 """Causes with which torque and position at the frequency seen are not those of the joint's controller."""
-SCALED = (*AT_LIMIT, "quantisation")
-"""Causes that a factor on all gains ends, by the model."""

@@ -1,18 +1,22 @@
 """The answer for a joint or robot whose kd closes on a path of its own: sentence, tables, JSON."""
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
-from ..errors import listed
+from ..errors import GainroomError, listed
 from ..studies.two_paths import PathCase, PathStudy
 from ..system.margin_units import to_db
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS
-from .columns import Column, yes
+from .columns import Column, definitions, facts, yes
 from .margin_columns import margin_facts, required_facts
-from .number_format import digits, hertz, model_facts, path_facts
+from .number_format import digits, hertz, model_facts, model_text, path_facts
+from .presentation import Grid, Legend, Part, Presentation, closing, warned_first
 from .words import UNSTABLE, path_headline
 
+NO_PAGE = "--report: there is no page where kd closes on a path of its own; the terminal and --json have its numbers"
 NOT_MADE = "gain maps, largest gains, recommended gains and curves over frequency are of loops with one path, and are not made here"
 COLUMNS = [
     Column("state", "state", lambda case: case.title or None, shown=lambda case: case.title),
@@ -108,30 +112,54 @@ def assumptions(study: PathStudy) -> tuple[str, ...]:
     )
 
 
-def path_study_facts(study: PathStudy) -> dict[str, Any]:
-    """What --json prints."""
-    from .columns import facts
+@dataclass(frozen=True)
+class PathPresentation(Presentation):
+    """All that is shown of such a study, which has no page."""
 
-    control, case = study.system.control, study.tightest
-    return {
-        **study.verdict.facts,
-        "stable": study.stable,
-        "stable_in_range": study.stable_in_range,
-        "unstable_at": study.unstable_at or None,
-        "sentence": sentence(study),
-        **model_facts(control.sample_time),
-        "delay_ms": 1e3 * study.system.delay,
-        "command_delay_ms": 1e3 * control.command_delay,
-        "kd_path": path_facts(control.kd_path),
-        "gain_limit": case.limit.gain,
-        "gain_margin_db": to_db(case.margins.gain_margin),
-        "limit_frequency_rad_s": case.limit.frequency,
-        "requirements_met": study.requirements_met,
-        "unmet": list(study.unmet),
-        "not_known": list(study.unknown),
-        "required": required_facts(study.system.requirements),
-        "worst": {name: {"value": REQUIREMENTS[name].in_unit(value), "at": at.text or None} for name, (value, at) in study.worst.items()},
-        "states": [facts(COLUMNS, one) | {"margins": margin_facts(one.margins)} for one in study.nominal],
-        "assumptions": list(assumptions(study)),
-        "warnings": [*warnings(study), NOT_MADE],
-    }
+    study: PathStudy
+
+    def facts(self) -> dict[str, Any]:
+        control, case = self.study.system.control, self.study.tightest
+        return {
+            **self.study.verdict.facts,
+            "stable": self.study.stable,
+            "stable_in_range": self.study.stable_in_range,
+            "unstable_at": self.study.unstable_at or None,
+            "sentence": sentence(self.study),
+            **model_facts(control.sample_time),
+            "delay_ms": 1e3 * self.study.system.delay,
+            "command_delay_ms": 1e3 * control.command_delay,
+            "kd_path": path_facts(control.kd_path),
+            "gain_limit": case.limit.gain,
+            "gain_margin_db": to_db(case.margins.gain_margin),
+            "limit_frequency_rad_s": case.limit.frequency,
+            "requirements_met": self.study.requirements_met,
+            "unmet": list(self.study.unmet),
+            "not_known": list(self.study.unknown),
+            "required": required_facts(self.study.system.requirements),
+            "worst": {
+                name: {"value": REQUIREMENTS[name].in_unit(value), "at": at.text or None} for name, (value, at) in self.study.worst.items()
+            },
+            "states": [facts(COLUMNS, one) | {"margins": margin_facts(one.margins)} for one in self.study.nominal],
+            "assumptions": list(assumptions(self.study)),
+            "warnings": [*warnings(self.study), NOT_MADE],
+        }
+
+    def screens(self, verbose: bool) -> Iterator[list[Part]]:
+        study, control = self.study, self.study.system.control
+        columns = COLUMNS if study.nominal[0].title else COLUMNS[1:]
+        nominal = Grid.of(f"Nominal ({model_text(control.sample_time, control.kd_path)})", columns, study.nominal, ("at", "phase"))
+        doubts, said = warned_first(warnings(study), every=True)
+        yield [
+            *doubts,
+            sentence(study),
+            "",
+            nominal,
+            Legend([nominal], lambda headings: definitions(columns, headings)),
+            "",
+            Grid("Requirements, at their worst", ("", "value", "at", "required", "met"), requirement_rows(study)),
+            *closing(self.files, said, assumptions(study), [NOT_MADE]),
+        ]
+
+    def page(self, command: str) -> str:
+        raise GainroomError(NO_PAGE)
