@@ -13,7 +13,7 @@ from ..errors import GainroomError, require_positive
 from .identify_plan import plan
 from .log_options import LogCall
 from .options import AsJson, Number, Report, number_option, refuse_inputs, report_stream, text_output, typed_command, with_options
-from .output import closing, render, show as shown, table
+from .output import render, show as shown, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -254,6 +254,7 @@ def show(
     """On standard output: the sentence, the numbers, `more`, the `files` written, and the warnings; `facts`: more in JSON."""
     from ..report.estimates import TITLES
     from ..report.log_text import logged_facts, logged_remarks
+    from ..report.presentation import closing
 
     def all_of_it() -> dict[str, Any]:
         found = {**answer.facts(), **(facts or {}), "log": logged_facts(logged)}

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import AsJson, Number, Report, number_option, refuse_inputs, report_stream, typed_command
-from .output import closing, render, show, table
+from .output import render, show, table
 
 if TYPE_CHECKING:
     from ..identification.plan import Plan
@@ -102,6 +102,7 @@ def _write(found: "Plan", output: Path) -> None:
 
 def _terminal(found: "Plan", output: Path | None, report: Path | None) -> str:
     from ..report.plan import EXPECTED_TITLES, LIMIT_TITLES, assumptions, expected_rows, limit_rows, sentence
+    from ..report.presentation import closing
 
     return render(
         sentence(found),

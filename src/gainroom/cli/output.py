@@ -4,7 +4,6 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import THIN, printable
@@ -18,8 +17,6 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from ..report.columns import Column
-    from ..report.page import Advice
     from ..report.presentation import Part, Presentation
 
 WIDTH = 80
@@ -119,65 +116,6 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], dro
 def headings(table: "Table") -> list[str]:
     """The columns that a table shows."""
     return [" ".join(str(column.header).split()) for column in table.columns]
-
-
-def column_table(title: str, columns: Sequence["Column"], rows: Iterable[Any], drops: Sequence[str] = ()) -> "Table":
-    """A table of report.columns; `drops`: see table."""
-    from ..report.columns import tabulated
-
-    return table(title, *tabulated(columns, rows), drops=drops)
-
-
-def verdict_parts(study: Any, to_use: Any) -> list[Any]:
-    """What stands first: gains to use with what is said of them, and every requirement at its worst."""
-    from ..report.verdict import verdict_columns, verdict_rows
-
-    rows, drops = verdict_rows(study, to_use.margins), ("at", "nominal", to_use.column, "required")
-    table = column_table("", verdict_columns(study, to_use), rows, drops=drops)
-    return [*do_this(to_use), table] if to_use.lines else [table]
-
-
-def folded_parts(found: "Advice") -> list[Any]:
-    """Gains that are shown only where all is, as they are not to be used as they are."""
-    heading, lines = found.folded or ("", ())
-    return [*filter(None, [heading.replace("`", "")]), *_typed(lines)]
-
-
-def do_this(found: "Advice | None") -> list[Any]:
-    """What to do; nothing where there is none."""
-    if found is None:
-        return []
-    plain = [text.replace("`", "") for text in (found.heading, *found.remarks)]
-    return [f"Do this: {plain[0]}", *_typed(found.lines), *plain[1:]]
-
-
-def _typed(lines: Iterable[str]) -> list[Any]:
-    """Lines to type, which are not broken."""
-    from rich.text import Text
-
-    return [Text(printable("  " + line), no_wrap=True) for line in lines]
-
-
-def warned_first(warnings: Sequence[str], most: int | None = None) -> tuple[list[Any], list[str]]:
-    """Lines that stand before the answer, as what they warn of makes its numbers doubtful; the other warnings, and how many are not shown.
-
-    most   of either that are shown, so that many doubts hide nothing else; None: every one
-    """
-    from ..system.plausibility import by_doubt
-
-    doubts, others = by_doubt(warnings)
-    first, after = doubts[:most], others[:most]
-    more = len(doubts) + len(others) - len(first) - len(after)
-    return [*closing({}, first), ""] if first else [], [*after, *([f"{more} more: --verbose"] if more else [])]
-
-
-def closing(files: Mapping[str, Path | None], warnings: Iterable[str], assumed: Iterable[str] = (), notes: Iterable[str] = ()) -> list[Any]:
-    """The last lines of an answer. `files`: where each was written, None where it was not; a path stands on one line however long."""
-    from rich.text import Text
-
-    written = [Text(printable(f"{name}: {path}"), no_wrap=True) for name, path in files.items() if path is not None]
-    kinds = {"Assumed": assumed, "Warning": warnings, "Note": notes}
-    return [*written, *(f"{kind}: {text}" for kind, texts in kinds.items() for text in texts)]
 
 
 def _drawn(part: "Part | Table") -> Any:
