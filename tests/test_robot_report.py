@@ -36,6 +36,7 @@ joints: {default: {motor_inertia: 1.0, stiffness: 1.0e4, damping: 1.0}}
 drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2.0}
 postures: {stand: {".*_hip_pitch": -0.3, ".*_knee": 0.6, ".*_ankle_pitch": -0.3}}
 contacts: {double: [left_sole, right_sole], left: [left_sole], flight: []}
+balance: joints
 """
 UNCERTAIN = (
     BIPED.replace(", flight: []", "")

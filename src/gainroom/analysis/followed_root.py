@@ -12,6 +12,7 @@ STEP = 1.5  # of g to begin with
 LEAST_STEP = 1e-3
 ASIDE = 1e-5  # of s, at which L is looked at for its slope
 ROUNDS, CLOSE, CLEAR = 6, 1e-3, 0.03  # of Newton's method; its last step, of s and of how far s is from the boundary
+EXACT = 1e-9  # of s: a step that small leaves a root with the digits that L has
 STRAY = 0.3  # of a step: farther from where the slopes at both its ends lead, the root that is found may be another
 
 
@@ -38,15 +39,21 @@ def stays_unstable(loop: Loop, omega: float, gain: float) -> bool:
     return True
 
 
-def _corrected(loop: Loop, s: complex, gain: float) -> tuple[complex, complex] | None:
+def root_near(loop: Loop, s: complex) -> complex | None:
+    """The closed-loop root that Newton's method finds from `s` [rad/s], to 1e-9 of its size; None where it finds none."""
+    found = _corrected(loop, s, 1.0, EXACT)
+    return None if found is None else complex(found[0])
+
+
+def _corrected(loop: Loop, s: complex, gain: float, close: float = CLOSE) -> tuple[complex, complex] | None:
     """The root near s with all gains times `gain`, and the slope of 1/λ there; None where there is none nearby."""
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if close == CLOSE else 2 * ROUNDS):
         inverse, slope = _inverse(loop, s, gain)
         move = -(gain + inverse) / slope
         if not np.isfinite(move) or s.imag + move.imag <= 0:
             return None
         s += move
-        if abs(move) < min(CLOSE * abs(s), CLEAR * abs(s.real)):
+        if abs(move) < min(close * abs(s), CLEAR * abs(s.real)):
             return s, slope
     return None
 

@@ -20,6 +20,13 @@ CLOSE = 0.05
 """Relative: phases and peaks whose interpolated values are that near the least or the highest one are polished."""
 SLACK = 0.01
 """[rad] the same, of phases so small that interpolation is off by more than that part of them."""
+Within = Callable[[Floats], Booleans]
+"""Tells which frequencies [rad/s] count."""
+
+
+def everywhere(omega: Floats) -> Booleans:
+    """True at every frequency."""
+    return np.ones(np.shape(omega), dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -69,9 +76,10 @@ class Sampled:
         omega, values = refined(omega, values, sensitivity, unseen, 60, LOCI.most)
         return cls(sweep, Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega))), values, sensitivity)
 
-    def own_peaks(self, slope: float = 1.0, offset: float = 0.0) -> list[Peak]:
-        """The largest |slope S_ii + offset| of each loop."""
-        omega, sizes = self.single.omega, np.abs(slope * self.sensitivity + offset)
+    def own_peaks(self, slope: float = 1.0, offset: float = 0.0, within: Within = everywhere) -> list[Peak]:
+        """The largest |slope S_ii + offset| of each loop, of frequencies `within`."""
+        omega = self.single.omega
+        sizes = np.abs(slope * self.sensitivity + offset) * within(omega)[:, None]
         highest = sizes.max(axis=0)
         rows, joints = peaks(sizes, (1 - CLOSE) * highest)
 
@@ -81,7 +89,8 @@ class Sampled:
         place, height = polished_peaks(omega, sizes, rows, joints, at)
         found = [Peak(*one) for one in zip(highest.tolist(), omega[np.argmax(sizes, axis=0)].tolist(), strict=True)]
         for joint, one in zip(joints.tolist(), map(Peak, height.tolist(), place.tolist()), strict=True):
-            found[joint] = max(found[joint], one)
+            if within(np.array(one.omega)):
+                found[joint] = max(found[joint], one)
         return found
 
 
@@ -96,9 +105,11 @@ def _return_ratio(sensitivity: Complexes) -> Complexes:
     return 1 / np.where(sensitivity == 0, 1e-300, sensitivity) - 1
 
 
-def own_phases(single: Curves) -> Floats:
-    """(n,) the smallest phase [rad] at which each loop vibrates."""
+def own_phases(single: Curves, within: Within = everywhere) -> Floats:
+    """(n,) the smallest phase [rad] at which each loop vibrates, at frequencies `within`."""
     rows, joints, _, lag = meets_circle(single.values[:-1], single.values[1:])
+    counted = within(single.omega[rows]) | within(single.omega[rows + 1])
+    rows, joints, lag = rows[counted], joints[counted], lag[counted]
     least = np.full(single.values.shape[1], math.inf)
     np.minimum.at(least, joints, np.abs(lag))
     chosen = np.abs(lag) <= least[joints] * (1 + CLOSE) + SLACK

@@ -56,6 +56,14 @@ class ModelCall:
         list[str] | None,
         typer.Option(metavar="FRAME[:TYPE]", help="A frame on the ground, flat; FRAME:line, FRAME:point; may be repeated."),
     ] = None
+    balance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHO",
+            help="Who damps the sway of a floating base on its contacts: joints, by their gains; controller, one above them, so that its "
+            "phase margin and Ms do not count.",
+        ),
+    ] = None
     posture: Annotated[
         list[str] | None,
         typer.Option(

@@ -26,7 +26,7 @@ from ..robot.gearbox_types import DIRECT, GearboxRange, gearbox_range
 from ..robot.linkage import ties_base
 from ..robot.name_patterns import DEFAULT, select, select_all
 from ..system.plausibility import NO_STIFFNESS
-from ..system.system import System
+from ..system.system import Balance, System
 from .absurd_values import examined
 from .carried_robot import OF_JOINTS
 from .file_types import kind_of_file, wrong_kind
@@ -38,7 +38,9 @@ from .robot_yaml import base_of, robot_spec
 from .system_sections import refuse_long_delay
 from .typed_over_gains import JOINT_VALUES as JOINT_VALUES, padded, typed_first, with_joint_damping
 
+BALANCE = tuple(filter(None, get_args(Balance)))
 KEYS = {
+    "balance": ("balance",),
     "delay_ms": ("drive", "delay_ms"),
     "rate_hz": ("control", "sample_rate_hz"),
     "stiffness": ("joints", DEFAULT, "stiffness"),
@@ -69,6 +71,7 @@ DESCRIPTIONS = (".yaml", ".yml", ".json")
 class AuditOptions:
     """As they are typed: ms, Hz, otherwise SI; None: not given. `contacts` are frames on the ground, all at once.
 
+    balance         who damps sway: "joints" or "controller"; None: not said
     posture         JOINT=ANGLE (a name or pattern; rad, m if prismatic), or the name of an MJCF's keyframe; later ones win
     joint_damping   what the model's own damping of joints is: "controller", a part of kd; "friction", of the link; None: not counted
     gains_run       "host" or None: both gains see the whole delay; "drive": neither does, it is that of set-points; "split": kp does, kd
@@ -88,6 +91,7 @@ class AuditOptions:
     bandwidth: float | None = None
     base: Base | Any = None
     contacts: tuple[str, ...] = ()
+    balance: str | None = None
     posture: tuple[str, ...] = ()
     joint_damping: str | None = None
     gains_run: str | None = None
@@ -103,6 +107,7 @@ class AuditOptions:
                 *self._drive_checks(),
                 partial(checked, "--damping-ratio", self.damping_ratio, number(least=1e-3, most=1)),
                 partial(require_one_of, f"--base {self.base}", self.base, get_args(Base)),
+                partial(require_one_of, f"--balance {self.balance}", self.balance, BALANCE),
                 partial(require_one_of, f"--joint-damping {self.joint_damping}", self.joint_damping, JOINT_DAMPING),
                 lambda: refuse_all(self._gearbox_problems()),
             ]

@@ -205,6 +205,7 @@ class RobotFile(SystemFile[RobotControl, UncertaintySection]):
     joints: JointsSection = JointsSection()
     postures: Postures | None = Field(None, min_length=1, max_length=MOST_NAMES)
     contacts: ContactStates | None = Field(None, min_length=1, max_length=MOST_NAMES)
+    balance: Literal["joints", "controller"] | None = Field(None, description="who damps the sway of a floating base on its contacts")
     tasks: list[TaskSection] = Field([], max_length=MOST_NAMES)
     scenario: RobotScenarioSection = RobotScenarioSection()
 

@@ -112,6 +112,7 @@ def robot_spec(file: RobotFile, name: str, path: Callable[[], Path], folder: Pat
             control=control(),
             requirements=file.requirements(),
             uncertainty=uncertainty,
+            balance=file.balance or "",
             scenario=scenario(),
             assumptions=(*base()[1], *guessed, *from_files),
             warnings=(*body().doubts, *body().notes, *_without_motor(file, body()), *_outside(postures())),

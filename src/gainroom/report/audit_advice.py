@@ -41,6 +41,8 @@ def what_to_do(
         return Advice("Find out which of these it is, and audit again:", calls)
     if result.safe:
         return _to_decide(result, call)
+    if result.sway_is_open:
+        return Advice("Say who has to damp the sway, and audit again:", [f"{call} --balance {who}" for who in ("joints", "controller")])
     if found is not None and found is not result.ready_to_use:
         return _not_yet(result, found, call)
     if found is not None and result.system.source.unknown.get("motor_inertia_unknown"):

@@ -42,7 +42,7 @@ def verdict(result: Audit) -> str:
         text = headline(result, over)
     else:
         text = f"{UNSTABLE}{over} with {_given(result)} of delay{_mainly(result)}."
-    return " ".join(filter(None, [text, unsafe_joints(unsafe, len(result.joints)) if unsafe else "", readings]))
+    return " ".join(filter(None, [text, unsafe_joints(unsafe, len(result.joints)) if unsafe and not result.sway_is_open else "", readings]))
 
 
 def _readings(result: Audit) -> str:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Literal
 
-from ..errors import apart, frequency_text, listed
+from ..errors import apart, at_frequency, frequency_text, listed
 from ..studies.state import USUAL_RATE
 from ..system.requirements import REQUIREMENTS
 
@@ -41,7 +41,7 @@ def headline(study: "Analysis", where: str = "", reading: str = "") -> str:
     if level == "undecided":
         return _undecided(study, where, reading)
     if level == "safe":
-        return f"{LEVELS[level]}{where}: {_all_met(study)}."
+        return f"{LEVELS[level]}{where}: {_all_met(study)}.{_left_to_a_controller(study)}"
     if not study.stable:
         return f"{UNSTABLE}."
     if study.unstable_case:
@@ -50,7 +50,7 @@ def headline(study: "Analysis", where: str = "", reading: str = "") -> str:
     if not study.unmet:
         return f"{LEVELS[level]}{where}: {listed(other)}."
     there = where if len(study.states) == 1 else ""
-    return f"{stable_but(_known_to_fail(study), _time(study))}{there}{_failing(study)}.{_nominally(study)}"
+    return f"{stable_but(_known_to_fail(study), _time(study))}{there}{_failing(study)}.{_nominally(study)}{_of_sway(study)}"
 
 
 OTHERS = {"unsafe_in_gearbox_range": "with some gearboxes in the range too little is left of what is required"}
@@ -103,6 +103,8 @@ def _as_computed(study: "Analysis") -> str:
         return f"{as_read} the gains are unstable."
     if study.unstable_case:
         return f"{as_read} the gains are unstable {_case(study)}."
+    if study.sway_is_open:
+        return f"If the joints have to: {_failing(study).lstrip(', :')}. If a controller above them does: {_all_met(study.balanced)}."
     if _known_to_fail(study):
         return f"{as_read}: {_failing(study).lstrip(', :')}.{_nominally(study)}"
     if study.unmet:
@@ -121,9 +123,34 @@ REASONS: "Mapping[str, Callable[[Finding], str]]" = {
     "gearbox_unknown": lambda one: f"the stiffness of {_gearboxes(one)} is not given ({one.remedy})",
     "motor_inertia_unknown": lambda one: f"the inertia of {_whose(one, 'the motors', 'the motor of')} is not given ({one.remedy})",
     "implausible": lambda one: "; ".join(one.joints),
+    "sway": lambda one: f"{_swaying(one)}, and who has to damp that is not said ({one.remedy}: joints or controller)",
     "nothing_required": lambda one: f"no margin is required ({one.remedy})",
 }
 """Reasons why nothing is decided, by a finding's code."""
+
+
+def _swaying(one: "Finding") -> str:
+    """The sway in a clause: "the base sways on its contacts at 0.63 Hz in stand/left, damping ratio 0.078"."""
+    ratio = one.values["damping_ratio"]
+    damped = "" if math.isnan(ratio) else f", damping ratio {ratio:.2g}"
+    topples = ", and topples with its weight" if one.values["topples_with_weight"] else ""
+    return f"the base sways on its contacts{at_frequency(one.values['frequency_rad_s'])} in {one.state}{damped}{topples}"
+
+
+def _of_sway(study: "Analysis") -> str:
+    """A sentence where what is missed is the sway of the base, which the joints are said to damp."""
+    names = [REQUIREMENTS[name].heading for name in study.swaying]
+    found = [one for one in study.verdict.findings if one.code == "sway"]
+    if not names or not found:
+        return ""
+    whose = "This is no vibration" if len(names) == len(study.unmet) else f"Of {listed(names)} alone it is no vibration"
+    return f" {whose}: {_swaying(found[0])}."
+
+
+def _left_to_a_controller(study: "Analysis") -> str:
+    """A sentence where a safe verdict rests on a controller that damps sway."""
+    found = [one for one in study.verdict.findings if one.code == "sway"]
+    return f" A controller above the joints has to damp this: {_swaying(found[0])}." if found else ""
 
 
 def _gearboxes(one: "Finding") -> str:

@@ -6,7 +6,8 @@ Links          body (inertia, frames, gravity at a posture), assemble (from what
                joints that follow), skeleton (drawings), rigid_tree (the core)
 Actuators      actuators, gearbox_types
 Ground         contact (what holds the robot), ground (slip and lift, for simulation)
-Linear model   robot (all of the above), linearize, model (about one posture in one contact state), tasks (operational space)
+Linear model   robot (all of the above), linearize, model (about one posture in one contact state), tasks (operational space),
+               sway (modes of the base on its contacts)
 
 Pinocchio and MuJoCo come with the extra `robot` and load when a model is first read.
 """

@@ -6,20 +6,22 @@ adds.
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
+from ..analysis.margin_record import Margins
 from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
-from ..system.system import System
+from ..system.system import Balance, System
 from .deciding_joints import deciding_joints_in
 from .over_uncertainty import Worst, unknown_first
 from .progress import Progress, quiet
-from .state import State, limit_headroom, state_of
-from .verdict import Finding, Verdict, judged, missed
+from .state import State, limit_headroom, limiting_joints, state_of
+from .verdict import Finding, Level, Verdict, judged, missed
 
 THIS_STATE = "this state"
 KEYS = {
@@ -27,6 +29,7 @@ KEYS = {
     "gearbox_unknown": "joints: stiffness",
     "motor_inertia_unknown": "joints: motor_inertia",
     "nothing_required": "limits",
+    "sway": "balance",
 }
 """Keys of a joint.yaml or robot.yaml that give what is not known, by a finding's code."""
 
@@ -114,6 +117,35 @@ class Analysis:
         return self.worst_in(self.worst[name]).at.get(name, "")
 
     @cached_property
+    def balanced(self) -> "Self":
+        """The same, with a controller that damps sway."""
+        return replace(self, system=replace(self.system, balance="controller"), every=tuple(state.balanced for state in self.every))
+
+    @cached_property
+    def swaying(self) -> dict[str, State]:
+        """Requirements that sway alone misses, by name with their worst states; {} where a controller damps it."""
+        if self.system.balance == "controller" or not self.unmet or not any(state.sway for state in self.states):
+            return {}
+        missed = self.balanced.unmet
+        return {name: state for name, state in self.unmet.items() if name not in missed}
+
+    @property
+    def sway_is_open(self) -> bool:
+        """True where who damps sway decides, and nobody said it."""
+        return not self.system.balance and len(self.swaying) == len(self.unmet) > 0
+
+    @property
+    def damped_above(self) -> dict[str, State]:
+        """Requirements that sway misses, which a controller above the joints damps; the nominal values."""
+        if self.system.balance != "controller" or not self.stable:
+            return {}
+        short = [(state, name) for state in self.states for name in self.system.requirements.asked if self._misses(state.margins, name)]
+        return {name: state for state, name in reversed(short) if not self._misses(state.counted, name)}
+
+    def _misses(self, found: Margins, name: str) -> bool:
+        return self.system.requirements.met(name, REQUIREMENTS[name].value(found)) is False
+
+    @cached_property
     def worst(self) -> dict[str, State]:
         """By name of a requirement, the state that has least left of it; one of which that is not known comes first.
 
@@ -123,7 +155,7 @@ class Analysis:
 
         def left(state: State, name: str) -> float:
             one, value = REQUIREMENTS[name], self.least(state, name)
-            value = one.value(state.margins) if math.isnan(value) and name not in self.system.requirements.asked else value
+            value = one.value(state.counted) if math.isnan(value) and name not in self.system.requirements.asked else value
             return unknown_first(-value if one.at_most else value)
 
         return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in REQUIREMENTS}
@@ -254,7 +286,23 @@ def found_missed(study: Analysis) -> Iterator[Finding]:
     for name, state in study.unmet.items():
         omega = REQUIREMENTS[name].frequency(study.worst_in(state).margins)
         joints = deciding_joints_in(state, name) if len(study.system.source.joint_names) > 1 else ()
-        yield missed(required, name, study.least(state, name), frequency=omega, state=study.title_of(state), joints=joints)
+        found = missed(required, name, study.least(state, name), frequency=omega, state=study.title_of(state), joints=joints)
+        yield replace(found, level="undecided") if name in study.swaying and not study.system.balance else found
+    yield from sway_found(study.system, list((study.swaying or study.damped_above).values()), study.remedies["sway"])
+
+
+def sway_found(system: System, states: Sequence[State], remedy: str) -> list[Finding]:
+    """The sway of the first of the `states` in which it alone misses a requirement, judged by who is said to damp it; [] of no states.
+
+    How fast it is, how it is damped, whether the weight topples the robot; of the joints that move in it.
+    """
+    levels: dict[Balance, Level] = {"": "undecided", "joints": "unsafe", "controller": "safe"}
+    if not states or (sway := states[0].sway) is None:
+        return []
+    state = states[0]
+    values = {"frequency_rad_s": sway.frequency, "damping_ratio": sway.damping_ratio, "topples_with_weight": state.topples_with_weight}
+    joints = limiting_joints(sway, state.model.joint_names)
+    return [Finding("sway", levels[system.balance], values, state.title, joints, "" if system.balance else remedy)]
 
 
 def rests_on(study: Analysis) -> Iterator[Finding]:

@@ -42,6 +42,7 @@ OPTIONS = {
     "gearbox_unknown": "--gearbox or --stiffness",
     "motor_inertia_unknown": "--motor-inertia",
     "nothing_required": "--margin-db",
+    "sway": "--balance",
 }
 """Options that give what is not known, by a finding's code."""
 Answer = TypeVar("Answer")
@@ -184,7 +185,7 @@ class Audit(Analysis):
 
     def value_in(self, state: State, one: Requirement) -> float:
         """What is held against a requirement; where kd has a path of its own, the delay margin is that of the other gains' path."""
-        return self.extra_delay(state) if one.name == "delay_margin" else one.value(state.margins)
+        return self.extra_delay(state) if one.name == "delay_margin" else one.value(state.counted)
 
     def joints_that_miss_in(self, state: State) -> set[str]:
         """The joints that move where a state has too little of something; of one that is not stable those that vibrate."""
@@ -341,7 +342,7 @@ class Audit(Analysis):
     @cached_property
     def to_use(self) -> "GainsToUse[Audit] | None":
         """Gains to use in place of unsafe ones; None where none are known, for safe gains, and without a verdict."""
-        if self.safe or self.withheld:
+        if self.safe or self.withheld or self.sway_is_open:
             return None
         return gains_to_use(self) if self.over is None else gains_over_range(self)
 

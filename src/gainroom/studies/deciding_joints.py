@@ -24,7 +24,7 @@ def joints_that_miss(state: State, one: Requirement, needed: float) -> tuple[str
 
 def deciding_joints_in(state: State, name: str) -> tuple[str, ...]:
     """The joints that decide a margin of a state."""
-    return deciding_joints(state.loop, state.margins, state.model.joint_names, name)
+    return deciding_joints(state.loop, state.counted, state.model.joint_names, name)
 
 
 def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: str) -> tuple[str, ...]:

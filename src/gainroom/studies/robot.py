@@ -134,7 +134,7 @@ class RobotStudy(Analysis):
         if self.decisive not in ("phase_margin", "peak_sensitivity"):
             return None
         state, place = self._worst_case(self.decisive)
-        found, one = state.margins, REQUIREMENTS[self.decisive]
+        found, one = state.counted, REQUIREMENTS[self.decisive]
         omega = one.frequency(found)
         if not math.isfinite(omega) or omega <= 0:
             return None
@@ -158,14 +158,7 @@ class RobotStudy(Analysis):
     @cached_property
     def topples(self) -> tuple[str, ...]:
         """The stable states in which the weight, of which the file does not say whether it counts, makes the joints' gains unstable."""
-        source = self.system.source
-        if source.gravity is not None or self.system.control.space == "task":
-            return ()
-        stable = [state for state in self.states if state.limit.stable]
-        models = [source.linearize(state.model.posture, state.model.contact, weight=True) for state in stable]
-        weighed = [replace(state, model=model) for state, model in zip(stable, models, strict=True) if model.gravity_stiffness is not None]
-        lost = each(lambda state: state.moves and not state.stable, weighed)
-        return tuple(itertools.compress((state.title for state in weighed), lost))
+        return tuple(itertools.compress((state.title for state in self.states), each(lambda state: state.topples_with_weight, self.states)))
 
     @property
     def softest(self) -> State | None:

@@ -23,6 +23,7 @@ from ..system.plant import Compliance, Plant
 from ..system.system import StateCase, System
 from .loop_numbers import extra_delay, limit_of, margins_of, moves
 from .over_uncertainty import ExtraDelays, Worst, uncertain_cases
+from .sway import Sway, sway_of, without_sway
 
 if TYPE_CHECKING:
     from ..robot.tasks import Tasks
@@ -155,14 +156,42 @@ class State:
         return margins_of(self.loop, self.largest_gains) if self.moves else Margins.unknown(GainLimit.unknown(self.model.size))
 
     @cached_property
+    def sway(self) -> Sway | None:
+        """The base's motion on its contacts that the gains hold; None: there is none."""
+        return sway_of(self.case, self.loop) if self.moves else None
+
+    @cached_property
+    def counted(self) -> Margins:
+        """The margins that requirements are held against: without sway where a controller damps that."""
+        return without_sway(self.case, self.margins, self.loop)
+
+    @cached_property
+    def balanced(self) -> "State":
+        """The same, with a controller that damps sway."""
+        found = replace(self, system=replace(self.system, balance="controller"))
+        vars(found).update({name: vars(self)[name] for name in ("controller", "loop", "moves", "margins", "sway") if name in vars(self)})
+        return found
+
+    @cached_property
+    def topples_with_weight(self) -> bool:
+        """True where the weight, of which the file does not say whether it counts, makes the joints' gains unstable."""
+        source = self.system.source
+        if source.body is None or source.gravity is not None or self.system.control.space == "task" or not self.limit.stable:
+            return False
+        model = source.linearize(self.posture, self.contact, weight=True)
+        weighed = replace(self, model=model)
+        return model.gravity_stiffness is not None and weighed.moves and not weighed.stable
+
+    @cached_property
     def worst_case(self) -> Worst:
         """Over the uncertainty: at the nominal values, and in every case that is looked at."""
-        nominal = [("", self.margins)]
+        nominal = [("", self.counted)]
         if not (self.system.uncertainty.names and self.moves and self.margins.stable):
             return Worst.of(nominal)
         place = self.posture, self.contact
         extra = ExtraDelays.of(self.system, *place) if self.system.uncertainty.delay is not None else None
-        found = Worst.of(nominal + [(case.place, bounded_margins(case)) for case in uncertain_cases(self.system, *place, extra)])
+        cases = uncertain_cases(self.system, *place, extra)
+        found = Worst.of(nominal + [(case.place, without_sway(case, bounded_margins(case))) for case in cases])
         if found.unstable_at or not math.isnan(found.margins.delay_margin) or self.system.control.kd_path is not None:
             return found
         extra = ExtraDelays.of(self.system, *place) if extra is None else extra
@@ -371,8 +400,8 @@ def strongest_first(mode: Complexes) -> Integers:
     return np.argsort(-np.round(parts / parts.max(), 6), kind="stable")
 
 
-def limiting_joints(limit: "GainLimit | SimulatorLimit", names: tuple[str, ...]) -> tuple[str, ...]:
-    """The joints that take part in the vibration at a limit, the largest participation factor first; none where there is no limit."""
+def limiting_joints(limit: "GainLimit | SimulatorLimit | Sway", names: tuple[str, ...]) -> tuple[str, ...]:
+    """The joints that take part in the vibration at a limit, or in sway, the largest participation factor first; none without one."""
     if not math.isfinite(limit.frequency):
         return ()
     parts = np.abs(limit.mode)

@@ -5,7 +5,7 @@ corners of an uncertainty are (design/gain_cases.py), in a tenth of the time; wh
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,11 +15,12 @@ from ..errors import GainroomError
 from ..system.requirement import Requirement
 from ..system.requirements import Requirements
 from ..system.system import StateCase
-from .analysis import KEYS, unsafe_with_motors
+from .analysis import KEYS, sway_found, unsafe_with_motors
 from .deciding_joints import deciding_joints_in
 from .loop_numbers import margins_of, moves, with_certified_delay
 from .progress import Progress, quiet
 from .state import State, state_of
+from .sway import without_sway
 from .sweep.plan import SweepPlan
 from .sweep.summary import SweepSummary, SweptPosture
 from .verdict import Finding, Verdict, judged, missed
@@ -35,6 +36,7 @@ class SampledRequirement:
     """One requirement in the sample: its worst `state`, with all margins, and in how many postures it is missed.
 
     random_missed   of those that were chosen at random
+    sway            the worst state, where sway alone misses it wherever it is missed; where a controller damps sway, one in which it does
     """
 
     requirement: Requirement
@@ -42,11 +44,12 @@ class SampledRequirement:
     state: State
     missed: int
     random_missed: int
+    sway: State | None = None
 
     @property
     def value(self) -> float:
         """The worst that was found [SI]."""
-        return self.requirement.value(self.state.margins)
+        return self.requirement.value(self.state.counted)
 
     @property
     def met(self) -> bool:
@@ -101,11 +104,21 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
     looked = list(_looked_at(sample, progress))
     sampled = []
     for requirement, needed in others:
+
+        def misses(found: Margins, one: Requirement = requirement, needed: float = needed) -> bool:
+            return not one.met(needed, one.value(found))
+
         short = [(requirement.shortfall(needed, requirement.value(margins)), one) for one, margins in looked]
-        missed = [one for one, margins in looked if not requirement.met(needed, requirement.value(margins))]
+        missed = [(one, margins) for one, margins in looked if misses(margins)]
         known = [*states, *([] if not short else filter(None, [_in_full(max(short, key=lambda pair: pair[0])[1], plan)]))]
-        worst = max(known, key=lambda state, one=requirement, least=needed: one.shortfall(least, one.value(state.margins)))
-        sampled.append(SampledRequirement(requirement, needed, worst, len(missed), sum(one.key in sample.random for one in missed)))
+        worst = max(known, key=lambda state, one=requirement, least=needed: one.shortfall(least, one.value(state.counted)))
+        random = sum(one.key in sample.random for one, _ in missed)
+        swaying = [state for state in (worst, *states) if misses(state.margins) and not misses(state.balanced.counted)]
+        if plan.system.balance != "controller" and (
+            worst not in swaying or any(misses(_balanced(one, plan, each)) for one, each in missed)
+        ):
+            swaying = []
+        sampled.append(SampledRequirement(requirement, needed, worst, len(missed), random, swaying[0] if swaying else None))
     random_count = sum(one.key in sample.random for one, _ in looked)
     every = len(looked) == plan.states
     lowest = max(len(contact.worst[: max(each, 1)]) for contact in found.contacts)
@@ -127,8 +140,10 @@ def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
         findings.append(Finding("limit_unknown", "undecided", {"postures": found.unknown}))
     for name, one in worst.unmet.items():
         if one.state.limit.stable:  # of others no margin is told
-            where = {"frequency": one.requirement.frequency(one.state.margins), "joints": deciding_joints_in(one.state, name)}
-            findings.append(missed(system.requirements, name, one.value, **where, state=one.state.title, postures=one.missed))
+            where = {"frequency": one.requirement.frequency(one.state.counted), "joints": deciding_joints_in(one.state, name)}
+            short_of = missed(system.requirements, name, one.value, **where, state=one.state.title, postures=one.missed)
+            findings.append(replace(short_of, level="undecided") if one.sway and not system.balance else short_of)
+    findings += sway_found(system, [one.sway for one in worst.requirements if one.sway], KEYS["sway"])
     if found.uncertified:
         findings.append(Finding("not_certified", "safe", {"postures": found.uncertified}))
     return judged(system, KEYS, findings, lambda: any(unsafe_with_motors([state]) for state in worst.states))
@@ -174,10 +189,17 @@ def _looked_at(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPostu
         try:
             model = system.source.linearize(one.name, contact)
             if moves(system.loop(model)):
-                yield one, with_certified_delay(StateCase(one.name, contact, "", system, model))
+                case = StateCase(one.name, contact, "", system, model)
+                yield one, without_sway(case, with_certified_delay(case))
         except GainroomError:
             continue
     progress(len(every), len(every), "margins")
+
+
+def _balanced(one: SweptPosture, plan: SweepPlan, found: Margins) -> Margins:
+    """`found`, the margins of a posture, with a controller that damps sway."""
+    system, contact = replace(one.system(plan), balance="controller"), plan.contacts[one.contact]
+    return without_sway(StateCase(one.name, contact, "", system, system.source.linearize(one.name, contact)), found)
 
 
 def _in_full(one: SweptPosture, plan: SweepPlan) -> State | None:

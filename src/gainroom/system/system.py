@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from .plant import Plant
 from .requirements import Requirements
 from .uncertainty import NOMINAL, Place, Uncertainty
 
+Balance = Literal["joints", "controller", ""]
 INSIDE = 8
 """Places between the corners of an uncertainty, beside its centre: more delay or stiffness may do harm in the middle of a range alone."""
 
@@ -105,6 +106,7 @@ class System(Generic[Source]):
 
     source        what its plants come from
     drives        one per joint
+    balance       who damps sway of a floating base on its contacts: "joints", by their gains; "controller", one above them; "": not said
     scenario      what `gainroom simulate` does with it; None where the file has none, or it was not asked for
     entered       values that a file gives in place of a source's quantities, by key: rotor_inertia, gear_ratio
     assumptions   what was assumed where nothing was said
@@ -116,6 +118,7 @@ class System(Generic[Source]):
     control: Control
     requirements: Requirements = field(default_factory=Requirements.usual)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    balance: Balance = ""
     scenario: Any = None
     entered: Mapping[str, float] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()

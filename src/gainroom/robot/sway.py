@@ -1,0 +1,81 @@
+"""Sway: modes in which a floating base moves on its contacts, held by the joints' position gains alone: they go to 0 Hz with these.
+
+Slow motion sees each motor's gain and its gearbox in series, K₀ = (Kp⁻¹ + K⁻¹)⁻¹, and the inertia of links and motors together,
+W₀ = (W⁻¹ + J_m)⁻¹. Its modes obey W₀ K₀ φ = ω² φ: every one goes to 0 with Kp, as no resonance of a gearbox does. The links' torques
+f = −(K₀ − ω² J_m) φ move the whole robot by v = P Sᵀ f / ω², base first, which tells how much of the motion is the base's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..system.assembly import Feedback
+from ..system.controller import Controller, gain_matrix
+from ..system.linear.arrays import Floats
+from .contact import free_motion
+from .model import RobotModel
+
+BASE = 6
+"""Velocities of a floating base, the first of a body's."""
+OF_BASE = 0.5
+"""Share of the kinetic energy from which a mode is the base's: the larger part moves as the base does."""
+NEAR = 1.5
+"""A mode's margins lie within this factor of its frequency: a mode with a damping ratio up to 0.65 has its gain crossover there
+(ω_c²/ω² = 2ζ² + √(4ζ⁴ + 1)), and |S| of one without damping falls to r²/(r² − 1) = 1.8 at r = 1.5."""
+
+
+@dataclass(frozen=True)
+class SlowMode:
+    """One mode of slow motion.
+
+    frequency   without damping [rad/s]
+    of_base     the base's share of the kinetic energy, all bodies moving along with it
+    joints      (n,) the joints' part, the largest 1
+    """
+
+    frequency: float
+    of_base: float
+    joints: Floats
+
+    @property
+    def sways(self) -> bool:
+        """True where the larger part of the motion is the base's."""
+        return self.of_base >= OF_BASE
+
+
+def slow_modes(model: RobotModel, controller: Controller, feedback: Feedback) -> tuple[SlowMode, ...]:
+    """The modes of slow motion of a floating robot on its contacts, by rising frequency; () of a fixed base and in flight."""
+    if model.body.base == "fixed" or not model.contacts:
+        return ()
+    size = model.size
+    motion = free_motion(model.inertia, model.held.jacobian)  # compliant contacts, too, hold the base: springs move little when slow
+    joints = motion[len(model.inertia) - size :]
+    links = joints @ joints.T
+    motors = np.diag(model.motor_inertia)
+    held = gain_matrix("kp", controller.terms().get((0, 0), 0.0), size)
+    if feedback == "motor":
+        held = np.linalg.solve(np.eye(size) + held / model.stiffness, held)
+    squares, vectors = np.linalg.eig(np.linalg.solve(np.eye(size) + links @ motors, links @ held))
+    found = []
+    for square, vector in zip(squares, vectors.T, strict=True):
+        if not square.real > 1e-12 * np.abs(squares).max() or abs(square.imag) > 1e-6 * square.real:
+            continue  # no gain holds it, or tasks couple two of them
+        mode = vector.real / vector.real[np.argmax(np.abs(vector.real))]
+        whole = motion @ (joints.T @ ((held - square.real * motors) @ mode)) / square.real
+        energy = whole @ model.inertia @ whole + mode @ motors @ mode
+        base = whole[:BASE]
+        found.append(SlowMode(float(np.sqrt(square.real)), float(base @ model.inertia[:BASE, :BASE] @ base / energy), mode))
+    return tuple(sorted(found, key=lambda one: one.frequency))
+
+
+def bands(modes: Sequence[SlowMode], which: Sequence[SlowMode]) -> Floats:
+    """(k, 2) about each mode of `which`, within NEAR of it and not beyond where another kind of mode is nearer [rad/s]."""
+    others = np.array([one.frequency for one in modes if not any(one is each for each in which)])
+    found = []
+    for one in which:
+        below, above = others[others <= one.frequency], others[others >= one.frequency]
+        low = max(one.frequency / NEAR, np.sqrt(one.frequency * below.max()) if len(below) else 0.0)
+        high = min(one.frequency * NEAR, np.sqrt(one.frequency * above.min()) if len(above) else np.inf)
+        found.append((low, high))
+    return np.array(found).reshape(-1, 2)
