@@ -10,7 +10,7 @@ import yaml
 from ..errors import named
 from ..io.as_typed import as_typed
 from ..system.linear.arrays import Floats
-from ..system.requirements import REQUIREMENTS, Requirements
+from ..system.requirements import Requirements
 from .robot_yaml import parse_robot
 
 
@@ -40,14 +40,13 @@ def audited_robot_text(sections: Mapping[str, Any], model: str, required: Requir
 
     sections    of the audit
     model       as it was typed; a file is named from the folder of `target`
-    required    of the audit; the usual phase margin and peak sensitivity are asked for where it has none
+    required    of the audit
     heading     lines of comment
 
     Raises GainroomError where what is written cannot be read back.
     """
     file = os.path.relpath(model, target.parent) if Path(model).exists() else model
-    asked = {**Requirements.usual().only("phase_margin", "peak_sensitivity").needed, **required.needed}
-    limits = {one.key: one.in_unit(asked[one.name]) for one in REQUIREMENTS.values() if one.name in asked}
+    limits = {one.key: one.in_unit(needed) for one, needed in required.asked_for}
     data = {**sections, "model": {**sections["model"], "file": file}, "limits": limits}
     body = yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
     text = "".join(f"# {' '.join(line.split())}\n" for line in heading) + body

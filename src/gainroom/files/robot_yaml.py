@@ -27,7 +27,6 @@ from ..robot.tasks import Task
 from ..system.actuator_entry import ActuatorEntry
 from ..system.linear.arrays import Floats
 from ..system.plausibility import DEGREES, TURN
-from ..system.requirements import Requirements
 from ..system.system import Control, System
 from .absurd_values import examined
 from .file_types import parse_as
@@ -71,7 +70,7 @@ def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool =
             raise GainroomError("control.kp: must be > 0 on some joint")
     if file.limits is not None:
         return system
-    usual = f"the usual limits are asked for, as the file names none: {Requirements.usual()}"
+    usual = f"the usual limits are asked for, as the file names none: {system.requirements}"
     return replace(system, assumptions=(*system.assumptions, usual))
 
 

@@ -270,14 +270,16 @@ def unsafe_with_motors(states: Sequence[State]) -> bool:
 
 def found_unstable(study: Analysis) -> Iterator[Finding]:
     """States in which the gains are unstable; where none is at the nominal values, the case in the ranges in which one is."""
-    for state in study.states:
-        limit = state.limit
-        if not limit.stable:
-            values = {"gain_limit": limit.gain, "lower_gain_limit": limit.lower_gain, "limit_frequency_rad_s": limit.frequency}
-            code = "topples" if state.loop.topples else "unstable"
-            yield Finding(code, "unsafe", values, study.title_of(state), state.limiting_joints)
+    yield from (unstable(state, study.title_of(state)) for state in study.states if not state.limit.stable)
     if study.unstable_case:
         yield Finding("unstable_in_range", "unsafe", {}, study.unstable_case)
+
+
+def unstable(state: State, title: str) -> Finding:
+    """The finding of a state in which the gains are unstable."""
+    limit = state.limit
+    values = {"gain_limit": limit.gain, "lower_gain_limit": limit.lower_gain, "limit_frequency_rad_s": limit.frequency}
+    return Finding("topples" if state.loop.topples else "unstable", "unsafe", values, title, state.limiting_joints)
 
 
 def found_missed(study: Analysis) -> Iterator[Finding]:

@@ -148,8 +148,6 @@ class Audit(Analysis):
         found = verdict_of(self)
         if self.over is not None and not self.over.safe and found.level != "unsafe":
             found = found.with_findings(Finding("unsafe_in_gearbox_range", "unsafe"))
-        if self.has_two_paths and "peak_sensitivity" not in self.required.asked:
-            found = found.with_findings(Finding("peak_sensitivity_not_judged", "safe"))
         if not self.open:
             return found
         flag = self.readings[0].option.split()[0]
@@ -392,9 +390,7 @@ def required_of(margin: float | None = None, further: Requirements | None = None
 
     kd_apart   kd closes on a path of its own, where Ms is not known: it is not required unless it is among the `further` ones
     """
-    required = dict(Requirements.usual().needed) | ({} if margin is None else {"gain_margin": margin})
-    if kd_apart:
-        del required["peak_sensitivity"]
+    required = dict(Requirements.usual(kd_apart).needed) | ({} if margin is None else {"gain_margin": margin})
     required |= {} if further is None else further.needed
     return Requirements(**{name: value for name, value in required.items() if name != "gain_margin" or value > 1})
 

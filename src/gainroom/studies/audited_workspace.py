@@ -72,7 +72,7 @@ def audited_workspace(result: Audit, samples: int, progress: Progress = quiet) -
     asked = result.required
     shapes = asked.only(*(name for name in asked.asked if name not in ("gain_margin", "delay_margin")))
     further = {**(shapes if shapes.asked else Requirements.usual().only("phase_margin", "peak_sensitivity")).needed}
-    further |= asked.only("delay_margin").needed
+    further |= asked.only("gain_margin", "delay_margin").needed
     system = replace(result.system, requirements=Requirements(**further))
     found, later = over_workspace(system, samples, result.margin, progress), None
     if result.delay_margin > 0:

@@ -15,8 +15,7 @@ from ..errors import GainroomError
 from ..system.requirement import Requirement
 from ..system.requirements import Requirements
 from ..system.system import StateCase
-from .analysis import KEYS, sway_found, unsafe_with_motors
-from .deciding_joints import deciding_joints_in
+from .analysis import KEYS, Analysis, found_missed, found_unstable, rests_on, unsafe_with_motors
 from .loop_numbers import margins_of, moves, with_certified_delay
 from .progress import Progress, quiet
 from .state import State, state_of
@@ -36,7 +35,7 @@ class SampledRequirement:
     """One requirement in the sample: its worst `state`, with all margins, and in how many postures it is missed.
 
     random_missed   of those that were chosen at random
-    sway            the worst state, where sway alone misses it wherever it is missed; where a controller damps sway, one in which it does
+    without_sway    a state that misses it with sway damped, where the worst one would not; None: there is none
     """
 
     requirement: Requirement
@@ -44,7 +43,7 @@ class SampledRequirement:
     state: State
     missed: int
     random_missed: int
-    sway: State | None = None
+    without_sway: State | None = None
 
     @property
     def value(self) -> float:
@@ -63,7 +62,7 @@ class WorstStates:
 
     lowest, random   postures of each contact state that were chosen so
     count, random_count   judged in all, and of those chosen at random; everywhere: that is all there are
-    requirements     besides the gain margin
+    requirements     besides the gain margin, which is among them where it is missed by one joint alone
     """
 
     states: tuple[State, ...] = ()
@@ -95,7 +94,7 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
     plan = found.plan
     ordered = sorted((one.worst[0] for one in found.contacts if one.worst), key=lambda one: one.gain)
     states = tuple(state for one in ordered[:MOST] if (state := _in_full(one, plan)) is not None)
-    others = tuple((one, needed) for one, needed in plan.system.requirements.asked_for if one.name != "gain_margin")
+    others = plan.system.requirements.asked_for
     if not others or not states:
         return WorstStates(states)
     if each is None:
@@ -110,15 +109,16 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
 
         short = [(requirement.shortfall(needed, requirement.value(margins)), one) for one, margins in looked]
         missed = [(one, margins) for one, margins in looked if misses(margins)]
+        if requirement.name == "gain_margin" and not (missed and found.margin_held):
+            continue  # limits tell it everywhere, but for the gains of one joint alone
         known = [*states, *([] if not short else filter(None, [_in_full(max(short, key=lambda pair: pair[0])[1], plan)]))]
         worst = max(known, key=lambda state, one=requirement, least=needed: one.shortfall(least, one.value(state.counted)))
         random = sum(one.key in sample.random for one, _ in missed)
-        swaying = [state for state in (worst, *states) if misses(state.margins) and not misses(state.balanced.counted)]
-        if plan.system.balance != "controller" and (
-            worst not in swaying or any(misses(_balanced(one, plan, each)) for one, each in missed)
-        ):
-            swaying = []
-        sampled.append(SampledRequirement(requirement, needed, worst, len(missed), random, swaying[0] if swaying else None))
+        other = None
+        if missed and misses(worst.margins) and not misses(worst.balanced.counted):
+            lost = next((one for one, margins in missed if misses(_balanced(one, plan, margins))), None)
+            other = None if lost is None else _in_full(lost, plan)
+        sampled.append(SampledRequirement(requirement, needed, worst, len(missed), random, other))
     random_count = sum(one.key in sample.random for one, _ in looked)
     every = len(looked) == plan.states
     lowest = max(len(contact.worst[: max(each, 1)]) for contact in found.contacts)
@@ -126,27 +126,38 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
 
 
 def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
-    """The verdict on every posture that was swept: what fails in one, and what is not known."""
+    """The verdict on every posture that was swept: what `gainroom robot` finds where it is worst, and what is not known of all."""
     system, lowest = found.plan.system, found.worst_posture
+    sampled = [state for one in worst.requirements for state in (one.state, one.without_sway) if state is not None]
+    studied = Analysis(system, tuple(dict.fromkeys([*worst.states, *sampled])))
+    findings = [*_found(found, worst, studied)] if studied.states else []
+    codes = {one.code for one in findings}
     title = "" if lowest is None else f"{lowest.name}/{found.plan.contacts[lowest.contact]}"
-    limit = {} if lowest is None else {"gain_limit": lowest.gain, "limit_frequency_rad_s": lowest.frequency}
     joints = () if lowest is None or lowest.joint < 0 else (found.plan.robot.joint_names[lowest.joint],)
     unstable, short = (sum(getattr(one, name) for one in found.contacts) for name in ("unstable", "short"))
-    findings = [Finding("unstable", "unsafe", {**limit, "postures": unstable}, title, joints)] if unstable else []
-    if short > unstable and found.margin > 1 and lowest is not None:
+    if lowest is not None and unstable and not codes & {"unstable", "topples"}:
+        limit = {"gain_limit": lowest.gain, "lower_gain_limit": lowest.lower, "limit_frequency_rad_s": lowest.frequency}
+        findings.append(Finding("unstable", "unsafe", {**limit, "postures": unstable}, title, joints))
+    elif lowest is not None and short and found.margin > 1 and not codes & {"unstable", "topples", "gain_margin"}:
         where = {"frequency": lowest.frequency, "state": title, "joints": joints, "postures": short}
         findings.append(missed(Requirements(gain_margin=found.margin), "gain_margin", lowest.gain, **where))
     if found.unknown or not found.complete or lowest is None:
         findings.append(Finding("limit_unknown", "undecided", {"postures": found.unknown}))
-    for name, one in worst.unmet.items():
-        if one.state.limit.stable:  # of others no margin is told
-            where = {"frequency": one.requirement.frequency(one.state.counted), "joints": deciding_joints_in(one.state, name)}
-            short_of = missed(system.requirements, name, one.value, **where, state=one.state.title, postures=one.missed)
-            findings.append(replace(short_of, level="undecided") if one.sway and not system.balance else short_of)
-    findings += sway_found(system, [one.sway for one in worst.requirements if one.sway], KEYS["sway"])
-    if found.uncertified:
+    if found.uncertified and "not_certified" not in codes:
         findings.append(Finding("not_certified", "safe", {"postures": found.uncertified}))
-    return judged(system, KEYS, findings, lambda: any(unsafe_with_motors([state]) for state in worst.states))
+    return judged(system, KEYS, findings, lambda: unsafe_with_motors(worst.states))
+
+
+def _found(found: SweepSummary, worst: WorstStates, studied: Analysis) -> Iterator[Finding]:
+    """What is found in the worst states, with the number of postures of which the same is known: unstable, or short of a requirement."""
+    contacts = {one.name: one for one in found.contacts}
+    counts = {name: one.missed for name, one in worst.unmet.items()}
+    counts["gain_margin"] = max(counts.get("gain_margin", 0), sum(one.short for one in found.contacts))
+    for one in (*found_unstable(studied), *found_missed(studied), *rests_on(studied)):
+        contact = contacts.get(one.state.rpartition("/")[2])
+        lost = one.code in ("unstable", "topples") and contact is not None
+        count = contact.unstable if lost and contact is not None else counts.get(one.code)
+        yield one if count is None else replace(one, values={**one.values, "postures": count})
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..errors import GainroomError, computable
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .analysis import KEYS, unsafe_with_motors
+from .analysis import KEYS, unsafe_with_motors, unstable
+from .deciding_joints import deciding_joints_in
 from .progress import Progress, quiet
 from .state import State, path_headroom
 from .verdict import Finding, Verdict, judged, missed
@@ -107,18 +108,18 @@ class PathStudy:
     @cached_property
     def verdict(self) -> Verdict:
         """The verdict as on systems with one path."""
-        found = [
-            Finding("unstable", "unsafe", {"gain_limit": case.limit.gain, "limit_frequency_rad_s": case.limit.frequency}, case.text)
-            for case in self.nominal
-            if not case.limit.stable
-        ]
+        found = [unstable(case.state, case.text) for case in self.nominal if not case.limit.stable]
         found += [Finding("unstable_in_range", "unsafe", state=self.unstable_at)] if self.unstable_at else []
         for name in (*self.unmet, *self.unknown):
             value, case = self.worst[name]
             omega = REQUIREMENTS[name].frequency(case.margins)
-            found.append(missed(self.system.requirements, name, value, frequency=omega, state=case.text))
+            joints = deciding_joints_in(case.state, name) if len(self.system.source.joint_names) > 1 else ()
+            found.append(missed(self.system.requirements, name, value, frequency=omega, state=case.text, joints=joints))
         if self.stable_in_range and self.system.uncertainty.names and not self.unmet:
             found.append(Finding("range_sampled", "safe"))
+        uncertified = [case.title for case in self.nominal if not case.margins.certified]
+        if uncertified:
+            found.append(Finding("not_certified", "safe", state=", ".join(filter(None, uncertified))))
         return judged(self.system, KEYS, found, lambda: unsafe_with_motors([case.state for case in self.nominal]))
 
     @property

@@ -109,6 +109,8 @@ def judged(system: System, remedies: Mapping[str, str], findings: Iterable[Findi
 
     if not system.requirements.asked:
         found = found.with_findings(why("nothing_required"))
+    if system.control.kd_path is not None and "peak_sensitivity" not in system.requirements.asked:
+        found = found.with_findings(why("peak_sensitivity_not_judged", "safe"))
     if system.rate_is_missing:
         found = found.with_findings(why("rate_unknown"))
     if "gearbox_unknown" in unknown:

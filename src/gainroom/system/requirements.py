@@ -216,9 +216,9 @@ class Requirements:
         object.__setattr__(self, "asked_for", asked_for)
 
     @classmethod
-    def usual(cls) -> "Requirements":
-        """What is asked for where nothing is said."""
-        return cls(**{name: one.usual for name, one in REQUIREMENTS.items()})
+    def usual(cls, kd_apart: bool = False) -> "Requirements":
+        """What is asked for where nothing is said; `kd_apart`: kd closes on a path of its own, where Ms is not known."""
+        return cls(**{name: one.usual for name, one in REQUIREMENTS.items() if not (kd_apart and name == "peak_sensitivity")})
 
     def __getattr__(self, name: str) -> float | None:
         if name not in REQUIREMENTS:
