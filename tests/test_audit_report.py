@@ -362,6 +362,8 @@ def test_models_by_a_packages_name(tmp_path: Path, capsys: pytest.CaptureFixture
     assert_refused(lambda: locate("gainroom:bipd.urdf"), ["gainroom ships no 'bipd.urdf'; did you mean 'biped.urdf'?"])
     gains = tmp_path / "gains.yaml"
     gains.write_text('".*": {kp: 2000, kd: 100, motor_inertia: 1.0}', "utf-8")
-    assert main(["audit", "gainroom:biped.urdf", "--gains", str(gains), "--delay-ms", "2", "--contact", "left_sole", "--json"]) == 1
+    assert (
+        main(["audit", "gainroom:biped.urdf", "--gains", str(gains), "--delay-ms", "2", "--contact", "left_sole", "--json"]) == 3
+    )  # neither rate nor gearboxes are given
     told = json.loads(capsys.readouterr().out)
     assert [joint["name"] for joint in told["joints"]] == list(load_model("gainroom:biped.urdf").joint_names)

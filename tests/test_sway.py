@@ -202,6 +202,15 @@ def test_the_audit_of_a_model_asks_and_takes_the_answer(tmp_path: Path, capsys):
     assert (status, facts["verdict"]) == (0, "safe")
     status, again = answered(capsys, "robot", written)
     assert (status, again["verdict"]) == (0, "safe")
+    answer = tmp_path / "answer.json"
+    answer.write_text(json.dumps(facts), "utf-8")
+    bare = [*call[:3], answer, *call[4:]]
+    assert answered(capsys, *bare)[1]["verdict"] == "safe"  # it goes along with the gains
+    assert answered(capsys, *bare, "--balance", "joints")[1]["verdict"] == "unsafe"  # what is typed goes first
+    for form, held in (("yaml", True), ("mjlab", False)):
+        status, told = answered(capsys, "export", answer, "--to", form, "--model", tmp_path / "robot.urdf")
+        assert status == 0
+        assert any("who damps sway" in note and "--balance controller" in note for note in told["notes"]) is not held
     assert main([*map(str, call), "--balance", "nobody"]) == 2
     assert "--balance nobody: must be joints or controller" in capsys.readouterr().err
 

@@ -16,6 +16,7 @@ from gainroom.files.robot_yaml import load_robot_system
 from gainroom.robot.linearize import linearize
 from gainroom.studies.sweep.limits import configurations
 from gainroom.studies.sweep.workspace import latin_hypercube
+from gainroom.studies.verdict import STATUS
 from robot_files import ROBOT, write_arm
 
 BIPED = files("gainroom") / "robot" / "models" / "biped.urdf"
@@ -102,7 +103,8 @@ def test_audit_looks_at_the_whole_workspace(tmp_path, capsys, factor):
     found = json.loads(capsys.readouterr().out)
     swept = found["workspace"]
     assert swept["limits"] == 100
-    assert status == (0 if found["safe"] and swept["gain_margin_met"] else 1)
+    assert status == STATUS[found["verdict"]]
+    assert (found["verdict"] == "unsafe") is (not (found["requirements_met"] and swept["gain_margin_met"]))  # the rate is not given
     assert swept["worst"]["gain_limit"] <= found["gain_limit"] * (1 + 1e-9)
     assert (swept["below_margin_share"] > 0) is (not swept["gain_margin_met"])
     assert main(call[:-1]) == status
@@ -115,6 +117,7 @@ def test_an_audit_requires_the_extra_delay_in_every_posture(tmp_path, capsys):
     gains = tmp_path / "gains.yaml"
     gains.write_text("default: {kp: 546, kd: 54.6, motor_inertia: 0.2}\n")
     call = ["audit", str(BIPED), "--delay-ms", "2", "--rate-hz", "1000", "--gains", str(gains), "--base", "fixed", "--delay-margin-ms", "3"]
+    call += ["--peak-sensitivity", "4"]  # of delay alone is this
     call += ["--posture", ".*knee.*=1.5", "--workspace", "60"]
     robot = tmp_path / "robot.yaml"
     assert main([*call, "--write-robot", str(robot), "--json"]) == 1
@@ -167,7 +170,7 @@ def test_an_audit_judges_what_else_is_asked_for_in_a_sample_of_the_workspace(tmp
     gains.write_text("default: {kp: 8000, kd: 300, motor_inertia: 1.0, stiffness: 10000, damping: 20}\n")
     call = ["audit", str(BIPED), "--delay-ms", "2", "--gains", str(gains), "--base", "fixed", "--workspace", "24"]
     robot = tmp_path / "robot.yaml"
-    assert main([*call, "--write-robot", str(robot), "--json"]) == 1  # not decided: the rate is not given
+    assert main([*call, "--write-robot", str(robot), "--json"]) == 3  # not decided: the rate is not given
     found = json.loads(capsys.readouterr().out)["workspace"]
     assert found["unmet"] == []
     worst = {one["name"]: one for one in found["judged"]["requirements"]}["phase_margin"]

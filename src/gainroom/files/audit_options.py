@@ -28,7 +28,7 @@ from ..robot.name_patterns import DEFAULT, select, select_all
 from ..system.plausibility import NO_STIFFNESS
 from ..system.system import Balance, System
 from .absurd_values import examined
-from .carried_robot import OF_JOINTS
+from .carried_robot import BALANCE, OF_JOINTS
 from .file_types import kind_of_file, wrong_kind
 from .gain_files import JointGains, gains_of, read_gains
 from .gain_formats.gain_record import ANGLE, GAINS_RUN, JOINT_DAMPING, GainFile
@@ -38,7 +38,7 @@ from .robot_yaml import base_of, robot_spec
 from .system_sections import refuse_long_delay
 from .typed_over_gains import JOINT_VALUES as JOINT_VALUES, padded, typed_first, with_joint_damping
 
-BALANCE = tuple(filter(None, get_args(Balance)))
+WHO = tuple(filter(None, get_args(Balance)))
 KEYS = {
     "balance": ("balance",),
     "delay_ms": ("drive", "delay_ms"),
@@ -107,7 +107,7 @@ class AuditOptions:
                 *self._drive_checks(),
                 partial(checked, "--damping-ratio", self.damping_ratio, number(least=1e-3, most=1)),
                 partial(require_one_of, f"--base {self.base}", self.base, get_args(Base)),
-                partial(require_one_of, f"--balance {self.balance}", self.balance, BALANCE),
+                partial(require_one_of, f"--balance {self.balance}", self.balance, WHO),
                 partial(require_one_of, f"--joint-damping {self.joint_damping}", self.joint_damping, JOINT_DAMPING),
                 lambda: refuse_all(self._gearbox_problems()),
             ]
@@ -218,6 +218,8 @@ class AuditOptions:
         data["control"] |= system.get("control") or {}
         left = {"bandwidth": self.bandwidth is not None, "delay_includes_sampling": self.rate_hz is not None or self.on_drive}
         data["drive"] |= {key: value for key, value in (system.get("drive") or {}).items() if not left.get(key)}
+        if not self.balance and BALANCE in system:
+            data[BALANCE] = system[BALANCE]
         if not self.posture and "postures" in system:
             data["postures"] = system["postures"]
         if not self.contacts and "contacts" in system:

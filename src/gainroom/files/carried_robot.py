@@ -22,6 +22,8 @@ KEYS = {
 }
 """Of a robot.yaml's sections; of postures, contacts and uncertainty all goes along."""
 WHOLE = ("postures", "contacts", "uncertainty")
+BALANCE = "balance"
+"""Who damps sway: a word, no section."""
 LOOP = ("bandwidth", "damping_ratio")
 """Of a current loop."""
 USUAL: dict[str, Any] = {"feedback": "motor", "delay_includes_sampling": False}
@@ -50,6 +52,7 @@ def carried(sections: Mapping[str, Any], system: System) -> dict[str, Any]:
     for name in ("postures", "contacts"):  # one at 0, and none on the ground, are usual
         if len(found.get(name, {})) < 2 and not any(found.get(name, {}).values()):
             found.pop(name, None)
+    found[BALANCE] = system.balance
     return {name: section for name, section in found.items() if section}
 
 
@@ -78,11 +81,13 @@ OF_JOINTS = ("bandwidth", "damping_ratio", "motor_viscous", "delay_ms")
 def read_carried(data: object, source: str, within: str) -> dict[str, Any]:
     """What `carried` has written and a file holds under the key `within`. Raises GainroomError where a robot.yaml could not have it."""
     sections = data if isinstance(data, dict) else {}
-    known = (*KEYS, *WHOLE)
+    known = (*KEYS, *WHOLE, BALANCE)
     for name in sections:
         if name not in known:
             raise GainroomError(f"{source}: {dotted(within, name)}: must be one of {', '.join(known)}")
-    if (data is not None and not isinstance(data, dict)) or any(not isinstance(each, dict) for each in sections.values()):
+    if (data is not None and not isinstance(data, dict)) or any(
+        not isinstance(each, str if name == BALANCE else dict) for name, each in sections.items()
+    ):
         raise GainroomError(f"{source}: {within}: must be sections of a robot.yaml: {', '.join(known)}")
     for name, keys in KEYS.items():
         for key in sections.get(name, {}):
@@ -102,6 +107,8 @@ def system_flags(lost: Mapping[str, Any]) -> tuple[list[str], list[str]]:
     loops = lost.get("drive") or {}
     if loops.get("damping_ratio", USUAL_RATIO) == USUAL_RATIO and "bandwidth" in loops:
         flags, whose = [*flags, "--bandwidth", repr(loops["bandwidth"])], [*whose, LOOPS]
+    if BALANCE in lost:
+        flags, whose = [*flags, "--balance", lost[BALANCE]], [*whose, "who damps sway"]
     contacts = lost.get("contacts") or {}
     standing = [frames for frames in contacts.values() if frames]
     typed = [_contact_text(frame) for frame in standing[0]] if len(standing) == 1 < len(contacts) == 2 else []

@@ -37,9 +37,15 @@ def gain_file(names: Sequence[str], columns: Mapping[str, Any]) -> list[str]:
     """Lines of a file of gains: joint or pattern → {kp, kd, …}, without what is NaN."""
     groups: dict[str, list[str]] = {}
     for name, *values in zip(names, *columns.values(), strict=True):
-        text = ", ".join(f"{key}: {typed(value)}" for key, value in zip(columns, values, strict=True) if not math.isnan(value))
+        text = ", ".join(f"{key}: {_exactly(value)}" for key, value in zip(columns, values, strict=True) if not math.isnan(value))
         groups.setdefault(f"{{{text}}}", []).append(name)
     return _in_order(groups, names)
+
+
+def _exactly(value: float) -> str:
+    """As it is typed, with as many digits as give it back."""
+    text = typed(value)
+    return text if float(text) == value else repr(float(value))
 
 
 def gain_lines(key: str, names: Sequence[str], values: Any) -> list[str]:

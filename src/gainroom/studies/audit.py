@@ -35,6 +35,7 @@ from .needed_stiffness import NeededStiffness, needed_stiffness, unknown_gearbox
 from .over_uncertainty import unknown_first
 from .progress import Progress, after, quiet
 from .state import State, path_headroom, state_of
+from .sway import without_sway
 from .verdict import Finding, Verdict
 
 OPTIONS = {
@@ -303,7 +304,9 @@ class Audit(Analysis):
 
     @cached_property
     def _cases(self) -> list[tuple[Case, Gains]] | None:
-        """Every state as the core looks at it; None where it does not look at this controller."""
+        """Every state as the core looks at it; None where it does not look at this controller, and where sway is left to another one."""
+        if self.system.balance == "controller" and any(state.sway for state in self.states):
+            return None
         cases = [own_case(state.title, self.system, state.model) for state in self.states]
         return None if any(case is None for case in cases) else [case for case in cases if case is not None]
 
@@ -331,11 +334,13 @@ class Audit(Analysis):
         """Whether so every state has what is required; states without the gain margin on all gains are found first, as that takes least."""
         loops = list(self.loops_at(lowered, factor))
         margin = self.margin * (1 - ROUND_OFF)  # which may be just what is left
-        return all(is_stable(loop) and is_stable(loop.scaled(margin)) for loop in loops) and all(map(self.holds, loops))
+        return all(is_stable(loop) and is_stable(loop.scaled(margin)) for loop in loops) and all(map(self.holds, self.states, loops))
 
-    def holds(self, loop: Loop) -> bool:
-        """Whether a loop has what is required; first the delay margin, which takes less than all margins."""
-        return (self.delay_margin == 0 or enough(extra_delay(loop), self.delay_margin)) and self.required.met_by(margins_of(loop))
+    def holds(self, state: State, loop: Loop) -> bool:
+        """Whether a loop of a state has what is required; first the delay margin, which takes less than all margins."""
+        if self.delay_margin > 0 and not enough(extra_delay(loop), self.delay_margin):
+            return False
+        return self.required.met_by(without_sway(state.case, margins_of(loop), loop))
 
     @cached_property
     def to_use(self) -> "GainsToUse[Audit] | None":
