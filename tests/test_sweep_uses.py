@@ -104,7 +104,7 @@ def test_audit_looks_at_the_whole_workspace(tmp_path, capsys, factor):
     swept = found["workspace"]
     assert swept["limits"] == 100
     assert status == STATUS[found["verdict"]]
-    assert (found["verdict"] == "unsafe") is (not (found["requirements_met"] and swept["gain_margin_met"]))  # the rate is not given
+    assert (found["verdict"] == "unsafe") is (not (found["requirements_met"] and swept["safe"]))  # else the rate is not given
     assert swept["worst"]["gain_limit"] <= found["gain_limit"] * (1 + 1e-9)
     assert (swept["below_margin_share"] > 0) is (not swept["gain_margin_met"])
     assert main(call[:-1]) == status
@@ -188,11 +188,11 @@ def test_an_audit_judges_what_else_is_asked_for_in_a_sample_of_the_workspace(tmp
 
 @pytest.mark.slow
 def test_what_else_fails_in_the_worst_postures_is_said(tmp_path, capsys):
-    """The biped's gain margin holds everywhere; its phase margin does not, where gain limits are lowest. --strict minds."""
+    """The biped's gain margin holds everywhere; its phase margin does not, where gain limits are lowest."""
     biped = tmp_path / "biped.yaml"
     biped.write_text((files("gainroom") / "files" / "examples" / "biped.yaml").read_text())
     call = ["sweep", str(biped), "--samples", "80", "--contact", "left"]
-    assert main([*call, "--json"]) == 0
+    assert main([*call, "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     assert found["gain_margin_met"] is True
     system = load_robot_system(biped)
@@ -231,7 +231,7 @@ def test_the_audit_s_page_shows_the_workspace(tmp_path, capsys):
 @pytest.mark.slow
 def test_the_robot_s_page_shows_what_recommended_gains_keep_in_a_sweep(tmp_path, capsys):
     file, store, page = write_arm(tmp_path, STRETCHED), tmp_path / "sweep.zarr", tmp_path / "robot.html"
-    assert main(["sweep", str(file), "--samples", "100", "--output", str(store), "--json"]) == 0
+    assert main(["sweep", str(file), "--samples", "100", "--output", str(store), "--json"]) == 1
     capsys.readouterr()
     assert main(["robot", str(file), "--sweep", str(store), "--report", str(page)]) == 0
     said = " ".join(capsys.readouterr().out.split())
@@ -256,7 +256,7 @@ def test_other_requirements_are_judged_in_a_sample_and_that_is_said(tmp_path, ca
     biped.write_text((files("gainroom") / "files" / "examples" / "biped.yaml").read_text())
     store = tmp_path / "sweep.zarr"
     call = ["sweep", str(biped), "--samples", "8", "--contact", "left", "--output", str(store)]
-    assert main([*call, "--json"]) == 0
+    assert main([*call, "--json"]) == 1
     judged = json.loads(capsys.readouterr().out)["judged"]
     assert judged["everywhere"] is True
     assert judged["count"] == 8
@@ -269,12 +269,12 @@ def test_other_requirements_are_judged_in_a_sample_and_that_is_said(tmp_path, ca
     assert rows["phase_margin"]["missed"] == sum(one < 30 for one in phases) > 0
     assert rows["peak_sensitivity"]["worst"] == pytest.approx(max(peaks), rel=1e-2)
     assert rows["peak_sensitivity"]["missed"] == sum(one > 2 for one in peaks)
-    assert main([*call, "--margins", "2", "--json"]) == 0
+    assert main([*call, "--margins", "2", "--json"]) == 1
     fewer = json.loads(capsys.readouterr().out)["judged"]
     assert (fewer["lowest"], fewer["random"], fewer["everywhere"]) == (2, 2, False)
     assert 2 <= fewer["count"] <= 4
     assert {row["name"]: row["worst"] for row in fewer["requirements"]}["phase_margin"] >= min(phases) * (1 - 1e-9)
-    assert main([*call, "--margins", "2"]) == 0
+    assert main([*call, "--margins", "2"]) == 1
     assert "Judged in a sample, not everywhere: phase margin, peak sensitivity Ms" in " ".join(capsys.readouterr().out.split())
     assert main([*call, "--margins", "-1"]) == 2
     assert "--margins -1 must be from 0 to" in capsys.readouterr().err
