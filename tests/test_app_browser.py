@@ -218,7 +218,7 @@ def test_on_a_phone_one_line_of_verdict_stays(browser: Any, served: Served):
     tab = tab_in(context, served.address)
     tab.settle(CERTIFIED)
     values = [tab.text(f"[data-name={name}] b") for name in ("gain_margin", "phase_margin", "peak_sensitivity")]
-    assert tab.text("#brief") == f"Stable · {values[0]} · {values[1]} · Ms {values[2]}"
+    assert tab.text("#brief") == f"Not safe · {values[0]} · {values[1]} · Ms {values[2]}"
     tab.page.locator("#step").scroll_into_view_if_needed()
     line, sentence = (tab.page.locator(name).bounding_box() for name in ("#brief", "#sentence"))
     assert line["y"] == 0

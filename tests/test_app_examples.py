@@ -70,7 +70,7 @@ def test_the_knee_as_stiff_as_it_may_be_at_four_milliseconds(browser: Any, capsy
     with serving(file) as own:
         tab = open_tab(browser, own.address)
         tab.settle(CERTIFIED)
-        assert tab.text("#sentence").startswith("Stable, but 3 requirements fail")
+        assert tab.text("#sentence").startswith("Not safe: stable, but 3 requirements fail")
         tab.page.locator("#delay_ms").fill("4")
         tab.settle(CERTIFIED)
         tab.page.get_by_role("button", name="Use recommended").click()

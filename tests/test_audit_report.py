@@ -102,7 +102,7 @@ def test_a_safe_robots_page(folder: Path, capsys: pytest.CaptureFixture[str]):
     ("options", "kind", "banner", "says"),
     [
         (["--delay-ms", "20"], "bad", "UNSTABLE: do not run these gains", "Not safe: unstable with 20 ms of delay"),
-        (["--delay-ms", "2", "--margin-db", "40"], "bare", "", "Stable in continuous time, but 1 requirement fails: gain margin"),
+        (["--delay-ms", "2", "--margin-db", "40"], "bare", "", "Not safe: stable in continuous time, but 1 requirement fails: gain margin"),
     ],
 )
 def test_what_is_not_safe_says_so_first(

@@ -194,7 +194,7 @@ def test_causes_of_a_population():
             if judged != cause:
                 wrong.append((cause, index, made.kind, judged))
             alone = diagnose(made.record).cause
-            blind["cannot tell" if alone is None else "right" if alone.name == cause else "wrong"] += 1
+            blind["Its cause is not known" if alone is None else "right" if alone.name == cause else "wrong"] += 1
     loud = [index for index in range(WHOLE_QUIET) if _judged(recording("quiet", index)) != "quiet"]
     shares = f"{sum(right.values())} of {WHOLE * len(CAUSES)} right: {dict(right)}; without a model {dict(blind)}"
     print(f"\n{shares}; wrong: {wrong}; loud: {loud}")
@@ -316,7 +316,7 @@ def test_what_cannot_be_told_is_said_with_what_to_record(folder: Path):
     np.savetxt(folder / "bare.csv", rows[:, kept], delimiter=",", header="time,motor_position", comments="")
     status, out, _ = run("diagnose", folder / "bare.csv", "--start", "0.5")
     assert status == 1
-    for words in ("cannot tell", "Record the set-point", "Record the torque", "--joint joint.yaml"):
+    for words in ("Its cause is not known", "Record the set-point", "Record the torque", "--joint joint.yaml"):
         assert words in out
 
 

@@ -249,7 +249,7 @@ def test_the_range_of_a_joint_of_two_paths_is_judged_at_its_worst(tmp_path: Path
     assert facts["worst"]["phase_margin"]["value"] == approx(worst)
     assert facts["unmet"] == ["phase_margin"]
     assert facts["requirements_met"] is False
-    assert facts["sentence"].startswith("Stable, but 1 requirement fails: phase margin ")
+    assert facts["sentence"].startswith("Not safe: stable, but 1 requirement fails: phase margin ")
     path.write_text(stiff + "uncertainty: {delay_ms: [4.0, 15.0]}\n", "utf-8")  # past kp's own delay limit
     facts, status = told_of(["joint", str(path)], capsys)
     assert (facts["stable"], facts["stable_in_range"], status) == (True, False, 1)

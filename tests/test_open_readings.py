@@ -169,7 +169,7 @@ def test_gains_in_a_drives_own_form_likewise(capsys: pytest.CaptureFixture[str])
 )
 def test_elsewhere_the_host_is_judged(robot: dict, options: tuple[str, ...], capsys: pytest.CaptureFixture[str]):
     _, found = told(capsys, leg(*HOST_UNSAFE, **robot), "--delay-ms", "4", "--rate-hz", "500", "--gearbox", "direct", *options)
-    assert found["sentence"].startswith("Stable, but 3 requirements fail: ")
+    assert found["sentence"].startswith("Not safe: stable, but 3 requirements fail: ")
     assert found["verdict"] == "unsafe"
     assert found["readings"] == []
 
@@ -191,7 +191,7 @@ def test_a_reading_that_cannot_be_computed_does_not_end_the_audit(capsys: pytest
     monkeypatch.setattr("gainroom.files.readings.drive_reading", fails)
     _, found = told(capsys, leg(*HOST_UNSAFE, **HUMANOID), "--delay-ms", "4", "--rate-hz", "500", "--gearbox", "direct")
     assert (found["verdict"], found["readings"]) == ("unsafe", [])
-    assert found["sentence"].startswith("Stable, but 3 requirements fail: ")
+    assert found["sentence"].startswith("Not safe: stable, but 3 requirements fail: ")
 
 
 def test_the_numbers_say_which_reading_they_are_of(capsys: pytest.CaptureFixture[str]):

@@ -117,7 +117,7 @@ def test_a_sound_run_at_first_glance(sound: Outcome, sound_page: str):
     assert math.log(sound.margins.peak_sensitivity / 2) > 1 - math.degrees(sound.margins.least_phase_margin) / 30
     assert labels == ["peak sensitivity Ms", "phase margin", "vibration", "gain margin", "settles", "largest error", "feet moved by"]
     assert re.match(
-        r"Stable, but 2 requirements fail in \S+/\S+: Ms \S+ \(≤ 2\) at"
+        r"Not safe: stable, but 2 requirements fail in \S+/\S+: Ms \S+ \(≤ 2\) at"
         r" \w+, \S+ Hz; phase margin \S+ \(≥ 30°\) at \w+, \S+ Hz\. No vibration, but ",
         sentence(sound),
     )

@@ -324,7 +324,7 @@ def test_audit_margin_decides(folder: Path):
     tighter = audit(spec, required_of(1.01 * limit))
     assert not tighter.safe
     assert {joint.name for joint in tighter.joints if not joint.safe} >= set(tighter.limiting_joints) != set()
-    assert audit_sentence(tighter).startswith("Stable in continuous time, but 1 requirement fails: gain margin ")
+    assert audit_sentence(tighter).startswith("Not safe: stable in continuous time, but 1 requirement fails: gain margin ")
 
 
 @pytest.mark.parametrize(("scale", "words"), [((1, 10), "1 of 2 joints is not safe"), ((10, 10), "2 of 2 joints are not safe")])

@@ -58,7 +58,7 @@ def test_friction_that_hides_an_unstable_loop_is_not_sound(tmp_path: Path, capsy
     assert '<body class="bad">' in page.read_text("utf-8")
     stable = simulated(tmp_path, STILL, 0.9 * gain / 1.07)
     assert stable.sound
-    assert sentence(stable).startswith("Stable, but 3 requirements fail in ")  # 0.9 of the limit is not 6 dB below it
+    assert sentence(stable).startswith("Not safe: stable, but 3 requirements fail in ")  # 0.9 of the limit is not 6 dB below it
     assert "No vibration in this run. " in sentence(stable)
 
 

@@ -322,8 +322,8 @@ def test_an_interruption_says_how_far_it_came():
     ("gain", "state", "says"),
     [
         (0.25, "good", "These gains may stay"),
-        (0.5, "bare", "Stable, but 2 requirements fail: Ms "),
-        (1.0, "bare", "Stable, but 3 requirements fail: Ms "),
+        (0.5, "bare", "Not safe: stable, but 2 requirements fail: Ms "),
+        (1.0, "bare", "Not safe: stable, but 3 requirements fail: Ms "),
         (1.5, "bad", "DIVERGES"),
         (30.0, "bad", "DIVERGES"),
         (1.14, "bad", "VIBRATES"),
@@ -385,7 +385,7 @@ def test_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out, err = capsys.readouterr()
     assert err == ""
     told = out.replace("\n", " ")
-    assert told.startswith("Stable, but 3 requirements fail: Ms ")  # missed most: 14.4 instead of 2
+    assert told.startswith("Not safe: stable, but 3 requirements fail: Ms ")  # missed most: 14.4 instead of 2
     assert ", gain margin 0.916 dB (≥ 6 dB) at 78.4 Hz. No vibration in this run. " in told
     (command,) = [line for line in out.splitlines() if " --gain " in line]  # to be copied, and so on one line, as paths are
     assert command.startswith(f"  gainroom simulate {tmp_path}")

@@ -51,7 +51,7 @@ def test_joints_fit_a_small_terminal(capsys: pytest.CaptureFixture[str], name: s
     status, out = answer(capsys, "joint", str(EXAMPLES / f"{name}.yaml"))
     assert status == 1
     assert_short(out)
-    assert re.match(r"Stable( in continuous time)?, but \d requirements? fails?( in [a-z ,]+)?: ", " ".join(out.split()))
+    assert re.match(r"Not safe: stable( in continuous time)?, but \d requirements? fails?( in [a-z ,]+)?: ", " ".join(out.split()))
 
 
 @pytest.mark.slow
@@ -113,7 +113,7 @@ def test_a_robot_states_its_gains_by_patterns_that_are_read_back(tmp_path: Path,
     path = write_arm(tmp_path, ROBOT + "uncertainty: {delay_ms: [1.9, 2.2]}\n")
     status, out = answer(capsys, "robot", str(path), "--strict")
     assert_short(out)
-    assert status == out.startswith("Stable, but ")
+    assert status == out.startswith("Not safe: stable, but ")
     file = yaml.safe_load(path.read_text("utf-8"))
     file["control"] |= pasted(out)[0]
     path.write_text(yaml.safe_dump(file), "utf-8")

@@ -45,10 +45,10 @@ def said(capsys: pytest.CaptureFixture[str], tmp_path: Path, *call: str) -> tupl
 
 def assert_one_verdict(terminal: str, headline: str, own: str):
     """The same words and the colour that belongs to them."""
-    verdict = re.match(r"Safe|Stable(?=.*?, but \d+ requirements? fails?)|Not safe|Not decided", headline)
+    verdict = re.match(r"Safe|Not safe: stable(?=.*?, but \d+ requirements? fails?)|Not safe|Not decided", headline)
     assert verdict is not None
     assert terminal.startswith(verdict[0])
-    colours = {"Safe": {"good"}, "Stable": {"bare"}, "Not safe": {"bare", "bad"}, "Not decided": {"warn"}}[verdict[0]]
+    colours = {"Safe": {"good"}, "Not safe: stable": {"bare"}, "Not safe": {"bare", "bad"}, "Not decided": {"warn"}}[verdict[0]]
     assert set(re.findall('<body class="(.*?)">', own)) <= colours
 
 
@@ -58,7 +58,7 @@ def test_every_requirement_that_a_joint_misses_is_in_both_headlines(capsys: pyte
     terminal, headline, told, own = said(capsys, tmp_path, "joint", str(EXAMPLES / f"{name}.yaml"))
     assert_one_verdict(terminal, headline, own)
     assert told["unmet"]
-    assert re.match(rf"Stable( in continuous time)?, but {len(told['unmet'])} requirement", headline)
+    assert re.match(rf"Not safe: stable( in continuous time)?, but {len(told['unmet'])} requirement", headline)
     for missed in told["unmet"]:
         one = REQUIREMENTS[missed]
         value = f"{one.heading} {told['worst'][one.key]:.3g}{'' if one.unit in ('', '°') else ' '}{one.unit} ({one.sign} "
@@ -85,7 +85,7 @@ def test_the_present_gains_at_the_usual_rate_are_those_of_the_file_with_that_rat
     [
         ("", "", "Not decided: the loop's rate is not given"),
         ("sample_rate_hz: 2000, ", "", "Safe: every requirement is met"),
-        ("sample_rate_hz: 2000, ", "limits: {peak_sensitivity: 1.1}\n", "Stable, but 1 requirement fails: Ms "),
+        ("sample_rate_hz: 2000, ", "limits: {peak_sensitivity: 1.1}\n", "Not safe: stable, but 1 requirement fails: Ms "),
     ],
 )
 def test_a_robots_verdict_has_one_word_and_one_colour(
@@ -120,7 +120,7 @@ def test_every_row_that_an_audit_does_not_meet_is_in_both_headlines(
 ):
     terminal, headline, told, own = said(capsys, tmp_path, "audit", str(LEG), "--delay-ms", delay, *more)
     assert_one_verdict(terminal, headline, own)
-    assert told["requirements_met"] == (not headline.startswith(("Not safe", "Stable, but", "Stable in continuous time, but")))
+    assert told["requirements_met"] == (not headline.startswith("Not safe"))
     assert told["decided"] == (not headline.startswith("Not decided"))
     assert told["safe"] == (told["requirements_met"] and told["decided"])
     rows = [

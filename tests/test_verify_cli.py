@@ -137,7 +137,7 @@ def test_simulate_and_verify_judge_one_limit_alike(tmp_path: Path, capsys: pytes
     for command, label in (("simulate", "gain margin"), ("verify", "vibration starts at")):
         assert main([command, str(path), "--report", str(page)]) == (1 if command == "simulate" else 0)  # verify finds agreement
         out, own = " ".join(capsys.readouterr().out.split()), unescape(without_library(page.read_text("utf-8")))
-        assert out.startswith(f"Stable, but {said_first[command]}: ")
+        assert out.startswith(f"Not safe: stable, but {said_first[command]}: ")
         assert f" gain margin {level} (≥ 6 dB) at 78.4 Hz" in out.partition("Do this: ")[0]
         assert '<body class="bare">' in own  # 0.92 dB: Ms is 10 at least
         cards = re.findall(r'<div class="card (\w+)"><p class="label">(.*?)</p>', own)

@@ -58,7 +58,7 @@ class AuditPresentation(Presentation):
     def facts(self) -> dict[str, Any]:
         result, system, control = self.result, self.result.system, self.result.system.control
         least = {
-            one.key: one.in_unit(one.value(result.worst[one.name].margins)) for one in REQUIREMENTS.values() if one.name not in ELSEWHERE
+            one.key: one.in_unit(one.value(result.worst[one.name].counted)) for one in REQUIREMENTS.values() if one.name not in ELSEWHERE
         }
         return {
             "robot": system.source.name,

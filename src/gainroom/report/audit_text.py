@@ -128,7 +128,7 @@ def _beside_required(result: Audit, one: Requirement, needed: float) -> str:
     state = result.worst[one.name]
     shown = margin_value(result.required, one.name, result.value_in(state, one), False, 3)
     where = f" in {state.contact}" if len(result.states) > 1 else ""
-    return f"{one.label} {shown} ({one.sign} {one.text(needed)}){at_frequency(one.frequency(state.margins))}{where}"
+    return f"{one.label} {shown} ({one.sign} {one.text(needed)}){at_frequency(one.frequency(state.counted))}{where}"
 
 
 def audit_scale(result: Audit) -> float | None:

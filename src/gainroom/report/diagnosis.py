@@ -56,16 +56,15 @@ def _cards(found: Diagnosis) -> list[Card]:
     cards = []
     if seen is not None and not found.toggles:
         note = "" if predicted is None or not predicted.frequency > 0 else f"model's loop: {hertz(predicted.frequency)}"
-        cards.append(
-            Card("frequency", digits(seen.vibration.frequency / (2 * math.pi), "", 3), "Hz", "no vibration", not found.vibrates, note)
-        )
+        label, allowed, met = ("vibrates at", "none allowed", False) if found.vibrates else ("oscillation that decays", "", None)
+        cards.append(Card(label, digits(seen.vibration.frequency / (2 * math.pi), "", 3), "Hz", allowed, met, note))
         steps = f"{digits(seen.steps, '', 3)} encoder steps" if math.isfinite(seen.steps) else ""
         value, unit = size(seen).rsplit(" ", 1)
         cards.append(Card("amplitude at the end", value, unit, note="; ".join(filter(None, [growth(seen), steps]))))
     if found.causes:
         first = found.cause
-        note = "" if first is None else f"likelihood {percent(first)}"
-        cards.append(Card("cause", "cannot tell" if first is None else SHORT[first.name], note=note))
+        note = "" if first is None else percent(first)
+        cards.append(Card("cause", "not known" if first is None else SHORT[first.name], note=note))
     if predicted is not None and math.isfinite(predicted.limit.gain):
         met = predicted.limit.stable and predicted.limit.gain >= found.required
         asked = f"≥ {digits(to_db(found.required), 'dB', 3)}"

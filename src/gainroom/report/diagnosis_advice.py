@@ -10,6 +10,8 @@ from ..system.margin_units import to_db
 from .number_format import digits, hertz, typed_gains
 
 NOTCH_ABOVE = 2 * math.pi * 10.0  # [rad/s] without a model: slower, a notch is in the band in which the loop works
+NO_MARGIN = "How much margin is left, a log without vibration does not tell: `gainroom joint FILE` does."
+UNTIL_KNOWN = "Halve kp and kd before the next run."
 RECORDS = {
     "motor_position": "the position (motor_position)",
     "reference": "the set-point (reference): without it a commanded oscillation looks like a vibration",
@@ -24,9 +26,9 @@ def advice(found: Diagnosis) -> list[str]:
             "Look at the signs of position, torque and gains, at the units of kp and kd, and at what the joint ran into or was pushed by."
         ]
     if not found.vibrates:
-        return [f"Record {RECORDS['reference']}."] if found.search.unasked > 0 else []
+        return [f"Record {RECORDS['reference']}." if found.search.unasked > 0 else NO_MARGIN]
     cause = found.cause
-    return [*(_remedies(found, cause) if cause is not None else []), *_to_record(found)]
+    return [*(_remedies(found, cause) if cause is not None else [UNTIL_KNOWN]), *_to_record(found)]
 
 
 def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
@@ -37,13 +39,16 @@ def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
     if cause.name in AT_LIMIT:
         alias = predicted.alias if predicted is not None and cause.name == "aliasing" else None
         folded = [] if alias is None else [f"It vibrates at about {hertz(alias.frequency)}: log every tick of the controller to see it."]
+        use = found.recommended
         texts = [f"Lower the gains: {lower}." if lower else "Lower kp and kd together; how far is not known without --joint joint.yaml."]
+        if use is not None:
+            at_once = f" At once, without them: {lower} alone." if lower else ""
+            texts = [f"Use {typed_gains(use.controller)}, which meet the requirements of the file.{at_once}"]
         if seen.clipped > 0.05:
             texts.append("The torque limit only bounds the amplitude; raising it makes the vibration larger.")
         if predicted is not None and predicted.limit.gain > 1:
             texts.append("The model says that these gains are still stable: identify the joint and its delay again (gainroom identify).")
-        use = found.recommended
-        return texts + folded + ([] if use is None else [f"By the requirements of the file, use {typed_gains(use.controller)}."])
+        return texts + folded
     if cause.name == "quantisation":
         remedy = f"Lower the gain on velocity: {lower}" if lower else "Lower kd"
         return [f"{remedy}; or filter the velocity (velocity_filter), or use the finer encoder. Lowering kp alone does not help."]

@@ -73,7 +73,7 @@ def sentence(found: Diagnosis) -> str:
         return f"{text}Cause: {NAMES[cause.name]} ({percent(cause)})."
     first, second = found.causes[:2]
     both = " or ".join(f"{NAMES[one.name]} ({percent(one)})" for one in (first, second) if one.name != UNKNOWN)
-    return f"{text}Cause: cannot tell; {both}."
+    return f"{text}Its cause is not known; the likeliest: {both}."
 
 
 def _band(found: Diagnosis) -> str:
@@ -101,7 +101,7 @@ def growth(seen: RecordedOscillation) -> str:
 def percent(cause: Cause) -> str:
     """Its likelihood."""
     share = 100 * cause.likelihood
-    return "more than 99 %" if share > 99 else "less than 1 %" if share < 1 else f"{share:.0f} %"
+    return f"{'more than 99' if share > 99 else 'less than 1' if share < 1 else f'{share:.0f}'} % likely"
 
 
 def _hz(evidence: Evidence) -> tuple[str, str]:

@@ -91,7 +91,8 @@ def required_facts(required: Requirements) -> dict[str, Any]:
 
 def margins_text(margins: Margins) -> str:
     """The margins that requirements bound, in a sentence: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
-    named = ((one, one.named(margins) if one.named(margins) != one.title else one.label) for one in REQUIREMENTS.values())
+    several = len(margins.one_loop.gain_margin) > 1
+    named = ((one, one.titled(margins, several)) for one in REQUIREMENTS.values())
     return ", ".join(f"{name} {digits(one.in_unit(one.value(margins)), one.unit, 3)}" for one, name in named)
 
 

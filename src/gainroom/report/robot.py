@@ -10,6 +10,7 @@ from ..studies.loop_numbers import margins_of
 from ..studies.over_uncertainty import unknown_first
 from ..studies.robot import RobotStudy
 from ..studies.state import State, limit_headroom, task_headroom
+from ..studies.sway import without_sway
 from ..studies.sweep.summary import SweepSummary
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
@@ -100,7 +101,7 @@ def _decisive_title(study: RobotStudy) -> str:
     if motion is None:
         return "Vibration at the limit"
     one = REQUIREMENTS[study.decisive]
-    what, text = "What fails" if study.unmet else "What is tightest", one.text(one.value(motion.state.margins))
+    what, text = "What fails" if study.unmet else "What is tightest", one.text(one.value(motion.state.counted))
     return f"{what}: {one.label} {text} in {motion.title}, at {hertz(motion.limit.frequency)}"
 
 
@@ -216,9 +217,9 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
 
     def card(one: Requirement, state: State) -> Card:
-        where = f"{at(one.frequency(state.margins))}{state.title}{', continuous time' if study.system.rate_is_missing else ''}"
-        named = one.named(state.margins)
-        label, nominal = one.label if named == one.title else named, one.value(state.margins)
+        where = f"{at(one.frequency(state.counted))}{state.title}{', continuous time' if study.system.rate_is_missing else ''}"
+        label = one.titled(state.counted, len(study.system.source.joint_names) > 1)
+        nominal = one.value(state.counted)
         least = study.least(state, one.name)
         if study.unstable_case:
             required = requirement(asked, one.name, 3)
@@ -278,11 +279,11 @@ def remedies(study: RobotStudy) -> list[Html]:
 
 def _sentences(study: RobotStudy, name: str, state: State) -> list[str]:
     asked, one = study.system.requirements, REQUIREMENTS[name]
-    value = one.value(state.margins)
+    value = one.value(state.counted)
     meaning = f"{one.label[0].upper()}{one.label[1:]} of {state.model.size} loops: {one.meaning or 'the worst of all.'}"
     if math.isnan(value):
         return [meaning, f"It is not known in {state.title}."]
-    there = f"{state.title}{at_frequency(one.frequency(state.margins), ', at ', hertz)}"
+    there = f"{state.title}{at_frequency(one.frequency(state.counted), ', at ', hertz)}"
     return [meaning, f"It is {margin_value(asked, name, value, False, 3)} in {there}.", _trials(study, one, state)]
 
 
@@ -296,8 +297,9 @@ def _trials(study: RobotStudy, one: Requirement, state: State) -> str:
         if gain not in controller.gain_names():
             continue
         changed = replace(controller, **{gain: factor * getattr(controller, gain)})
-        found = margins_of(system.loop(state.model, changed))
-        value, own = one.value(found), one.value(state.margins)
+        loop = system.loop(state.model, changed)
+        found = without_sway(state.case, margins_of(loop), loop)
+        value, own = one.value(found), one.value(state.counted)
         helps = found.stable and (value < own if one.at_most else value > own)
         known = "not known" if math.isnan(value) else margin_value(asked, one.name, value, None, 3)
         outcome = known if found.stable else "unstable"

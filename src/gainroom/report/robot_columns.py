@@ -215,7 +215,7 @@ def audited_states(safe: Callable[["State"], bool]) -> list[Column]:
 def worst_facts(study: "Analysis", name: str) -> dict[str, Any]:
     """A requirement's worst over states and uncertainty, beside the nominal value there, in JSON."""
     one, state = REQUIREMENTS[name], study.worst[name]
-    value, nominal = study.least(state, name), one.value(state.margins)
+    value, nominal = study.least(state, name), one.value(state.counted)
     case = study.case_of(name) or None
     return {one.key: one.in_unit(value), "nominal": one.in_unit(nominal), "posture": state.posture, "contact": state.contact, "case": case}
 

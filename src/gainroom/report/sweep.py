@@ -24,7 +24,7 @@ from .robot_drawing import hero, small
 from .robot_skeleton import common_view
 from .robot_tables import machine
 from .sweep_text import advice as use, columns, counted, joint_name, sureness, verdict, warnings
-from .words import SWEPT, tone
+from .words import swept_banner, tone
 from .workspace import CURVES, FEW, sample_table
 
 SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
@@ -53,7 +53,7 @@ def sweep_page(found: SweepSummary, at_worst: WorstStates, store: Store, command
     said = use(found, at_worst)
     do_this = advice(said, "") if said and worst is not None and found.scale < 1 else ""
     how = tone(swept_verdict(found, at_worst))
-    lead = Lead(" ".join(verdict(found, at_worst)), how, SWEPT if how == "bad" else "", warnings(found), do_this)
+    lead = Lead(" ".join(verdict(found, at_worst)), how, swept_banner(found) if how == "bad" else "", warnings(found), do_this)
     kind = model_kind(plan.system.control.sample_time)
     return page(f"gainroom sweep: {counted(plan.postures.count)} postures, {kind} model", lead, _cards(found), sections, command)
 

@@ -14,7 +14,6 @@ from .margin_columns import margin_value, requirement
 from .number_format import digits, gain_factor, hertz
 from .words import swept_headline
 
-BY_JOINT = "Search joint by joint: `gainroom robot FILE --sweep DIR.zarr`."
 MOST_ANGLES = 8
 """Of a posture, in a sentence."""
 
@@ -58,6 +57,12 @@ def joint_name(found: SweepSummary, one: SweptPosture) -> str:
     return found.plan.robot.joint_names[one.joint] if one.joint >= 0 else "–"
 
 
+def by_joint(found: SweepSummary) -> str:
+    """How gains are searched joint by joint, a sentence."""
+    file = found.plan.robot.name
+    return f"Search joint by joint: the same sweep with `--output sweep.zarr`, then `gainroom robot {file} --sweep sweep.zarr`."
+
+
 def advice(found: SweepSummary, worst: WorstStates) -> str:
     """What to do, in a sentence; "" where it is not known, and where another requirement stands against it."""
     if not math.isfinite(found.scale):
@@ -67,7 +72,7 @@ def advice(found: SweepSummary, worst: WorstStates) -> str:
     if found.scale < 1:
         if missed := worst.unmet_at(factor):
             fail = listed([one.label for one in missed])
-            return f"With all gains × {factor:.4g} the gain margin would hold, but not {fail}, in the sample. {BY_JOINT}"
+            return f"With all gains × {factor:.4g} the gain margin would hold, but not {fail}, in the sample. {by_joint(found)}"
         return f"Use: all gains × {factor:.4g}; then the gain margin holds in every posture swept{near}."
     if found.margin > 1 and found.scale > 1 and not worst.unmet and not worst.unmet_at(factor):
         return f"With all gains × {factor:.4g} the gain margin still holds in every posture swept{near}."

@@ -56,7 +56,7 @@ def verdict_rows(study: Analysis, to_use: Margins | None) -> list[VerdictRow]:
     asked, rows = study.system.requirements, []
     for name, state in study.worst.items():
         one, least, worst = REQUIREMENTS[name], study.least(state, name), study.worst_in(state).margins
-        nominal, after = one.value(state.margins), None if to_use is None else one.value(to_use)
+        nominal, after = one.value(state.counted), None if to_use is None else one.value(to_use)
         met = asked.met(name, least) if study.stable_in_range else None if asked.met(name, least) is None else False
         value = "unstable" if not study.stable_in_range else margin_value(asked, name, least, met, 3)
         case = study.case_of(name)
@@ -64,13 +64,13 @@ def verdict_rows(study: Analysis, to_use: Margins | None) -> list[VerdictRow]:
         rows.append(
             VerdictRow(
                 name,
-                one.label if one.named(state.margins) == one.title else one.named(state.margins),
+                one.titled(worst, len(study.system.source.joint_names) > 1),
                 value,
                 margin_value(asked, name, nominal, None, 3) if study.stable else "unstable",
                 requirement(asked, name, 3),
                 met,
                 "" if after is None else margin_value(asked, name, after, asked.met(name, after), 3),
-                one.frequency(worst if study.stable_in_range else state.margins),
+                one.frequency(worst if study.stable_in_range else state.counted),
                 where,
             )
         )
@@ -109,6 +109,10 @@ NOTHING = ToUse("")
 
 def joint_to_use(study: "JointStudy", call: str = "gainroom joint FILE") -> ToUse:
     """Recommended gains; where the file has no rate and they fail at the usual one, those recommended there. `call`: see robot_to_use."""
+    return _decide_first(study, call, _joint_gains(study, call))
+
+
+def _joint_gains(study: "JointStudy", call: str) -> ToUse:
     best, usual, asked = study.recommended, study.at_usual_rate, study.system.requirements
     if best is None:
         return NOTHING
@@ -167,6 +171,30 @@ def _beside(controller: Any, present: Any) -> list[str]:
 
 def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUse:
     """Recommended gains of the space that the file's controller acts in. `call`: the command that finds them once the file has a rate."""
+    return _decide_first(study, call, _robot_gains(study, call))
+
+
+TO_WRITE = {
+    "rate_unknown": "your loop's rate under `control` (sample_rate_hz)",
+    "gearbox_unknown": "`stiffness` and `damping` of the gearboxes under `joints` (`stiffness: rigid` where there is none)",
+    "motor_inertia_unknown": "the motors' inertia under `joints` (motor_inertia)",
+    "sway": "who damps the sway: `balance: joints` where nothing else holds the robot up, or `balance: controller`",
+    "nothing_required": "what is required under `limits`",
+}
+"""What to write into a file where it decides, by a finding's code."""
+
+
+def _decide_first(study: Analysis, call: str, found: ToUse) -> ToUse:
+    """`found`, behind what decides where that is not known: gains of a robot as it was read are then no answer yet."""
+    missing = [TO_WRITE[one.code] for one in study.verdict.deciding if one.code in TO_WRITE]
+    if study.verdict.level != "undecided" or not missing or (found.folded and not found.margins):
+        return found
+    text = " ".join([*found.remarks, f"Of the model as it was read: {found.heading[:1].lower()}{found.heading[1:]}"])
+    folded = (text, found.lines) if found.lines else found.folded
+    return ToUse(f"Write into {shlex.split(call)[-1]} {listed(missing)}, and run:", [call], folded=folded)
+
+
+def _robot_gains(study: "RobotStudy", call: str) -> ToUse:
     if study.to_use is None:
         return NOTHING
     gains, found = study.to_use
@@ -179,10 +207,7 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
         return replace(_state_rate(call), folded=(_not_at_usual_rate(usual, asked, f"{place}{now}"), lines))
     if found.without_weight:
         topples = f", and the robot topples on these in {found.topples[0]}" if found.topples else ""
-        remarks.append(
-            "These gains assume that the controller compensates the robot's weight. Without that no gains were found that meet the "
-            f"requirements{topples}."
-        )
+        remarks.append(f"Without that no gains were found that meet the requirements{topples}.")
     remarks += _cost_of_ranges(study)
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
@@ -191,7 +216,8 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
         remarks.append(
             f"Some are more than {digits(study.tightest.limit.gain, '×', 3)} the present ones: that limit is of one factor on all gains."
         )
-    return ToUse(_heading(study, f"{_place(call, place)}{now}"), lines, remarks, margins=study.margins_to_use)
+    only = "Only where the controller compensates the robot's weight: " if found.without_weight else ""
+    return ToUse(_heading(study, f"{_place(call, place)}{now}", only), lines, remarks, margins=study.margins_to_use)
 
 
 def _cost_of_ranges(study: "RobotStudy") -> list[str]:
@@ -240,10 +266,11 @@ def _not_at_usual_rate(margins: Margins, asked: Requirements, place: str) -> str
     return f"Gains for continuous time, under {place}; at {AT_USUAL} they {lacking(asked, margins)}:"
 
 
-def _heading(study: Analysis, place: str) -> str:
+def _heading(study: Analysis, place: str, only: str = "") -> str:
+    """What the gains are and where they go; `only`: the condition that they have, with a blank behind."""
     if study.requirements_met is False:
-        return f"Use instead, {place}:"
-    return f"The present gains may stay. The stiffest that meet the requirements, {place}:"
+        return f"{only}{'u' if only else 'U'}se instead, {place}:"
+    return f"The present gains may stay. {only}{'t' if only else 'T'}he stiffest that meet the requirements, {place}:"
 
 
 def verdict_lines(study: Analysis, to_use: ToUse) -> list[Part]:

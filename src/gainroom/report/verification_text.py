@@ -10,7 +10,7 @@ from .columns import Column, yes
 from .margin_columns import short_text
 from .number_format import digits
 from .page import Advice
-from .words import UNSTABLE
+from .words import NOT_SAFE, UNSTABLE
 
 
 def sentence(result: Verification) -> str:
@@ -23,7 +23,7 @@ def sentence(result: Verification) -> str:
     asked = Requirements(gain_margin=least.required)
     where = f" in {least.what}" if result.of_robot else ""
     short = short_text(asked, {"gain_margin": least.predicted_gain})
-    fails = f"Stable, but a requirement fails{at_nominal(result)}: {short}{at_frequency(least.predicted_frequency)}{where}"
+    fails = f"{NOT_SAFE}: stable, but a requirement fails{at_nominal(result)}: {short}{at_frequency(least.predicted_frequency)}{where}"
     return f"{fails}; phase margin and Ms are not judged here. {_compared_text(result)}"
 
 

@@ -25,8 +25,6 @@ NOT_SAFE = LEVELS["unsafe"]
 UNSTABLE = f"{NOT_SAFE}: unstable"
 AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
 SOFTER = "On softer gearboxes these gains may not be safe."
-SWEPT = "NOT SAFE: unstable in some postures"
-"""Over a sweep's page."""
 MOST_NAMES = 3
 """Names of joints or links in a sentence, at most."""
 
@@ -59,7 +57,7 @@ OTHERS = {"unsafe_in_gearbox_range": "with some gearboxes in the range too littl
 
 def stable_but(count: int, time: str = "") -> str:
     """The begin of the verdict on a stable loop of which `count` ≥ 1 requirements fail; `time`: " in continuous time"."""
-    return f"Stable{time}, but {count} requirement{'s fail' if count > 1 else ' fails'}"
+    return f"{NOT_SAFE}: stable{time}, but {count} requirement{'s fail' if count > 1 else ' fails'}"
 
 
 def safe_means(asked: str) -> str:
@@ -208,7 +206,7 @@ def _nominally(study: "Analysis") -> str:
     fail = [
         REQUIREMENTS[name].heading
         for name in study.unmet
-        if any(asked.met(name, REQUIREMENTS[name].value(state.margins)) is False for state in study.states)
+        if any(asked.met(name, REQUIREMENTS[name].value(state.counted)) is False for state in study.states)
     ]
     if len(fail) == len(study.unmet):
         return " Nominally, too."
@@ -243,7 +241,7 @@ def _failing(study: "Analysis") -> str:
         one, needed = REQUIREMENTS[name], study.system.requirements.needed[name]
         value, omega = study.least(state, name), one.frequency(study.worst_in(state).margins)
         shown = one.text(value, 3 if math.isnan(value) else apart(one.in_unit(value), one.in_unit(needed), 3))
-        title = one.heading if one.named(state.margins) == one.title else one.named(state.margins)
+        title = one.titled(study.worst_in(state).margins, len(study.system.source.joint_names) > 1, short=True)
         places = [*joints.get(name, ())[:1]] if not alike else []
         places += [frequency_text(omega)] if math.isfinite(omega) else []
         at = f" at {', '.join(places)}" if places else ""
@@ -279,6 +277,12 @@ def run_headline(outcome: "Outcome") -> str:
     if not study.stable and outcome.verdict.level == "unsafe":
         return f"{UNSTABLE}{where} without the friction of the scenario. "
     return f"{headline(study, where)} "
+
+
+def swept_banner(found: "SweepSummary") -> str:
+    """Over the page of a sweep in which gains are unstable: in how many postures."""
+    unstable = sum(one.unstable for one in found.contacts)
+    return f"NOT SAFE: unstable in {f'all {found.count}' if unstable == found.count else f'{unstable} of {found.count}'} postures"
 
 
 def swept_headline(found: "SweepSummary", worst: "WorstStates", said: str, missed: str) -> list[str]:

@@ -6,14 +6,17 @@ no gain that is safe otherwise may be able to. So its part in phase margins and 
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ..analysis.followed_root import root_near
 from ..analysis.margin_record import Margins
 from ..analysis.margins_outside import margins_outside
-from ..robot.sway import NEAR, SlowMode, bands, slow_modes
 from ..system.linear.arrays import Floats
 from ..system.loop import Loop
 from ..system.system import StateCase
+
+if TYPE_CHECKING:
+    from ..robot.sway import SlowMode
 
 LATE = 0.05
 """[rad] of phase that drives, delay and sampling may take at a mode's frequency, 3°: with more, delay has a part in how it swings, and that
@@ -32,7 +35,7 @@ class Sway:
     mode     (n,) the joints' part in that mode, the largest 1
     """
 
-    modes: tuple[SlowMode, ...]
+    modes: tuple["SlowMode", ...]
     bands: Floats
     frequency: float
     damping_ratio: float
@@ -43,6 +46,8 @@ def sway_of(case: StateCase, loop: Loop) -> Sway | None:
     """The sway of one state with its loop; None where nothing sways, where tasks hold the base, and where kd has a path of its own."""
     if case.system.source.body is None or case.system.control.space == "task" or loop.kd_path is not None or loop.parts is None:
         return None
+    from ..robot.sway import bands, slow_modes  # the whole robot, which a joint does without
+
     modes = slow_modes(case.model, loop.parts.controller, case.system.control.feedback)
     drives = loop.parts.drives
     lag = max(drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in drives) + (loop.sample_time or 0.0)
@@ -65,7 +70,9 @@ def without_sway(case: StateCase, found: Margins, loop: Loop | None = None) -> M
     return found if sway is None else margins_outside(loop, found, sway.bands)
 
 
-def _root(loop: Loop, mode: SlowMode) -> complex | None:
+def _root(loop: Loop, mode: "SlowMode") -> complex | None:
     """The root of the closed loop that belongs to a mode; None where another one is found, or none."""
+    from ..robot.sway import NEAR
+
     root = root_near(loop, FROM * mode.frequency)
     return root if root is not None and 1 / NEAR < abs(root) / mode.frequency < NEAR else None

@@ -34,6 +34,7 @@ class Requirement:
     most     what a file may ask for, in `unit`
     usual    what is asked for where nothing is said; None: nothing
     meaning  what it is of several coupled loops, in a sentence
+    of_several   its title where there are several loops and it is of all of them together, or of each, by definition; "": the title says it
     """
 
     name: str
@@ -50,6 +51,13 @@ class Requirement:
     most: float = 1e12
     usual: float | None = None
     meaning: str = ""
+    of_several: str = ""
+
+    def titled(self, found: MarginRecord, several: bool, short: bool = False) -> str:
+        """The title of what `found` has: of which loops it is, where there are several; `short`: the heading where one says enough."""
+        if (named := self.named(found)) != self.title:
+            return named
+        return self.of_several if several and self.of_several else self.heading if short else self.label
 
     @property
     def heading(self) -> str:

@@ -149,6 +149,7 @@ REQUIREMENTS: dict[str, Requirement] = {
             high=math.pi,
             most=120.0,
             usual=math.pi / 6,
+            of_several="phase margin of all loops",
             meaning="the smallest phase lag or lead at which the robot starts to vibrate, in all loops at once or in one loop. It belongs "
             "to the robot, not to a joint: where legs and ground couple the loops, it may be far less than that of every joint by itself.",
         ),
@@ -160,6 +161,7 @@ REQUIREMENTS: dict[str, Requirement] = {
             at_frequency="peak_sensitivity_frequency",
             most=1000.0,
             usual=2.0,
+            of_several="Ms of one loop",
             meaning="the largest amplification of disturbances by one loop, other loops closed, at any frequency; 1/Ms is the least "
             "distance of its return ratio from −1.",
         ),

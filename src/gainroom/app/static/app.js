@@ -296,7 +296,7 @@ function cards(part) {
 /** The verdict in a line, which stays on a phone's screen. @param {any} part */
 function brief(part) {
   const values = part.rows.filter((/** @type {any} */ row) => row.met !== null).map((/** @type {any} */ row) => `${/^[\d.]+$/.test(row.worst) ? `${row.title.split(" ").pop()} ` : ""}${row.worst} ${row.met ? "✓" : "✗"}`);
-  by("brief").textContent = [(/^((In|So far, in) [^:]*: )?(Safe|Not safe|Not decided|Stable in continuous time only|Stable|Unstable|Every requirement is met)/i.exec(part.sentence) || [part.sentence])[0], ...new Set(values)].join(" · ");
+  by("brief").textContent = [(/^((In|So far, in) [^:]*: )?(Safe|Not safe|Not decided|Unstable|Every requirement is met)/i.exec(part.sentence) || [part.sentence])[0], ...new Set(values)].join(" · ");
   by("brief").className = part.tone;
 }
 
