@@ -215,6 +215,28 @@ def test_the_audit_of_a_model_asks_and_takes_the_answer(tmp_path: Path, capsys):
     assert "--balance nobody: must be joints or controller" in capsys.readouterr().err
 
 
+def test_gearboxes_of_a_range_leave_sway_to_whom_it_belongs(tmp_path: Path, capsys):
+    """A harmonic drive of 21 kN m/rad and more beside kp 400 hardly moves the mode: what it is judged by is who damps it, in every look."""
+    standing(tmp_path)
+    gains = {"ankle": {"kp": KP, "kd": KD, "motor_inertia": ROTOR}}
+    (tmp_path / "gains.yaml").write_text(yaml.safe_dump(gains), "utf-8")
+    call = [
+        "audit",
+        tmp_path / "robot.urdf",
+        "--gains",
+        tmp_path / "gains.yaml",
+        "--delay-ms",
+        "2",
+        "--rate-hz",
+        "1000",
+        "--gearbox",
+        "harmonic",
+    ]
+    call += ["--base", "floating", "--contact", "foot"]
+    for more, level in ((), "undecided"), (("--balance", "joints"), "unsafe"), (("--balance", "controller"), "safe"):
+        assert answered(capsys, *call, *more)[1]["verdict"] == level
+
+
 def test_an_arm_that_swings_as_slowly_is_no_sway(tmp_path: Path, capsys):
     """Of its own frequency, with the torso well damped: nobody above the joints damps that."""
     kp = 0.5 * KP / LOAD * ARM  # 0.7 of the torso's frequency

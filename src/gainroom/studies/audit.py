@@ -148,7 +148,7 @@ class Audit(Analysis):
         """The verdict as on any system, with what its gearboxes' ranges make of it, and what may be read in two ways."""
         found = verdict_of(self)
         if self.over is not None and not self.over.safe and found.level != "unsafe":
-            found = found.with_findings(Finding("unsafe_in_gearbox_range", "unsafe"))
+            found = found.with_findings(Finding("unsafe_in_gearbox_range", "undecided" if self.sway_is_open else "unsafe"))
         if not self.open:
             return found
         flag = self.readings[0].option.split()[0]

@@ -28,6 +28,7 @@ from ..system.requirements import Requirements
 from ..system.system import StateCase, System
 from .loop_numbers import LATE, extra_delay, limit_of, margins_of
 from .state import State
+from .sway import without_sway
 
 FAR_BELOW = 0.01
 """Of gains that are not stable themselves: there the proof of their limit begins, if it can."""
@@ -131,7 +132,8 @@ class Looks:
             return True
         system = self.system.with_values(stiffness=stiffness, damping=damping)
         model = replace(state.model, stiffness=stiffness, damping=damping)
-        found = bounded_margins(StateCase(state.posture, state.contact, "", system, model), near=True)
+        case = StateCase(state.posture, state.contact, "", system, model)
+        found = without_sway(case, bounded_margins(case, near=True))
         needed = self.required.delay_margin
         if needed is None or not found.delay_margin < LATE * needed:
             return self.required.met_by(found)
