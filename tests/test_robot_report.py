@@ -492,7 +492,8 @@ def test_gains_that_no_factor_saves(small_arm):
     (state,) = small_arm.states
     limit = GainLimit(False, 0.0, math.nan, math.nan, np.ones(2, dtype=complex), None)
     margins = Margins.unknown(limit)
-    study = replace(small_arm, every=(changed(state, margins=margins),))
+    known = replace(small_arm.system, control=replace(small_arm.system.control, continuous=True))
+    study = replace(small_arm, system=known, every=(changed(state, margins=margins),))
     html = robot_page(study, COMMAND)
     own = without_library(html)
     assert '<body class="bad">' in own

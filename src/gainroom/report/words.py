@@ -51,7 +51,10 @@ def headline(study: "Analysis", where: str = "", reading: str = "") -> str:
     return f"{stable_but(_known_to_fail(study), _time(study))}{there}{_failing(study)}.{_nominally(study)}{_of_sway(study)}"
 
 
-OTHERS = {"unsafe_in_gearbox_range": "with some gearboxes in the range too little is left of what is required"}
+OTHERS = {
+    "unsafe_in_gearbox_range": "with some gearboxes in the range too little is left of what is required",
+    "unsafe_at_usual_rates": "at every usual rate of the loop too little is left of what is required",
+}
 """Reasons beside a system's own states why it is unsafe, by a finding's code."""
 
 
@@ -89,7 +92,14 @@ def _undecided(study: "Analysis", where: str, reading: str) -> str:
     start = f"{LEVELS['undecided']}: {'; '.join(filter(None, [reading.rstrip('.'), *why]))}."
     if not study.system.requirements.asked and study.stable:
         return f"{start} The gains are stable{where}."
-    return f"{start} {_as_computed(study)}"
+    return f"{start} {_as_computed(study)}{_otherwise(study)}"
+
+
+def _otherwise(study: "Analysis") -> str:
+    """What the system is where what decides has another value than it was computed with, a sentence; "" where nothing was looked at."""
+    unsafe = not study.stable_in_range or bool(_known_to_fail(study))
+    found = [one.readings[-1] for one in study.verdict.findings if one.readings and (unsafe or one.code != "rate_unknown")]
+    return f" {'; '.join(f'with {one.text}: {LEVELS[one.level].lower()}' for one in found)}.".replace(" w", " W", 1) if found else ""
 
 
 def _as_computed(study: "Analysis") -> str:

@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
-import numpy as np
-
 from ..analysis.margin_record import Margins
 from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError
@@ -20,6 +18,7 @@ from ..system.system import Balance, System
 from .deciding_joints import deciding_joints_in
 from .over_uncertainty import Worst, unknown_first
 from .progress import Progress, quiet
+from .readings import read
 from .state import State, limit_headroom, limiting_joints, state_of
 from .verdict import Finding, Level, Verdict, judged, missed
 
@@ -250,22 +249,13 @@ def analyzed(system: System, states: Iterable[State]) -> Analysis:
 def verdict_of(study: Analysis) -> Verdict:
     """The verdict on a system analysed."""
     found = (*found_unstable(study), *found_missed(study), *rests_on(study))
-    return judged(study.system, study.remedies, found, lambda: unsafe_with_motors(study.states))
+    return judged(study.system, study.remedies, found, lambda level: read(study.system, unsafe_first(found, study.states), level))
 
 
-def unsafe_with_motors(states: Sequence[State]) -> bool:
-    """True where gains are unsafe in one of the states with motors of unknown inertia that have their links': few have more."""
-    with np.errstate(divide="ignore"):
-        loads = np.max([1 / np.maximum(np.diagonal(state.model.link_inverse_inertia), 0.0) for state in states], axis=0)
-
-    def with_motors(state: State) -> State:
-        actuators = state.system.source.actuators
-        likely = np.where(np.isfinite(loads), loads, actuators.motor_inertia.max(initial=1.0))
-        inertia = np.where(actuators.without_inertia, likely, actuators.motor_inertia)
-        return state_of(state.system.with_values(motor_inertia=inertia), state.posture, state.contact)
-
-    changed = [with_motors(state) for state in states]
-    return any(Analysis(state.system, (state,)).verdict.level == "unsafe" for state in changed)
+def unsafe_first(findings: Iterable[Finding], states: Sequence[State]) -> list[State]:
+    """The states with what makes them unsafe first, then those with the least headroom."""
+    named = {one.state for one in findings if one.level == "unsafe"}
+    return sorted(states, key=lambda state: (state.title not in named, limit_headroom(state.limit)))
 
 
 def found_unstable(study: Analysis) -> Iterator[Finding]:

@@ -11,9 +11,10 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..errors import GainroomError, computable
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .analysis import KEYS, unsafe_with_motors, unstable
+from .analysis import KEYS, unsafe_first, unstable
 from .deciding_joints import deciding_joints_in
 from .progress import Progress, quiet
+from .readings import read
 from .state import State, path_headroom
 from .verdict import Finding, Verdict, judged, missed
 
@@ -120,7 +121,9 @@ class PathStudy:
         uncertified = [case.title for case in self.nominal if not case.margins.certified]
         if uncertified:
             found.append(Finding("not_certified", "safe", state=", ".join(filter(None, uncertified))))
-        return judged(self.system, KEYS, found, lambda: unsafe_with_motors([case.state for case in self.nominal]))
+        return judged(
+            self.system, KEYS, found, lambda level: read(self.system, unsafe_first(found, [case.state for case in self.nominal]), level)
+        )
 
     @property
     def requirements_met(self) -> bool | None:

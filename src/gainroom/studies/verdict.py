@@ -23,6 +23,14 @@ RISING: tuple[Level, ...] = ("safe", "undecided", "unsafe")
 
 
 @dataclass(frozen=True)
+class Reading:
+    """A value of what is not known, as text, and what the system is with it."""
+
+    text: str
+    level: Level
+
+
+@dataclass(frozen=True)
 class Finding:
     """One thing that was found.
 
@@ -33,6 +41,7 @@ class Finding:
     state    posture and contact state; "" of a joint, and where all are meant
     joints   whose they are, the first the most
     remedy   option or key that decides, or gives more
+    readings   of what is not known and decides: some that differ
     """
 
     code: str
@@ -41,6 +50,7 @@ class Finding:
     state: str = ""
     joints: tuple[str, ...] = ()
     remedy: str = ""
+    readings: tuple[Reading, ...] = ()
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -52,6 +62,7 @@ class Finding:
             "state": self.state,
             "joints": list(self.joints),
             "remedy": self.remedy,
+            **({"readings": [{"reading": one.text, "verdict": one.level} for one in self.readings]} if self.readings else {}),
         }
 
 
@@ -96,32 +107,52 @@ class Verdict:
         return Verdict.of((*why, *told))
 
 
-def judged(system: System, remedies: Mapping[str, str], findings: Iterable[Finding], unsafe_with_motors: Callable[[], bool]) -> Verdict:
+@dataclass(frozen=True)
+class Read:
+    """What the readings of a system decide together.
+
+    level      unsafe in all, safe in all, or not decided
+    deciding   by code of what is not known, the readings that show that it decides; {} where nothing does
+    """
+
+    level: Level
+    deciding: Mapping[str, tuple[Reading, ...]] = field(default_factory=dict)
+
+
+def judged(system: System, remedies: Mapping[str, str], findings: Iterable[Finding], read: Callable[[Level], Read]) -> Verdict:
     """The verdict from what was found of a system, and what of it is not known.
 
     remedies   what gives that, by the finding's code
-    unsafe_with_motors   whether it is unsafe, too, where motors that nobody described have the inertia of motors of that size
+    read       the readings of the system (readings.py), given what it is as it was computed
     """
     found, unknown = Verdict.of(findings), system.source.unknown
 
-    def why(code: str, level: Level = "undecided") -> Finding:
-        return Finding(code, level, joints=unknown.get(code, ()), remedy=remedies.get(code, ""))
+    def why(code: str, level: Level = "undecided", readings: tuple[Reading, ...] = ()) -> Finding:
+        return Finding(code, level, joints=unknown.get(code, ()), remedy=remedies.get(code, ""), readings=readings)
 
     if not system.requirements.asked:
         found = found.with_findings(why("nothing_required"))
     if system.control.kd_path is not None and "peak_sensitivity" not in system.requirements.asked:
         found = found.with_findings(why("peak_sensitivity_not_judged", "safe"))
-    if system.rate_is_missing:
-        found = found.with_findings(why("rate_unknown"))
-    if "gearbox_unknown" in unknown:
-        found = found.with_findings(why("gearbox_unknown"))
     if "implausible" in unknown:
         found = found.open(why("implausible"))
-    # An inertia that counts as 0 mostly lowers limits: what is safe without it rests on that, what is not may be safe.
-    if "motor_inertia_unknown" in unknown:
-        may_be_safe = found.level == "unsafe" and not unsafe_with_motors()
-        found = found.open(why("motor_inertia_unknown")) if may_be_safe else found.with_findings(why("motor_inertia_unknown", "safe"))
-    return found
+    codes = [*(["rate_unknown"] if system.rate_is_missing else []), *(code for code in UNKNOWN if code in unknown)]
+    if not codes:
+        return found
+    if found.level == "undecided":  # by something else, so nothing was looked at
+        return found.with_findings(*map(why, codes))
+    whole = read(found.level)
+    if whole.level == "unsafe" and found.level != "unsafe":
+        found = found.with_findings(Finding("unsafe_at_usual_rates", "unsafe"))
+    if whole.level == "safe" and "gearbox_unknown" in codes:
+        found = found.with_findings(Finding("range_sampled", "safe"))
+    decides = [why(code, "undecided", whole.deciding[code]) for code in codes if code in whole.deciding]
+    others = [why(code, "safe") for code in codes if code not in whole.deciding]
+    return (found.open(*decides) if decides else found).with_findings(*others)
+
+
+UNKNOWN = ("gearbox_unknown", "motor_inertia_unknown")
+"""Codes of what a source may leave open, beside the rate."""
 
 
 def missed(required: Requirements, name: str, value: float, **where: Any) -> Finding:

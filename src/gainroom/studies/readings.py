@@ -1,0 +1,210 @@
+"""What nobody gave, and how it may be: readings, each with a value for everything that is not known, and what they decide.
+
+Sets of values, which nobody stated, so that one that is unsafe among safe ones decides nothing:
+
+- the loop's rate: USUAL_RATES; continuous time, in which a system without a rate is computed, is none of them
+- stiffness of a gearbox: rigid, down to the softest known type, and as little damped as that (robot/gearbox_types.py)
+- inertia of a motor: from none to that of what it moves, its share of which grows with the square of the gear ratio
+
+Unsafe in all readings is unsafe, safe in all is safe, anything else not decided. As few are looked at as decide that: first one quantity
+after the other, then all together; margins are looked at as corners of an uncertainty are.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..analysis.margin_record import Margins
+from ..design.gain_cases import bounded_margins, own_case
+from ..errors import GainroomError
+from ..robot.gearbox_types import TYPES, GearboxRange
+from ..system.linear.arrays import Floats
+from ..system.system import StateCase, System
+from .gearbox_range import look_over
+from .loop_numbers import margins_of
+from .over_uncertainty import uncertain_cases
+from .state import USUAL_RATE, State
+from .sway import without_sway
+from .verdict import Level, Read, Reading
+
+USUAL_RATES = (USUAL_RATE, 4e4, 1e4, 5e3, 1e3, 500.0, 200.0)
+"""[Hz] of loops that close kp and kd, from 200 Hz of slow buses to 40 kHz inside a drive (Katz 2018, the Mini Cheetah).
+
+The commonest first, then those that cost least margin.
+"""
+KINDS = sorted(TYPES.values(), key=lambda one: one.resonance)
+STIFFEST = 1e4
+"""[rad/s] a motor's resonance on its gearbox, 1.6 kHz: six times that of the stiffest known type; what lies above counts as rigid."""
+SHARES = (1.0, 0.1)
+"""Of the inertia that a motor moves: its own, at most and in the middle of the logarithmic range of robots with gears."""
+Change = Callable[[System], System]
+
+
+def read(system: System, states: Sequence[State], level: Level) -> Read:
+    """All readings of a system that is `level` as it was computed: in continuous time, rigid, without motor inertia.
+
+    states   those in which it moves, with what makes it unsafe first
+    """
+    if not system.rate_is_missing:
+        return _Readings(system, states, level).read()
+    rates, every = list[Reading](), list[_Readings]()
+    for rate in USUAL_RATES:
+        sampled = _Readings(_at_rate(system, rate), [replace(state, system=_at_rate(state.system, rate)) for state in states], level)
+        try:
+            found = sampled.level_with()
+        except GainroomError:  # no such loop, as with a filter that is faster than the rate
+            continue
+        rates.append(Reading(f"a rate of {rate:.0f} Hz", found))
+        every.append(replace(sampled, level=found))
+        if found != "unsafe":
+            break
+    if not rates or rates[-1].level != "unsafe":  # safe at no rate is known: whatever else decides at that one, the rate does
+        more = every[-1].read().deciding if rates and rates[-1].level == "safe" else {}
+        return Read("undecided", {"rate_unknown": tuple(rates), **more})
+    others = (one.read() for one in every)
+    return next((found for found in others if found.level != "unsafe"), Read("unsafe"))
+
+
+@dataclass(frozen=True)
+class _Readings:
+    """Readings of a system with a rate, of what else is not known; `level` with rigid gearboxes and no motor inertia."""
+
+    system: System
+    states: Sequence[State]
+    level: Level
+
+    def read(self) -> Read:
+        """All of them, as far as they are needed."""
+        ways, flips = self.ways, dict[str, tuple[Reading, ...]]()
+        for code, own in ways.items():
+            found = self._other([own])
+            if found is not None:
+                flips[code] = (found,)
+        if not flips and len(ways) > 1:
+            found = self._other([*ways.values()])
+            flips = {} if found is None else dict.fromkeys(ways, (found,))
+        if not flips and self.level == "safe" and "gearbox_unknown" in ways and (unsafe := self._unsafe_between) is not None:
+            flips = {"gearbox_unknown": (unsafe,)}
+        return Read("undecided", flips) if flips else Read(self.level)
+
+    @cached_property
+    def ways(self) -> dict[str, list[tuple[str, Change]]]:
+        """What each unknown may be, by a finding's code: as text, and the system with it; that which it was computed with is left out."""
+        unknown, found = self.system.source.unknown, dict[str, list[tuple[str, Change]]]()
+        if "motor_inertia_unknown" in unknown:
+            shares = [(f"motor inertias of {share:g} × what they move", self._with_motors(share)) for share in SHARES]
+            found["motor_inertia_unknown"] = shares
+        if "gearbox_unknown" in unknown:
+            soft = KINDS[0]
+            ends = [(soft, soft.resonance[0], soft.damping_ratio[0])]
+            if self.level == "unsafe":  # then one that is safe is looked for
+                ends = [(one, end, one.damping_ratio[1]) for one in KINDS for end in one.resonance]
+            found["gearbox_unknown"] = [
+                (f"{one.name} gearboxes of {end / (2 * math.pi):.3g} Hz and {100 * ratio:g} % of critical damping", _geared(end, ratio))
+                for one, end, ratio in ends
+            ]
+        return found
+
+    def _other(self, ways: Sequence[Sequence[tuple[str, Change]]]) -> Reading | None:
+        """The first reading with one way of each that is not as it was computed; None: there is none."""
+        for chosen in itertools.product(*ways):
+            try:
+                level = self.level_with(*(change for _, change in chosen))
+            except GainroomError:  # not known
+                level = "undecided"
+            if level != self.level:
+                return Reading(", ".join(text for text, _ in chosen), level)
+        return None
+
+    def level_with(self, *changes: Change) -> Level:
+        """One reading, in the states one after the other. Raises GainroomError where it is no loop."""
+        levels = set[Level]()
+        for state in self.states:
+            system = state.system
+            for change in changes:
+                system = change(system)
+            if self.level == "unsafe" and not system.balance:  # that sway decides may help
+                system = replace(system, balance="controller")
+            levels.add(_level_in(system, state.posture, state.contact))
+            if "unsafe" in levels:
+                return "unsafe"
+        return "undecided" if "undecided" in levels else "safe"
+
+    def _with_motors(self, share: float) -> Change:
+        """Motors without inertia with a share of what they move, of the most in all states; those that nothing bounds like the largest."""
+        with np.errstate(divide="ignore"):
+            loads = np.max([1 / np.maximum(np.diagonal(state.model.link_inverse_inertia), 0.0) for state in self.states], axis=0)
+
+        def change(system: System) -> System:
+            actuators = system.source.actuators  # type: ignore[attr-defined] - a robot's
+            likely = np.where(np.isfinite(loads), loads, actuators.motor_inertia.max(initial=1.0))
+            return system.with_values(motor_inertia=np.where(actuators.without_inertia, share * likely, actuators.motor_inertia))
+
+        return change
+
+    @property
+    def _unsafe_between(self) -> Reading | None:
+        """Gearboxes between the softest type and rigid ones that are not safe; None: none were found."""
+        actuators = self.system.source.actuators  # type: ignore[attr-defined] - a robot's
+        varied = actuators.assumed_rigid & (actuators.motor_inertia > 0)
+        if not varied.any():
+            return None
+        if self.system.control.kd_path is not None:
+            return Reading("gearboxes between the softest type and rigid ones", "undecided")
+        softest, damped = KINDS[0].resonance[0], KINDS[0].damping_ratio
+
+        def where(value: float) -> Floats:
+            return np.where(varied, value, math.nan)
+
+        ends = GearboxRange(where(softest), where(STIFFEST), *map(where, damped), types=("",) * len(varied))
+        over = look_over(self.system, self.states, ends)
+        if over.safe:
+            return None
+        stiffness = over.worst_look.stiffness[varied]
+        return Reading(f"gearboxes of {_span(stiffness)} N·m/rad", "unsafe")
+
+
+def _span(values: Floats) -> str:
+    """The least and the largest of some numbers, as text; one number where they are the same."""
+    low, high = (f"{float(f'{value:.3g}'):.12g}" for value in (values.min(), values.max()))
+    return low if low == high else f"{low} to {high}"
+
+
+def _at_rate(system: System, rate: float) -> System:
+    return replace(system, control=replace(system.control, sample_time=1 / rate))
+
+
+def _geared(resonance: float, ratio: float) -> Change:
+    """Gearboxes of unknown stiffness on which their motors resonate so [rad/s]; those of motors without inertia stay rigid."""
+
+    def change(system: System) -> System:
+        actuators = system.source.actuators  # type: ignore[attr-defined] - a robot's
+        inertia, soft = actuators.motor_inertia, actuators.assumed_rigid & (actuators.motor_inertia > 0)
+        stiffness = np.where(soft, inertia * resonance**2, actuators.stiffness)
+        return system.with_values(stiffness=stiffness, damping=np.where(soft, 2 * ratio * inertia * resonance, actuators.damping))
+
+    return change
+
+
+def _level_in(system: System, posture: str, contact: str) -> Level:
+    """One state of a reading, over what the user states as uncertain."""
+    nominal = StateCase(posture, contact, "", system, system.source.linearize(posture, contact))
+    found: Level = "safe"
+    for case in (nominal, *(uncertain_cases(system, posture, contact, None) if system.uncertainty.names else ())):
+        margins = without_sway(case, _margins(case))
+        values = [one.met(needed, one.value(margins)) for one, needed in system.requirements.asked_for]
+        unknown = [math.isnan(one.value(margins)) for one, _ in system.requirements.asked_for]
+        if not margins.stable or any(not met and not nan for met, nan in zip(values, unknown, strict=True)):
+            return "unsafe"
+        found = "undecided" if any(unknown) else found
+    return found
+
+
+def _margins(case: StateCase) -> Margins:
+    if case.system.control.space == "task" or own_case(case.title, case.system, case.model) is not None:
+        return bounded_margins(case)
+    return margins_of(case.system.loop(case.model))
