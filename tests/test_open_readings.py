@@ -1,4 +1,4 @@
-"""What a model and its gains leave open is no verdict: the joints' damping where actuators have no kd, and where kp and kd run."""
+"""What a model and its gains leave open is no verdict where it decides: joints' damping where actuators have no kd, where kp and kd run."""
 
 import json
 import re
@@ -14,7 +14,8 @@ from gainroom.errors import GainroomError
 from gainroom.files.readings import FAMILIES, family_of
 
 STEP, TICKS = 2e-3, 1
-DAMPING = 0.5
+DAMPING = 6.0
+"""[N m s/rad] too much for a kd with this delay, and none as friction."""
 
 
 def leg(
@@ -74,13 +75,13 @@ def told(capsys: pytest.CaptureFixture[str], model: str, *call: str, name: str =
 GENERAL = leg().replace("<position joint='hip' kp=\"12\"/>", '<general joint="hip" gainprm="12" biastype="affine" biasprm="0 -12 0"/>')
 
 
-@pytest.mark.parametrize("model", [leg(), leg('kp="12" kv="0"'), GENERAL, leg(more=' damping="0.8"')])
+@pytest.mark.parametrize("model", [leg(), leg('kp="12" kv="0"'), GENERAL, leg(more=' damping="7.0"')])
 def test_a_servo_without_kd_on_a_damped_joint_is_open_between_two_limits(model: str, capsys: pytest.CaptureFixture[str]):
     """Each is the spectral radius's, to 1e-6 of it, where a root on the circle is known to about the square root of round-off."""
     status, found = told(capsys, model)
     assert (status, found["verdict"], found["decided"]) == (3, "undecided", False)
     assert found["sentence"].startswith("Not decided: --joint-damping is not given: controller (")
-    damping = np.array([DAMPING, 0.8 if '"0.8"' in model else DAMPING])
+    damping = np.array([DAMPING, 7.0 if '"7.0"' in model else DAMPING])
     kp = np.full(2, 12.0)
     truths = {
         "--joint-damping controller": limit_of(model, kp, damping, np.zeros(2)),
@@ -89,7 +90,10 @@ def test_a_servo_without_kd_on_a_damped_joint_is_open_between_two_limits(model: 
     assert {one["option"]: one["gain_limit"] for one in found["readings"]} == {
         option: pytest.approx(truth, rel=1e-6) for option, truth in truths.items()
     }
+    assert truths["--joint-damping controller"] < 0.98 * 10 ** (6 / 20) < truths["--joint-damping friction"]
     assert found["to_use"] is None
+    (open_,) = [one for one in found["findings"] if one["code"] == "read_in_two_ways"]
+    assert [one["verdict"] for one in open_["readings"]] == ["unsafe", "safe"]
     for truth in truths.values():
         assert f"vibration starts at {float(f'{truth:.4g}'):g} × these gains" in found["sentence"]
 
@@ -100,9 +104,29 @@ def test_the_flag_that_decides_is_advised_and_decides(capsys: pytest.CaptureFixt
     out = capsys.readouterr().out
     assert out.startswith("Not decided: --joint-damping is not given")
     assert len(re.findall(r"^  gainroom audit robot.xml .* --joint-damping (?:controller|friction)$", out, re.MULTILINE)) == 2
-    for what in ("controller", "friction"):
-        status, found = told(capsys, leg(), *CALL, "--joint-damping", what)
-        assert (status, found["safe"], found["readings"]) == (0, True, [])
+    for what, status in (("controller", 1), ("friction", 0)):
+        answer, found = told(capsys, leg(), *CALL, "--joint-damping", what)
+        assert (answer, found["safe"], found["readings"]) == (status, status == 0, [])
+
+
+def test_what_is_safe_in_both_readings_is_safe(capsys: pytest.CaptureFixture[str]):
+    status, found = told(capsys, leg(damping=0.5))
+    kp, kd, none = np.full(2, 12.0), np.full(2, 0.5), np.zeros(2)
+    limits = [limit_of(leg(damping=0.5), kp, kd, none), limit_of(leg(damping=0.5), kp, none, kd)]
+    assert [one["gain_limit"] for one in found["readings"]] == pytest.approx(limits, rel=1e-6)
+    assert (status, found["verdict"], [one["safe"] for one in found["readings"]]) == (0, "safe", [True, True])
+
+
+def test_a_gearbox_that_nobody_described_decides_in_the_drives_too(capsys: pytest.CaptureFixture[str]):
+    """Unsafe on the host with any gearbox, safe in the drives with a rigid one alone: both flags are asked for."""
+    call = ("--delay-ms", "4", "--rate-hz", "500")
+    status, found = told(capsys, leg(*HOST_UNSAFE, **HUMANOID), *call)
+    assert status == 3
+    codes = {one["code"]: one for one in found["findings"] if one["level"] == "undecided"}
+    assert {"read_in_two_ways", "gearbox_unknown"} <= codes.keys()
+    drive = next(one["option"] for one in found["readings"] if "drive" in one["option"]).split()
+    status, found = told(capsys, leg(*HOST_UNSAFE, **HUMANOID), "--delay-ms", "4", *drive)
+    assert (status, [one["code"] for one in found["findings"] if one["level"] == "undecided"]) == (3, ["gearbox_unknown"])
 
 
 def test_a_file_of_gains_without_kd_likewise(capsys: pytest.CaptureFixture[str]):
@@ -128,7 +152,7 @@ def test_nothing_is_open_with_kd_without_damping_or_where_both_are_unsafe(model:
 def test_the_robot_that_is_written_is_one_of_the_readings(capsys: pytest.CaptureFixture[str]):
     told(capsys, leg(), *CALL, "--write-robot", "robot.yaml")
     text = Path("robot.yaml").read_text("utf-8")
-    assert ("link_viscous" in text) is not ("kd: {hip: 0.5" in text)
+    assert ("link_viscous" in text) is not ("kd: {hip: 6.0" in text)
 
 
 HUMANOID = {"model": "g1_29dof", "names": ("left_hip_pitch_joint", "left_knee_joint")}

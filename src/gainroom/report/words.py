@@ -98,7 +98,11 @@ def _undecided(study: "Analysis", where: str, reading: str) -> str:
 def _otherwise(study: "Analysis") -> str:
     """What the system is where what decides has another value than it was computed with, a sentence; "" where nothing was looked at."""
     unsafe = not study.stable_in_range or bool(_known_to_fail(study))
-    found = [one.readings[-1] for one in study.verdict.findings if one.readings and (unsafe or one.code != "rate_unknown")]
+    found = [
+        one.readings[-1]
+        for one in study.verdict.findings
+        if one.code in ASSUMED and one.readings and (unsafe or one.code != "rate_unknown")
+    ]
     return f" {'; '.join(f'with {one.text}: {LEVELS[one.level].lower()}' for one in found)}.".replace(" w", " W", 1) if found else ""
 
 

@@ -36,7 +36,7 @@ from .over_uncertainty import unknown_first
 from .progress import Progress, after, quiet
 from .state import State, path_headroom, state_of
 from .sway import without_sway
-from .verdict import Finding, Verdict
+from .verdict import Finding, Reading, Verdict
 
 OPTIONS = {
     "rate_unknown": "--rate-hz",
@@ -151,8 +151,10 @@ class Audit(Analysis):
             found = found.with_findings(Finding("unsafe_in_gearbox_range", "undecided" if self.sway_is_open else "unsafe"))
         if not self.open:
             return found
-        flag = self.readings[0].option.split()[0]
-        return found.open(Finding("read_in_two_ways", "undecided", remedy=flag))
+        told = {each.code: each for one in self.readings for each in one.audit.verdict.deciding if each.readings}
+        found = Verdict.of(told.get(each.code, each) for each in found.findings)  # what decides in one of them alone
+        levels = tuple(Reading(one.option, one.audit.verdict.level) for one in self.readings)
+        return found.open(Finding("read_in_two_ways", "undecided", remedy=self.readings[0].option.split()[0], readings=levels))
 
     def verdict_with(self, *others: "Beside | None") -> Verdict:
         """The verdict with what was asked for besides: the simulator, the workspace."""
