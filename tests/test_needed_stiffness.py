@@ -156,7 +156,7 @@ def test_typed_again_what_is_needed_is_safe_and_the_next_softer_is_not(capsys: p
     """Of `audit --json`; all motors are alike, so that one number is needed of all gearboxes."""
     status, told = asked(capsys, *ALIKE)
     needed = told["needed_stiffness"]
-    assert (status, told["safe"], told["requirements_met"]) == (1, False, True)  # not decided
+    assert (status, told["safe"], told["requirements_met"]) == (3, False, True)
     assert len({joint["stiffness"] for joint in needed["joints"]}) == 1
     first = needed["joints"][0]
     softer = next(look for look in needed["looks"] if not look["safe"])
@@ -200,7 +200,7 @@ def test_more_damping_needs_less_stiffness_and_the_ratio_is_stated(capsys: pytes
     for ratio in ("0.02", "0.3"):
         _, told = asked(capsys, *ALIKE, "--damping-ratio", ratio)
         assert told["needed_stiffness"]["damping_ratio"] == float(ratio)
-        assert f"{100 * float(ratio):g} % of critical" in told["sentence"]
+        assert any(f"a damping ratio ζ of {ratio} (--damping-ratio)" in text for text in told["assumptions"])
         softest[ratio] = told["needed_stiffness"]["joints"][0]["stiffness"]
     assert softest["0.3"] < softest["0.02"]
 
