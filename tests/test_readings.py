@@ -245,3 +245,20 @@ def test_a_joint_without_a_rate_likewise(tmp_path: Path, capsys):
         truths = set(at_rates(name).values())
         assert facts["verdict"] == ("unsafe" if truths == {"unsafe"} else "undecided"), name
         assert ("unsafe_at_usual_rates" in {one["code"] for one in facts["findings"]}) == (name == "safe in continuous time")
+
+
+def test_of_several_unknowns_all_that_decide_are_asked_for(tmp_path: Path, capsys):
+    """Unsafe at all rates without the motor's inertia, and safe at 2 kHz with it."""
+    kp, kd = 400.0, 270.0
+    truths = {(share, rate): Hand(share * LOAD, math.inf, 0.0, 3e-3, rate).level(kp, kd) for share in (0.0, 1.0) for rate in USUAL_RATES}
+    assert {truths[0.0, rate] for rate in USUAL_RATES} == {"unsafe"}
+    assert truths[1.0, 2000.0] == "safe"
+    facts = answer(capsys, "robot", robot(tmp_path, {"stiffness": "rigid"}, kp, kd, 3.0, None))
+    assert facts["verdict"] == "undecided"
+    assert {one["code"] for one in facts["findings"] if one["level"] == "undecided"} >= {"rate_unknown", "motor_inertia_unknown"}
+    known = robot(tmp_path, {"stiffness": "rigid", "motor_inertia": LOAD}, kp, kd, 3.0, 2000.0)
+    assert answer(capsys, "robot", known)["verdict"] == "safe"
+    described = robot(tmp_path, {}, kp, kd, 3.0, 2000.0)  # its gearbox neither
+    facts = answer(capsys, "robot", described)
+    assert facts["verdict"] == "undecided"
+    assert of_code(facts, "motor_inertia_unknown")["level"] == "undecided"

@@ -66,7 +66,8 @@ def read(system: System, states: Sequence[State], level: Level) -> Read:
         more = every[-1].read().deciding if rates and rates[-1].level == "safe" else {}
         return Read("undecided", {"rate_unknown": tuple(rates), **more})
     others = (one.read() for one in every)
-    return next((found for found in others if found.level != "unsafe"), Read("unsafe"))
+    found = next((found for found in others if found.level != "unsafe"), None)
+    return Read("unsafe") if found is None else Read("undecided", {"rate_unknown": (), **found.deciding})  # nothing is safe without a rate
 
 
 @dataclass(frozen=True)
