@@ -145,7 +145,7 @@ def _do_this(result: Audit, call: str) -> Html | str:
 
 
 def _cards(result: Audit) -> list[Card]:
-    """Five numbers, each the worst of all states."""
+    """The margins that are required, the delay, the joints and the gearboxes, each the worst of all states."""
     worst, asked = result.tightest, result.required
     limit = worst.limit
     first, paths = unstable_card(asked, limit, f", {worst.contact}", worst.contact), worst.margins.paths
@@ -166,16 +166,24 @@ def _cards(result: Audit) -> list[Card]:
         f"vibrates from {until} of delay, {digits(1e3 * result.system.delay, 'ms', 3)} given" if 0 < result.delay_limit < math.inf else "",
     )
     joints = [joint.name for joint in result.joints_tightest_first if not joint.safe]
-    states = [state.contact for state in result.states if not result.enough_in(state)]
     base = "no contacts" if result.system.source.body.base == "floating" else "fixed base, no contacts"
     judged = listed([state.contact if state.model.contacts else f"{state.contact} ({base})" for state in result.states])
+    note = f"{f'{listed(joints)}; ' if joints else ''}judged: {judged}"
     return [
         first,
+        *(_margin(result, one) for one, _ in asked.asked_for if result.stable and one.name not in ("gain_margin", "delay_margin")),
         delay,
-        Card("joints that fail", str(len(joints)), f"of {len(result.joints)}", "none allowed", not joints, listed(joints)),
-        Card("states that fail", str(len(states)), f"of {len(result.states)}", "none allowed", not states, f"judged: {judged}"),
+        Card("joints that fail", str(len(joints)), f"of {len(result.joints)}", "none allowed", not joints, note),
         _gearboxes(result),
     ]
+
+
+def _margin(result: Audit, one: Requirement) -> Card:
+    """What a requirement bounds, in the state that has least left of it."""
+    state = result.worst[one.name]
+    where = f"{at_frequency(one.frequency(state.counted), '', hertz)}, {state.contact}".lstrip(", ")
+    label = one.titled(state.counted, len(result.joints) > 1)
+    return margin_card(result.required, one.name, result.value_in(state, one), where, label=label)
 
 
 def _gearboxes(result: Audit) -> Card:
@@ -243,7 +251,11 @@ def audited_margins(result: Audit) -> list[Column]:
         return result.stable and math.isnan(value(one, result))
 
     columns = [
-        Column("in continuous time" if step is None else f"at {rate(1 / step)}", "", lambda one: one.label),
+        Column(
+            "in continuous time" if step is None else f"at {rate(1 / step)}",
+            "",
+            lambda one: one.titled(result.worst[one.name].counted, len(result.joints) > 1),
+        ),
         Column("these gains", "", lambda one: margin_value(required, one.name, value(one, result), met(one), 3)),
         Column("required", "", lambda one: requirement(required, one.name, 3) or "not required"),
         Column("met", "", lambda one: "" if met(one) is None else "not known" if unknown(one) else yes(met(one))),

@@ -28,7 +28,8 @@ def margin_card(asked: Requirements, name: str, value: float, note: str, bounded
     """
     one = REQUIREMENTS[name]
     unit = "" if one.unit == "°" or not math.isfinite(value) else one.unit
-    met = asked.met(name, value if bounded is None else bounded)
+    judged = value if bounded is None else bounded
+    met = None if math.isnan(judged) else asked.met(name, judged)  # of what is not known nothing is said to fail
     shown = margin_value(asked, name, value, met, 3).removesuffix(f" {unit}")
     return Card(label or one.label, shown, unit, requirement(asked, name, 3), met, note)
 
