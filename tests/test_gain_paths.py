@@ -214,6 +214,9 @@ def test_a_joint_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.Capture
     path = tmp_path / "knee.yaml"
     path.write_text(JOINT, "utf-8")
     facts, status = told_of(["joint", str(path)], capsys)
+    assert (status, facts["verdict"]) == (0, "safe")  # Ms, which has no meaning there, is not required as usual
+    path.write_text(f"{JOINT}limits: {{gain_margin_db: 6, phase_margin_deg: 30, peak_sensitivity: 2}}\n", "utf-8")
+    facts, status = told_of(["joint", str(path)], capsys)
     found = gr.margins(parse_joint(JOINT, "knee.yaml", two_paths=True).loop())
     assert found.paths is not None
     assert (status, facts["verdict"]) == (3, "undecided")
@@ -222,7 +225,7 @@ def test_a_joint_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.Capture
     assert state["kp_gain_limits"] == [found.paths.lower_others, found.paths.others]
     assert state["kd_gain_limits"] == [found.paths.lower_kd, found.paths.kd]
     assert state["phase_margin_deg"] == approx(np.degrees(abs(found.phase_margin)))
-    assert facts["not_known"] == ["peak_sensitivity"]  # asked for as usual, and it has no meaning here
+    assert facts["not_known"] == ["peak_sensitivity"]  # asked for, and it has no meaning here
     assert facts["requirements_met"] is None
     assert main(["joint", str(path)]) == 3
     terminal = capsys.readouterr().out

@@ -189,7 +189,7 @@ def _decide_first(study: Analysis, call: str, found: ToUse) -> ToUse:
     missing = [TO_WRITE[one.code] for one in study.verdict.deciding if one.code in TO_WRITE]
     if study.verdict.level != "undecided" or not missing or (found.folded and not found.margins):
         return found
-    text = " ".join([*found.remarks, f"Of the model as it was read: {found.heading[:1].lower()}{found.heading[1:]}"])
+    text = " ".join([f"Gains of the model as it was read: {found.heading[:1].lower()}{found.heading[1:].rstrip(':')}.", *found.remarks])
     folded = (text, found.lines) if found.lines else found.folded
     return ToUse(f"Write into {shlex.split(call)[-1]} {listed(missing)}, and run:", [call], folded=folded)
 
