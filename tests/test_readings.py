@@ -175,11 +175,9 @@ def test_gearboxes_that_nobody_described_are_read_from_rigid_to_the_softest_type
     told = of_code(facts, "gearbox_unknown")
     assert ("readings" in told) == (level == "undecided")
     for one in told.get("readings", ()):
-        first, *rest = map(float, re.findall(r"[\d.]+", one["reading"]))
-        resonance, ratio = (
-            (2 * math.pi * first, rest[0] / 100) if "Hz" in one["reading"] else (math.sqrt(first / motor), soft.damping_ratio[0])
-        )
-        assert one["verdict"] == Hand(motor, *gearbox(motor, resonance, ratio), 2e-3, 1e3).level(kp, kd)
+        first, second = map(float, re.findall(r"[\d.]+", one["reading"]))
+        own = gearbox(motor, 2 * math.pi * first, second / 100) if "Hz" in one["reading"] else (first, second)
+        assert one["verdict"] == Hand(motor, *own, 2e-3, 1e3).level(kp, kd)
     assert ("range_sampled" in {one["code"] for one in facts["findings"]}) == (level == "safe")
     spring, damper = gearbox(motor, 200.0, 0.03)
     for given, truth in ((("rigid", 0.0), every[0]), ((spring, damper), Hand(motor, spring, damper, 2e-3, 1e3).level(kp, kd))):

@@ -165,8 +165,8 @@ class _Readings:
         over = look_over(self.system, self.states, ends)
         if over.safe:
             return None
-        stiffness = over.worst_look.stiffness[varied]
-        return Reading(f"gearboxes of {_span(stiffness)} N·m/rad", "unsafe")
+        spring, damper = (_span(getattr(over.worst_look, name)[varied]) for name in ("stiffness", "damping"))
+        return Reading(f"gearboxes of {spring} N·m/rad and {damper} N·m·s/rad", "unsafe")
 
 
 def _span(values: Floats) -> str:
