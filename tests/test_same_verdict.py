@@ -22,7 +22,7 @@ from judged_files import AUDITS, JOINTS, ROBOTS, as_robot, drawn_audit, drawn_jo
 
 OF_A_RUN = ("vibrates", "diverged", "fell", "ran_away")
 """Findings that a simulated run adds, by code."""
-QUICK = 6
+QUICK = 4
 """Joints, robots and audits each that are judged every time, drawn from all."""
 
 
@@ -101,7 +101,7 @@ def trajectory(file: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("kind", drawn(ROBOTS, 58))
+@pytest.mark.parametrize("kind", drawn(ROBOTS, 113))
 def test_a_robot(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     sections = drawn_robot(kind, tmp_path)
     file = written(tmp_path, sections, "robot.yaml")
@@ -139,3 +139,34 @@ def test_an_audit(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert found is not None
     assert robot is not None
     agree(found, robot)
+
+
+SERVOS = {
+    "with kd": ('kp="12" kv="0.5"', ()),
+    "too stiff": ('kp="4000" kv="6"', ()),
+    "damping is kd": ('kp="12"', ("--joint-damping", "controller")),
+    "damping is friction": ('kp="12"', ("--joint-damping", "friction")),
+    "damping is either": ('kp="12"', ()),
+    "gearbox unknown": ('kp="12" kv="0.5"', ()),
+}
+
+
+@pytest.mark.parametrize("kind", SERVOS)
+def test_an_mjcf_with_servos(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Where its damping may be read in two ways the robot.yaml is of one of them, which may be decided."""
+    pytest.importorskip("mujoco")
+    from test_open_readings import leg
+
+    servo, said = SERVOS[kind]
+    (tmp_path / "leg.xml").write_text(leg(servo), "utf-8")
+    file = tmp_path / "written.yaml"
+    gearbox = () if kind == "gearbox unknown" else ("--gearbox", "direct")
+    call = ("audit", tmp_path / "leg.xml", "--delay-ms", "2", "--rate-hz", "500", *gearbox, *said)
+    found, robot = judged(capsys, *call, "--write-robot", file), judged(capsys, "robot", file)
+    assert found is not None
+    assert robot is not None
+    if kind == "damping is either":
+        assert found["verdict"] == "undecided"
+        assert robot["verdict"] in {one["verdict"] for one in found["findings"][0]["readings"]}
+    else:
+        agree(found, robot)
