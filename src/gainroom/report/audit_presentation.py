@@ -70,6 +70,7 @@ class AuditPresentation(Presentation):
             "requirements_met": result.safe,
             "unmet": list(result.missed),
             "required": required_facts(result.required),
+            "balance": system.balance or None,
             "scale": audit_scale(result),
             "to_use": _to_use_facts(result),
             **model_facts(control.sample_time),

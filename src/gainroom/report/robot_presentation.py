@@ -57,6 +57,7 @@ class RobotPresentation(Presentation):
             "requirements_met": study.requirements_met,
             "unmet": list(study.unmet),
             "required": required_facts(study.system.requirements),
+            "balance": study.system.balance or None,
             "worst": {name: worst_facts(study, name) for name in study.worst},
             **model_facts(study.system.control.sample_time),
             "command_delay_ms": 1e3 * study.system.control.command_delay,

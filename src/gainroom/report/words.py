@@ -306,6 +306,9 @@ def swept_headline(found: "SweepSummary", worst: "WorstStates", said: str, misse
     verdict = swept_verdict(found, worst)
     why = [REASONS[one.code](one) for one in verdict.deciding if one.code in REASONS and verdict.level == "undecided"]
     start = f"{LEVELS[verdict.level]}{': ' + '; '.join(why) if why else ''}. "
+    if verdict.level == "safe" and not worst.everywhere and worst.requirements:
+        others = listed([one.requirement.title for one in worst.requirements])
+        start = f"{LEVELS['safe']} where judged: {others} in {worst.count} of {found.count} postures. "
     first, second = (missed, said) if found.margin_held and missed else (said, missed)
     return [text for text in (start + first, second) if text]
 

@@ -144,6 +144,8 @@ def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
         findings.append(missed(Requirements(gain_margin=found.margin), "gain_margin", lowest.gain, **where))
     if found.unknown or not found.complete or lowest is None:
         findings.append(Finding("limit_unknown", "undecided", {"postures": found.unknown}))
+    if worst.requirements and not worst.everywhere:
+        findings.append(Finding("judged_in_sample", "safe", {"postures": worst.count}))
     if found.uncertified and "not_certified" not in codes:
         findings.append(Finding("not_certified", "safe", {"postures": found.uncertified}))
     return judged(system, KEYS, findings, lambda level: read(system, unsafe_first(findings, studied.states), level))
