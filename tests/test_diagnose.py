@@ -15,8 +15,7 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.identification.oscillation_search import find_oscillation
 from gainroom.identification.record import Record
-from gainroom.report.diagnosis_advice import advice
-from gainroom.report.diagnosis_text import sentence
+from gainroom.report.diagnosis_text import advice, sentence
 from gainroom.simulation import Friction, Scenario, Testbed, simulate
 from gainroom.studies.diagnosis import diagnose
 from gainroom.system.system import System

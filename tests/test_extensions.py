@@ -16,7 +16,8 @@ from gainroom.design.margin_slopes import Case, moved
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.report.columns import Column
-from gainroom.report.joint_presentation import JointPresentation
+from gainroom.report.joint import joint_page
+from gainroom.report.joint_tables import JointPresentation
 from gainroom.report.margin_columns import margin_rows
 from gainroom.report.number_format import digits
 from gainroom.report.robot_columns import JOINT
@@ -95,7 +96,7 @@ def test_a_controller_is_one_class():
     shown = JointPresentation(study)
     assert shown.facts()["recommended"]["lead"] == pytest.approx(pd.recommended.kd / pd.recommended.kp, rel=1e-9)
     assert digits(study.recommended.kd) in render(*next(shown.screens(verbose=True)))
-    assert "Series" in shown.page("again")
+    assert "Series" in joint_page(shown, "again")
 
 
 class Twice(Series):

@@ -10,9 +10,8 @@ import pytest
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.joint_yaml import parse_simulation
-from gainroom.report.simulation import simulation_page
-from gainroom.report.simulation_figures import shown_ticks
-from gainroom.report.simulation_text import overshoots, sentence, warnings
+from gainroom.report.simulation import shown_ticks, simulation_page
+from gainroom.report.simulation_text import SimulationPresentation, overshoots, sentence, warnings
 from gainroom.simulation.tracking import track
 from gainroom.studies.simulation import Outcome, simulate_study
 
@@ -139,7 +138,7 @@ def test_what_is_hidden_is_called_unstable_everywhere(tmp_path, capsys: pytest.C
     assert "friction may hide it" in sentence(study)
     assert "noise" not in sentence(study)
     assert "torque limit may" not in sentence(study)  # it is never reached
-    page = simulation_page(study, "gainroom simulate joint.yaml")
+    page = simulation_page(SimulationPresentation(study), "gainroom simulate joint.yaml")
     assert '<body class="bad">' in page
     assert "UNSTABLE: do not run these gains" in page
     assert "stable only below" in page
@@ -245,7 +244,7 @@ def test_a_reference_that_swings_to_the_end_has_no_steady_state():
         study = simulated(f"duration: 2, reference: {reference}")
         assert np.isnan(study.tracking.steady_state).all()
         assert "last tenth" not in sentence(study)
-        assert "steady-state" not in simulation_page(study, "")
+        assert "steady-state" not in simulation_page(SimulationPresentation(study), "")
     rests = simulated("duration: 4, reference: {type: chirp, amplitude: 0.1, first: 1, last: 9, duration: 2}")
     assert abs(rests.tracking.steady_state[0]) < 1e-6  # 1.6 s after it stops the slowest root, 7/s, has left 1e-5 of some 10 mrad
 
@@ -278,9 +277,9 @@ def test_a_torque_above_its_limit_is_explained():
     assert 30 < study.torque_peak[0] < 30 * 1.003
     assert overshoots(study)
     assert any("the current loop overshoots it" in warning for warning in warnings(study))
-    assert "the current loop overshoots" in simulation_page(study, "")
-    assert "pulls the joint down" not in simulation_page(study, "")
-    assert "pulls the joint down" in simulation_page(simulated("duration: 1, gravity: 5"), "")
+    assert "the current loop overshoots" in simulation_page(SimulationPresentation(study), "")
+    assert "pulls the joint down" not in simulation_page(SimulationPresentation(study), "")
+    assert "pulls the joint down" in simulation_page(SimulationPresentation(simulated("duration: 1, gravity: 5")), "")
 
 
 @pytest.mark.parametrize(

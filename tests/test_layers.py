@@ -98,7 +98,7 @@ def test_the_map_of_a_large_package_names_every_file(package):
     named = set(re.findall(r"\w+", text))
     assert files <= named, files - named
     compound = {word for word in named if "_" in word.strip("_")}
-    assert compound <= {*files, *folders, "X_text", "X_columns", "X_presentation"}, compound - files
+    assert compound <= {*files, *folders, "X_text", "X_columns", "X_tables"}, compound - files
 
 
 def test_importing_the_command_line_costs_little():

@@ -12,6 +12,7 @@ from pytest import approx
 import gainroom as gr
 from gainroom.report.gain_map import GainPoint, _marks
 from gainroom.report.joint import joint_page
+from gainroom.report.joint_tables import JointPresentation
 from gainroom.report.joint_text import _change, sentence, warnings as warnings_of
 from gainroom.report.map_lines import View
 from gainroom.report.number_format import digits
@@ -35,12 +36,12 @@ def stable() -> gr.JointStudy:
 
 @pytest.fixture(scope="module")
 def stable_page(stable) -> str:
-    return joint_page(stable, COMMAND)
+    return joint_page(JointPresentation(stable), COMMAND)
 
 
 @pytest.fixture(scope="module")
 def unstable_page() -> str:
-    return joint_page(gr.study_joint(specification(kd=80.0)), COMMAND)
+    return joint_page(JointPresentation(gr.study_joint(specification(kd=80.0))), COMMAND)
 
 
 def without_library(html: str) -> str:
@@ -186,14 +187,14 @@ def test_the_legend_of_the_gain_map_says_of_which_joint_its_areas_are(stable_pag
     names = [trace["name"] for trace in figures(stable_page)[0]["data"] if trace["showlegend"]]
     assert names == ["stable", "every requirement met"]
     uncertain = replace(specification(), uncertainty=gr.Uncertainty(delay=(2e-3, 3e-3)))
-    drawn = figures(joint_page(gr.study_joint(uncertain), "gainroom joint joint.yaml"))[0]
+    drawn = figures(joint_page(JointPresentation(gr.study_joint(uncertain)), "gainroom joint joint.yaml"))[0]
     assert [trace["name"] for trace in drawn["data"] if trace["showlegend"]] == [f"{name} (nominal joint only)" for name in names]
 
 
 @pytest.mark.slow
 def test_gain_map_of_an_integral_controller_leaves_the_plain_pd_rule_out():
     spec = replace(specification().with_controller(gr.PPI(20.0, 10.0, 30.0)), uncertainty=gr.Uncertainty(delay=(2e-3, 3e-3)))
-    html = joint_page(gr.study_joint(spec), "gainroom joint joint.yaml")
+    html = joint_page(JointPresentation(gr.study_joint(spec)), "gainroom joint joint.yaml")
     own = unescape(without_library(html))
     drawn = figures(html)[0]
     symbols = {trace["marker"]["symbol"] for trace in drawn["data"] if trace.get("mode") == "markers"}
@@ -212,7 +213,7 @@ def test_a_loop_that_no_factor_stabilises_says_so():
     spec = replace(specification().with_controller(gr.PID(100.0, 1e6, 5.0)), requirements=gr.Requirements())
     study = gr.study_joint(spec)
     assert study.limit.gain == 0
-    assert "no uniform gain reduction makes it stable" in without_library(joint_page(study, "gainroom joint joint.yaml"))
+    assert "no uniform gain reduction makes it stable" in without_library(joint_page(JointPresentation(study), "gainroom joint joint.yaml"))
 
 
 def test_no_gains_for_an_integral_controller_names_the_ratio_that_is_held():
@@ -274,7 +275,7 @@ def test_bode_shows_the_four_cases(stable_page):
 )
 def test_every_kind_of_joint_has_a_page(spec):
     study = gr.study_joint(spec)
-    html = joint_page(study, "gainroom joint joint.yaml --report joint.html")
+    html = joint_page(JointPresentation(study), "gainroom joint joint.yaml --report joint.html")
     own = unescape(without_library(html))
     assert headline(own) == sentence(study)
     assert ("sampled at 2" in own) == (spec.control.sample_time is not None)

@@ -20,6 +20,7 @@ from gainroom.report.number_format import digits
 from gainroom.report.robot import MOST_PICTURES, robot_page
 from gainroom.report.robot_headroom import MOST_STATES
 from gainroom.report.robot_skeleton import LINE, common_view, drawn as drawing, labels
+from gainroom.report.robot_tables import RobotPresentation
 from gainroom.report.robot_text import sentence
 from gainroom.studies.robot import RobotStudy, study_robot
 from gainroom.system.requirements import REQUIREMENTS
@@ -75,7 +76,7 @@ def biped() -> RobotStudy:
 
 @pytest.fixture(scope="module")
 def page(biped) -> str:
-    return robot_page(biped, COMMAND)
+    return robot_page(RobotPresentation(biped), COMMAND)
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +86,7 @@ def unstable() -> RobotStudy:
 
 @pytest.fixture(scope="module")
 def unstable_page(unstable) -> str:
-    return robot_page(unstable, COMMAND)
+    return robot_page(RobotPresentation(unstable), COMMAND)
 
 
 @pytest.fixture(scope="module")
@@ -439,11 +440,11 @@ def test_postures_are_no_contact_states(tmp_path, contacts):
     text = ARM.replace("postures: {", "postures: {high: {knee: 0.5}, ") + f"contacts: {{{contacts}}}\n"
     study = arm(tmp_path, text)
     assert len(study.states) == 2 * contacts.count("[]") + 2 * contacts.count("touching")
-    assert "not drawn" not in without_library(robot_page(study, COMMAND))
+    assert "not drawn" not in without_library(robot_page(RobotPresentation(study), COMMAND))
 
 
 def test_recommended_gains_in_both_units(small_arm):
-    html = robot_page(small_arm, COMMAND)
+    html = robot_page(RobotPresentation(small_arm), COMMAND)
     own = without_library(html)
     joint, task = small_arm.recommended
     state = small_arm.states[0]
@@ -479,7 +480,7 @@ def test_coupling_marks_are_the_factors(unstable_page, unstable):
 def test_gains_that_nothing_limits(tmp_path):
     study = arm(tmp_path, ARM.replace("delay_ms: 2", "delay_ms: 0").replace("bandwidth: 3000", "bandwidth: .inf"))
     assert math.isinf(study.tightest.limit.gain)
-    html = robot_page(study, COMMAND)
+    html = robot_page(RobotPresentation(study), COMMAND)
     own = without_library(html)
     assert "no vibration at any factor" in own
     assert "No locus crosses" in own
@@ -494,7 +495,7 @@ def test_gains_that_no_factor_saves(small_arm):
     margins = Margins.unknown(limit)
     known = replace(small_arm.system, control=replace(small_arm.system.control, continuous=True))
     study = replace(small_arm, system=known, every=(changed(state, margins=margins),))
-    html = robot_page(study, COMMAND)
+    html = robot_page(RobotPresentation(study), COMMAND)
     own = without_library(html)
     assert '<body class="bad">' in own
     assert "UNSTABLE at any lower gain" in own
@@ -505,7 +506,7 @@ def test_gains_that_no_factor_saves(small_arm):
 def test_what_a_user_typed_is_text(tmp_path):
     text = ARM.replace("bent:", f"{HOSTILE!r}:".replace("\\'", "''")).replace("name: tip", 'name: "<b>tip"')
     study = arm(tmp_path, text, hip="hip<script>alert(1)</script>&")
-    html = robot_page(study, COMMAND)
+    html = robot_page(RobotPresentation(study), COMMAND)
     own = without_library(html)
     assert "<script>alert" not in own
     assert "<img" not in own
@@ -519,7 +520,7 @@ def test_many_states_stay_readable(biped):
     """Two postures in nine contact states: the tightest are drawn, the tables have all."""
     named = ((state, {"posture": f"posture {k // 9}", "contact": f"contact {k % 9}"}) for k, state in enumerate(6 * biped.states))
     study = replace(biped, every=tuple(changed(state, **vars(state) | names) for state, names in named))
-    html = robot_page(study, COMMAND)
+    html = robot_page(RobotPresentation(study), COMMAND)
     assert len(html.encode()) < 6e6
     assert len(drawings(html)) == 1 + MOST_PICTURES
     assert len(loci_figures(html)) == MOST_PICTURES
@@ -544,7 +545,7 @@ def test_a_requirement_that_is_not_met_is_explained(page, biped):
 
 
 def test_required_and_of_which_gains(page, unstable_page, small_arm):
-    with_tasks = robot_page(small_arm, COMMAND)
+    with_tasks = robot_page(RobotPresentation(small_arm), COMMAND)
     for html, words in (
         (page, "of the joints' gains closed together"),
         (with_tasks, "The tasks' own gains, closed in the joints' place, are required to be stable only"),

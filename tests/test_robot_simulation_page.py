@@ -19,9 +19,8 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.number_format import digits, hertz, milli
-from gainroom.report.simulation import simulation_page
-from gainroom.report.simulation_figures import CLOSE_PERIODS, MOST_CHANNELS
-from gainroom.report.simulation_text import sentence, warnings
+from gainroom.report.simulation import CLOSE_PERIODS, MOST_CHANNELS, simulation_page
+from gainroom.report.simulation_text import SimulationPresentation, sentence, warnings
 from gainroom.robot.tasks import Task
 from gainroom.simulation.oscillation import Vibration, parts_in
 from gainroom.simulation.robot_setup import channel_units
@@ -60,7 +59,7 @@ def sound() -> Outcome:
 
 @pytest.fixture(scope="module")
 def sound_page(sound: Outcome) -> str:
-    return simulation_page(sound, COMMAND)
+    return simulation_page(SimulationPresentation(sound), COMMAND)
 
 
 @pytest.fixture(scope="module")
@@ -228,7 +227,7 @@ def test_slip_is_how_far_a_foot_went(sound: Outcome, fallen: Outcome):
 @pytest.mark.slow
 def test_a_vibrating_run(shaken: Outcome, limit: gr.GainLimit):
     """4 % above the limit it vibrates within 2 % of the frequency there, in the shape that is predicted there."""
-    page = simulation_page(shaken, COMMAND)
+    page = simulation_page(SimulationPresentation(shaken), COMMAND)
     state, banner, labels = glance(page)
     assert (state, "VIBRATES" in banner) == ("bad", True)
     assert "vibration" in labels
@@ -252,7 +251,7 @@ def test_the_prediction_is_the_linear_loops(sound: Outcome, shaken: Outcome, lim
 
 
 def test_a_fallen_run(fallen: Outcome):
-    page = simulation_page(fallen, COMMAND)
+    page = simulation_page(SimulationPresentation(fallen), COMMAND)
     state, banner, labels = glance(page)
     assert (state, banner) == ("bad", "FELL: do not run this on the robot")
     assert labels[0] == "falls after"
@@ -269,7 +268,7 @@ def test_a_run_that_diverges(limit: gr.GainLimit):
     gain = 1.5 * limit.gain
     play = simulated(STAND + SHAKE, gain)
     root = gr.rightmost_roots(play.spec.loop(gain)).roots[0]
-    page = simulation_page(play, COMMAND)
+    page = simulation_page(SimulationPresentation(play), COMMAND)
     state, banner, labels = glance(page)
     assert (state, "DIVERGES" in banner) == ("bad", True)
     assert labels[0] == "diverges after"
@@ -285,7 +284,7 @@ def test_a_run_that_diverges(limit: gr.GainLimit):
 def test_many_joints_are_no_heap():
     """The three that are furthest off together, six by themselves, and words on the rest; a robot in free fall stays in its picture."""
     play = simulated(LIFTED + JOINTS + ALL_JOINTS)
-    page = simulation_page(play, COMMAND)
+    page = simulation_page(SimulationPresentation(play), COMMAND)
     hero = figures(page)[0]
     worst = {play.run.channels[k] for k in np.argsort(-play.tracking.peak)[:3]}
     assert {one["name"] for one in hero["data"] if one.get("yaxis") == "y2"} == worst
@@ -310,7 +309,7 @@ def test_a_torque_limit_keeps_a_vibration_at_its_size(limit: gr.GainLimit):
     assert abs(play.vibration.damping_ratio) < 1e-3
     assert "sustained" in sentence(play)
     assert np.abs(play.run.demand_torque).max() == pytest.approx(150.0)
-    own = unescape(simulation_page(play, COMMAND))
+    own = unescape(simulation_page(SimulationPresentation(play), COMMAND))
     assert "150 N·m, 10 of 12 joints" in own
     assert digits(1e-3, "mrad", 3) in own
 
@@ -320,7 +319,7 @@ def test_the_page_tells_the_ground(sound: Outcome, sound_page: str):
     text = (STAND + MOVE).replace(
         "ground: true", "ground: {friction: 0.6, soles: {left_sole: {length: 0.3, width: 0.12, center: [0.02, 0]}}}"
     )
-    own = unescape(simulation_page(simulated(text), COMMAND))
+    own = unescape(simulation_page(SimulationPresentation(simulated(text)), COMMAND))
     assert "they may slip and lift: friction 0.6, soles left_sole 0.3 m × 0.12 m about (0.02, 0) m, right_sole 0.2 m × 0.1 m" in own
     assert "friction 0.8, soles left_sole 0.2 m × 0.1 m" in unescape(sound_page)
 
@@ -364,7 +363,7 @@ def test_hostile_names_are_escaped(tmp_path: Path):
     write_robot(tmp_path, links, hinge(escape(HOSTILE), "root", "upper") + hinge("elbow", "upper", "lower", at=(0.0, 0.0, -0.4)))
     text = text.replace("shoulder: 0.4, ", "") + "scenario: {duration: 0.2, move: {task: " + names + ", by: 0.01, duration: 0.1}}\n"
     play = simulate_study(RobotSimulation.of(parse_robot(text, "robot.yaml", tmp_path)))
-    page = simulation_page(play, f"gainroom simulate '{HOSTILE}'")
+    page = simulation_page(SimulationPresentation(play), f"gainroom simulate '{HOSTILE}'")
     own = without_library(page)
     assert "<img" not in own
     assert "alert(1)</script" not in own
@@ -406,7 +405,7 @@ def test_a_slide_counts_in_metres(tmp_path: Path):
     play = simulate_study(RobotSimulation.of(parse_robot(text, "robot.yaml", tmp_path)))
     assert play.run.units == ("m", "rad")
     assert play.leading == (0,)
-    assert "Prismatic joints: N and mm" in simulation_page(play, COMMAND)
+    assert "Prismatic joints: N and mm" in simulation_page(SimulationPresentation(play), COMMAND)
 
 
 def test_falling_is_reported_and_is_exit_status_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -21,6 +21,7 @@ from gainroom.files.audit_options import AuditOptions, audited as described
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.audit_text import audit_sentence, audit_warnings
 from gainroom.report.robot import robot_page
+from gainroom.report.robot_tables import RobotPresentation
 from gainroom.report.robot_text import sentence, warnings
 from gainroom.studies.audit import Audit, audit
 from gainroom.studies.robot import RobotStudy, study_robot
@@ -179,7 +180,7 @@ def test_joint_control_with_idle_tasks(folder: Path):
     study = studied(folder, LEG.replace(LEG.splitlines()[5], JOINTS))
     assert not study.immobile
     assert [state.tasks is not None and state.tasks.moves for state in study.states] == [False, True]
-    assert "The tasks act on no motion in bent/flight" in robot_page(study, "again")
+    assert "The tasks act on no motion in bent/flight" in robot_page(RobotPresentation(study), "again")
 
 
 def test_contacts_that_hold_every_joint(folder: Path):
@@ -224,7 +225,7 @@ def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.Ca
         assert told["stable_in_range"] == stable
         assert (told["unstable_at"] is None) == stable
         assert ("not everywhere in the uncertainty ranges" in told["sentence"]) != stable
-    page = robot_page(studied(folder, path.read_text("utf-8")), "gainroom robot uncertain.yaml")
+    page = robot_page(RobotPresentation(studied(folder, path.read_text("utf-8"))), "gainroom robot uncertain.yaml")
     assert "UNSTABLE within the uncertainty ranges, in bent/" in page
 
 
@@ -328,7 +329,7 @@ def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch
         assert sentence(study).startswith(at_rate if word == "Stable" else "Not safe: unstable")
         assert sentence(study).endswith("In bent/stand only the verdict is known, not the gain limit.")
         assert any("counted from the roots" in warning for warning in warnings(study))
-        page = robot_page(study, "again")
+        page = robot_page(RobotPresentation(study), "again")
         assert not re.search(r">nan\b|\bnan<|>∞ ×", page[page.index("<body") :])
         monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress, study=study: study)
         assert main(["robot", str(folder / "lost.yaml"), "--json"]) == (word == "Unstable")
@@ -430,7 +431,7 @@ def test_a_disk_margin_that_is_not_certified_says_so(
     monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress: study)
     main(["robot", str(folder / "leg.yaml"), "--verbose"])
     assert shown in capsys.readouterr().out
-    page = robot_page(study, "again")
+    page = robot_page(RobotPresentation(study), "again")
     assert f"<td>{shown.strip()}</td>" in page
     assert f"proved between frequencies, too, in {'all' if certified else '0 of 1'} stable states" in page
 

@@ -11,7 +11,7 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system, parse_robot
 from gainroom.report.simulation import simulation_page
-from gainroom.report.simulation_text import sentence, warnings
+from gainroom.report.simulation_text import SimulationPresentation, sentence, warnings
 from gainroom.simulation.robot_simulation import RobotSimulation
 from gainroom.studies.oscillation import torque_ripple_of
 from gainroom.studies.simulation import Outcome, simulate_study
@@ -88,7 +88,7 @@ def test_a_vibration_in_the_move_counts(tmp_path: Path):
     after = play.run.motor_position[round(1.2 / play.run.sample_time) :]
     assert np.ptp(after, axis=0).max() < 1e-5  # it has decayed after the move
     assert "while it moves" in sentence(play)
-    assert "VIBRATES" in simulation_page(play, "gainroom simulate robot.yaml")
+    assert "VIBRATES" in simulation_page(SimulationPresentation(play), "gainroom simulate robot.yaml")
 
 
 @pytest.mark.parametrize("share", [0.4, 0.8])
@@ -123,7 +123,7 @@ def test_each_error_is_its_own_channels(tmp_path: Path):
     left = np.abs(play.tracking.steady_state)
     assert play.worst_at_end == int(np.argmax(left)) == 0
     assert f"steady-state error {1e3 * left[0]:.3g} mrad (shoulder)" in sentence(play)
-    page = simulation_page(play, "gainroom simulate robot.yaml")
+    page = simulation_page(SimulationPresentation(play), "gainroom simulate robot.yaml")
     assert f"elbow; steady-state error {1e3 * left[0]:.3g} mrad, shoulder" in page
 
 

@@ -26,9 +26,8 @@ from gainroom.errors import GainroomError
 from gainroom.files.joint_yaml import parse_simulation
 from gainroom.files.logs import read_log
 from gainroom.report.curves import thinned
-from gainroom.report.simulation import simulation_page
-from gainroom.report.simulation_figures import in_time
-from gainroom.report.simulation_text import sentence
+from gainroom.report.simulation import in_time, simulation_page
+from gainroom.report.simulation_text import SimulationPresentation, sentence
 from gainroom.simulation import vibration
 from gainroom.studies.simulation import Interrupted, simulate_study
 from mutations import RANDOMS, mutated_data
@@ -332,7 +331,7 @@ def test_an_interruption_says_how_far_it_came():
 )
 def test_the_page_says_it_at_first_glance(gain: float, state: str, says: str):
     study = simulated(LINEAR + "scenario: {duration: 1.0}\n", gain)
-    page = simulation_page(study, "gainroom simulate joint.yaml")
+    page = simulation_page(SimulationPresentation(study), "gainroom simulate joint.yaml")
     assert f'<body class="{state}">' in page
     assert says in page
     assert headline(page) == sentence(study)
@@ -356,7 +355,7 @@ def test_the_page_says_it_at_first_glance(gain: float, state: str, says: str):
 def test_what_is_drawn_as_commanded_is_the_position_and_the_error(reference: str):
     """Curves of few enough ticks to be drawn whole: commanded − actual = error at each, also of a step in the first."""
     study = simulated(LINEAR + f"scenario: {{duration: 0.5, reference: {reference}}}\n", 0.5)
-    (picture,) = figures(simulation_page(study, ""))
+    (picture,) = figures(simulation_page(SimulationPresentation(study), ""))
     curves = {(one["name"], one["yaxis"]): np.array(one["y"]) for one in picture["data"]}
     assert len(curves["motor", "y"]) == len(study.run.time)
     assert curves["commanded", "y"] - curves["motor", "y"] == pytest.approx(curves["joint", "y2"], abs=2e-3)  # [mrad], of six digits each
@@ -364,7 +363,7 @@ def test_what_is_drawn_as_commanded_is_the_position_and_the_error(reference: str
 
 def test_the_inputs_of_a_scenario_have_units():
     text = "scenario: {duration: 0.5, reference: {type: step, by: 0.05}, gravity: 5, torque_limit: 80, friction: {motor: {coulomb: 2}}}\n"
-    page = simulation_page(simulated(LINEAR + text), "")
+    page = simulation_page(SimulationPresentation(simulated(LINEAR + text)), "")
     for words in ("<dd>0.5 s</dd>", "type step, by 0.05 rad", "<dd>5 N·m</dd>", "<dd>80 N·m</dd>", "coulomb 2 N·m"):
         assert words in page
 

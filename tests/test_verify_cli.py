@@ -14,7 +14,7 @@ from gainroom.cli import main
 from gainroom.cli.example import joint_examples
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.report.verification import verification_page
-from gainroom.report.verification_text import percent, sentence
+from gainroom.report.verification_text import VerificationPresentation, percent, sentence
 from gainroom.studies import verification
 from gainroom.studies.verification import Case, Verification, growth_about, verify
 from test_report import figures, headline, without_library
@@ -23,6 +23,10 @@ EXAMPLES = joint_examples()
 SAMPLED = EXAMPLES["testbed-sampled"]
 CASE_KEYS = {"what", "witness", "predicted_gain", "simulated_gain", "predicted_frequency_rad_s", "simulated_frequency_rad_s"}
 GAINS = "kp: 1600.0                  # [N m/rad]\n  kd: 70.0                    # [N m s/rad]"
+
+
+def shown(text: str, result: Verification) -> VerificationPresentation:
+    return VerificationPresentation(parse_joint(text, ""), result)
 
 
 def with_control(control: str) -> str:
@@ -160,12 +164,12 @@ def test_a_run_is_one_case_of_the_ranges():
     knee = EXAMPLES["talos-knee"]
     result = verify(parse_joint(knee, ""))
     assert result.least.enough is True
-    own = unescape(without_library(verification_page(parse_joint(knee, ""), result, "")))
+    own = unescape(without_library(verification_page(shown(knee, result), "")))
     card = own.partition("vibration starts at</p>")[2].partition("</div>")[0]
     assert "at nominal values" in card
     assert "met" not in card
     certain = knee.partition("uncertainty:")[0]
-    own = unescape(without_library(verification_page(parse_joint(certain, ""), verify(parse_joint(certain, "")), "")))
+    own = unescape(without_library(verification_page(shown(certain, verify(parse_joint(certain, ""))), "")))
     assert "✓ met" in own.partition("vibration starts at</p>")[2].partition("</div>")[0]
 
 
@@ -180,7 +184,7 @@ ROBOT_CASES = (
 
 def test_every_case_is_in_the_picture():
     """By hand: limits and differences of every case and witness, the bands of agreement, and what has no limit."""
-    page = verification_page(parse_joint(SAMPLED, ""), Verification(ROBOT_CASES, of_robot=True), "gainroom verify robot.yaml")
+    page = verification_page(shown(SAMPLED, Verification(ROBOT_CASES, of_robot=True)), "gainroom verify robot.yaml")
     limits, differences = figures(page)
     rows = ["stand/double<br>joint space", "stand/left<br>joint space", "stand/left<br>task space"]
     assert limits["layout"]["yaxis"]["ticktext"] == differences["layout"]["yaxis"]["ticktext"] == rows
@@ -203,7 +207,7 @@ def test_every_case_is_in_the_picture():
 def test_the_page_says_what_json_says(cases: tuple[Case, ...]):
     """Of gains that disagree, that have headroom, that are unstable, and that nothing makes vibrate; frequencies in Hz."""
     result = Verification(cases, of_robot=True)
-    own = without_library(verification_page(parse_joint(SAMPLED, ""), result, "gainroom verify robot.yaml"))
+    own = without_library(verification_page(shown(SAMPLED, result), "gainroom verify robot.yaml"))
     text = unescape(own)
     assert headline(text) == sentence(result)
     assert f'<body class="{"bad" if not result.agrees else "bare" if cases == ROBOT_CASES[:3] else "good"}">' in own

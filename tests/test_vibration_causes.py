@@ -10,7 +10,7 @@ import pytest
 
 import gainroom as gr
 from gainroom.identification.record import Record
-from gainroom.report.diagnosis_advice import advice
+from gainroom.report.diagnosis_text import advice
 from gainroom.studies.diagnosis import Diagnosis, diagnose
 from gainroom.system.system import System
 from independent.joint_run import Drive, Joint, Law, Outer, Run, Setup, limit, run

@@ -15,11 +15,11 @@ from ..io.yaml_text import parse_yaml
 from ..report.columns import facts
 from ..report.gains_to_use import joint_gains
 from ..report.joint import joint_page
+from ..report.joint_tables import JointPresentation
 from ..report.joint_text import sentence, warnings
 from ..report.margin_columns import margin_columns, margins_text
 from ..report.number_format import own_gains
-from ..report.verdict import joint_to_use, verdict_rows
-from ..report.words import tone
+from ..report.verdict import joint_to_use, verdict_facts
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
 from ..studies.progress import Progress, quiet
@@ -98,7 +98,7 @@ class JointBench:
 
     def page(self, view: View) -> str:
         call = self.opened.call("joint")
-        return joint_page(self._study(view), call, call)
+        return joint_page(JointPresentation(self._study(view), call=call), call)
 
     def system(self, view: View) -> System:
         """As the command line would read the edited file."""
@@ -221,15 +221,7 @@ def _nominal(system: System) -> JointStudy:
 def _verdict(study: JointStudy, basis: str) -> dict[str, Any]:
     """What stands first, as terminal and report have it; `basis`: certified, or nominal where ranges have not been examined."""
     best = None if study.recommended is None else study.recommended.worst
-    return {
-        "basis": basis,
-        "sentence": sentence(study),
-        "tone": tone(study.verdict),
-        "rows": [vars(row) for row in verdict_rows(study, best)],
-        "numbers": facts(margin_columns(), study.margins),
-        "worst": facts(margin_columns(), study.in_range.margins),
-        "stable": study.margins.stable,
-        "stable_in_range": study.stable_in_range,
-        "met": study.requirements_met,
-        "unmet": list(study.unmet),
+    margins = {"numbers": study.margins, "worst": study.in_range.margins}
+    return {"basis": basis, **verdict_facts(study, sentence(study), best)} | {
+        key: facts(margin_columns(), found) for key, found in margins.items()
     }

@@ -22,8 +22,9 @@ from ..report.number_format import own_gains, typed
 from ..report.recommended_gains import recommended_facts
 from ..report.robot import robot_page
 from ..report.robot_columns import state_columns
+from ..report.robot_tables import RobotPresentation
 from ..report.robot_text import sentence, warnings
-from ..report.verdict import VerdictRow, robot_to_use, verdict_rows
+from ..report.verdict import robot_to_use, verdict_facts
 from ..robot.model import RobotModel
 from ..robot.robot import Posture, Robot
 from ..simulation.robot_simulation import RobotSimulation
@@ -206,7 +207,7 @@ class RobotBench:
 
     def page(self, view: View) -> str:
         call = self.opened.call("robot")
-        return robot_page(list(self._studies(view, quiet))[-1], call, call=call)
+        return robot_page(RobotPresentation(list(self._studies(view, quiet))[-1], call=call), call)
 
     def state(self, view: View) -> State:
         """The view's posture and contact state."""
@@ -332,27 +333,22 @@ class RobotBench:
         return repr((view.model_copy(update={"joint": None, "point": None, "posture": place, "contact": None, "gains": {}}), held))
 
     def _verdict(self, study: RobotStudy, basis: str) -> dict[str, Any]:
-        best = study.margins_to_use
-        return {
+        found = verdict_facts(study, sentence(study), study.margins_to_use)
+        return found | {
             "basis": basis,
-            "sentence": sentence(study),
             "tone": tone_so_far(study),
-            "rows": [vars(row) | {"place": self._where(study, row)} for row in verdict_rows(study, best)],
+            "rows": [row | {"place": self._where(study, row)} for row in found["rows"]],
             "states": [facts(state_columns(), state) for state in study.every],
             "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
-            "stable": study.stable,
-            "stable_in_range": study.stable_in_range,
-            "met": study.requirements_met,
-            "unmet": list(study.unmet),
             "examined": study.examined,
             "uncertified": [state.title for state in study.states if not state.margins.certified],
         }
 
-    def _where(self, study: RobotStudy, row: VerdictRow) -> dict[str, str]:
+    def _where(self, study: RobotStudy, row: dict[str, Any]) -> dict[str, str]:
         """Where to look for a row's worst: posture, contact state, and the joint that misses what is required there."""
-        state = next((state for state in study.states if state.title == row.where), study.states[0])
+        state = study.worst[row["name"]]
         place = {"posture": state.posture, "contact": state.contact}
-        missing = deciding_joints_in(state, row.name)[:1] if row.met is False and study.stable_in_range else ()
+        missing = deciding_joints_in(state, row["name"])[:1] if row["met"] is False and study.stable_in_range else ()
         return {**place, "joint": missing[0]} if missing and missing[0] in self._channels.names else place
 
     def _to_use(self, study: RobotStudy) -> dict[str, dict[str, float]]:

@@ -78,6 +78,19 @@ def app(
             assert page is not None
             page.write(bench.page(view_of(view)))
         return 0
+    _serve(opened, host, port, browser, as_json, examples() if file is None else {})
+    return 0
+
+
+def _serve(
+    opened: "Callable[[], contextlib.AbstractContextManager[Bench]]",
+    host: str,
+    port: int,
+    browser: bool,
+    as_json: bool,
+    others: "dict[str, Callable[[], Bench]]",
+) -> None:
+    """The page, until it is ended; `others`: further files by name. Raises GainroomError where there is no web server."""
     try:
         import starlette  # noqa: F401
         import uvicorn  # noqa: F401
@@ -102,8 +115,7 @@ def app(
     gc.freeze()  # what is loaded stays; from here on garbage is looked for in small portions, so that no answer waits for it
     gc.set_threshold(20_000)
     at_rest()
-    serve(bench, host, port, ready, examples() if file is None else {})
-    return 0
+    serve(bench, host, port, ready, others)
 
 
 def _refuse_without_model(context: typer.Context) -> None:

@@ -58,12 +58,16 @@ def diagnose(
         logged = read_joint(call.file, call.options(), progress)
     with report_stream(report) as page:
         from ..errors import named
-        from ..report.diagnosis_presentation import DiagnosisPresentation
+        from ..report.diagnosis_text import DiagnosisPresentation
         from ..studies.diagnosis import diagnose as study
 
         with progress_bar("diagnose:") as progress, named(str(call.file)):
             progress(0, 0, "causes")
             found = study(logged.record, system)
         shown = DiagnosisPresentation(found, logged, str(call.file), files={"Report": report})
-        present(shown, as_json, verbose, page, typed_command(context))
+        present(shown, as_json, verbose)
+        if page is not None:
+            from ..report.diagnosis import diagnosis_page
+
+            page.write(diagnosis_page(shown, typed_command(context)))
     return exit_status(found.verdict, exit_zero)

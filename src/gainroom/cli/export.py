@@ -1,7 +1,7 @@
 """gainroom export: gains into the files of simulators and controllers."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,7 +13,6 @@ from .streams import say
 if TYPE_CHECKING:
     from ..files.gain_export import Export
 
-KEYS = ("kp", "kd", "ki", "motor_inertia", "effort_limit")
 TO = "yaml, ros2_control, mjcf, mjlab, isaaclab, legged_gym or arrays"
 
 
@@ -61,7 +60,8 @@ def export(
     if target is not None and target != onto:
         refuse_inputs(target, "export")
     difference = _difference(made, target, onto)
-    show(as_json, lambda: _facts(made, to, target, write, difference), lambda: _terminal(made, target, write, difference))
+    where = {"form": to, "file": None if target is None else str(target), "written": write}
+    show(as_json, lambda: where | made.facts(difference), lambda: _terminal(made, target, write, difference))
     if write and target is not None:
         from ..io.atomic import write_text
 
@@ -80,20 +80,6 @@ def _difference(made: "Export", target: Path | None, onto: Path | None) -> str:
     name = "new" if target is None else str(target)
     lines = difflib.unified_diff(before.splitlines(), made.text.splitlines(), name if before else "/dev/null", name, lineterm="")
     return "".join(f"{line}\n" for line in lines)
-
-
-def _facts(made: "Export", to: str, target: Path | None, written: bool, difference: str) -> dict[str, Any]:
-    """What --json prints."""
-    return {
-        "form": to,
-        "file": None if target is None else str(target),
-        "written": written,
-        "joints": [{"name": name} | {key: getattr(gain, key) for key in KEYS} for name, gain in made.gains.items()],
-        "difference": difference,
-        "text": made.text,
-        "audit_with": list(made.flags),
-        "notes": list(made.notes),
-    }
 
 
 def _terminal(made: "Export", target: Path | None, written: bool, difference: str) -> str:

@@ -68,7 +68,7 @@ def delay(
     with report_stream(report) as page:
         with joint_of_log(call, report) as (logged, _):
             from ..identification import identify_delay, identify_setpoint_delay
-            from ..report.delay_text import setpoint_delay_answer, torque_delay_answer
+            from ..report.identified_text import setpoint_delay_answer, torque_delay_answer
 
             record = logged.record
             torques = record.has("target_torque") and (record.has("demand_torque") or record.has("actual_torque"))

@@ -36,12 +36,16 @@ def joint(
 
         return exit_status(two_paths(system, as_json, report), exit_zero)
     with report_stream(report) as page:
-        from ..report.joint_presentation import JointPresentation
+        from ..report.joint_tables import JointPresentation
         from ..studies.joint import study_joint
 
         with progress_bar("joint:") as progress:
             progress(0, 0, "margins and gains")
             study = study_joint(system)
         shown = JointPresentation(study, call=typed_command(context, "report"), files={"Report": report})
-        present(shown, as_json, verbose, page, typed_command(context))
+        present(shown, as_json, verbose)
+        if page is not None:
+            from ..report.joint import joint_page
+
+            page.write(joint_page(shown, typed_command(context)))
     return exit_status(study.verdict, exit_zero)

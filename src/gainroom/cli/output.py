@@ -13,8 +13,6 @@ from .streams import give_up
 from .table_widths import KEPT, shared
 
 if TYPE_CHECKING:
-    from io import StringIO
-
     from rich.table import Table
 
     from ..report.presentation import Part, Presentation
@@ -59,11 +57,9 @@ def show(as_json: bool, facts: Callable[[], Mapping[str, Any]], text: Callable[[
         emit(text())
 
 
-def present(shown: "Presentation", as_json: bool, verbose: bool, page: "StringIO | None", command: str) -> None:
-    """A study on standard output, and on its `page` where one is asked for; `command`: that makes the page."""
+def present(shown: "Presentation", as_json: bool, verbose: bool) -> None:
+    """A study on standard output."""
     show(as_json, shown.facts, lambda: _fitting(shown.screens(verbose)))
-    if page is not None:
-        page.write(shown.page(command))
 
 
 def _fitting(screens: "Iterable[Sequence[Part]]") -> str:

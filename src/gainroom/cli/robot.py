@@ -46,10 +46,14 @@ def robot(
     with report_stream(report) as page:
         with progress_bar("robot:") as progress:
             study, elsewhere = _studied(system, sweep, progress)
-        from ..report.robot_presentation import RobotPresentation
+        from ..report.robot_tables import RobotPresentation
 
         shown = RobotPresentation(study, file, **elsewhere, call=typed_command(context, "report"), files={"Report": report})
-        present(shown, as_json, verbose, page, typed_command(context))
+        present(shown, as_json, verbose)
+        if page is not None:
+            from ..report.robot import robot_page
+
+            page.write(robot_page(shown, typed_command(context)))
     return exit_status(study.verdict, exit_zero)
 
 

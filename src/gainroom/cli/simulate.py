@@ -63,10 +63,14 @@ def simulate(
     study_call = command_line("robot" if spec.kind == "mujoco" else "joint", file)
     with report_stream(report, log) as page:
         outcome = _simulated(spec, gain, log)
-        from ..report.simulation_presentation import SimulationPresentation
+        from ..report.simulation_text import SimulationPresentation
 
         shown = SimulationPresentation(outcome, study_call, call=call, files={"Log": log, "Report": report})
-        present(shown, as_json, verbose, page, typed_command(context, "log"))
+        present(shown, as_json, verbose)
+        if page is not None:
+            from ..report.simulation import simulation_page
+
+            page.write(simulation_page(shown, typed_command(context, "log")))
     return exit_status(outcome.verdict, exit_zero)
 
 

@@ -103,7 +103,7 @@ def sweep(
         raise GainroomError(f"--workers {workers} must be 1 or more, and not beside --scheduler")
     plan = swept.plan(load_robot_system(file))
     with report_stream(report) as page, _store(output, plan) as store:
-        from ..report.sweep_presentation import SweepPresentation
+        from ..report.sweep_text import SweepPresentation
         from ..studies.sweep.search import searched
         from ..studies.sweep.summary import summarized
         from ..studies.swept_margins import MANY, swept_verdict, worst_states
@@ -115,7 +115,11 @@ def sweep(
             near, at_worst = searched(found), worst_states(found, margins, progress)
         found = replace(found, searched=near)
         shown = SweepPresentation(found, at_worst, store, mended, files={"Results": output, "Report": report})
-        present(shown, as_json, False, page, typed_command(context, "workers", "scheduler"))
+        present(shown, as_json, False)
+        if page is not None:
+            from ..report.sweep import sweep_page
+
+            page.write(sweep_page(shown, typed_command(context, "workers", "scheduler")))
     return exit_status(swept_verdict(found, at_worst), exit_zero)
 
 

@@ -17,12 +17,12 @@ def two_paths(system: "System", as_json: bool, report: Path | None) -> "Verdict"
 
     Raises GainroomError for a page.
     """
-    from ..report.two_paths import NO_PAGE, PathPresentation
+    if report is not None:
+        raise GainroomError("--report: there is no page where kd closes on a path of its own; the terminal and --json have its numbers")
+    from ..report.two_paths import PathPresentation
     from ..studies.two_paths import study_two_paths
 
-    if report is not None:
-        raise GainroomError(NO_PAGE)
     with progress_bar("states:") as progress:
         study = study_two_paths(system, progress)
-    present(PathPresentation(study), as_json, False, None, "")
+    present(PathPresentation(study), as_json, False)
     return study.verdict

@@ -35,14 +35,18 @@ def verify(
     """
     system, effects = _load(file)
     with report_stream(report) as page:
-        from ..report.verification_presentation import VerificationPresentation
+        from ..report.verification_text import VerificationPresentation
         from ..studies.verification import verify as verified
 
         with progress_bar("verify:") as progress, named(str(file)):
             result = verified(system, progress, effects)
         study_call = command_line("robot" if result.of_robot else "joint", file)
         shown = VerificationPresentation(system, result, call=study_call, files={"Report": report})
-        present(shown, as_json, False, page, typed_command(context))
+        present(shown, as_json, False)
+        if page is not None:
+            from ..report.verification import verification_page
+
+            page.write(verification_page(shown, typed_command(context)))
     return 0 if result.agrees else 1
 
 

@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from ..errors import GainroomError, first_of_many, listed, printable
 from ..io.yaml_text import read_text, shown
@@ -20,6 +21,8 @@ from .gain_formats.gain_record import ACTUATOR, Gain, GainFile
 from .gain_formats.mjcf_export import joint_values, mjcf_text
 from .gain_formats.ros2_control import ros2_control_onto
 
+KEYS = ("kp", "kd", "ki", "motor_inertia", "effort_limit")
+"""Of a joint's gains, in JSON."""
 AGREEMENT = 1e-8
 """Relative, of what is read back: through MuJoCo's compiler and gears."""
 
@@ -80,6 +83,16 @@ class Export:
     gains: Mapping[str, Gain]
     flags: tuple[str, ...]
     notes: tuple[str, ...]
+
+    def facts(self, difference: str) -> dict[str, Any]:
+        """In JSON; `difference`: from what stands in its place."""
+        return {
+            "joints": [{"name": name} | {key: getattr(gain, key) for key in KEYS} for name, gain in self.gains.items()],
+            "difference": difference,
+            "text": self.text,
+            "audit_with": list(self.flags),
+            "notes": list(self.notes),
+        }
 
 
 def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | None, version: str, today: datetime.date) -> Export:

@@ -1,28 +1,56 @@
-"""The result of an audit in sentences: the verdict, why, and warnings with remedies."""
+"""An audit in sentences, the verdict, why, what to do, and warnings with remedies; and all that is shown of it in one record."""
 
 import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import __version__
 from ..analysis.margin_record import PathMargins
 from ..errors import apart, at_frequency, beside, listed
+from ..files.audit_options import GIVEN, Audited
+from ..files.carried_robot import carried
+from ..io.as_typed import as_typed
 from ..studies.audit import Audit
 from ..studies.deciding_joints import joints_that_miss
 from ..studies.factors import typed_factor
-from ..studies.state import HELD
+from ..studies.lowered_gains import GainsToUse
+from ..studies.state import HELD, USUAL_RATE
+from ..studies.verdict import Verdict
 from ..system.margin_units import to_db
 from ..system.plausibility import doubts_first
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
-from .gearboxes import over_range, worst_gearboxes
-from .margin_columns import margin_value
-from .number_format import digits
+from .columns import definitions, facts
+from .gains_to_use import gain_file, posture_lines
+from .gearboxes import CAPTION, gearbox_assumptions, look_columns, needed_facts, over_range, range_facts, shown_looks, worst_gearboxes
+from .margin_columns import margin_value, required_facts, requirement
+from .number_format import digits, model_facts, model_text, path_facts
+from .page import Advice
+from .presentation import Grid, Legend, Part, Presentation, closing, do_this, folded, warned_first
+from .robot_columns import AUDITED_JOINT, audited_joints, audited_states, joint_caption, legend
 from .robot_text import free_joints, unconfirmed
-from .words import UNSTABLE, headline, unsafe_joints
+from .words import SOFTER, UNSTABLE, headline, in_simulator, unsafe_joints
 
-PEAK = REQUIREMENTS["peak_sensitivity"]
+if TYPE_CHECKING:
+    from ..studies.audited_workspace import AuditedWorkspace
+    from ..studies.simulator_audit import SimulatorAudit
+
+STIFFNESS = "By the stiffness of the gearboxes that are not known"
+FEW_LINES = 4
+"""Shown without being asked for all; of more, the table has the factors."""
+FEW_JOINTS = 4
+"""Shown without being asked for all, at most: those with the least headroom."""
+ELSEWHERE = ("gain_margin", "delay_margin")
+"""Requirements whose least margins have keys of their own."""
 SLIGHT = 0.05
 """Damping ratio of a motor on its spring proposed as a first guess where none is given."""
+FEW_OWN = 2
+"""Joints with a factor of their own that are named one by one."""
 
 
 def audit_sentence(result: Audit) -> str:
@@ -176,3 +204,348 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
         found.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")
     others = [text for text in system.warnings if text not in result.doubts]  # which the verdict says
     return tuple(doubts_first([*found, *free_joints(system), *unconfirmed(result.states), *others]))
+
+
+def what_to_do(
+    result: Audit, call: str = "gainroom audit MODEL --delay-ms MS", written: Path | None = None, most: int | None = None
+) -> Advice:
+    """Gains that are safe, or the command that finds some; of safe ones what is still to be known.
+
+    call      the command of this audit
+    written   the robot.yaml that it writes
+    most      lines that a file of gains to use may have, else how to get it stands in its place; None: any number
+    """
+    actuators, found = result.system.source.actuators, result.to_use
+    if result.doubts:
+        return Advice(
+            "Correct the model, masses in kg, lengths in m and inertias in kg·m², and audit again; the numbers below are of it as it is."
+        )
+    if result.open:
+        calls = [_with_option(call, one.option) for one in result.readings]
+        return Advice("Find out which of these it is, and audit again:", calls)
+    if result.safe:
+        return _to_decide(result, call)
+    if result.sway_is_open:
+        return Advice("Say who has to damp the sway, and audit again:", [f"{call} --balance {who}" for who in ("joints", "controller")])
+    if found is not None and found is not result.ready_to_use:
+        return _not_yet(result, found, call)
+    if found is not None and result.system.source.unknown.get("motor_inertia_unknown"):
+        return _inertia_first(result, found)
+    if found is not None:
+        there = " with every gearbox of the range that was looked at" if result.over is not None else ""
+        rigid = ", with rigid gearboxes," if result.assumed_rigid.all() else ""
+        lines = _gain_file(result, found)
+        shown = most is None or len(lines) <= most
+        file = "As a file for `--gains` and `export`:"
+        if not shown:
+            file = "As a file: `--verbose`, or `gainroom export` of what `--json` prints."
+        heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}{there}. {file}"
+        return Advice(heading, lines if shown else ())
+    if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
+        return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
+    none = "No common factor on the gains was found that gives all margins."
+    if result.has_two_paths:
+        return Advice(f"{none} Gains whose kd closes on another clock are not searched: lower kp or kd, and audit again.")
+    if result.over is not None:
+        measure = "Measure the gearboxes (`gainroom identify stiffness`), as a wide range may leave no gains; for one point in the range"
+        return Advice(f"{none} {measure} search joint by joint:", _searched(call, written), [AGAIN])
+    return Advice(f"{none} Search joint by joint:", _searched(call, written), [AGAIN])
+
+
+def _with_option(call: str, option: str) -> str:
+    """The command with one of the readings; gains on the drive have no rate on the host."""
+    return f"{re.sub(r' --rate-hz [^ ]+', '', call) if '--gains-run drive' in option else call} {option}"
+
+
+def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:
+    """Where gains with the required margins are known, as motors without inertia need them."""
+    how = "Give the motors' inertias (rotor inertia × gear ratio²), as `motor_inertia` of each joint in the file of gains or with"
+    multiply = _multiply(result, found)
+    without = f"Where they are really 0: {multiply[0].lower()}{multiply[1:]}; then {_required(result)}."
+    folded = f"With motor inertia 0, {_factors(result, found)}, the others as they are:"
+    return Advice(f"{how} `--motor-inertia`, and audit again.", (), [without], (folded, _gain_file(result, found)))
+
+
+def _searched(call: str, written: Path | None = None) -> list[str]:
+    """The commands that search gains joint by joint."""
+    found = [] if written else [f"{call} --write-robot robot.yaml"]
+    return [*found, f"gainroom robot {written or 'robot.yaml'}"]
+
+
+AGAIN = "Then audit the gains that `gainroom robot` finds, with `--gains` and the same options."
+"""After a search."""
+
+
+def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
+    """The gains to use, with all that is known of the joints' actuators but what the model says itself, and a posture not typed."""
+    source = result.system.source
+    inertia = source.actuators.motor_inertia
+    own = np.where((inertia > 0) & (inertia != source.body.armature), inertia, math.nan)
+    lines = gain_file(source.joint_names, {**found.gains, "motor_inertia": own, **result.given_gearboxes})
+    angles = {} if result.tightest.posture == GIVEN else {name: angle for name, angle in result.angles.items() if angle}
+    beside = [f"joint_damping: {result.joint_damping}"] * (result.joint_damping is not None)
+    beside += posture_lines(angles) if angles else []
+    return [*beside, "gains:", *(f"  {line}" for line in lines)] if beside else lines
+
+
+def _to_decide(result: Audit, call: str) -> Advice:
+    """What is still to be known of gains that are safe if it is as assumed."""
+    rigid, options, given = result.assumed_rigid, "", []
+    if result.system.control.sample_time is None:
+        given, options = ["your loop's rate"], f" --rate-hz {USUAL_RATE:.0f}"
+    if rigid.any():
+        given.append("your gearboxes (their type, or `--stiffness` and `--damping`)")
+        if rigid.all():
+            known = np.any(result.system.source.actuators.motor_inertia > 0)
+            options += " --gearbox harmonic" if known else " --stiffness 10000 --damping 10"
+    if not given:
+        return Advice("These gains may stay.")
+    remarks = [SOFTER] if rigid.any() else []
+    return Advice(f"Audit again with {listed(given)}, such as:", [f"{call}{options}"], remarks)
+
+
+def _not_yet(result: Audit, found: GainsToUse[Audit], call: str) -> Advice:
+    """Advice where gains with the required margins are known, but not the loop's rate."""
+    factors, extra = _factors(result, found), found.audited.least_extra_delay
+    margin = to_db(found.audited.tightest.limit.gain)
+    lost = f"; at rates below about {digits(1 / extra, 'Hz', 3)} these gains, too, may vibrate" if 0 < extra < math.inf else ""
+    leave = "leave" if found.factor is None else "leaves"
+    why = f"Without a rate, {factors} {leave} gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
+    folded = f"Not yet to use: {factors}, the others as they are; found in continuous time:"
+    return Advice(
+        "Give the loop's rate and audit again, such as:", [f"{call} --rate-hz {USUAL_RATE:.0f}"], [why], (folded, _gain_file(result, found))
+    )
+
+
+def _by_factor(result: Audit, found: GainsToUse[Audit]) -> dict[float, list[str]]:
+    """The joints whose gains are lowered, by the factor on them, the least first."""
+    names, groups = result.system.source.joint_names, dict[float, list[str]]()
+    for name, factor in sorted(zip(names, found.factors.tolist(), strict=True), key=lambda one: one[1]):
+        if name in found.joints:
+            groups.setdefault(factor, []).append(name)
+    return groups
+
+
+def _factors(result: Audit, found: GainsToUse[Audit]) -> str:
+    """Which factors on which gains: "× 0.42 on ankle and × 0.83 on knee"."""
+    groups, every = _by_factor(result, found), len(found.joints) == len(result.joints)
+    if len(groups) > 2:
+        return f"× {min(groups):.4g} to {max(groups):.4g} on {'all' if every else len(found.joints)} joints (each its own)"
+    joints = {factor: "all joints" if len(group) == len(result.joints) else listed(group, most=3) for factor, group in groups.items()}
+    return " and ".join(f"× {factor:.4g} on {group}" for factor, group in joints.items())
+
+
+def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
+    """Which gains by which factor, with the values of the joint that has the least headroom, or of each of few."""
+    first = next(joint.name for joint in result.joints_tightest_first if joint.name in found.joints)
+    of_first, count = _values(result, found, first), len(found.joints)
+    left = len(result.joints) - count
+    groups = _by_factor(result, found)
+    kept = sum(not joint.safe and joint.name not in found.joints for joint in result.joints)
+    others = f" and leave the other{f' {left}' if count > 1 else 's'}" if left else ""
+    others += f", of which {kept} that {'fail' if kept > 1 else 'fails'} now {'have' if kept > 1 else 'has'} enough then" if kept else ""
+    if count == 1:
+        return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}){others}"
+    whose = f"the gains of {count} joints" if left else "all gains"
+    unsafe = sum(not joint.safe and joint.name in found.joints for joint in result.joints)
+    which = (
+        f", {unsafe} short of a margin and {count - unsafe} that are images of those or would vibrate then,"
+        if left and count > unsafe
+        else ""
+    )
+    if len(groups) == 1:
+        return f"Multiply {whose} by {found.factor:.4g} ({first} {of_first}){which}{others}"
+    if len(groups) == count <= FEW_OWN:
+        each = listed([f"{name} by {factor:.4g} ({_values(result, found, name)})" for factor, (name,) in groups.items()])
+        return f"Multiply the gains of {each}{which}{others}"
+    least, most = min(groups), max(groups)
+    return f"Multiply {whose} by {least:.4g} to {most:.4g}, each by its own ({first} {of_first}){which}{others}"
+
+
+def _values(result: Audit, found: GainsToUse[Audit], joint: str) -> str:
+    """A joint's gains to use: "kp 41.45, kd 2.638"."""
+    k = result.system.source.joint_names.index(joint)
+    return ", ".join(f"{name} {values[k]:.4g}" for name, values in found.gains.items() if name != "ki")
+
+
+def _required(result: Audit) -> str:
+    """What gains to use have, as a clause: "gain margin ≥ 6 dB and delay margin ≥ 1 ms hold"."""
+    parts = [f"{one.heading} {requirement(result.required, one.name, 3)}" for one, _ in result.required.asked_for] or ["stability"]
+    return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}"
+
+
+@dataclass(frozen=True)
+class AuditPresentation(Presentation):
+    """All that is shown of an audit.
+
+    of          the robot as it was read, and how
+    simulated   the simulator's answer, and swept the whole workspace; None where it was not asked for: then it is not loaded
+    """
+
+    result: Audit
+    of: Audited
+    simulated: "SimulatorAudit | None" = None
+    swept: "AuditedWorkspace | None" = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """With what was asked besides."""
+        return self.result.verdict_with(self.simulated, self.swept)
+
+    def facts(self) -> dict[str, Any]:
+        result, system, control = self.result, self.result.system, self.result.system.control
+        least = {
+            one.key: one.in_unit(one.value(result.worst[one.name].counted)) for one in REQUIREMENTS.values() if one.name not in ELSEWHERE
+        }
+        return {
+            "robot": system.source.name,
+            "gainroom": __version__,
+            **self.verdict.facts,
+            "safe": self.verdict.level == "safe",
+            "decided": result.decided,
+            "sentence": audit_sentence(result),
+            "requirements_met": result.safe,
+            "unmet": list(result.missed),
+            "required": required_facts(result.required),
+            "balance": system.balance or None,
+            "scale": audit_scale(result),
+            "to_use": _to_use_facts(result),
+            **model_facts(control.sample_time),
+            "delay_ms": 1e3 * max(drive.delay for drive in system.drives),
+            "command_delay_ms": 1e3 * control.command_delay,
+            "kd_path": path_facts(control.kd_path),
+            "gains_run": self.of.options.gains_run,
+            "joint_damping": self.of.options.joint_damping,
+            "margin_db": as_typed(to_db(result.margin)),
+            "stable": all(state.limit.stable for state in result.states),
+            "gain_limit": result.tightest.limit.gain,
+            "limit_frequency_rad_s": result.tightest.limit.frequency,
+            "delay_limit_ms": 1e3 * result.delay_limit,
+            "delay_margin_ms": 1e3 * result.least_extra_delay if result.stable else math.nan,
+            **least,
+            "path_gain_limits": _path_facts(result),
+            "limiting_joints": list(result.limiting_joints),
+            "posture": result.angles,
+            "base": system.source.body.base,
+            "system": carried(self.of.sections, system),
+            "joints": [facts(AUDITED_JOINT, joint) for joint in result.joints],
+            "states": [facts(audited_states(result.enough_in), state) for state in result.states + result.immobile],
+            **self._further_facts(),
+            "needed_stiffness": needed_facts(result),
+            "gearbox_range": range_facts(result),
+            "readings": _reading_facts(result),
+            "rigid_gearboxes": [joint.name for joint, rigid in zip(result.joints, result.assumed_rigid.tolist(), strict=True) if rigid],
+            "assumptions": [*system.assumptions, *gearbox_assumptions(result)],
+            "warnings": list(audit_warnings(result)),
+        }
+
+    def _further_facts(self) -> dict[str, Any]:
+        """What was asked for besides."""
+        found: dict[str, Any] = {"simulator": None, "workspace": None}
+        if self.simulated is not None:
+            from .simulator_text import simulator_facts
+
+            found["simulator"] = simulator_facts(self.simulated)
+        if self.swept is not None:
+            from .workspace import audited_facts
+
+            found["workspace"] = audited_facts(self.swept)
+        return found
+
+    def screens(self, verbose: bool) -> Iterator[list[Part]]:
+        result = self.result
+        do = what_to_do(result, self.call, self.files.get("Robot"), None if verbose else FEW_LINES)
+        answer, assumed = self._answer(do)
+        assumed = (*result.system.assumptions, *gearbox_assumptions(result), *assumed)
+        doubts, warned = warned_first(audit_warnings(result), verbose)
+        posture = f"Posture: {result.states[0].posture}; {result.system.source.body.base} base"
+        if verbose:
+            yield [*doubts, *answer, "", *_all_there_is(result), *folded(do), posture, *closing(self.files, warned, assumed)]
+            return
+        how = f"{_rigid(result)}; {self.of.options.where_gains_run} (--gains-run). {len(assumed)} assumptions: --verbose."
+        for count in range(FEW_JOINTS, 0, -1):
+            yield [*doubts, *answer, *_tightest_joints(result, count), *closing(self.files, warned), posture + how]
+
+    def _answer(self, do: Advice) -> tuple[list[Part], tuple[str, ...]]:
+        """The verdict, what to do, why, and paragraphs on what was asked for besides; and what the simulator assumes."""
+        result, swept = self.result, self.swept
+        said, there, more, assumed = in_simulator(verdict(result), self.simulated), do_this(do), [], ()
+        if self.simulated is not None:
+            from .simulator_text import simulator_assumptions, simulator_sentence
+
+            more, assumed = ["", simulator_sentence(self.simulated)], simulator_assumptions(self.simulated)
+        if swept is not None:
+            from .workspace import advice_there, in_workspace, workspace_text
+
+            said, more = in_workspace(said, swept), [*more, "", workspace_text(swept, advised=not result.safe)]
+            there = do_this(replace(advice_there(swept), remarks=())) if result.safe and not swept.safe else there
+        return [said, *there, reason(result), *more], assumed
+
+
+def _to_use_facts(result: Audit) -> dict[str, Any] | None:
+    """The factor (None: each has its own), the joints whose gains it is on, whether they may be used yet, and every joint's gains as typed.
+
+    None for safe gains, and where none are known.
+    """
+    found = result.to_use
+    if found is None:
+        return None
+    names = result.system.source.joint_names
+    columns = {**found.gains, "factor": found.factors}
+    gains = [{"name": name, **{key: float(values[k]) for key, values in columns.items()}} for k, name in enumerate(names)]
+    return {"factor": found.factor, "scaled": list(found.joints), "ready": result.ready_to_use is not None, "joints": gains}
+
+
+def _path_facts(result: Audit) -> dict[str, Any] | None:
+    paths = result.tightest.margins.paths
+    return None if paths is None else {"kp": [paths.lower_others, paths.others], "kd": [paths.lower_kd, paths.kd]}
+
+
+def _reading_facts(result: Audit) -> list[dict[str, Any]]:
+    return [
+        {
+            "option": one.option,
+            "meaning": one.meaning,
+            "safe": one.audit.safe,
+            "gain_limit": one.audit.tightest.limit.gain,
+            "unsafe_joints": [joint.name for joint in one.audit.joints if not joint.safe],
+        }
+        for one in result.readings
+    ]
+
+
+def _tightest_joints(result: Audit, count: int) -> list[Part]:
+    """The `count` joints with the least headroom, and what is left out."""
+    other = "gain_limit" if result.stable else "limit_others_closed"  # which is not what joints are judged by
+    columns = [one for one in audited_joints(result) if one.key not in ("motor_inertia", other)]
+    shown, left = result.joints_tightest_first[:count], result.joints_tightest_first[count:]
+    failing = sum(not joint.safe for joint in left)
+    of_them = f", {failing} of which fail" if failing else ""
+    others = f"{len(left)} more joint{'s' * (len(left) > 1)}{of_them}: --verbose. " if left else ""
+    joints = Grid.of("", columns, shown)
+    return [joints, Legend([joints], lambda headings: others + legend(result, headings))]
+
+
+def _all_there_is(result: Audit) -> list[Part]:
+    """Every contact state and joint."""
+    control, columns, needed = result.system.control, audited_states(result.enough_in), result.needed
+    title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
+    states = Grid.of(title, columns, result.states + result.immobile)
+    joints = Grid.of("Joint by joint, in the worst state", audited_joints(result), result.joints, ("motor inertia", "one loop"))
+    stiffness = [] if needed is None else ["", Grid.of(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
+    return [
+        states,
+        Legend([states], lambda headings: definitions(columns, headings)),
+        "",
+        joints,
+        Legend([joints], lambda headings: joint_caption(result, headings)),
+        *stiffness,
+    ]
+
+
+def _rigid(result: Audit) -> str:
+    """That gearboxes are assumed to be rigid, where some are."""
+    rigid = result.assumed_rigid.tolist()
+    count = sum(rigid)
+    which = "" if all(rigid) else f"{count} of {len(rigid)} "
+    return f"; {which}gearboxes assumed rigid (--stiffness, --damping)" if count else ""

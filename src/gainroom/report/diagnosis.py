@@ -12,8 +12,20 @@ from ..system.linear.arrays import Floats
 from ..system.margin_units import to_db
 from . import style
 from .curves import Curve, Panel, stacked
-from .diagnosis_advice import advice
-from .diagnosis_text import NAMES, SHORT, evidence_text, growth, percent, ranked, sentence, size, strength, warnings
+from .diagnosis_text import (
+    NAMES,
+    SHORT,
+    DiagnosisPresentation,
+    advice,
+    evidence_text,
+    growth,
+    percent,
+    ranked,
+    sentence,
+    size,
+    strength,
+    warnings,
+)
 from .number_format import digits, frequency, hertz, motion_unit
 from .page import Card, Html, Lead, Section, details, facts, figure, page, paragraph, table
 
@@ -30,15 +42,15 @@ ASSUMPTIONS = (
 )
 
 
-def diagnosis_page(found: Diagnosis, log: str, command: str) -> str:
-    """The report as one HTML page; `log` as it is called, `command` that makes the page."""
-    texts = advice(found)
+def diagnosis_page(shown: DiagnosisPresentation, command: str) -> str:
+    """The report as one HTML page; `command`: that makes it."""
+    found, texts = shown.found, advice(shown.found)
     sections = [
         Section("What to do", texts) if texts else None,
         Section("Why", [_causes(found)]) if found.causes else None,
         Section("Over time", [_in_time(found), *([_close_up(found)] if found.oscillation is not None else [])]),
         Section("Frequencies", [_spectrogram(found), _spectrum(found)]),
-        Section("Inputs and assumptions", [facts(_inputs(found, log)), ASSUMPTIONS]),
+        Section("Inputs and assumptions", [facts(_inputs(found, shown.log)), ASSUMPTIONS]),
     ]
     return page("gainroom diagnose: a joint's recording", _lead(found), _cards(found), sections, command)
 

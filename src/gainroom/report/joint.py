@@ -14,30 +14,30 @@ from . import style
 from .bode import bode, cases, nyquist
 from .columns import Column
 from .gain_map import gain_map
-from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
+from .joint_tables import JointPresentation, case_table, crossing_table, inputs, margin_table, uncertainty_table
 from .joint_text import cause, notes, recommended_text, sentence, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, typed_gains
 from .page import Card, Html, Lead, Section, facts, figure, page, paragraph
 from .page_parts import assumptions, margin_card, unstable_card
-from .verdict import gains_box, joint_to_use
+from .verdict import gains_box
 from .words import tone
 
 
-def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE") -> str:
-    """The report of a study as one HTML page; `command` is the command that makes it, `call` the one without a page."""
-    shown = cases(study)
-    found = study.margins
+def joint_page(shown: JointPresentation, command: str) -> str:
+    """The report of a study as one HTML page; `command` is the command that makes it."""
+    study, found = shown.study, shown.study.margins
+    pictured = cases(study)
     sections = [
         Section("Gain map", [gain_map(study)]),
-        Section("Why: the open loop", [*map(paragraph, filter(None, [cause(study)])), bode(study, shown)]),
-        Section("Nyquist plot", [nyquist(study, shown)], "the open loop beside −1, and the disk about −1 that it stays out of"),
+        Section("Why: the open loop", [*map(paragraph, filter(None, [cause(study)])), bode(study, pictured)]),
+        Section("Nyquist plot", [nyquist(study, pictured)], "the open loop beside −1, and the disk about −1 that it stays out of"),
         Section("Over time", [time_response(study)], "responses to a step and to a disturbance"),
         Section("Margins", [margin_table(study), *_recommended(study)], "this file's gains, the recommended ones, and the 10 Hz rule's"),
         None
         if study.uncertainty_cost is None
         else Section("What the uncertainty costs", [uncertainty_table(study)], uncertainty_cost_text(study, ranked=False)),
-        Section("With and without elasticity and delay", [case_table(shown)], "the same gains on a rigid joint, and without delay"),
+        Section("With and without elasticity and delay", [case_table(pictured)], "the same gains on a rigid joint, and without delay"),
         Section("All crossings of this file's loop", [crossing_table(found)], f"{len(found.phase_crossings) + len(found.gain_crossings)}"),
         Section(
             "Inputs and assumptions",
@@ -47,11 +47,12 @@ def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE
         Section("Certification", [_certificate(study)], "how each number was checked"),
     ]
     title = f"gainroom joint: gains of one joint, {model_kind(study.system.control.sample_time)} model"
-    return page(title, _lead(study, call), _cards(study), sections, command)
+    return page(title, _lead(shown), _cards(study), sections, command)
 
 
-def _lead(study: JointStudy, call: str) -> Lead:
-    said, do, how = warnings(study), gains_box(study, joint_to_use(study, call)), tone(study.verdict)
+def _lead(shown: JointPresentation) -> Lead:
+    study = shown.study
+    said, do, how = warnings(study), gains_box(study, shown.to_use), tone(study.verdict)
     where = f" within the uncertainty ranges, at {case_text(study.unstable_at)}" if study.unstable_at else ""
     return Lead(sentence(study), how, f"UNSTABLE{where}: do not run these gains" if how == "bad" else "", said, do)
 

@@ -1,10 +1,10 @@
-"""A study as it is shown, in one record: the keys of --json, the lines of the terminal, the page. Commands and the app take it as it is.
+"""A study as it is shown, in one record: the keys of --json and the lines of the terminal, for the command, the page and the app.
 
-X_presentation.py has the record of a study. A further key of --json is one more entry in its `facts`, beside the lines and the page.
+A further key of --json is one more entry in `facts` of the study's own record.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +13,6 @@ from ..system.plausibility import by_doubt
 from .columns import Column, tabulated
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from .page import Advice
 
 
@@ -44,7 +42,7 @@ class Legend:
     """A text below tables; `text` takes the headings of the columns that there was room for."""
 
     tables: Sequence[Grid]
-    text: "Callable[[Sequence[str]], str]"
+    text: Callable[[Sequence[str]], str]
 
 
 MOST_WARNINGS = 3
@@ -71,10 +69,6 @@ class Presentation(ABC):
     @abstractmethod
     def screens(self, verbose: bool) -> Iterator[list[Part]]:
         """The terminal's answer, `verbose` or not; of several the longest first, for the first that is short enough."""
-
-    @abstractmethod
-    def page(self, command: str) -> str:
-        """The page, HTML; `command`: that makes it."""
 
 
 def closing(

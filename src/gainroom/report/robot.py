@@ -5,28 +5,32 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from ..analysis.loci import Sweep
 from ..errors import at_frequency, listed
+from ..native import _core
 from ..studies.loop_numbers import margins_of
 from ..studies.over_uncertainty import unknown_first
 from ..studies.robot import RobotStudy
 from ..studies.state import State, limit_headroom, task_headroom
 from ..studies.sway import without_sway
-from ..studies.sweep.summary import SweepSummary
+from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
+from . import style
 from .margin_columns import margin_value, requirement
-from .number_format import digits, hertz, model_kind
-from .page import Card, Html, Lead, Section, beside, details, facts, page, paragraph
+from .number_format import digits, frequency, hertz, model_kind
+from .page import Card, Html, Lead, Section, beside, details, facts, figure, page, paragraph
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, limit_proofs, margin_card, unstable_card
 from .robot_drawing import hero, small
 from .robot_headroom import coupling, heat_map, joint_factors, task_factors
-from .robot_loci import loci, loci_window
 from .robot_skeleton import common_view
-from .robot_tables import gain_tables, inputs, joint_table, state_table, task_table
+from .robot_tables import RobotPresentation, gain_tables, inputs, joint_table, state_table, task_table
 from .robot_text import notes, sentence, warnings
 from .robot_units import requirements_text
 from .sweep_text import checked_sentence, counted
-from .verdict import gains_box, robot_to_use
+from .verdict import gains_box
 from .words import tone
 from .workspace import workspace_section
 
@@ -38,26 +42,20 @@ LOCI = (
     "vibrates where a locus passes through −1, so the limit is one over the distance from 0 where it crosses the thin axis. "
     "A crossing on the thick line, beyond −1, means that these gains are too high."
 )
+WIDEST = 6.0  # |Re L| beyond which nothing is drawn; crossings outside are labelled
+TO_DRAW = 0.012  # longest step between samples, relative to the window
+TO_WRITE = 0.007  # points closer than this along a locus are not written into the page
+AROUND = math.log(3)  # of the frequency at the limit: the part of the critical locus that is drawn bold
+MOST = 40_000  # eigenvalues in one sweep
 
 
-def robot_page(
-    study: RobotStudy,
-    command: str,
-    swept: SweepSummary | None = None,
-    elsewhere: Sequence[str] = (),
-    call: str = "gainroom robot FILE",
-) -> str:
-    """The report of a study as one HTML page.
-
-    command     that makes it
-    swept       what the recommended gains keep in the postures of a sweep
-    elsewhere   of postures that the file does not name
-    call        the command without a page
-    """
-    shown, sample_time = _shown(study), study.system.control.sample_time
+def robot_page(shown: RobotPresentation, command: str) -> str:
+    """The report of a study as one HTML page; `command`: that makes it."""
+    study, swept = shown.study, shown.swept
+    drawn, sample_time = _shown(study), study.system.control.sample_time
     noted = [*warnings(study)[ON_TOP:], *notes(study)]
     taken = assumptions("Linear about each posture", study.system.control, "; contacts neither slip nor lift")
-    loci_of = beside(*(loci(state, loci_window(shown)) for state in shown))
+    loci_of = beside(*(loci(state, loci_window(drawn)) for state in drawn))
     sections = [
         Section(_decisive_title(study), [_decisive_picture(study)]),
         Section(
@@ -68,12 +66,12 @@ def robot_page(
         None
         if swept is None
         else workspace_section(swept, f"Recommended gains in {counted(swept.plan.postures.count)} swept postures", checked_sentence(swept)),
-        Section("Vibration by contact state", _vibrations(study, shown), "each at its own gain limit"),
+        Section("Vibration by contact state", _vibrations(study, drawn), "each at its own gain limit"),
         Section("State by state", [state_table(study), *remedies(study)], "all margins of each"),
         Section("Why: the characteristic loci", [LOCI, loci_of], "where the eigenvalues of the coupled loops come near −1"),
         Section("Cost of coupling", [beside(*coupling(joint_factors(study), "joint"))], "each joint alone, and with all others closed"),
         Section("Recommended gains", _gains(study), "by contact state and for all, in both spaces, and what limits them"),
-        *_tasks(study, shown),
+        *_tasks(study, drawn),
         Section("Joints", _joints(study), f"{study.system.source.body.size} joints: loads, gains and largest gains"),
         Section(
             "Inputs and assumptions",
@@ -83,7 +81,7 @@ def robot_page(
         Section("Certification", [_certificate(study)], "how each number was checked"),
     ]
     title = f"gainroom robot: gains of {study.system.source.body.size} joints, {model_kind(sample_time)} model"
-    return page(title, _lead(study, elsewhere, call), _cards(study), sections, command)
+    return page(title, _lead(shown), _cards(study), sections, command)
 
 
 def _shown(study: RobotStudy) -> list[State]:
@@ -179,8 +177,9 @@ def _joints(study: RobotStudy) -> list[Html]:
     return parts
 
 
-def _lead(study: RobotStudy, elsewhere: Sequence[str], call: str) -> Lead:
-    answer, first, do = sentence(study), [*elsewhere, *warnings(study)[:ON_TOP]], gains_box(study, robot_to_use(study, call))
+def _lead(shown: RobotPresentation) -> Lead:
+    study = shown.study
+    answer, first, do = sentence(study), [*shown.elsewhere, *warnings(study)[:ON_TOP]], gains_box(study, shown.to_use)
     how, unstable = tone(study.verdict), [state.title for state in study.states if not state.limit.stable]
     count, states = len(unstable), len(study.states)
     where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
@@ -310,3 +309,139 @@ def _trials(study: RobotStudy, one: Requirement, state: State) -> str:
         return f"No small change of all gains improves it ({listed(worse)}). Less delay, or stiffer or better damped gearboxes, would."
     without = f", but {listed(worse)}" if worse else ""
     return f"It would be {listed(better)}{without}."
+
+
+def loci_window(states: Sequence[State]) -> tuple[float, float]:
+    """(left end, half the height) of a window that shows −1 and where the loci cross, the same for every state."""
+    crossings = [1 / state.limit.gain for state in states if 0 < state.limit.gain < math.inf]
+    left = -min(max([1.25, *(1.2 * one for one in crossings)]), WIDEST)
+    return left, 0.4 * (0.35 - left)
+
+
+def loci(state: State, window: tuple[float, float]) -> Html:
+    """The loci for ω > 0; the one that sets the limit bold near it."""
+    left, half = window
+    right = left + 1.15 * (0.35 - left)
+    sweep = _fine(state, window)
+    curves, omega = _followed(sweep), sweep.omega
+    critical = _critical(state, omega, curves)
+    others: Complexes = np.concatenate([np.append(_drawn(curve, window)[1], np.nan) for curve in curves.T])
+    traces = [style.line(others.real, others.imag, "#9a9a9a", width=1.3, name="other loci")]
+    if critical is not None:
+        near = np.abs(np.log(omega / state.limit.frequency)) < AROUND
+        traces.append(_bold(omega[near], curves[near, critical], window))
+    traces.append(style.markers([-1], [0], "x", style.VERMILION, 13, hoverinfo="text", text="the critical point −1", cliponaxis=False))
+    notes = [style.label(-1, 0, "−1", style.VERMILION, xanchor="right", yanchor="top", xshift=-5, yshift=-4)]
+    crossing, crossing_notes = _crossing(state, window)
+    wide = {"zeroline": True, "zerolinecolor": "#999", "fixedrange": True}
+    picture = style.layout(
+        xaxis=style.axis("Re λ(L)", range=[left, right], constrain="domain", **wide),
+        yaxis=style.axis("Im λ(L)", range=[-half, half], scaleanchor="x", constrain="domain", **wide),
+        annotations=[*notes, *crossing_notes],
+        shapes=[_beyond(left)],
+        plot_bgcolor="white" if state.limit.stable else style.UNSTABLE_GROUND,
+        margin={"l": 62, "r": 8, "t": 8, "b": 48},
+    )
+    return figure({"data": [*traces, *crossing], "layout": picture}, _title(state), _caption(state, critical), 370, style.NARROW)
+
+
+def _fine(state: State, window: tuple[float, float]) -> Sweep:
+    """The sweep of the state's loop with samples close enough to be joined by straight lines inside the window."""
+    sweep = Sweep(state.loop)
+    longest = -TO_DRAW * window[0]
+    for _ in range(8):
+        steps = sweep.steps()
+        near = np.minimum(np.abs(steps.start), np.abs(steps.end)) < -1.6 * window[0]
+        rough = np.any(near & (np.abs(steps.end - steps.start) > longest), axis=1) & (np.diff(sweep.omega) > 1e-6 * sweep.omega[1:])
+        if not rough.any() or sweep.loci.size > MOST:
+            break
+        places = np.flatnonzero(rough)
+        sweep.add(0.5 * (sweep.omega[places] + sweep.omega[places + 1]))
+    return sweep
+
+
+def _followed(sweep: Sweep) -> Complexes:
+    """(k, r) the eigenvalues, each column one locus: the next one is that closest to where the last two point."""
+    omega, curves = sweep.omega, sweep.loci.copy()
+    for k in range(1, len(omega)):
+        ahead = curves[k - 1]
+        if k > 1:
+            ahead = ahead + (curves[k - 1] - curves[k - 2]) * min((omega[k] - omega[k - 1]) / (omega[k - 1] - omega[k - 2]), 2.0)
+        distance = np.abs(ahead[:, None] - curves[k])
+        order = np.argmin(distance, axis=1)
+        curves[k] = curves[k, order if len(set(order.tolist())) == len(order) else _core.assigned(distance)]
+    return curves
+
+
+def _critical(state: State, omega: Floats, curves: Complexes) -> int | None:
+    """The locus that crosses the negative real axis at the limit; None where there is no limit."""
+    if not math.isfinite(state.limit.frequency):
+        return None
+    k = int(np.clip(np.searchsorted(omega, state.limit.frequency), 1, len(omega) - 1))
+    share = (state.limit.frequency - omega[k - 1]) / (omega[k] - omega[k - 1])
+    there = curves[k - 1] + share * (curves[k] - curves[k - 1])
+    return int(np.argmin(np.abs(there + 1 / state.limit.gain)))
+
+
+def _drawn(curve: Complexes, window: tuple[float, float]) -> tuple[Integers, Complexes]:
+    """Samples to draw and their values: what the window may show and its neighbours, none nearly on another; −1 and NaN break the line."""
+    reach, close = -1.6 * window[0], -TO_WRITE * window[0]
+    inside = np.abs(curve) <= reach
+    edge = np.convolve(inside, [1, 1, 1], "same").astype(bool) & ~inside
+    travelled = np.append(0.0, np.cumsum(np.minimum(np.abs(np.diff(curve)), reach)))
+    index = np.flatnonzero(edge | (inside & np.append(True, np.diff(np.floor(travelled / close)) > 0)))
+    leaves = np.flatnonzero(edge[index][1:] & edge[index][:-1]) + 1
+    index = np.insert(index, leaves, -1)
+    return index, np.where(index < 0, np.nan, np.round(curve[index], 4))
+
+
+def _bold(omega: Floats, curve: Complexes, window: tuple[float, float]) -> style.Trace:
+    """A locus near the limit, with its frequencies."""
+    index, values = _drawn(curve, window)
+    text = ["" if k < 0 else frequency(float(omega[k])) for k in index]
+    return style.line(values.real, values.imag, style.BLACK, width=2.8, hoverinfo="text", text=text)
+
+
+def _crossing(state: State, window: tuple[float, float]) -> tuple[list[style.Trace], list[style.Annotation]]:
+    """The crossing that sets the limit, with its frequency."""
+    limit = state.limit
+    if not math.isfinite(limit.frequency):
+        return [], []
+    at = -1 / limit.gain
+    text = (
+        f"λ = {digits(at, '', 3)} at {frequency(limit.frequency, 3)}<br>limit 1/{digits(-at, '', 3)} = <b>{digits(limit.gain, '', 3)} ×</b>"
+    )
+    half = window[1]
+    inside = at > window[0]
+    place = {"axref": "x", "ayref": "y", "showarrow": True, "arrowhead": 2, "arrowwidth": 1.4, "arrowcolor": style.INK, "standoff": 6}
+    reach = 0.62 * window[0] if at > 0.4 * window[0] else 0.3 * window[0]
+    note = style.label(max(at, window[0]), 0, text, style.INK, ax=reach, ay=0.72 * half, **place)
+    if not inside:
+        note["text"] = f"left of the picture:<br>{text}"
+    return [style.markers([at], [0], "circle", style.BLACK, 10)] if inside else [], [note]
+
+
+def _beyond(left: float) -> dict:
+    """From −1 to the left: a locus that crosses there is beyond its limit."""
+    line = {"color": style.VERMILION, "width": 4}
+    return {"type": "line", "x0": left, "x1": -1, "y0": 0, "y1": 0, "line": line, "opacity": 0.55, "layer": "below"}
+
+
+def _title(state: State) -> str:
+    verdict = "" if state.limit.stable else "UNSTABLE; "
+    if math.isnan(state.limit.gain):
+        return f"{state.title}: {verdict}limit not known"
+    if not math.isfinite(state.limit.frequency):
+        return f"{state.title}: {verdict}no crossing sets a limit"
+    return f"{state.title}: {verdict}{'crosses' if state.limit.stable else 'crossed'} at {digits(-1 / state.limit.gain, '', 3)}"
+
+
+def _caption(state: State, critical: int | None) -> str:
+    limit = state.limit
+    if math.isnan(limit.gain):
+        return "These loci could not be followed to a limit; the drawing may be incomplete."
+    if critical is None:
+        return "No locus crosses the negative real axis where it would set a limit."
+    if limit.stable:
+        return f"At {digits(limit.gain, '', 3)} × these gains the bold locus passes through −1."
+    return f"The loci encircle −1; below {digits(limit.gain, '', 3)} × these gains they do not."

@@ -1,6 +1,9 @@
-"""The outcome of a simulation in sentences: the answer, and warnings with remedies."""
+"""A simulated run as it is shown: sentences, warnings with remedies, what to do; and all of it in one record."""
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -9,8 +12,12 @@ from ..errors import beside, frequency_text, listed, printable
 from ..simulation.simulation_spec import SimulationSpec
 from ..simulation.tracking import SETTLED
 from ..studies.oscillation import EXACT, MUJOCO
-from ..studies.simulation import Outcome
+from ..studies.simulation import USUAL, Outcome
+from ..system.requirements import REQUIREMENTS
+from .columns import Column
 from .number_format import digits, frequency, gain_factor, milli, motion, settling
+from .page import Advice
+from .presentation import Grid, Part, Presentation, closing, do_this, warned_first
 from .words import NOT_SAFE, UNSTABLE, run_headline
 
 SMALLEST_ERROR = 1e-6
@@ -21,6 +28,10 @@ SHOWN_BY_ALL = 10.0
 """[Hz] taken for the frequency of a vibration where the linear loop has none."""
 SLOPING = math.radians(1.0)
 """A flat foot's ground that slopes by more is reported [rad]."""
+MOST_JOINTS = 6
+"""In the terminal's table of torques."""
+NUMBERS = ("rms", "peak", "steady_state", "overshoot", "settling_time")
+"""Of Tracking, in JSON."""
 UNEVEN = 1e-3
 """Feet that stand higher than others by more are reported [m]."""
 
@@ -264,3 +275,131 @@ def _place_warnings(spec: SimulationSpec) -> list[str]:
             "for one floor change the posture until they are level"
         )
     return texts
+
+
+def _lower(outcome: Outcome, study_call: str, call: str) -> Advice:
+    """The command that finds gains, and the factor with which the same run has every margin."""
+    factor, every = outcome.gain_to_try, " in every state" if outcome.spec.kind == "mujoco" else ""
+    if math.isnan(factor):
+        return Advice(
+            f"Find gains that meet every requirement{every} (no single factor on all gains was found to be enough):",
+            [study_call],
+        )
+    needed = outcome.spec.system.requirements.needed or {"gain_margin": USUAL}
+    margins = listed([f"{(one := REQUIREMENTS[name]).heading} {one.sign} {one.text(value)}" for name, value in needed.items()])
+    where = (" in this state" if outcome.spec.kind == "mujoco" else "") + (
+        ", at nominal values" if outcome.spec.system.uncertainty.names else ""
+    )
+    heading = (
+        f"Find gains that meet every requirement{every}. To see what lower gains do, repeat this run with all present gains × {factor:g}:"
+    )
+    lower = f"With these lower gains the linear loop has {margins}{where}."
+    return Advice(heading, [study_call, f"{call} --gain {factor:g}"], [lower])
+
+
+def _tracking(outcome: Outcome, more: str) -> str:
+    """What helps the channels that do not settle: gains where an error is left, damping or time where none is."""
+    run, late, left = outcome.run, unsettled(outcome), left_short(outcome)
+    names = listed([printable(run.channels[k]) for k in left or late]) if len(run.channels) > 1 else ""
+    if not left:
+        return f"Let {names or 'it'} come to rest: lengthen `scenario.duration`, slow the move, or raise kd as far as {more} allows."
+    where = f" in {names}" if names else ""
+    helps = "add integral action, or feed-forward of gravity and friction"
+    if outcome.missed:
+        return f"This run leaves an error{where}. If the new gains do, too, {helps}."
+    return f"An error is left{where}: raise kp as far as {more} allows, {helps}."
+
+
+@dataclass(frozen=True)
+class SimulationPresentation(Presentation):
+    """All that is shown of a run; `call`: simulates the file's own gains, `study_call`: judges them."""
+
+    outcome: Outcome
+    study_call: str = "gainroom joint FILE"
+
+    @property
+    def advice(self) -> Advice | None:
+        """What to do; None where the warnings say it all."""
+        outcome, study_call = self.outcome, self.study_call
+        more = f"`gainroom {'joint' if outcome.spec.kind != 'mujoco' else 'robot'}`"
+        if not outcome.stable or outcome.missed:
+            found, late = _lower(outcome, study_call, self.call), outcome.stable and unsettled(outcome)
+            return replace(found, remarks=[*found.remarks, _tracking(outcome, more)]) if late else found
+        if outcome.run.ending == "fell":
+            return Advice("Make the move smaller or slower, and simulate again: it is not the gains.")
+        if not outcome.sound:
+            return None
+        if unsettled(outcome):
+            return Advice(_tracking(outcome, more))
+        if outcome.spec.system.uncertainty.names:
+            return Advice("Judge these gains over the file's ranges:", [study_call])
+        if outcome.spec.kind == "mujoco":
+            return Advice("These gains may stay in this state. Judge them in every state:", [study_call])
+        return Advice(f"These gains may stay, as far as this run shows. {more} judges all their margins.")
+
+    def facts(self) -> dict[str, Any]:
+        outcome, run, log = self.outcome, self.outcome.run, self.files.get("Log")
+        found, limit, seen = outcome.tracking, outcome.limit, outcome.oscillation
+        return {
+            **outcome.verdict.facts,
+            "diverged": run.diverged,
+            "diverged_at": run.diverged_at,
+            "fell": run.ending == "fell",
+            "ended_at": run.ended_at,
+            "vibrates": outcome.vibrates,
+            "unstable": outcome.hidden,
+            "sentence": sentence(outcome),
+            "model": outcome.spec.kind,
+            "sample_rate_hz": 1 / run.sample_time,
+            "gain": outcome.gain,
+            "tracking": {channel: {name: getattr(found, name)[k] for name in NUMBERS} for k, channel in enumerate(run.channels)},
+            "at_torque_limit": dict(zip(run.joint_names, outcome.at_torque_limit.tolist(), strict=True)),
+            "torque_peak": dict(zip(run.joint_names, outcome.torque_peak.tolist(), strict=True)),
+            "slip": dict(zip(outcome.spec.contact_frames, outcome.slip.tolist(), strict=True)),
+            "vibration": None
+            if seen is None
+            else {
+                "frequency_rad_s": seen.vibration.frequency,
+                "growth_rate": seen.vibration.growth_rate,
+                "amplitude": seen.vibration.amplitude,
+                "joints": [name for name in seen.strongest if name in run.joint_names] or list(run.joint_names),
+            },
+            "predicted": None
+            if limit is None
+            else {"stable": limit.stable, "gain_limit": limit.gain, "limit_frequency_rad_s": limit.frequency},
+            "log": None if log is None else str(log),
+            "settled": not unsettled(outcome) if any(time == time for time in found.settling_time.tolist()) else None,
+            "warnings": list(warnings(outcome)),
+        }
+
+    def screens(self, verbose: bool) -> Iterator[list[Part]]:
+        outcome, run = self.outcome, self.outcome.run
+        rows = [(f"{channel} [m{run.units[k]}]", *tracking_cells(outcome, k)) for k, channel in enumerate(run.channels)]
+        columns = [Column(title, "", lambda row, k=k: row[k]) for k, title in enumerate(("", *TRACKING))]
+        title = f"Tracking ({outcome.spec.kind}, {digits(1 / run.sample_time, 'Hz')}, encoders on the {run.feedback} side)"
+        doubts, said = warned_first(warnings(outcome), verbose)
+        yield [
+            *doubts,
+            sentence(outcome),
+            *do_this(self.advice),
+            "",
+            Grid.of(title, columns, rows),
+            *(_all_there_is(outcome) if verbose else []),
+            *closing(self.files, said),
+            *([] if verbose else ["Torques and vibration: --verbose."]),
+        ]
+
+
+def _all_there_is(outcome: Outcome) -> list[Part]:
+    """Torques, and the vibration beside the linear loop's."""
+    run = outcome.run
+    hardest = sorted(range(len(run.joint_names)), key=lambda k: -outcome.torque_peak[k])[:MOST_JOINTS]
+    torques = [
+        (run.joint_names[k], *(digits(float(values[k]), run.torque_units[k], 3) for values in (outcome.torque_peak, outcome.torque_rms)))
+        for k in hardest
+    ]
+    vibrations = [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit))]
+    return [
+        Grid("Joints with the largest torques" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),
+        Grid("Vibration", ("", "frequency", "growth"), vibrations),
+    ]

@@ -11,9 +11,8 @@ from ..errors import first_of_many
 from ..io.strict_json import strict
 from ..studies.state import State
 from ..studies.sweep.maps import PairMaps, pair_maps
-from ..studies.sweep.store import Store
 from ..studies.sweep.summary import CONFIDENCE, SweepSummary
-from ..studies.swept_margins import WorstStates, swept_verdict
+from ..studies.swept_margins import swept_verdict
 from . import style
 from .columns import definitions, tabulated
 from .number_format import digits, hertz, model_kind
@@ -23,7 +22,7 @@ from .robot_columns import state_columns
 from .robot_drawing import hero, small
 from .robot_skeleton import common_view
 from .robot_tables import machine
-from .sweep_text import advice as use, columns, counted, joint_name, sureness, verdict, warnings
+from .sweep_text import SweepPresentation, advice as use, columns, counted, joint_name, sureness, verdict, warnings
 from .words import swept_banner, tone
 from .workspace import CURVES, FEW, sample_table
 
@@ -31,8 +30,9 @@ SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
 """ColorBrewer's Blues (Brewer 2013), the lowest darkest."""
 
 
-def sweep_page(found: SweepSummary, at_worst: WorstStates, store: Store, command: str) -> str:
+def sweep_page(shown: SweepPresentation, command: str) -> str:
     """The report of a sweep as one HTML page; `command`: that makes it."""
+    found, at_worst, store = shown.found, shown.at_worst, shown.store
     plan, worst, states = found.plan, found.worst_posture, list(at_worst.states)
     maps = pair_maps(plan, store.finished(), np.sum([one.joints for one in found.contacts], axis=0))
     sections = [

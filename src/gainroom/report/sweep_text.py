@@ -1,18 +1,27 @@
-"""A sweep in words and columns."""
+"""A sweep in words and columns, and all that is shown of it in one record."""
 
 import math
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
+from .. import __version__
 from ..errors import THIN, beside, listed
+from ..io.as_typed import as_typed
 from ..studies.factors import typed_factor
 from ..studies.sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
-from ..studies.swept_margins import SampledRequirement, WorstStates
+from ..studies.swept_margins import SampledRequirement, WorstStates, swept_verdict
 from ..system.margin_units import to_db
 from ..system.requirements import Requirements
 from .columns import Column, facts
 from .margin_columns import margin_value, requirement
-from .number_format import digits, gain_factor, hertz
+from .number_format import digits, gain_factor, hertz, model_facts
+from .presentation import Grid, Part, Presentation, closing, warned_first
+from .robot_columns import state_columns
 from .words import swept_headline
+
+if TYPE_CHECKING:
+    from ..studies.sweep.store import Store
 
 MOST_ANGLES = 8
 """Of a posture, in a sentence."""
@@ -277,3 +286,55 @@ def posture_facts(found: SweepSummary, one: SweptPosture | None) -> dict[str, An
         "certified": one.certified,
         "angles": dict(zip(plan.robot.joint_names, one.angles.tolist(), strict=True)),
     }
+
+
+@dataclass(frozen=True)
+class SweepPresentation(Presentation):
+    """All that is shown of a sweep; `mended`: what was damaged and computed again."""
+
+    found: SweepSummary
+    at_worst: WorstStates
+    store: "Store"
+    mended: Sequence[str]
+
+    def facts(self) -> dict[str, Any]:
+        found, plan, at_worst, output = self.found, self.found.plan, self.at_worst, self.files.get("Results")
+        return {
+            "robot": plan.robot.name,
+            "gainroom": __version__,
+            **swept_verdict(found, at_worst).facts,
+            "stable": found.stable,
+            "gain_margin_met": found.margin_held if found.margin > 1 else None,
+            "unmet": [*(["gain_margin"] if found.margin > 1 and not found.margin_held else []), *at_worst.unmet],
+            "sentence": sentence(found),
+            **model_facts(plan.system.control.sample_time),
+            "margin_db": as_typed(to_db(found.margin)) if found.margin > 1 else None,
+            "postures": plan.postures.kind,
+            "count": plan.postures.count,
+            "draws": len(plan.places) - 1,
+            "limits": found.count,
+            "unknown": found.unknown,
+            "uncertified": found.uncertified,
+            "worst": posture_facts(found, found.worst_posture),
+            "searched": posture_facts(found, found.searched),
+            "worst_states": [facts(state_columns(), state) for state in at_worst.states],
+            "judged": sample_facts(found, at_worst),
+            "scale": found.scale,
+            "rarer_than": found.rarer_than,
+            "contacts": [facts(columns(found), one) for one in found.contacts],
+            "output": None if output is None else str(output),
+            "warnings": [*warnings(found), *self.mended],
+        }
+
+    def screens(self, verbose: bool) -> Iterator[list[Part]]:
+        found, at_worst = self.found, self.at_worst
+        doubts, warned = warned_first(warnings(found), True)
+        yield [
+            *doubts,
+            *verdict(found, at_worst),
+            *filter(None, [advice(found, at_worst)]),
+            Grid.of("", columns(found), found.contacts, ("highest", "10 %")),
+            *sureness(found, found.searched),
+            *filter(None, [looked_at(found, at_worst)]),
+            *closing(self.files, [*warned, *self.mended]),
+        ]

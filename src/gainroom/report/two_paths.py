@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import GainroomError, listed
+from ..errors import listed
 from ..studies.two_paths import PathCase, PathStudy
 from ..system.margin_units import to_db
 from ..system.plausibility import unusual_values
@@ -16,7 +16,6 @@ from .number_format import digits, hertz, model_facts, model_text, path_facts
 from .presentation import Grid, Legend, Part, Presentation, closing, warned_first
 from .words import UNSTABLE, path_headline
 
-NO_PAGE = "--report: there is no page where kd closes on a path of its own; the terminal and --json have its numbers"
 NOT_MADE = "gain maps, largest gains, recommended gains and curves over frequency are of loops with one path, and are not made here"
 COLUMNS = [
     Column("state", "state", lambda case: case.title or None, shown=lambda case: case.title),
@@ -160,6 +159,3 @@ class PathPresentation(Presentation):
             Grid("Requirements, at their worst", ("", "value", "at", "required", "met"), requirement_rows(study)),
             *closing(self.files, said, assumptions(study), [NOT_MADE]),
         ]
-
-    def page(self, command: str) -> str:
-        raise GainroomError(NO_PAGE)

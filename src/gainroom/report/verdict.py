@@ -1,5 +1,6 @@
 """What stands first, of one joint and of a robot: every requirement at its worst, and the gains to use."""
 
+import math
 import shlex
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -12,14 +13,14 @@ from ..studies.analysis import Analysis
 from ..studies.state import USUAL_RATE
 from ..system.controller import type_of
 from ..system.requirements import REQUIREMENTS, Requirements
-from .columns import Column, tabulated, yes
+from .columns import Column, facts, tabulated, yes
 from .gains_to_use import joint_gains, kept, robot_gains
 from .margin_columns import lacking, margin_value, requirement
 from .number_format import digits, hertz, own_gains, rate, span, typed
 from .page import Advice, Html, advice_box, table
 from .presentation import Grid, Part, do_this
 from .robot_units import unit_of_gain
-from .words import AT_USUAL
+from .words import AT_USUAL, tone
 
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
     from ..design.joint_gains import Recommendation
@@ -31,65 +32,63 @@ HALF = 0.5
 """Part of a joint's gain: uncertainty that costs no less is told."""
 
 
-@dataclass(frozen=True)
-class VerdictRow:
-    """A margin: at the worst of states and uncertainty, nominally in that state, and with the gains to use; text, "" where there is none.
+def verdict_columns(study: Analysis, to_use: Margins | None, heading: str = "new gains") -> list[Column]:
+    """Of a requirement by its name, asked for or not: the worst of states and uncertainty, the nominal value there, and with gains to use.
 
-    name    of the requirement
-    omega   where it is, at the worst [rad/s]
-    where   state and case of the worst, as text
+    to_use   the worst margins of those gains, under this `heading`; None where there are none
     """
+    asked, step = study.system.requirements, study.system.control.sample_time
+    uncertain, several = bool(study.system.uncertainty.names), len(study.states) > 1
 
-    name: str
-    title: str
-    worst: str
-    nominal: str
-    required: str
-    met: bool | None
-    to_use: str
-    omega: float
-    where: str
+    def text(name: str, value: float, met: bool | None = None) -> str:
+        return margin_value(asked, name, value, met, 3)
 
+    def title(name: str) -> str:
+        return REQUIREMENTS[name].titled(study.worst_in(study.worst[name]).margins, len(study.system.source.joint_names) > 1)
 
-def verdict_rows(study: Analysis, to_use: Margins | None) -> list[VerdictRow]:
-    """Every requirement, asked for or not. `to_use`: the worst margins of the recommended gains."""
-    asked, rows = study.system.requirements, []
-    for name, state in study.worst.items():
-        one, least, worst = REQUIREMENTS[name], study.least(state, name), study.worst_in(state).margins
-        nominal, after = one.value(state.counted), None if to_use is None else one.value(to_use)
-        met = asked.met(name, least) if study.stable_in_range else None if asked.met(name, least) is None else False
-        value = "unstable" if not study.stable_in_range else margin_value(asked, name, least, met, 3)
-        case = study.case_of(name)
-        where = state.title if len(study.states) > 1 else case
-        rows.append(
-            VerdictRow(
-                name,
-                one.titled(worst, len(study.system.source.joint_names) > 1),
-                value,
-                margin_value(asked, name, nominal, None, 3) if study.stable else "unstable",
-                requirement(asked, name, 3),
-                met,
-                "" if after is None else margin_value(asked, name, after, asked.met(name, after), 3),
-                one.frequency(worst if study.stable_in_range else state.counted),
-                where,
-            )
-        )
-    return rows
+    def met(name: str) -> bool | None:
+        found = asked.met(name, study.least(study.worst[name], name))
+        return found if found is None or study.stable_in_range else False
 
+    def worst(name: str) -> str:
+        return text(name, study.least(study.worst[name], name), met(name)) if study.stable_in_range else "unstable"
 
-def verdict_columns(study: Analysis, use: "ToUse") -> list[Column]:
-    """Of its rows: the nominal value beside the worst where something is uncertain, the state where there are several, and gains to use."""
-    uncertain, several, step = bool(study.system.uncertainty.names), len(study.states) > 1, study.system.control.sample_time
+    def nominal(name: str) -> str:
+        return text(name, REQUIREMENTS[name].value(study.worst[name].counted)) if study.stable else "unstable"
+
+    def omega(name: str) -> float:
+        state = study.worst[name]
+        return REQUIREMENTS[name].frequency(study.worst_in(state).margins if study.stable_in_range else state.counted)
+
+    def after(name: str) -> str:
+        value = math.nan if to_use is None else REQUIREMENTS[name].value(to_use)
+        return "" if to_use is None else text(name, value, asked.met(name, value))
+
     return [
-        Column("in continuous time" if step is None else f"at {rate(1 / step)}", "", lambda row: row.title),
-        Column("worst case" if uncertain else "worst" if several else "these gains", "", lambda row: row.worst),
-        *([Column("nominal", "", lambda row: row.nominal)] if uncertain else []),
-        Column("required", "", lambda row: row.required),
-        Column("met", "", lambda row: "" if row.met is None else yes(row.met)),
-        Column("at", "", lambda row: at_frequency(row.omega, "", hertz)),
-        *([Column(STATE, "", lambda row: row.where)] if several else []),
-        *([Column(use.column, "", lambda row: row.to_use)] if use.margins is not None else []),
+        Column("in continuous time" if step is None else f"at {rate(1 / step)}", "title", title),
+        Column("worst case" if uncertain else "worst" if several else "these gains", "worst", worst),
+        Column("nominal" if uncertain else "", "nominal", nominal),
+        Column("required", "required", lambda name: requirement(asked, name, 3)),
+        Column("met", "met", met, shown=lambda name: "" if met(name) is None else yes(met(name))),
+        Column("at", "omega", omega, shown=lambda name: at_frequency(omega(name), "", hertz)),
+        Column(STATE if several else "", "where", lambda name: study.worst[name].title if several else study.case_of(name)),
+        Column(heading if to_use is not None else "", "to_use", after),
+        Column("", "name", lambda name: name),
     ]
+
+
+def verdict_facts(study: Analysis, sentence: str, to_use: Margins | None) -> dict[str, Any]:
+    """What stands first on the app's page; `to_use`: see verdict_columns."""
+    columns = verdict_columns(study, to_use)
+    return {
+        "sentence": sentence,
+        "tone": tone(study.verdict),
+        "rows": [facts(columns, name) for name in study.worst],
+        "stable": study.stable,
+        "stable_in_range": study.stable_in_range,
+        "met": study.requirements_met,
+        "unmet": list(study.unmet),
+    }
 
 
 @dataclass(frozen=True)
@@ -276,7 +275,7 @@ def _heading(study: Analysis, place: str, only: str = "") -> str:
 def verdict_lines(study: Analysis, to_use: ToUse) -> list[Part]:
     """What stands first in the terminal: gains to use with what is said of them, and every requirement at its worst."""
     drops = ("at", "nominal", to_use.column, "required")
-    rows = Grid.of("", verdict_columns(study, to_use), verdict_rows(study, to_use.margins), drops)
+    rows = Grid.of("", verdict_columns(study, to_use.margins, to_use.column), study.worst, drops)
     return [*do_this(to_use), rows] if to_use.lines else [rows]
 
 
@@ -286,5 +285,5 @@ def gains_box(study: "JointStudy | RobotStudy", found: ToUse) -> Html | str:
         return ""
     if found.margins is None:  # the cards say as much
         return advice_box(found)
-    columns = [column for column in verdict_columns(study, found) if column.title not in ("at", STATE)]
-    return advice_box(found, table(*tabulated(columns, verdict_rows(study, found.margins)), sorts=False))
+    columns = [one for one in verdict_columns(study, found.margins, found.column) if one.title not in ("at", STATE)]
+    return advice_box(found, table(*tabulated(columns, study.worst), sorts=False))

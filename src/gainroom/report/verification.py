@@ -17,7 +17,7 @@ from .margin_columns import requirement
 from .number_format import digits, hertz, model_text
 from .page import Card, Html, Lead, Section, advice_box, beside, figure, page, table
 from .page_parts import assumptions
-from .verification_text import CASE, WITNESSES, at_nominal, furthest, left_out, percent, sentence, size, what_to_do
+from .verification_text import CASE, WITNESSES, VerificationPresentation, at_nominal, furthest, left_out, percent, sentence, size
 
 MARKS = {"linear": ("circle", style.BLUE, 11, -0.18), "mujoco": ("diamond", style.ORANGE, 11, 0.18)}
 """By witness: symbol, colour, size, and the place in its case's row."""
@@ -145,8 +145,9 @@ def growth(system: System, limit: float) -> Html:
     return figure({"data": traces, "layout": layout}, "Vibration starts where its growth rate changes sign", caption, 400, narrow)
 
 
-def verification_page(system: System, result: Verification, command: str, study_call: str = "") -> str:
-    """The report as one HTML page; `command` is the command that makes it, `study_call`: see what_to_do."""
+def verification_page(shown: VerificationPresentation, command: str) -> str:
+    """The report as one HTML page; `command` is the command that makes it."""
+    system, result = shown.system, shown.result
     limit, wrong = result.cases[0].predicted_gain, [case for case in result.cases if not case.agrees]
     sample_time, what, model = system.control.sample_time, "a robot", "Robot linearised about each posture, all loops closed"
     if not result.of_robot:
@@ -166,7 +167,7 @@ def verification_page(system: System, result: Verification, command: str, study_
     said = [f"left out: {warning}" for warning in result.warnings]
     state = "bare" if result.least.enough is False or result.least.predicted_gain <= 1 else "good"
     headline = "" if result.agrees else "Simulation and prediction disagree: do not rely on the predicted limit"
-    lead = Lead(sentence(result), state if result.agrees else "bad", headline, said, advice_box(what_to_do(result, study_call)))
+    lead = Lead(sentence(result), state if result.agrees else "bad", headline, said, advice_box(shown.advice))
     return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, command)
 
 

@@ -1,15 +1,19 @@
-"""The outcome of a verification in sentences, and its cases as columns."""
+"""The outcome of a verification in sentences, its cases as columns, and all of it in one record."""
 
 import math
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 from ..errors import apart, at_frequency, listed
 from ..studies.verification import Case, Verification
 from ..system.requirements import Requirements
-from .columns import Column, yes
+from ..system.system import System
+from .columns import Column, facts, yes
 from .margin_columns import short_text
 from .number_format import digits
 from .page import Advice
+from .presentation import Grid, Part, Presentation, closing, do_this
 from .words import NOT_SAFE, UNSTABLE
 
 
@@ -30,23 +34,6 @@ def sentence(result: Verification) -> str:
 def at_nominal(result: Verification) -> str:
     """Of which values a limit is, where the file has ranges; else nothing."""
     return ", at nominal values" if result.uncertain else ""
-
-
-def what_to_do(result: Verification, study_call: str = "") -> Advice | None:
-    """What the limit means for these gains; None where simulation and prediction disagree. `study_call`: judges all margins."""
-    if not result.agrees:
-        return None
-    least, study_call = result.least, study_call or f"gainroom {'robot' if result.of_robot else 'joint'} FILE"
-    if not least.predicted_gain < math.inf:
-        return Advice("The prediction may be relied on: no factor on these gains makes it vibrate.")
-    if not least.predicted_gain > 1:
-        return Advice(
-            "These gains are UNSTABLE, beyond a limit that may be relied on. Find gains that meet every requirement:", [study_call]
-        )
-    if least.enough is False:
-        return Advice("Find gains that meet every requirement:", [study_call])
-    ranges = ", in the file's ranges too" if result.uncertain else ""
-    return Advice(f"The limit may be relied on. It is one margin of several; judge all{ranges}:", [study_call])
 
 
 def _compared_text(result: Verification) -> str:
@@ -148,3 +135,45 @@ SHORT = [
 def size(value: float) -> float:
     """Of a difference; infinite where there is none to compare."""
     return math.inf if math.isnan(value) else abs(value)
+
+
+@dataclass(frozen=True)
+class VerificationPresentation(Presentation):
+    """All that is shown of a verification; `call`: judges all margins."""
+
+    system: System
+    result: Verification
+
+    @property
+    def advice(self) -> Advice | None:
+        """What the limit means for these gains; None where simulation and prediction disagree."""
+        if not self.result.agrees:
+            return None
+        least, ranges = self.result.least, ", in the file's ranges too" if self.result.uncertain else ""
+        if not least.predicted_gain < math.inf:
+            return Advice("The prediction may be relied on: no factor on these gains makes it vibrate.")
+        if not least.predicted_gain > 1:
+            return Advice(
+                "These gains are UNSTABLE, beyond a limit that may be relied on. Find gains that meet every requirement:", [self.call]
+            )
+        if least.enough is False:
+            return Advice("Find gains that meet every requirement:", [self.call])
+        return Advice(f"The limit may be relied on. It is one margin of several; judge all{ranges}:", [self.call])
+
+    def facts(self) -> dict[str, Any]:
+        return {
+            "agrees": self.result.agrees,
+            "sentence": sentence(self.result),
+            "cases": [facts(CASE, case) for case in self.result.cases],
+            "warnings": list(self.result.warnings),
+        }
+
+    def screens(self, verbose: bool) -> Iterator[list[Part]]:
+        yield [
+            sentence(self.result),
+            *do_this(self.advice),
+            "",
+            Grid.of("Factor on all gains at which vibration starts, and its frequency", SHORT, self.result.cases, ("difference",)),
+            *(f"Left out: {warning}" for warning in self.result.warnings),
+            *closing(self.files),
+        ]
