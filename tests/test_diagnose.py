@@ -127,7 +127,7 @@ def test_a_joint_that_runs_away_is_said_to(tmp_path: Path, position, vibrates: b
     status, out, _ = run("diagnose", tmp_path / "log.csv")
     away = abs(values[-1]) > abs(values[0])
     assert status == int(away)
-    assert out.startswith("Vibrates") == vibrates
+    assert out.startswith("Not safe: vibrates") == vibrates
     assert ("uns away" in out) == away
 
 

@@ -108,7 +108,7 @@ def test_the_command_reports_them(tmp_path: Path):
     )
     status, out, err = run("diagnose", tmp_path / "log.csv")
     assert status == 1
-    assert out.startswith("Vibrates at 90.6 Hz")
+    assert out.startswith("Not safe: vibrates at 90.6 Hz")
     assert "1 row was left out" in (out + err).replace("\n", " ")
     facts = json.loads(run("diagnose", tmp_path / "log.csv", "--json")[1])
     assert facts["log"]["outliers"] == 1

@@ -15,6 +15,7 @@ from ..system.margin_units import to_db
 from .log_text import logged_facts, logged_remarks
 from .number_format import digits, hertz, motion, typed_gains
 from .presentation import Part, Presentation, closing
+from .words import NOT_SAFE
 
 if TYPE_CHECKING:
     from ..files.logs import LoggedJoint
@@ -63,7 +64,8 @@ def sentence(found: Diagnosis) -> str:
     seen, driven, away = found.oscillation, found.search.driven, found.search.away
     if found.ran_away and not found.vibrates:
         assert away is not None
-        return f"Runs away without swinging: the log ends {motion(away.size)} off the set-point. No cause of a vibration explains that."
+        ends = f"the log ends {motion(away.size)} off the set-point"
+        return f"{NOT_SAFE}: runs away without swinging; {ends}. No cause of a vibration explains that."
     if not found.vibrates:
         text = "No vibration."
         if found.toggles and seen is not None:
@@ -80,7 +82,7 @@ def sentence(found: Diagnosis) -> str:
             text += f" The joint follows its set-point, whose largest part is at {frequency_text(driven)}."
         return text
     assert seen is not None
-    text = f"Vibrates at {frequency_text(seen.vibration.frequency)}, {growth(seen)}, by {size(seen)}. "
+    text = f"{NOT_SAFE}: vibrates at {frequency_text(seen.vibration.frequency)}, {growth(seen)}, by {size(seen)}. "
     if away is not None:
         text += f"It runs away: the log ends {motion(away.size)} off the set-point. "
     cause = found.cause

@@ -99,7 +99,10 @@ def _decisive_title(study: RobotStudy) -> str:
     if motion is None:
         return "Vibration at the limit"
     one = REQUIREMENTS[study.decisive]
-    what, text = "What fails" if study.unmet else "What is tightest", one.text(one.value(motion.state.counted))
+    what, text = (
+        "What is open" if study.sway_is_open else "What fails" if study.unmet else "What is tightest",
+        one.text(one.value(motion.state.counted)),
+    )
     return f"{what}: {one.label} {text} in {motion.title}, at {hertz(motion.limit.frequency)}"
 
 
@@ -227,7 +230,8 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
             return margin_card(asked, one.name, least, f"nominal {one.text(nominal)}, {where}", label=f"{label}, worst")
         return margin_card(asked, one.name, nominal, where, label=label)
 
-    return [card(REQUIREMENTS[name], state) for name, state in study.worst.items()]
+    cards = {name: card(REQUIREMENTS[name], state) for name, state in study.worst.items()}
+    return [replace(one, met=None) if study.sway_is_open and name in study.swaying else one for name, one in cards.items()]
 
 
 def _in_range(study: RobotStudy) -> str:

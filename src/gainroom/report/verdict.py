@@ -50,6 +50,9 @@ def verdict_columns(study: Analysis, to_use: Margins | None, heading: str = "new
         found = asked.met(name, study.least(study.worst[name], name))
         return found if found is None or study.stable_in_range else False
 
+    def is_open(name: str) -> bool:
+        return study.sway_is_open and name in study.swaying
+
     def worst(name: str) -> str:
         return text(name, study.least(study.worst[name], name), met(name)) if study.stable_in_range else "unstable"
 
@@ -69,7 +72,7 @@ def verdict_columns(study: Analysis, to_use: Margins | None, heading: str = "new
         Column("worst case" if uncertain else "worst" if several else "these gains", "worst", worst),
         Column("nominal" if uncertain else "", "nominal", nominal),
         Column("required", "required", lambda name: requirement(asked, name, 3)),
-        Column("met", "met", met, shown=lambda name: "" if met(name) is None else yes(met(name))),
+        Column("met", "met", met, shown=lambda name: "" if met(name) is None else "open" if is_open(name) else yes(met(name))),
         Column("at", "omega", omega, shown=lambda name: at_frequency(omega(name), "", hertz)),
         Column(STATE if several else "", "where", lambda name: study.worst[name].title if several else study.case_of(name)),
         Column(heading if to_use is not None else "", "to_use", after),

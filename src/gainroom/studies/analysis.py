@@ -18,9 +18,8 @@ from ..system.system import Balance, System
 from .deciding_joints import deciding_joints_in
 from .over_uncertainty import Worst, unknown_first
 from .progress import Progress, quiet
-from .readings import read
 from .state import State, limit_headroom, limiting_joints, state_of
-from .verdict import Finding, Level, Verdict, judged, missed
+from .verdict import Finding, Level, Read, Verdict, judged, missed
 
 THIS_STATE = "this state"
 KEYS = {
@@ -249,7 +248,14 @@ def analyzed(system: System, states: Iterable[State]) -> Analysis:
 def verdict_of(study: Analysis) -> Verdict:
     """The verdict on a system analysed."""
     found = (*found_unstable(study), *found_missed(study), *rests_on(study))
-    return judged(study.system, study.remedies, found, lambda level: read(study.system, unsafe_first(found, study.states), level))
+    return judged(study.system, study.remedies, found, lambda level: read_as(study.system, found, study.states, level))
+
+
+def read_as(system: System, found: Iterable[Finding], states: Sequence[State], level: Level) -> Read:
+    """What the readings of a system decide (readings.py), in the states with what makes it unsafe first."""
+    from .readings import read  # types of gearboxes, which a joint does without
+
+    return read(system, unsafe_first(found, states), level)
 
 
 def unsafe_first(findings: Iterable[Finding], states: Sequence[State]) -> list[State]:

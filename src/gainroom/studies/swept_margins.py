@@ -15,10 +15,9 @@ from ..errors import GainroomError
 from ..system.requirement import Requirement
 from ..system.requirements import Requirements
 from ..system.system import StateCase
-from .analysis import KEYS, Analysis, found_missed, found_unstable, rests_on, unsafe_first
+from .analysis import KEYS, Analysis, found_missed, found_unstable, read_as, rests_on
 from .loop_numbers import margins_of, moves, with_certified_delay
 from .progress import Progress, quiet
-from .readings import read
 from .state import State, state_of
 from .sway import without_sway
 from .sweep.plan import SweepPlan
@@ -148,7 +147,7 @@ def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
         findings.append(Finding("judged_in_sample", "safe", {"postures": worst.count}))
     if found.uncertified and "not_certified" not in codes:
         findings.append(Finding("not_certified", "safe", {"postures": found.uncertified}))
-    return judged(system, KEYS, findings, lambda level: read(system, unsafe_first(findings, studied.states), level))
+    return judged(system, KEYS, findings, lambda level: read_as(system, findings, studied.states, level))
 
 
 def _found(found: SweepSummary, worst: WorstStates, studied: Analysis) -> Iterator[Finding]:

@@ -11,10 +11,9 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..errors import GainroomError, computable
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .analysis import KEYS, unsafe_first, unstable
+from .analysis import KEYS, read_as, unstable
 from .deciding_joints import deciding_joints_in
 from .progress import Progress, quiet
-from .readings import read
 from .state import State, path_headroom
 from .verdict import Finding, Verdict, judged, missed
 
@@ -121,9 +120,7 @@ class PathStudy:
         uncertified = [case.title for case in self.nominal if not case.margins.certified]
         if uncertified:
             found.append(Finding("not_certified", "safe", state=", ".join(filter(None, uncertified))))
-        return judged(
-            self.system, KEYS, found, lambda level: read(self.system, unsafe_first(found, [case.state for case in self.nominal]), level)
-        )
+        return judged(self.system, KEYS, found, lambda level: read_as(self.system, found, [case.state for case in self.nominal], level))
 
     @property
     def requirements_met(self) -> bool | None:
