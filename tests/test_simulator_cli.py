@@ -170,13 +170,14 @@ def test_terminal_and_page_say_what_json_says(leg: Path, tmp_path: Path, capsys:
 def test_a_page_of_gains_that_only_the_robot_holds_is_not_good(leg: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Gearboxes are given, so that the robot's verdict has no condition; MuJoCo takes its own actuators implicitly, a program's not."""
     page = tmp_path / "audit.html"
-    options = ["--delay-ms", "0.1", "--stiffness", "50000", "--damping", "20", "--report", str(page)]
+    options = ["--delay-ms", "0.1", "--rate-hz", "10000", "--stiffness", "50000", "--damping", "20", "--report", str(page)]
     for kind, holds in (("implicit", True), ("explicit", False)):
         _, answer = told(capsys, leg, *options, "--pd", kind)
         assert answer["requirements_met"]
         assert answer["simulator"]["stable"] == holds
         own = page.read_text("utf-8")
-        assert f'<body class="{"good" if holds else "warn"}">' in own
+        assert f'<body class="{"good" if holds else "bad"}">' in own
+        assert ("On the robot: Safe" in own) == (not holds)
         assert ("unstable in the simulator" in own.partition("Do this")[0]) == (not holds)
 
 

@@ -166,7 +166,10 @@ class _Readings:
         if over.safe:
             return None
         spring, damper = (_span(getattr(over.worst_look, name)[varied]) for name in ("stiffness", "damping"))
-        return Reading(f"gearboxes of {spring} N·m/rad and {damper} N·m·s/rad", "unsafe")
+        slides = self.system.source.prismatic[varied]
+        units = ("N/m", "N·s/m") if slides.all() else ("N·m/rad", "N·m·s/rad")
+        also = " (N/m, N·s/m of prismatic joints)" if slides.any() and not slides.all() else ""
+        return Reading(f"gearboxes of {spring} {units[0]} and {damper} {units[1]}{also}", "unsafe")
 
 
 def _span(values: Floats) -> str:
