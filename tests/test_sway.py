@@ -257,3 +257,39 @@ def test_a_vibration_stays_one_whoever_damps_sway(tmp_path: Path, capsys):
         status, facts = answered(capsys, "robot", standing(tmp_path, balance=balance, control=control))
         assert (status, facts["verdict"]) == (1, "unsafe")
         assert found(facts, "sway") is None
+
+
+def test_gains_that_the_weight_topples_are_not_called_safe_where_nothing_is_said_of_it(tmp_path: Path, capsys):
+    """By hand: the weight turns the torso over its ankle with m g h = 314 N m/rad, which kp 200 does not hold and kp 400 does."""
+    model = {"file": "robot.urdf", "base": "floating"}
+    for kp, gravity, balance, level in (
+        (200.0, None, None, "undecided"),
+        (200.0, False, None, "safe"),
+        (200.0, True, None, "unsafe"),
+        (200.0, None, "controller", "safe"),
+        (200.0, None, "joints", "undecided"),
+        (400.0, None, None, "safe"),
+    ):
+        control = {"type": "pd", "feedback": "motor", "kp": kp, "kd": 100.0, "sample_rate_hz": 1 / TICK}
+        said = model if gravity is None else model | {"gravity_stiffness": gravity}
+        file = standing(tmp_path, balance=balance, control=control, model=said)
+        for command in (("robot", file), ("sweep", file, "--grid", "ankle=0:0.000000001:2")):
+            status, facts = answered(capsys, *command)
+            assert (facts["verdict"], status) == (level, STATUS[level]), (kp, gravity, balance, command[0])
+        assert (found(facts, "topples_with_weight") is not None) == (level == "undecided")
+    (tmp_path / "gains.yaml").write_text(yaml.safe_dump({"ankle": {"kp": 200.0, "kd": 50.0, "motor_inertia": ROTOR}}), "utf-8")
+    call = [
+        "audit",
+        tmp_path / "robot.urdf",
+        "--gains",
+        tmp_path / "gains.yaml",
+        "--delay-ms",
+        "2",
+        "--rate-hz",
+        "1000",
+        "--stiffness",
+        "inf",
+    ]
+    call += ["--base", "floating", "--contact", "foot"]
+    assert answered(capsys, *call)[1]["verdict"] == "undecided"
+    assert answered(capsys, *call, "--balance", "controller")[1]["verdict"] == "safe"

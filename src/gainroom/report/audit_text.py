@@ -34,7 +34,7 @@ from .page import Advice
 from .presentation import Grid, Legend, Part, Presentation, closing, do_this, folded, warned_first
 from .robot_columns import AUDITED_JOINT, audited_joints, audited_states, joint_caption, legend
 from .robot_text import free_joints, unconfirmed
-from .words import SOFTER, UNSTABLE, headline, in_simulator, unsafe_joints
+from .words import SOFTER, UNSTABLE, headline, in_simulator, unsafe_joints, without_motors
 
 if TYPE_CHECKING:
     from ..studies.audited_workspace import AuditedWorkspace
@@ -69,7 +69,7 @@ def verdict(result: Audit) -> str:
     if result.stable or result.verdict.level != "unsafe":
         text = headline(result, over)
     else:
-        text = f"{UNSTABLE}{over} with {_given(result)} of delay{_mainly(result)}."
+        text = f"{UNSTABLE}{over} with {_given(result)} of delay{_mainly(result)}.{without_motors(result)}"
     return " ".join(filter(None, [text, unsafe_joints(unsafe, len(result.joints)) if unsafe and not result.sway_is_open else "", readings]))
 
 
@@ -223,6 +223,8 @@ def what_to_do(
     if result.open:
         calls = [_with_option(call, one.option) for one in result.readings]
         return Advice("Find out which of these it is, and audit again:", calls)
+    if any(one.code == "topples_with_weight" for one in result.verdict.deciding) and result.verdict.level == "undecided":
+        return Advice("Where a controller above the joints holds the robot up, say so:", [f"{call} --balance controller"])
     if result.safe:
         return _to_decide(result, call)
     if result.sway_is_open:

@@ -181,6 +181,7 @@ TO_WRITE = {
     "gearbox_unknown": "`stiffness` and `damping` of the gearboxes under `joints` (`stiffness: rigid` where there is none)",
     "motor_inertia_unknown": "the motors' inertia under `joints` (motor_inertia)",
     "sway": "who damps the sway: `balance: joints` where nothing else holds the robot up, or `balance: controller`",
+    "topples_with_weight": "under `model` whether the weight counts (`gravity_stiffness`: false where the controller compensates it)",
     "nothing_required": "what is required under `limits`",
 }
 """What to write into a file where it decides, by a finding's code."""

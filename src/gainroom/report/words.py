@@ -41,14 +41,15 @@ def headline(study: "Analysis", where: str = "", reading: str = "") -> str:
     if level == "safe":
         return f"{LEVELS[level]}{where}: {_all_met(study)}.{_left_to_a_controller(study)}"
     if not study.stable:
-        return f"{UNSTABLE}."
+        return f"{UNSTABLE}.{without_motors(study)}"
     if study.unstable_case:
         return f"{LEVELS[level]}: stable nominally, but not everywhere in the uncertainty ranges: unstable {_case(study)}."
     other = [OTHERS[one.code] for one in study.verdict.deciding if one.code in OTHERS]
     if not study.unmet:
         return f"{LEVELS[level]}{where}: {listed(other)}."
     there = where if len(study.states) == 1 else ""
-    return f"{stable_but(_known_to_fail(study), _time(study))}{there}{_failing(study)}.{_nominally(study)}{_of_sway(study)}"
+    rest = f"{_nominally(study)}{_of_sway(study)}{without_motors(study)}"
+    return f"{stable_but(_known_to_fail(study), _time(study))}{there}{_failing(study)}.{rest}"
 
 
 OTHERS = {
@@ -56,6 +57,12 @@ OTHERS = {
     "unsafe_at_usual_rates": "at every usual rate of the loop too little is left of what is required",
 }
 """Reasons beside a system's own states why it is unsafe, by a finding's code."""
+
+
+def without_motors(study: "Analysis") -> str:
+    """A sentence where an unsafe verdict was computed with motors without inertia, as it was not given; "" elsewhere."""
+    found = [one for one in study.verdict.findings if one.code == "motor_inertia_unknown"]
+    return f" Motor inertias, which are not given, count as 0 here ({found[0].remedy})." if found else ""
 
 
 def stable_but(count: int, time: str = "") -> str:
@@ -136,6 +143,9 @@ REASONS: "Mapping[str, Callable[[Finding], str]]" = {
     "motor_inertia_unknown": lambda one: f"the inertia of {_whose(one, 'the motors', 'the motor of')} is not given ({one.remedy})",
     "implausible": lambda one: "; ".join(one.joints),
     "sway": lambda one: f"{_swaying(one)}, and who has to damp that is not said ({one.remedy}: joints or controller)",
+    "topples_with_weight": lambda one: (
+        f"with its weight the robot topples on these gains in {one.state}, and whether that is compensated is not said ({one.remedy})"
+    ),
     "nothing_required": lambda one: f"no margin is required ({one.remedy})",
 }
 """Reasons why nothing is decided, by a finding's code."""

@@ -28,6 +28,7 @@ KEYS = {
     "motor_inertia_unknown": "joints: motor_inertia",
     "nothing_required": "limits",
     "sway": "balance",
+    "topples_with_weight": "model.gravity_stiffness, or balance: controller",
 }
 """Keys of a joint.yaml or robot.yaml that give what is not known, by a finding's code."""
 
@@ -303,10 +304,20 @@ def sway_found(system: System, states: Sequence[State], remedy: str) -> list[Fin
     return [Finding("sway", levels[system.balance], values, state.title, joints, "" if system.balance else remedy)]
 
 
+def found_toppling(study: Analysis) -> Iterator[Finding]:
+    """A state in which gains that are safe without the robot's weight topple with it, where nobody said whether it counts."""
+    if study.stable_in_range and not study.unmet and study.system.balance != "controller":
+        toppling = next((state for state in study.states if state.topples_with_weight), None)
+        if toppling is not None:
+            remedy = study.remedies["topples_with_weight"]
+            yield Finding("topples_with_weight", "undecided", state=study.title_of(toppling), remedy=remedy)
+
+
 def rests_on(study: Analysis) -> Iterator[Finding]:
     """Findings that a verdict rests on: what it does not cover, or was looked at and not proved."""
     if study.stable_in_range and not study.unmet and study.requirements_met is None:
         yield Finding("range_sampled", "safe")
+    yield from found_toppling(study)
     if study.immobile:
         yield Finding("immobile", "safe", state=", ".join(state.title for state in study.immobile))
     uncertified = [state.title for state in study.states if not state.margins.certified]
