@@ -99,7 +99,8 @@ def test_safe_is_both_margins_of_a_population(capsys: pytest.CaptureFixture[str]
             assert told["phase_margin_deg"] == pytest.approx(math.degrees(phase), rel=1e-2, abs=0.01)
             assert told["peak_sensitivity"] == pytest.approx(peak, rel=1e-3)
         if kind == "delay alone":
-            assert told["sentence"].startswith("Not safe: stable in continuous time, but 1 requirement fails: delay margin ")
+            assert told["verdict"] in ("unsafe", "undecided")  # no rate is given: with one less or more may be left
+            assert ": delay margin " in told["sentence"]
             assert [joint["safe"] for joint in told["joints"]] == [False]
 
 

@@ -49,6 +49,8 @@ def read(system: System, states: Sequence[State], level: Level) -> Read:
 
     states   those in which it moves, with what makes it unsafe first
     """
+    if not states:  # nothing moves in any, so that nothing can be looked at
+        return Read("undecided", dict.fromkeys(system.source.unknown, ()))
     if not system.rate_is_missing:
         return _Readings(system, states, level).read()
     rates, every = list[Reading](), list[_Readings]()

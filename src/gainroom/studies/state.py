@@ -178,7 +178,7 @@ class State:
         source = self.system.source
         if source.body is None or source.gravity is not None or self.system.control.space == "task" or not self.limit.stable:
             return False
-        model = source.linearize(self.posture, self.contact, weight=True)
+        model = source.linearize(self.model.posture, self.model.contact, weight=True)
         weighed = replace(self, model=model)
         return model.gravity_stiffness is not None and weighed.moves and not weighed.stable
 
