@@ -41,13 +41,13 @@ def stays_unstable(loop: Loop, omega: float, gain: float) -> bool:
 
 def root_near(loop: Loop, s: complex) -> complex | None:
     """The closed-loop root that Newton's method finds from `s` [rad/s], to 1e-9 of its size; None where it finds none."""
-    found = _corrected(loop, s, 1.0, EXACT)
+    found = _corrected(loop, s, 1.0, EXACT, 2 * ROUNDS)
     return None if found is None else complex(found[0])
 
 
-def _corrected(loop: Loop, s: complex, gain: float, close: float = CLOSE) -> tuple[complex, complex] | None:
+def _corrected(loop: Loop, s: complex, gain: float, close: float = CLOSE, rounds: int = ROUNDS) -> tuple[complex, complex] | None:
     """The root near s with all gains times `gain`, and the slope of 1/λ there; None where there is none nearby."""
-    for _ in range(ROUNDS if close == CLOSE else 2 * ROUNDS):
+    for _ in range(rounds):
         inverse, slope = _inverse(loop, s, gain)
         move = -(gain + inverse) / slope
         if not np.isfinite(move) or s.imag + move.imag <= 0:

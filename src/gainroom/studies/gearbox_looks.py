@@ -92,8 +92,7 @@ class Looks:
 
     def step(self, omega: float, near: float) -> float:
         """From `omega` to the next softer look: at resonances of joints `near` times theirs; inf where no delay turns their phase."""
-        lag = max(drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in self.system.drives)
-        lag += self.system.control.sample_time or 0.0
+        lag = self.system.lag
         fine = max(STEPS.turn / (lag * near), omega / STEPS.most) if lag * near > 0 else math.inf
         return min(fine, omega * (1 - 1 / STEPS.factor))
 

@@ -49,9 +49,7 @@ def sway_of(case: StateCase, loop: Loop) -> Sway | None:
     from ..robot.sway import bands, slow_modes  # the whole robot, which a joint does without
 
     modes = slow_modes(case.model, loop.parts.controller, case.system.control.feedback)
-    drives = loop.parts.drives
-    lag = max(drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in drives) + (loop.sample_time or 0.0)
-    swaying = tuple(one for one in modes if one.sways and lag * one.frequency <= LATE)
+    swaying = tuple(one for one in modes if one.sways and case.system.lag * one.frequency <= LATE)
     if not swaying:
         return None
     found = [(_root(loop, one), one) for one in swaying]

@@ -155,6 +155,12 @@ class System(Generic[Source]):
         return max(drive.delay for drive in self.drives)
 
     @property
+    def lag(self) -> float:
+        """The longest of its drives' delays with their current loops, and a tick of hold and velocity difference [s]."""
+        longest = max(drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in self.drives)
+        return longest + (self.control.sample_time or 0.0)
+
+    @property
     def rate_is_missing(self) -> bool:
         """Continuous time that nobody asked for, and a delay as only a sampled loop has one, without what sampling adds to it."""
         control = self.control
