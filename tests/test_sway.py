@@ -60,6 +60,15 @@ def standing(folder: Path, arm: dict[str, float] | None = None, root: str = "tor
     return file
 
 
+def call_of(folder: Path, kp: float, kd: float, *gearbox: str) -> list[str | Path]:
+    """An audit of the torso's model on its foot, with these gains of the ankle, at 2 ms and 1 kHz."""
+    standing(folder)
+    gains = folder / "gains.yaml"
+    gains.write_text(yaml.safe_dump({"ankle": {"kp": kp, "kd": kd, "motor_inertia": ROTOR}}), "utf-8")
+    call = ["audit", folder / "robot.urdf", "--gains", gains, "--delay-ms", "2", "--rate-hz", "1000", *gearbox]
+    return [*call, "--base", "floating", "--contact", "foot"]
+
+
 def answered(capsys: pytest.CaptureFixture[str], *words: str | Path) -> tuple[int, dict[str, Any]]:
     status = main([*map(str, words), "--json"])
     return status, json.loads(capsys.readouterr().out)
@@ -174,22 +183,7 @@ def test_who_damps_sway_decides_in_every_command(tmp_path: Path, capsys):
 
 
 def test_the_audit_of_a_model_asks_and_takes_the_answer(tmp_path: Path, capsys):
-    standing(tmp_path)
-    gains = {"ankle": {"kp": KP, "kd": KD, "motor_inertia": ROTOR}}
-    (tmp_path / "gains.yaml").write_text(yaml.safe_dump(gains), "utf-8")
-    call = [
-        "audit",
-        tmp_path / "robot.urdf",
-        "--gains",
-        tmp_path / "gains.yaml",
-        "--delay-ms",
-        "2",
-        "--rate-hz",
-        "1000",
-        "--stiffness",
-        "inf",
-    ]
-    call += ["--base", "floating", "--contact", "foot"]
+    call = call_of(tmp_path, KP, KD, "--stiffness", "inf")
     status, facts = answered(capsys, *call)
     assert (status, facts["verdict"]) == (3, "undecided")
     assert facts["to_use"] is None  # lower gains would sway as well
@@ -217,22 +211,7 @@ def test_the_audit_of_a_model_asks_and_takes_the_answer(tmp_path: Path, capsys):
 
 def test_gearboxes_of_a_range_leave_sway_to_whom_it_belongs(tmp_path: Path, capsys):
     """A harmonic drive of 21 kN m/rad and more beside kp 400 hardly moves the mode: what it is judged by is who damps it, in every look."""
-    standing(tmp_path)
-    gains = {"ankle": {"kp": KP, "kd": KD, "motor_inertia": ROTOR}}
-    (tmp_path / "gains.yaml").write_text(yaml.safe_dump(gains), "utf-8")
-    call = [
-        "audit",
-        tmp_path / "robot.urdf",
-        "--gains",
-        tmp_path / "gains.yaml",
-        "--delay-ms",
-        "2",
-        "--rate-hz",
-        "1000",
-        "--gearbox",
-        "harmonic",
-    ]
-    call += ["--base", "floating", "--contact", "foot"]
+    call = call_of(tmp_path, KP, KD, "--gearbox", "harmonic")
     for more, level in ((), "undecided"), (("--balance", "joints"), "unsafe"), (("--balance", "controller"), "safe"):
         assert answered(capsys, *call, *more)[1]["verdict"] == level
 
@@ -277,19 +256,36 @@ def test_gains_that_the_weight_topples_are_not_called_safe_where_nothing_is_said
             status, facts = answered(capsys, *command)
             assert (facts["verdict"], status) == (level, STATUS[level]), (kp, gravity, balance, command[0])
         assert (found(facts, "topples_with_weight") is not None) == (level == "undecided")
-    (tmp_path / "gains.yaml").write_text(yaml.safe_dump({"ankle": {"kp": 200.0, "kd": 50.0, "motor_inertia": ROTOR}}), "utf-8")
-    call = [
-        "audit",
-        tmp_path / "robot.urdf",
-        "--gains",
-        tmp_path / "gains.yaml",
-        "--delay-ms",
-        "2",
-        "--rate-hz",
-        "1000",
-        "--stiffness",
-        "inf",
-    ]
-    call += ["--base", "floating", "--contact", "foot"]
+    call = call_of(tmp_path, 200.0, 50.0, "--stiffness", "inf")
     assert answered(capsys, *call)[1]["verdict"] == "undecided"
     assert answered(capsys, *call, "--balance", "controller")[1]["verdict"] == "safe"
+
+
+FOLDED = math.pi / 2
+"""[rad] of the waist: the trunk then lies level, and the weight is half as high over the ankle."""
+
+
+@pytest.mark.parametrize("grid", [f"waist=0:{FOLDED}:3", f"waist={-FOLDED}:0:3"])
+def test_a_sweep_finds_the_posture_in_which_the_weight_topples_wherever_it_stands(grid: str, tmp_path: Path, capsys):
+    """By hand, of a trunk on a waist half way up: m g h over the ankle is 314 N m/rad upright and 157 folded; kp 230 holds the latter."""
+    bodies = link("pelvis", 0.1, (0.0, 0.0, 0.0), (0.01, 0.01, 0.01)) + link("trunk", MASS, (0.0, 0.0, HEIGHT / 2), (OWN, OWN, 0.3))
+    joints = hinge("ankle", "pelvis", "foot", at=(0.0, 0.0, -HEIGHT / 2)) + hinge("waist", "pelvis", "trunk")
+    foot = link("foot", 1e-3, (0.0, 0.0, 0.0), (1e-6, 1e-6, 1e-6))
+    control = {"type": "pd", "feedback": "motor", "kp": {"ankle": 230.0, "waist": 400.0}, "kd": {"ankle": 120.0, "waist": 60.0}}
+    more = {
+        "model": {"file": "robot.urdf", "base": "floating"},
+        "control": control | {"sample_rate_hz": 1 / TICK},
+        "postures": {"folded": {"waist": FOLDED}, "upright": {"waist": 0.0}},
+    }
+    file = standing(tmp_path, **more)
+    (tmp_path / "robot.urdf").write_text(f'<robot name="standing">{bodies}{foot}{joints}</robot>', "utf-8")
+    for command in (("robot", file), ("sweep", file, "--grid", grid, "--posture", "upright")):
+        status, facts = answered(capsys, *command)
+        assert (facts["verdict"], status) == ("undecided", 3), facts["sentence"]
+        toppling = found(facts, "topples_with_weight")
+        assert toppling is not None
+        assert "folded" not in toppling["state"]
+    folded = yaml.safe_load(file.read_text("utf-8"))
+    del folded["postures"]["upright"]
+    file.write_text(yaml.safe_dump(folded), "utf-8")
+    assert answered(capsys, "robot", file)[1]["verdict"] == "safe"

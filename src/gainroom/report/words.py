@@ -161,11 +161,13 @@ def _swaying(one: "Finding") -> str:
 
 def _of_sway(study: "Analysis") -> str:
     """A sentence where what is missed is the sway of the base, which the joints are said to damp."""
-    names = [REQUIREMENTS[name].heading for name in study.swaying]
+    names = [REQUIREMENTS[name].title for name in study.swaying]
     found = [one for one in study.verdict.findings if one.code == "sway"]
     if not names or not found:
         return ""
-    whose = "This is no vibration" if len(names) == len(study.unmet) else f"Of {listed(names)} alone it is no vibration"
+    whose = "This is no vibration"
+    if len(names) < len(study.unmet):
+        whose = f"{listed(names)} {'are' if len(names) > 1 else 'is'} missed by sway alone, which is no vibration".capitalize()
     return f" {whose}: {_swaying(found[0])}."
 
 

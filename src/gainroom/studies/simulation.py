@@ -17,7 +17,6 @@ from ..simulation.tracking import Tracking, track
 from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS
 from .analysis import Analysis, analyzed
-from .deciding_joints import deciding_joints
 from .joint import study_joint
 from .loop_numbers import margins_of, moves
 from .oscillation import Oscillation, oscillation_in, torque_ripple_of
@@ -102,13 +101,6 @@ class Outcome:
         if self.margins is None or self.spec.system.uncertainty.names:
             return None
         return self.spec.system.requirements.met(name, REQUIREMENTS[name].value(self.margins)) or None
-
-    def joint_that_misses(self, name: str) -> str:
-        """The joint that moves most where the linear loop misses a requirement; "" of one joint, and where none is known."""
-        names = self.run.joint_names
-        if self.margins is None or len(names) == 1:
-            return ""
-        return next(iter(deciding_joints(self.spec.loop(self.gain), self.margins, tuple(names), name)), "")
 
     @cached_property
     def gain_to_try(self) -> float:

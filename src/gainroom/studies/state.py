@@ -176,11 +176,11 @@ class State:
     def topples_with_weight(self) -> bool:
         """True where the weight, of which the file does not say whether it counts, makes the joints' gains unstable."""
         source = self.system.source
-        if source.body is None or source.gravity is not None or self.system.control.space == "task" or not self.limit.stable:
+        if source.body is None or source.gravity is not None or self.system.control.space == "task":
             return False
         model = source.linearize(self.model.posture, self.model.contact, weight=True)
         weighed = replace(self, model=model)
-        return model.gravity_stiffness is not None and weighed.moves and not weighed.stable
+        return model.gravity_stiffness is not None and weighed.moves and not weighed.stable and self.limit.stable
 
     @cached_property
     def worst_case(self) -> Worst:

@@ -63,6 +63,7 @@ class WorstStates:
     lowest, random   postures of each contact state that were chosen so
     count, random_count   judged in all, and of those chosen at random; everywhere: that is all there are
     requirements     besides the gain margin, which is among them where it is missed by one joint alone
+    toppling         a state of the sample that the weight topples, where all requirements are met; None: there is none
     """
 
     states: tuple[State, ...] = ()
@@ -72,6 +73,7 @@ class WorstStates:
     random_count: int = 0
     everywhere: bool = False
     requirements: tuple[SampledRequirement, ...] = ()
+    toppling: State | None = None
 
     @property
     def unmet(self) -> dict[str, SampledRequirement]:
@@ -122,14 +124,15 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
     random_count = sum(one.key in sample.random for one, _ in looked)
     every = len(looked) == plan.states
     lowest = max(len(contact.worst[: max(each, 1)]) for contact in found.contacts)
-    return WorstStates(states, lowest, min(each, plan.postures.count), len(looked), random_count, every, tuple(sampled))
+    toppling = next(filter(None, (_toppling(one, plan) for one, _ in looked)), None) if all(one.met for one in sampled) else None
+    return WorstStates(states, lowest, min(each, plan.postures.count), len(looked), random_count, every, tuple(sampled), toppling)
 
 
 def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
     """The verdict on every posture that was swept: what `gainroom robot` finds where it is worst, and what is not known of all."""
     system, lowest = found.plan.system, found.worst_posture
-    sampled = [state for one in worst.requirements for state in (one.state, one.without_sway) if state is not None]
-    studied = Analysis(system, tuple(dict.fromkeys([*worst.states, *sampled])))
+    sampled = [state for one in worst.requirements for state in (one.state, one.without_sway)]
+    studied = Analysis(system, tuple(dict.fromkeys(state for state in (*worst.states, *sampled, worst.toppling) if state is not None)))
     findings = [*_found(found, worst, studied)] if studied.states else []
     codes = {one.code for one in findings}
     title = "" if lowest is None else f"{lowest.name}/{found.plan.contacts[lowest.contact]}"
@@ -213,6 +216,12 @@ def _balanced(one: SweptPosture, plan: SweepPlan, found: Margins) -> Margins:
     """`found`, the margins of a posture, with a controller that damps sway."""
     system, contact = replace(one.system(plan), balance="controller"), plan.contacts[one.contact]
     return without_sway(StateCase(one.name, contact, "", system, system.source.linearize(one.name, contact)), found)
+
+
+def _toppling(one: SweptPosture, plan: SweepPlan) -> State | None:
+    """The state of a posture that the weight topples, of which nothing is said; None of others."""
+    state = state_of(one.system(plan), one.name, plan.contacts[one.contact], ("moves",))
+    return state if state.topples_with_weight else None
 
 
 def _in_full(one: SweptPosture, plan: SweepPlan) -> State | None:
