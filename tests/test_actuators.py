@@ -20,9 +20,13 @@ DEFAULT = ActuatorEntry(rotor_inertia=1e-4, gear_ratio=100.0, stiffness=1e4, dam
 NO_ARMATURE = np.zeros(4)
 
 
+def moved() -> np.ndarray:
+    return np.array([1.0, 2.0, 3.0, 4.0])
+
+
 def test_later_entries_win_key_by_key():
     entries = {"default": DEFAULT, ".*_knee": ActuatorEntry(gear_ratio=144.0), "l_.*": ActuatorEntry(stiffness=5e3, link_viscous=0.3)}
-    found, warnings = actuators_of(merge_entries(entries, NAMES), NAMES, NO_ARMATURE)
+    found, warnings = actuators_of(merge_entries(entries, NAMES), NAMES, NO_ARMATURE, moved)
     assert_allclose(found.motor_inertia, [1.0, 1e-4 * 144**2, 1.0, 1e-4 * 144**2], rtol=1e-15)
     assert_allclose(found.stiffness, [5e3, 5e3, 1e4, 1e4])
     assert_allclose(found.damping, 1.0)
@@ -53,7 +57,7 @@ def test_a_name_that_is_also_a_pattern_means_itself():
 
 def test_armature_is_used_where_nothing_is_given_and_said():
     entries = merge_entries({"l_.*": ActuatorEntry(motor_inertia=0.2)}, NAMES)
-    found, warnings = actuators_of(entries, NAMES, np.array([0.1, 0.1, 0.1, 0.0]))
+    found, warnings = actuators_of(entries, NAMES, np.array([0.1, 0.1, 0.1, 0.0]), moved)
     assert_allclose(found.motor_inertia, [0.2, 0.2, 0.1, 0.0])
     assert np.all(np.isinf(found.stiffness))
     armature, bare, rigid = warnings
@@ -64,10 +68,18 @@ def test_armature_is_used_where_nothing_is_given_and_said():
     assert "rigid, so limits are optimistic: l_hip, l_knee, r_hip;" in rigid
 
 
-def test_an_elastic_joint_needs_an_inertia():
-    entries = merge_entries({"default": ActuatorEntry(stiffness=1e4)}, NAMES)
-    assert_refused(lambda: actuators_of(entries, NAMES, NO_ARMATURE), ["joint 'l_hip'", "stiffness 10000", "motor_inertia"])
-    assert_allclose(actuators_of(entries, NAMES, np.full(4, 0.3))[0].motor_inertia, 0.3)
+def test_an_elastic_joint_without_an_inertia_has_a_tenth_of_what_it_moves_and_it_is_said():
+    entries = merge_entries({"default": ActuatorEntry(damping=1.0), "l_.*": ActuatorEntry(stiffness=1e4)}, NAMES)
+    found, (guess, bare) = actuators_of(entries, NAMES, NO_ARMATURE, moved, elastic=["r_hip"])
+    assert_allclose(found.motor_inertia, [0.1, 0.2, 0.3, 0.0])
+    assert found.without_inertia.all()
+    assert_allclose(found.guessed, [True, True, True, False])
+    assert np.isnan(found.known["motor_inertia"][:3]).all()
+    assert "a tenth of what the motor moves [kg m²]: l_hip 0.1, l_knee 0.2, r_hip 0.3; give motor_inertia" in guess
+    assert "rigid with motor inertia 0: r_knee" in bare
+    found, _ = actuators_of(entries, NAMES, np.full(4, 0.3), moved)
+    assert_allclose(found.motor_inertia, 0.3)
+    assert not found.without_inertia.any()
 
 
 @pytest.mark.parametrize(
@@ -79,7 +91,7 @@ def test_an_elastic_joint_needs_an_inertia():
     ],
 )
 def test_half_a_motor_is_refused(entry: ActuatorEntry, words: list[str]):
-    assert_refused(lambda: actuators_of((entry,) * 4, NAMES, NO_ARMATURE), words)
+    assert_refused(lambda: actuators_of((entry,) * 4, NAMES, NO_ARMATURE, moved), words)
 
 
 def test_drives_differ_where_an_entry_says_so():

@@ -1,5 +1,7 @@
 """A slip is answered with the line that mends it: the right command, the right pattern, the right shape. Exit status 2, one line."""
 
+import json
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ from gainroom.cli.example import example_texts
 from gainroom.files.gain_files import parse_gains
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.robot.name_patterns import select
+from gainroom.studies.verdict import STATUS
 from refusals import assert_refused
 from robot_files import ROBOT, write_arm
 
@@ -161,10 +164,15 @@ def test_an_option_is_named_by_its_own_name(folder: Path, capsys: pytest.Capture
     assert "--workspace: 0 postures; from 1 to" in said
 
 
-def test_missing_motor_inertia_may_be_given_joint_by_joint(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_motor_inertia_that_is_missing_is_guessed_and_asked_for(folder: Path, capsys: pytest.CaptureFixture[str]):
     (folder / "gains.yaml").write_text('".*_knee": {kp: 100, kd: 3}\n', "utf-8")
-    said = line(capsys, "audit gainroom:biped.urdf --delay-ms 2 --gains gains.yaml --gearbox harmonic")
-    assert "--motor-inertia, of all joints or JOINT=NUMBER of each, or motor_inertia of each joint in gains.yaml" in said
+    call = ["audit", "gainroom:biped.urdf", "--delay-ms", "2", "--gains", "gains.yaml", "--gearbox", "harmonic", "--json"]
+    assert main(call) == STATUS["unsafe"]
+    facts = json.loads(capsys.readouterr().out)
+    (guess,) = (text for text in facts["assumptions"] if "a tenth of what the motor moves" in text)
+    assert re.search(r"right_knee [\d.]+", guess)
+    assert "give motor_inertia" in guess
+    assert "--motor-inertia" in facts["sentence"]
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ gain margin is a scan of the closed loop's eigenvalues, phase margin and Ms are 
 what is required, which is more than either grid leaves out.
 """
 
+import itertools
 import json
 import math
 import re
@@ -208,6 +209,59 @@ def test_motors_that_nobody_described_are_read_from_none_to_what_they_move(name:
     assert answer(capsys, "robot", given)["verdict"] == every[1.0]
 
 
+ON_SPRINGS = {
+    "safe with any": (60.0, 14.0, "safe"),
+    "unsafe with any": (3e3, 300.0, "unsafe"),
+    "safe with little": (100.0, 7.0, "undecided"),
+    "safe with much": (300.0, 40.0, "undecided"),
+}
+"""kp, kd at 1 kHz and 2 ms, and what they are over a motor of a tenth of what it moves and one of all of it, on SPRING."""
+SPRING = (2e4, 20.0)
+
+
+@pytest.mark.parametrize("name", ON_SPRINGS)
+def test_motors_on_springs_that_nobody_described_are_read_from_a_tenth_of_what_they_move(name: str, tmp_path: Path, capsys):
+    kp, kd, level = ON_SPRINGS[name]
+    every = {share: Hand(share * LOAD, *SPRING, 2e-3, 1e3).level(kp, kd) for share in (0.1, 1.0)}
+    assert "near" not in every.values()
+    assert ("undecided" if len(set(every.values())) > 1 else every[0.1]) == level
+    spring = {"stiffness": SPRING[0], "damping": SPRING[1]}
+    facts = answer(capsys, "robot", robot(tmp_path, spring, kp, kd, 2.0, 1e3))
+    assert facts["verdict"] == level
+    told = of_code(facts, "motor_inertia_unknown")
+    assert ("readings" in told) == (level == "undecided")
+    for one in told.get("readings", ()):
+        assert one["verdict"] == every[float(re.findall(r"[\d.]+", one["reading"])[0])]
+    assert [each["motor_inertia"] for each in facts["actuators"]] == [None]  # a guess is no value
+    for share, truth in every.items():  # the key decides
+        given = robot(tmp_path, {**spring, "motor_inertia": share * LOAD}, kp, kd, 2.0, 1e3)
+        assert answer(capsys, "robot", given)["verdict"] == truth
+
+
+OF_A_TYPE = {"safe with any": (30.0, 6.0, "safe"), "unsafe with any": (2e3, 238.0, "unsafe"), "safe with much": (60.0, 14.0, "undecided")}
+"""kp, kd at 1 kHz and 2 ms on harmonic gearboxes."""
+
+
+@pytest.mark.parametrize("name", OF_A_TYPE)
+def test_motors_on_a_type_of_gearbox_are_read_with_all_of_its_range(name: str, tmp_path: Path, capsys):
+    kp, kd, level = OF_A_TYPE[name]
+    kind, every = TYPES["harmonic"], {}
+    for share in (0.1, 1.0):
+        ends = itertools.product(np.geomspace(*kind.resonance, 9), kind.damping_ratio)
+        levels = {Hand(share * LOAD, *gearbox(share * LOAD, *end), 2e-3, 1e3).level(kp, kd) for end in ends}
+        every[share] = "unsafe" if "unsafe" in levels else levels.pop()
+    assert ("undecided" if len(set(every.values())) > 1 else every[0.1]) == level
+    pendulum(tmp_path)
+    (tmp_path / "gains.yaml").write_text(f"gains: {{hip: {{kp: {kp}, kd: {kd}}}}}\n", "utf-8")
+    call = ["audit", tmp_path / "arm.urdf", "--gains", tmp_path / "gains.yaml", "--delay-ms", "2", "--rate-hz", "1000"]
+    facts = answer(capsys, *call, "--gearbox", "harmonic")
+    assert facts["verdict"] == level
+    for one in of_code(facts, "motor_inertia_unknown").get("readings", ()):
+        assert one["verdict"] == every[float(re.findall(r"[\d.]+", one["reading"])[0])]
+    for share, truth in every.items():
+        assert answer(capsys, *call, "--gearbox", "harmonic", "--motor-inertia", str(share * LOAD))["verdict"] == truth
+
+
 ORDINARY = {
     "direct": (("--gearbox", "direct"), 60.0, 14.0),
     "rigid": (("--stiffness", "inf"), 60.0, 14.0),
@@ -216,6 +270,10 @@ ORDINARY = {
     "too much": (("--gearbox", "direct"), 60.0, 900.0),
     "too much on a spring": (("--stiffness", "20000", "--damping", "20", "--motor-inertia", "0.5"), 4000.0, 600.0),
     "too much for a type": (("--gearbox", "planetary", "--motor-inertia", "0.5"), 4000.0, 600.0),
+    "on a spring alone": (("--stiffness", "20000", "--damping", "20"), 60.0, 14.0),
+    "of a type alone": (("--gearbox", "harmonic"), 30.0, 6.0),
+    "too much on a spring alone": (("--stiffness", "20000", "--damping", "20"), 3000.0, 300.0),
+    "too much for a type alone": (("--gearbox", "harmonic"), 2000.0, 238.0),
 }
 """What is typed of gearboxes beside the delay and the rate, kp and kd; nothing else is known of the URDF."""
 

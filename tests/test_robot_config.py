@@ -299,7 +299,6 @@ def test_load_robot_carries_its_file(folder: Path):
         ("gear_ratio: 50", "gear_ratio: -50", "joints.'.*_knee'.gear_ratio: -50 must be > 0", ""),
         ("gear_ratio: 50", "gear_ratio: 50, motor_inertia: 1", "joint 'l_knee': gear_ratio has no meaning beside", ""),
         ("rotor_inertia: 1.0e-4, ", "", "joint 'l_hip': gear_ratio needs rotor_inertia", ""),
-        ("rotor_inertia: 1.0e-4, gear_ratio: 100, ", "motor_viscous: 0, ", "joint 'l_hip': stiffness 10000 N", "no armature"),
         ('".*_knee": {gear', '".*_elbow": {gear', "joints.'.*_elbow' matches no joint", "joints: l_hip, l_knee"),
         ('".*_knee": {gear', '"(": {gear', "joints.'(' is not a regular expression", ""),
         ("drive: {", "  locked: [arm_.*]\ndrive: {", "", "'arm_.*' matches no joint"),

@@ -293,9 +293,10 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
             refuse_long_delay(1e-3 * (file.drive.delay_ms or 0.0), sample_time, owner)
         spec = robot_spec(file, str(path), lambda: path, known_body=body)
         ranges, kept = _gearboxes(options, spec, source)
-        if ranges is not None and any(ranges.direct):  # as if each had been said to be rigid
+        if ranges is not None:  # as if each that is direct had been said to be rigid
             sections = _without_gearboxes(sections, spec.source.joint_names, ranges.direct)
-            spec = robot_spec(validate(RobotFile, sections, ""), str(path), lambda: path, known_body=body)
+            elastic = [name for name, kind in zip(spec.source.joint_names, ranges.types, strict=True) if kind]
+            spec = robot_spec(validate(RobotFile, sections, ""), str(path), lambda: path, known_body=body, elastic=elastic)
         ranges = ranges if ranges is not None and any(ranges.types) else None
     with named(str(source)):
         spec = examined(spec)
@@ -349,10 +350,7 @@ def _gearboxes(options: AuditOptions, spec: System, source: Path) -> tuple[Gearb
     """What --gearbox says, None: nothing, and where it has no effect. Raises GainroomError."""
     if not options.gearboxes:
         return None, []
-    motors = spec.source.actuators
-    ranges = gearbox_range(
-        options.gearboxes, spec.source.joint_names, ~motors.assumed_rigid, motors.motor_inertia, "--gearbox", _inertia_from(source)
-    )
+    ranges = gearbox_range(options.gearboxes, spec.source.joint_names, ~spec.source.actuators.assumed_rigid, "--gearbox")
     return ranges, ranges.without_effect("--gearbox", source)
 
 
@@ -396,12 +394,6 @@ def _as_the_file_says(options: AuditOptions, found: JointGains, source: Path) ->
     if options.gains_run == "split" and options.rate_hz is None:
         raise GainroomError("--gains-run split: needs --rate-hz, at which kp runs on the host")
     return options, read
-
-
-def _inertia_from(source: Path) -> str:
-    """How motors' inertias are given, alike and joint by joint; `source`: of the gains."""
-    key = "armature" if source.suffix.lower() in (".xml", ".mjcf") or ".py" in source.name else "motor_inertia"
-    return f"--motor-inertia, of all joints or JOINT=NUMBER of each, or {key} of each joint in {source}"
 
 
 def _slight_damping(body: RigidBody, found: JointGains, options: AuditOptions) -> str:

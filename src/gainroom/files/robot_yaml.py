@@ -5,7 +5,7 @@ SI and radians except where a key's name carries another unit. Keys that name jo
 
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence, Sized
+from collections.abc import Callable, Collection, Mapping, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from ..robot.contact import Contact
 from ..robot.formats.model_files import has_base, load_model
 from ..robot.formats.model_names import is_name, locate
 from ..robot.name_patterns import DEFAULT, assign, strongest
-from ..robot.robot import Posture, Robot
+from ..robot.robot import Posture, Robot, moved_inertia
 from ..robot.tasks import Task
 from ..system.actuator_entry import ActuatorEntry
 from ..system.linear.arrays import Floats
@@ -74,10 +74,18 @@ def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool =
     return replace(system, assumptions=(*system.assumptions, usual))
 
 
-def robot_spec(file: RobotFile, name: str, path: Callable[[], Path], folder: Path = Path(), known_body: RigidBody | None = None) -> System:
+def robot_spec(
+    file: RobotFile,
+    name: str,
+    path: Callable[[], Path],
+    folder: Path = Path(),
+    known_body: RigidBody | None = None,
+    elastic: Collection[str] = (),
+) -> System:
     """In SI: the robot `name` with the model at `path`, its joints' files in `folder`.
 
     known_body   that model without locked joints, if it is read
+    elastic      joints whose gearboxes are elastic though the file does not say how stiff
 
     Raises GainroomError where sections contradict each other or the model.
     """
@@ -91,10 +99,12 @@ def robot_spec(file: RobotFile, name: str, path: Callable[[], Path], folder: Pat
         # Patterns may name joints that are locked or passive: to lock a joint, one line is enough.
         step(lambda: assign({key: 0 for key, each in file.joints.entries.items() if each.is_section}, body().every_joint, "joints"))
         entries = step(lambda: _entries(file, folder, body()))
-        described = step(lambda: actuators_of(entries(), body().joint_names, body().armature))
         drives = step(lambda: drives_of(entries(), drive()))
         postures = step(lambda: _postures(file, path(), base()[0], body()))
         contacts = step(lambda: _contact_states(file, body()))
+        described = step(
+            lambda: actuators_of(entries(), body().joint_names, body().armature, lambda: moved_inertia(postures(), contacts()), elastic)
+        )
         step(lambda: _refuse_many(file.postures or {}, file.contacts or {}))
         tasks = step(lambda: _tasks(file, body()))
         control = step(lambda: _control(file, body(), sample_time))

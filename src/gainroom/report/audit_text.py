@@ -34,7 +34,7 @@ from .page import Advice
 from .presentation import Grid, Legend, Part, Presentation, closing, do_this, folded, warned_first
 from .robot_columns import AUDITED_JOINT, audited_joints, audited_states, joint_caption, legend
 from .robot_text import free_joints, unconfirmed
-from .words import SOFTER, UNSTABLE, headline, in_simulator, unsafe_joints, without_motors
+from .words import SOFTER, UNSTABLE, headline, in_simulator, motor_inertias, unsafe_joints, without_motors
 
 if TYPE_CHECKING:
     from ..studies.audited_workspace import AuditedWorkspace
@@ -263,8 +263,9 @@ def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:
     """Where gains with the required margins are known, as motors without inertia need them."""
     how = "Give the motors' inertias (rotor inertia × gear ratio²), as `motor_inertia` of each joint in the file of gains or with"
     multiply = _multiply(result, found)
-    without = f"Where they are really 0: {multiply[0].lower()}{multiply[1:]}; then {_required(result)}."
-    folded = f"With motor inertia 0, {_factors(result, found)}, the others as they are:"
+    what = motor_inertias(result)
+    without = f"Where they are really {what}: {multiply[0].lower()}{multiply[1:]}; then {_required(result)}."
+    folded = f"With motor inertias of {what}, {_factors(result, found)}, the others as they are:"
     return Advice(f"{how} `--motor-inertia`, and audit again.", (), [without], (folded, _gain_file(result, found)))
 
 
@@ -281,9 +282,10 @@ AGAIN = "Then audit the gains that `gainroom robot` finds, with `--gains` and th
 def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
     """The gains to use, with all that is known of the joints' actuators but what the model says itself, and a posture not typed."""
     source = result.system.source
-    inertia = source.actuators.motor_inertia
+    actuators = result.given_actuators
+    inertia = actuators["motor_inertia"]
     own = np.where((inertia > 0) & (inertia != source.body.armature), inertia, math.nan)
-    lines = gain_file(source.joint_names, {**found.gains, "motor_inertia": own, **result.given_gearboxes})
+    lines = gain_file(source.joint_names, {**found.gains, **actuators, "motor_inertia": own})
     angles = {} if result.tightest.posture == GIVEN else {name: angle for name, angle in result.angles.items() if angle}
     beside = [f"joint_damping: {result.joint_damping}"] * (result.joint_damping is not None)
     beside += posture_lines(angles) if angles else []
@@ -298,8 +300,7 @@ def _to_decide(result: Audit, call: str) -> Advice:
     if rigid.any():
         given.append("your gearboxes (their type, or `--stiffness` and `--damping`)")
         if rigid.all():
-            known = np.any(result.system.source.actuators.motor_inertia > 0)
-            options += " --gearbox harmonic" if known else " --stiffness 10000 --damping 10"
+            options += " --gearbox harmonic"
     if not given:
         return Advice("These gains may stay.")
     remarks = [SOFTER] if rigid.any() else []

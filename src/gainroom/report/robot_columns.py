@@ -221,8 +221,8 @@ def worst_facts(study: "Analysis", name: str) -> dict[str, Any]:
 
 
 def actuator_facts(system: "System") -> list[dict[str, Any]]:
-    """Motor, gearbox, friction and delay of each joint in JSON; None: a rigid gearbox, and no friction."""
-    columns = {"motor_inertia": system.source.quantities["motor_inertia"], **system.source.actuators.known}
+    """Motor, gearbox, friction and delay of each joint in JSON; None: a guessed inertia, a rigid gearbox, and no friction."""
+    columns = system.source.actuators.known
     rows = zip(system.source.joint_names, system.drives, *(column.tolist() for column in columns.values()), strict=True)
     return [{"name": name, "delay_ms": 1e3 * drive.delay, **dict(zip(columns, values, strict=True))} for name, drive, *values in rows]
 

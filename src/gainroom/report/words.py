@@ -62,7 +62,16 @@ OTHERS = {
 def without_motors(study: "Analysis") -> str:
     """A sentence where an unsafe verdict was computed with motors without inertia, as it was not given; "" elsewhere."""
     found = [one for one in study.verdict.findings if one.code == "motor_inertia_unknown"]
-    return f" Motor inertias, which are not given, count as 0 here ({found[0].remedy})." if found else ""
+    return f" Motor inertias, which are not given, count as {motor_inertias(study)} here ({found[0].remedy})." if found else ""
+
+
+def motor_inertias(study: "Analysis") -> str:
+    """What motor inertias count as that nobody gave: 0 on rigid gearboxes, a share of what they move on elastic ones."""
+    from ..robot.actuators import LIKELY  # of robots, which a joint does without
+
+    actuators, share = study.system.source.actuators, f"{LIKELY:g} × what they move"
+    guessed = actuators.guessed[actuators.without_inertia]
+    return share if guessed.all() else f"0 (elastic joints: {share})" if guessed.any() else "0"
 
 
 def stable_but(count: int, time: str = "") -> str:
@@ -116,7 +125,7 @@ def _otherwise(study: "Analysis") -> str:
 def _as_computed(study: "Analysis") -> str:
     """The numbers that do not decide, a sentence."""
     codes = {one.code for one in study.verdict.findings}
-    assumed = [text for code, text in ASSUMED.items() if code in codes]
+    assumed = [text(study) for code, text in ASSUMED.items() if code in codes]
     as_read = f"{' and '.join(assumed)}".capitalize() if assumed else "As it was read"
     if not study.stable:
         return f"{as_read} the gains are unstable."
@@ -131,10 +140,10 @@ def _as_computed(study: "Analysis") -> str:
     return f"{as_read} {_all_met(study)}."
 
 
-ASSUMED = {
-    "rate_unknown": "in continuous time",
-    "gearbox_unknown": "with rigid gearboxes",
-    "motor_inertia_unknown": "with motor inertias of 0",
+ASSUMED: "Mapping[str, Callable[[Analysis], str]]" = {
+    "rate_unknown": lambda study: "in continuous time",
+    "gearbox_unknown": lambda study: "with rigid gearboxes",
+    "motor_inertia_unknown": lambda study: f"with motor inertias of {motor_inertias(study)}",
 }
 """Assumptions that a system was computed with, by a finding's code."""
 REASONS: "Mapping[str, Callable[[Finding], str]]" = {

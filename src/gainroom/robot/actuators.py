@@ -5,7 +5,7 @@ either by its inertia on the joint side or by rotor inertia and gear ratio: J_m 
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,10 +14,16 @@ from ..errors import GainroomError, first_of_many, require_positive
 from ..system.actuator_entry import ActuatorEntry
 from ..system.drive import Drive
 from ..system.linear.arrays import Booleans, Floats
-from ..system.plausibility import NO_DATA, NO_STIFFNESS
+from ..system.plausibility import NO_DATA, NO_INERTIA, NO_STIFFNESS
 from .name_patterns import assign
 
 NOT_NUMBERS = ("unknown", "uninformed")
+LIKELY = 0.1
+"""Of the inertia that a motor moves, its own where nobody has given it and its gearbox is elastic.
+
+Published joints lie between 0.05 (WALK-MAN's hip) and 1, where gear ratios match both inertias (Pasch and Seering 1984); readings
+(studies/readings.py) look at 1, too.
+"""
 
 
 @dataclass(frozen=True)
@@ -30,7 +36,7 @@ class Actuators:
     motor_viscous, link_viscous   viscous friction to ground [N m s/rad]
     effort_limit    of the torque [N m], inf: not known; no margin depends on it, and it goes along with the gains
     unknown   (n,) True where nobody has said how stiff the gearbox is: such a one counts as rigid; None: so are all that count as rigid
-    uninformed   (n,) True where nobody has given a motor inertia, which counts as 0; None: nowhere
+    uninformed   (n,) True where nobody has given a motor inertia: it counts as 0, or LIKELY on an elastic gearbox; None: nowhere
     """
 
     motor_inertia: Floats
@@ -68,19 +74,28 @@ class Actuators:
 
     @property
     def without_inertia(self) -> Booleans:
-        """(n,) the motors whose inertia counts as 0 because nobody has given one."""
-        none = self.motor_inertia == 0
-        return none & self.uninformed if self.uninformed is not None else np.zeros_like(none)
+        """(n,) the motors whose inertia nobody has given."""
+        return self.uninformed if self.uninformed is not None else np.zeros(len(self.motor_inertia), dtype=bool)
+
+    @property
+    def guessed(self) -> Booleans:
+        """(n,) the motors whose inertia is LIKELY because nobody has given one."""
+        return self.without_inertia & (self.motor_inertia > 0)
 
     @property
     def known(self) -> dict[str, Floats]:
-        """Stiffness, damping, link_viscous and effort_limit, (n,) each.
+        """Motor inertia, stiffness, damping, link_viscous and effort_limit, (n,) each.
 
-        NaN where a gearbox is rigid, a link has no friction, and a torque no limit.
+        NaN where an inertia is guessed, a gearbox is rigid, a link has no friction, and a torque no limit.
         """
+        inertia = np.where(self.guessed, math.nan, self.motor_inertia)
         found = {key: np.where(np.isfinite(self.stiffness), getattr(self, key), math.nan) for key in ("stiffness", "damping")}
         limit = np.where(np.isfinite(self.effort_limit), self.effort_limit, math.nan)
-        return found | {"link_viscous": np.where(self.link_viscous > 0, self.link_viscous, math.nan), "effort_limit": limit}
+        return (
+            {"motor_inertia": inertia}
+            | found
+            | {"link_viscous": np.where(self.link_viscous > 0, self.link_viscous, math.nan), "effort_limit": limit}
+        )
 
 
 def merge_entries(entries: Mapping[str, ActuatorEntry], joint_names: Sequence[str]) -> tuple[ActuatorEntry, ...]:
@@ -97,37 +112,46 @@ def merge_entries(entries: Mapping[str, ActuatorEntry], joint_names: Sequence[st
     return tuple(merged)
 
 
-def actuators_of(entries: Sequence[ActuatorEntry], joint_names: Sequence[str], armature: Floats) -> tuple[Actuators, tuple[str, ...]]:
+def actuators_of(
+    entries: Sequence[ActuatorEntry],
+    joint_names: Sequence[str],
+    armature: Floats,
+    moved: Callable[[], Floats],
+    elastic: Collection[str] = (),
+) -> tuple[Actuators, tuple[str, ...]]:
     """The actuators of merged entries, one per joint, and what had to be assumed.
 
     armature   (n,) reflected rotor inertia found in the model file, 0 where none [kg m²]: used where an entry names no inertia
+    moved      (n,) the inertia that each motor moves [kg m²], of which LIKELY is used where an elastic joint has no other
+    elastic    joints whose gearboxes are elastic though their entries do not say how stiff
 
-    Raises GainroomError where a joint's motor is half described, or an elastic joint has no inertia.
+    Raises GainroomError where a joint's motor is half described.
     """
     inertia = np.zeros(len(joint_names))
-    from_file, without, bare, undamped = [], [], [], []
+    from_file, without, bare, undamped, guessed = [], [], [], [], {}
     for k, (name, entry) in enumerate(zip(joint_names, entries, strict=True)):
         owner = f"joint {name!r}"
         given = entry.reflected(owner)
         inertia[k] = armature[k] if given is None else given
-        elastic = entry.stiffness is not None and math.isfinite(entry.stiffness)
+        soft = entry.stiffness is not None and math.isfinite(entry.stiffness)
         if given is None and armature[k] > 0:
             from_file.append(f"{name} {armature[k]:.4g}")
-        elif given is None and elastic:
-            raise GainroomError(
-                f"{owner}: stiffness {entry.stiffness:g} N·m/rad needs a motor inertia, and the model file has no armature: give "
-                "motor_inertia, or rotor_inertia with gear_ratio (--motor-inertia of audit)"
-            )
+        elif given is None and (soft or name in elastic):
+            inertia[k] = LIKELY * moved()[k]
+            guessed[name] = f"{name} {inertia[k]:.4g}"
         elif given is None:
             (without if entry.stiffness is None else bare).append(name)
-        if elastic and not entry.damping:
+        if soft and not entry.damping:
             undamped.append(name)
     warnings = []
     if from_file:
         warnings.append(f"motor inertia [kg m²] is the model file's armature where none is given: {first_of_many(from_file)}")
+    if guessed:
+        warnings.append(f"{NO_INERTIA} [kg m²]: {first_of_many([*guessed.values()])}; give motor_inertia")
     if without:
         warnings.append(f"{NO_DATA} are rigid with motor inertia 0: {first_of_many(without)}; give motor_inertia and stiffness")
-    rigid = [name for name, entry in zip(joint_names, entries, strict=True) if entry.stiffness is None and name not in without]
+    others = {*without, *elastic}
+    rigid = [name for name, entry in zip(joint_names, entries, strict=True) if entry.stiffness is None and name not in others]
     if rigid:
         warnings.append(
             f"{NO_STIFFNESS}, so limits are optimistic: {first_of_many(rigid)}; give stiffness and damping, or stiffness: rigid"
@@ -140,7 +164,7 @@ def actuators_of(entries: Sequence[ActuatorEntry], joint_names: Sequence[str], a
     for name in ("stiffness", "effort_limit"):
         columns[name] = np.array([math.inf if (value := getattr(entry, name)) is None else value for entry in entries])
     unknown = np.array([entry.stiffness is None for entry in entries])
-    uninformed = np.isin(joint_names, without + bare)
+    uninformed = np.isin(joint_names, [*without, *bare, *guessed])
     return Actuators(motor_inertia=inertia, **columns, unknown=unknown, uninformed=uninformed), tuple(warnings)
 
 

@@ -72,15 +72,10 @@ class GearboxRange:
         return [f"{option} has no effect where {count} from {source}: {first_of_many(self.known)}; {advice}"] * bool(self.known)
 
 
-def gearbox_range(
-    typed: Sequence[str], joint_names: Sequence[str], given: Booleans, motor_inertia: Floats, option: str, inertia_from: str
-) -> GearboxRange:
+def gearbox_range(typed: Sequence[str], joint_names: Sequence[str], given: Booleans, option: str) -> GearboxRange:
     """What TYPE and PATTERN=TYPE say of joints, the later winning; a joint whose stiffness is `given` (n,) keeps that.
 
-    motor_inertia (n,) [kg m²]
-    inertia_from  how it is given, for a message
-
-    Raises GainroomError, which names the `option`, for an unknown type, a pattern that matches nothing and a motor without inertia.
+    Raises GainroomError, which names the `option`, for an unknown type and a pattern that matches nothing.
     """
     types, known = [""] * len(joint_names), [False] * len(joint_names)
     for text in typed:
@@ -92,9 +87,6 @@ def gearbox_range(
             types[k] = "" if known[k] else name
     direct = tuple(name == DIRECT for name in types)
     types = ["" if name == DIRECT else name for name in types]
-    bare = [name for name, kind, inertia in zip(joint_names, types, motor_inertia.tolist(), strict=True) if kind and inertia <= 0]
-    if bare:
-        raise GainroomError(f"{option}: the gearbox of joint {bare[0]!r} needs its motor's inertia: give {inertia_from}")
     ends = [(*TYPES[kind].resonance, *TYPES[kind].damping_ratio) if kind else (math.nan,) * 4 for kind in types]
     kept = tuple(itertools.compress(joint_names, known))
     return GearboxRange(*np.array(ends).reshape(-1, 4).T, types=tuple(types), direct=direct, known=kept)

@@ -47,10 +47,7 @@ def linearize(body: "RigidBody", actuators: "Actuators", q: Floats, contacts: Se
     holding = held(body, q, contacts)
     inertia = body.mass_matrix(q)
     _require_mass(body, inertia)
-    motion = free_motion(inertia, holding.jacobian[holding.rigid])
-    joints = motion[body.nv - body.size :]  # S R
-    # Where the joints are all that moves, nothing is projected, and W is A⁻¹ to the last bit.
-    inverse = joints @ joints.T if holding.rigid.any() or body.nv > body.size else np.linalg.inv(inertia)
+    motion, joints, inverse = _links(body, inertia, holding)
     return RobotModel(
         link_inverse_inertia=inverse,
         motor_inertia=actuators.motor_inertia,
@@ -67,6 +64,22 @@ def linearize(body: "RigidBody", actuators: "Actuators", q: Floats, contacts: Se
         contacts=contacts,
         held=holding,
     )
+
+
+def _links(body: "RigidBody", inertia: Floats, holding: Held) -> tuple[Floats, Floats, Floats]:
+    """The free motion R (nv, r), its rows of the joints S R (n, r), and W (n, n) = S R Rᵀ Sᵀ, without springs of contacts."""
+    motion = free_motion(inertia, holding.jacobian[holding.rigid])
+    joints = motion[body.nv - body.size :]
+    # Where the joints are all that moves, nothing is projected, and W is A⁻¹ to the last bit.
+    inverse = joints @ joints.T if holding.rigid.any() or body.nv > body.size else np.linalg.inv(inertia)
+    return motion, joints, inverse
+
+
+def link_inverse_inertia(body: "RigidBody", q: Floats, contacts: Sequence[Contact] = ()) -> Floats:
+    """W (n, n) without springs of contacts; arguments and errors are those of linearize."""
+    inertia = body.mass_matrix(q)
+    _require_mass(body, inertia)
+    return _links(body, inertia, held(body, q, tuple(contacts)))[2]
 
 
 def gravity_stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact] = ()) -> Floats:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -92,6 +93,11 @@ class Robot:
         each = {name: np.broadcast_to(np.asarray(value, dtype=float), len(self.joint_names)) for name, value in values.items()}
         return replace(self, actuators=replace(self.actuators, **each))
 
+    @cached_property
+    def moved_inertia(self) -> Floats:
+        """(n,) the inertia that each motor moves, the largest over all states [kg m²]."""
+        return moved_inertia(self.postures, self.contacts)
+
     def linearize(self, posture: str | None = None, contact: str | None = None, weight: bool = False) -> "RobotModel":
         """The plant about one posture in one contact state; without names, the first ones.
 
@@ -121,6 +127,26 @@ class Robot:
         if not self.stack:
             raise GainroomError(f"{self.name}: there are no tasks")
         return tasks_of(model, self.stack, rotors)
+
+
+def moved_inertia(postures: Mapping[str, Posture], contacts: "Mapping[str, tuple[Contact, ...]]") -> Floats:
+    """(n,) the inertia that each joint's motor moves, 1/W_ii, the largest over all postures and contact states [kg m²].
+
+    A joint that cannot move, W_ii = 0, gets the largest of the others, 1 where there is none.
+
+    Raises GainroomError where the robot cannot be linearised.
+    """
+    from .linearize import link_inverse_inertia
+
+    every = [
+        np.diagonal(link_inverse_inertia(one.body, one.body.configuration(dict(one.angles)), held))
+        for one in postures.values()
+        for held in contacts.values()
+    ]
+    with np.errstate(divide="ignore"):
+        largest = np.max(1 / np.maximum(every, 0.0), axis=0)
+    finite = np.isfinite(largest)
+    return np.where(finite, largest, largest.max(initial=0.0, where=finite) or 1.0)
 
 
 def _known(kind: str, name: str | None, values: Mapping[str, Any]) -> str:

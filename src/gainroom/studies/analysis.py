@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from ..analysis.margin_record import Margins
 from ..design.gain_cases import bounded_margins
@@ -20,6 +20,9 @@ from .over_uncertainty import Worst, unknown_first
 from .progress import Progress, quiet
 from .state import State, limit_headroom, limiting_joints, state_of
 from .verdict import Finding, Level, Read, Verdict, judged, missed
+
+if TYPE_CHECKING:
+    from ..robot.gearbox_types import GearboxRange
 
 THIS_STATE = "this state"
 KEYS = {
@@ -49,6 +52,11 @@ class Analysis:
     def remedies(self) -> Mapping[str, str]:
         """The key of the file, or the option, that gives what is not known, by a finding's code."""
         return KEYS
+
+    @property
+    def ranges(self) -> "GearboxRange | None":
+        """Between which gearboxes lie whose type alone is known; None where there are none."""
+        return None
 
     def title_of(self, state: State) -> str:
         """Posture and contact state; "" of a joint."""
@@ -249,14 +257,14 @@ def analyzed(system: System, states: Iterable[State]) -> Analysis:
 def verdict_of(study: Analysis) -> Verdict:
     """The verdict on a system analysed."""
     found = (*found_unstable(study), *found_missed(study), *rests_on(study))
-    return judged(study.system, study.remedies, found, lambda level: read_as(study.system, found, study.states, level))
+    return judged(study.system, study.remedies, found, lambda level: read_as(study.system, found, study.states, level, study.ranges))
 
 
-def read_as(system: System, found: Iterable[Finding], states: Sequence[State], level: Level) -> Read:
+def read_as(system: System, found: Iterable[Finding], states: Sequence[State], level: Level, ranges: "GearboxRange | None" = None) -> Read:
     """What the readings of a system decide (readings.py), in the states with what makes it unsafe first."""
     from .readings import read  # types of gearboxes, which a joint does without
 
-    return read(system, unsafe_first(found, states), level)
+    return read(system, unsafe_first(found, states), level, ranges)
 
 
 def unsafe_first(findings: Iterable[Finding], states: Sequence[State]) -> list[State]:

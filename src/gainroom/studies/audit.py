@@ -60,6 +60,7 @@ class AuditedJoint:
     gain_limit          with the other loops open: all other joints switched off
     limit_others_closed with the other loops closed; NaN where a state is unstable
     limit               what is judged: the latter, up or down, in stable states, the former in others
+    motor_inertia      NaN where it is guessed [kg m²]
     stiffness, damping, link_viscous   of its gearbox [N m/rad], [N m s/rad] and of its link [N m s/rad], where they were given; else NaN
     effort_limit       of its torque [N m], where it was given; else NaN
     needed_stiffness   of its gearbox, where none is known and the gains are safe on a rigid one [N m/rad]; else NaN
@@ -151,7 +152,8 @@ class Audit(Analysis):
         """The verdict as on any system, with what its gearboxes' ranges make of it, and what may be read in two ways."""
         found = verdict_of(self)
         if self.over is not None and not self.over.safe and found.level != "unsafe":
-            found = found.with_findings(Finding("unsafe_in_gearbox_range", "undecided" if self.sway_is_open else "unsafe"))
+            open_still = self.sway_is_open or any(one.readings for one in found.deciding)
+            found = found.with_findings(Finding("unsafe_in_gearbox_range", "undecided" if open_still else "unsafe"))
         if not self.open:
             return found
         told = {each.code: each for one in self.readings for each in one.audit.verdict.deciding if each.readings}
@@ -162,6 +164,10 @@ class Audit(Analysis):
     def verdict_with(self, *others: "Beside | None") -> Verdict:
         """The verdict with what was asked for besides: the simulator, the workspace."""
         return self.verdict.with_findings(*(found for one in others if one is not None for found in one.findings))
+
+    @property
+    def ranges(self) -> GearboxRange | None:
+        return None if self.over is None else self.over.range
 
     @property
     def remedies(self) -> Mapping[str, str]:
@@ -239,25 +245,24 @@ class Audit(Analysis):
             else np.where(self.needed.unknown, least.stiffness, math.nan)
         )
         vibrating = {name for state in self.states for name in self.joints_that_miss_in(state)}
-        gearboxes = self.given_gearboxes
+        actuators = self.given_actuators
         return tuple(
             AuditedJoint(
                 name=name,
                 **{key: float(column[k]) for key, column in columns.items()},
-                motor_inertia=float(system.source.actuators.motor_inertia[k]),
                 safe=enough(float(judged[k]), self.margin) and name not in vibrating,
                 gain_limit=float(alone[k]),
                 limit_others_closed=float(closed[k]),
                 limit=float(judged[k]),
-                **{key: float(column[k]) for key, column in gearboxes.items()},
+                **{key: float(column[k]) for key, column in actuators.items()},
                 needed_stiffness=float(needed[k]),
             )
             for k, name in enumerate(system.source.joint_names)
         )
 
     @property
-    def given_gearboxes(self) -> dict[str, Floats]:
-        """(n,) stiffness, damping, link_viscous and effort_limit where they were given; else NaN, as of gearboxes in a range."""
+    def given_actuators(self) -> dict[str, Floats]:
+        """(n,) motor_inertia, stiffness, damping, link_viscous and effort_limit; NaN where they were not given, or lie in a range."""
         known = self.system.source.actuators.known
         ranged = np.zeros(len(known["stiffness"]), dtype=bool) if self.over is None else ~np.isnan(self.over.range.softest)
         return {key: np.where(ranged, math.nan, values) if key in ("stiffness", "damping") else values for key, values in known.items()}

@@ -4,7 +4,7 @@ Sets of values, which nobody stated, so that one that is unsafe among safe ones 
 
 - the loop's rate: USUAL_RATES; continuous time, in which a system without a rate is computed, is none of them
 - stiffness of a gearbox: rigid, down to the softest known type, and as little damped as that (robot/gearbox_types.py)
-- inertia of a motor: from none to that of what it moves, its share of which grows with the square of the gear ratio
+- inertia of a motor: from none, or a tenth on an elastic gearbox, to that of what it moves; it grows with the square of the gear ratio
 
 Unsafe in all readings is unsafe, safe in all is safe, anything else not decided. As few are looked at as decide that: first one quantity
 after the other, then all together; margins are looked at as corners of an uncertainty are.
@@ -27,7 +27,7 @@ from ..system.system import StateCase, System
 from .gearbox_range import look_over
 from .loop_numbers import margins_of
 from .over_uncertainty import uncertain_cases
-from .state import USUAL_RATE, State
+from .state import USUAL_RATE, State, state_of
 from .sway import without_sway
 from .verdict import Level, Read, Reading
 
@@ -44,18 +44,21 @@ SHARES = (1.0, 0.1)
 Change = Callable[[System], System]
 
 
-def read(system: System, states: Sequence[State], level: Level) -> Read:
-    """All readings of a system that is `level` as it was computed: in continuous time, rigid, without motor inertia.
+def read(system: System, states: Sequence[State], level: Level, ranges: GearboxRange | None = None) -> Read:
+    """All readings of a system that is `level` as it was computed: in continuous time, rigid, with motor inertias as actuators.py has them.
 
     states   those in which it moves, with what makes it unsafe first
+    ranges   between which gearboxes lie, if any do: the system is that with the worst of them
     """
     if not states:  # nothing moves in any, so that nothing can be looked at
         return Read("undecided", dict.fromkeys(system.source.unknown, ()))
     if not system.rate_is_missing:
-        return _Readings(system, states, level).read()
+        return _Readings(system, states, level, ranges).read()
     rates, every = list[Reading](), list[_Readings]()
     for rate in USUAL_RATES:
-        sampled = _Readings(_at_rate(system, rate), [replace(state, system=_at_rate(state.system, rate)) for state in states], level)
+        sampled = _Readings(
+            _at_rate(system, rate), [replace(state, system=_at_rate(state.system, rate)) for state in states], level, ranges
+        )
         try:
             found = sampled.level_with()
         except GainroomError:  # no such loop, as with a filter that is faster than the rate
@@ -74,11 +77,12 @@ def read(system: System, states: Sequence[State], level: Level) -> Read:
 
 @dataclass(frozen=True)
 class _Readings:
-    """Readings of a system with a rate, of what else is not known; `level` with rigid gearboxes and no motor inertia."""
+    """Readings of a system with a rate, of what else is not known; `level` as it was computed, as `read` has it."""
 
     system: System
     states: Sequence[State]
     level: Level
+    ranges: GearboxRange | None = None
 
     def read(self) -> Read:
         """All of them, as far as they are needed."""
@@ -126,9 +130,10 @@ class _Readings:
     def level_with(self, *changes: Change) -> Level:
         """One reading, in the states one after the other. Raises GainroomError where it is no loop."""
         levels = set[Level]()
+        worst = self._worst_of_range(changes)
         for state in self.states:
             system = state.system
-            for change in changes:
+            for change in (*changes, *worst):
                 system = change(system)
             if self.level == "unsafe" and not system.balance:  # that sway decides may help
                 system = replace(system, balance="controller")
@@ -137,15 +142,24 @@ class _Readings:
                 return "unsafe"
         return "undecided" if "undecided" in levels else "safe"
 
+    def _worst_of_range(self, changes: Sequence[Change]) -> Sequence[Change]:
+        """Of gearboxes in a range that is one of their motors' resonance, the worst with other motors, as the last change; () of others."""
+        if self.ranges is None or not changes:
+            return ()
+        system = self.system
+        for change in changes:
+            system = change(system)
+        states = [state_of(system, state.posture, state.contact) for state in self.states]
+        worst = look_over(system, states, self.ranges).worst_look
+        return (lambda system: system.with_values(stiffness=worst.stiffness, damping=worst.damping),)
+
     def _with_motors(self, share: float) -> Change:
-        """Motors without inertia with a share of what they move, of the most in all states; those that nothing bounds like the largest."""
-        with np.errstate(divide="ignore"):
-            loads = np.max([1 / np.maximum(np.diagonal(state.model.link_inverse_inertia), 0.0) for state in self.states], axis=0)
+        """Motors of unknown inertia with a share of what they move, the most in all states."""
 
         def change(system: System) -> System:
             actuators = system.source.actuators  # type: ignore[attr-defined] - a robot's
-            likely = np.where(np.isfinite(loads), loads, actuators.motor_inertia.max(initial=1.0))
-            return system.with_values(motor_inertia=np.where(actuators.without_inertia, share * likely, actuators.motor_inertia))
+            moved = self.system.source.moved_inertia  # type: ignore[attr-defined] - a robot's
+            return system.with_values(motor_inertia=np.where(actuators.without_inertia, share * moved, actuators.motor_inertia))
 
         return change
 

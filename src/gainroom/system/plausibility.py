@@ -29,6 +29,7 @@ NO_SOLID = "no solid has the inertia"
 """At the beginning of a warning about links."""
 NO_DATA = "joints without actuator data"
 NO_STIFFNESS = "gearboxes whose stiffness is not given are rigid"
+NO_INERTIA = "motor inertias that are not given are a tenth of what the motor moves"
 """At the beginning of what is assumed of joints, which decides every number."""
 
 
@@ -133,7 +134,7 @@ def unusual_values(system: System) -> tuple[str, ...]:
 
 def by_doubt(warnings: Sequence[str]) -> tuple[list[str], list[str]]:
     """Those about such values or angles, or about data that is not there, which make every number doubtful and stand first; the others."""
-    first = (NO_DATA, NO_STIFFNESS, NO_SOLID)
+    first = (NO_DATA, NO_STIFFNESS, NO_INERTIA, NO_SOLID)
     doubts = [text for text in warnings if FAR in text or NO_ROBOT in text or text.endswith(DEGREES) or text.startswith(first)]
     return doubts, [text for text in warnings if text not in doubts]
 
