@@ -30,7 +30,7 @@ def leg(
     </body></worldbody><actuator>{servos}</actuator></mujoco>"""
 
 
-def limit_of(mjcf: str, kp: np.ndarray, kd: np.ndarray, friction: np.ndarray) -> float:
+def limit_of(mjcf: str, kp: np.ndarray, kd: np.ndarray, friction: np.ndarray, step: float = STEP) -> float:
     """The factor on all gains at which the spectral radius over a tick passes 1: rigid joints, torque held and TICKS late."""
     model = mujoco.MjModel.from_xml_string(mjcf)
     data, n = mujoco.MjData(model), model.nv
@@ -38,10 +38,10 @@ def limit_of(mjcf: str, kp: np.ndarray, kd: np.ndarray, friction: np.ndarray) ->
     mass = np.zeros((n, n))
     mujoco.mj_fullM(model, data, mass)
     push, one, none = np.linalg.inv(mass), np.eye(n), np.zeros((n, n))
-    whole = expm(STEP * np.block([[none, one, none], [none, -push @ np.diag(friction), push], [none, none, none]]))
+    whole = expm(step * np.block([[none, one, none], [none, -push @ np.diag(friction), push], [none, none, none]]))
 
     def radius(factor: float) -> float:
-        law = factor * np.hstack([-np.diag(kp + kd / STEP), none, np.diag(kd / STEP), none])
+        law = factor * np.hstack([-np.diag(kp + kd / step), none, np.diag(kd / step), none])
         tick = np.vstack([
             np.hstack([whole[:n, : 2 * n], none, whole[:n, 2 * n :]]),
             np.hstack([whole[n : 2 * n, : 2 * n], none, whole[n : 2 * n, 2 * n :]]),
@@ -175,6 +175,17 @@ def test_where_kp_and_kd_run_is_open_on_robots_whose_drives_take_them(robot: dic
     assert (status, there["gain_limit"]) == (0, pytest.approx(drive["gain_limit"]))
 
 
+def test_gains_that_a_fast_host_holds_and_a_slower_drive_does_not_are_open(capsys: pytest.CaptureFixture[str]):
+    """What is safe at 5 kHz is not taken to be so in drives, which are read as at 1 kHz; either has one tick of delay."""
+    model, (kp, kd) = leg('kp="600" kv="12"', 0.0, **HUMANOID), (np.full(2, 600.0), np.full(2, 12.0))
+    truths = {step: limit_of(model, kp, kd, np.zeros(2), step) for step in (2e-4, 1e-3)}
+    assert truths[1e-3] < 1.9 < 2.1 < truths[2e-4]
+    status, found = told(capsys, model, "--delay-ms", "0.2", "--rate-hz", "5000", "--gearbox", "direct")
+    host, drive = found["readings"]
+    assert (host["gain_limit"], drive["gain_limit"]) == pytest.approx((truths[2e-4], truths[1e-3]), rel=1e-6)
+    assert (status, host["safe"], drive["safe"]) == (3, True, False)
+
+
 def test_gains_in_a_drives_own_form_likewise(capsys: pytest.CaptureFixture[str]):
     """60 N·m/rad and 5 N·m·s/rad per revolution: moteus computes them in the drive, whatever the robot is."""
     Path("gains.yaml").write_text(f"moteus: {{'.*': {{kp: {60 * 2 * np.pi}, kd: {5 * 2 * np.pi}}}}}", "utf-8")
@@ -199,7 +210,7 @@ def test_elsewhere_the_host_is_judged(robot: dict, options: tuple[str, ...], cap
 
 
 def test_verdicts_that_agree_are_verdicts(capsys: pytest.CaptureFixture[str]):
-    """Safe on the host is safe; unsafe in both is unsafe, and what the drives do is told."""
+    """Safe on the host and in the drives is safe; unsafe in both is unsafe, and what the drives do is told."""
     _, found = told(capsys, leg('kp="12" kv="0.5"', 0.0, **HUMANOID))
     assert (found["sentence"].startswith("Safe"), found["readings"]) == (True, [])
     _, found = told(capsys, leg('kp="4000" kv="60"', 0.0, **HUMANOID))

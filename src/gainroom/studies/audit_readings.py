@@ -12,12 +12,9 @@ def least_of(readings: Sequence[ReadAs]) -> Audit:
 
 
 def with_drives(host: Audit, drives: Callable[[], ReadAs | None], option: str, meaning: str) -> Audit:
-    """An audit of gains that run on the host; where it is unsafe, beside what they are in the drives, if those are known to take them.
-
-    What is safe on the host is taken to be so in drives, whose own loops are faster.
-    """
-    there = None if host.safe or host.withheld else or_none(drives)
-    return host if there is None else _read(host, (ReadAs(option, meaning, host), there))
+    """An audit of gains that run on the host, beside what they are in the drives, if those are known to take them."""
+    there = None if host.withheld else or_none(drives)
+    return host if there is None or (host.safe and there.audit.safe) else _read(host, (ReadAs(option, meaning, host), there))
 
 
 def _read(one: Audit, readings: Sequence[ReadAs]) -> Audit:
