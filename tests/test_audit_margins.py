@@ -1,5 +1,6 @@
 """What safe gains have besides their gain margin: against one joint's loop in closed form, and by what the margins mean."""
 
+import html
 import json
 import math
 from pathlib import Path
@@ -12,6 +13,7 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.studies.audit import audit, required_of
+from gainroom.system.margin_units import to_db
 from test_needed_stiffness import continuous_limit
 
 LEG = str(Path(__file__).parents[1] / "examples" / "robot.xml")
@@ -151,6 +153,38 @@ def test_every_joint_that_misses_is_named(capsys: pytest.CaptureFixture[str]):
         needed = 0.5 * (values[ordered[1]] + values[ordered[2]])
         _, told = asked(capsys, *plain, option, repr(abs(needed)), model="arms.xml")
         assert {joint["name"] for joint in told["joints"] if not joint["safe"]} == set(ordered[:2])
+        name = option[2:].replace("-", "_").removesuffix("_deg")
+        assert {joint["name"] for joint in told["joints"] if name in joint["unmet"]} == set(ordered[:2])
+        for joint in told["joints"]:  # arms that do not feel each other have the margins of their own loops
+            phase, _, peak = found[joint["name"]]
+            assert joint["margins"]["phase_margin_deg"] == pytest.approx(math.degrees(phase), rel=1e-3)
+            assert joint["margins"]["peak_sensitivity"] == pytest.approx(peak, rel=1e-3)
+
+
+@pytest.mark.parametrize("gains", [(), ("--stiffness", "8000", "--damping", "2")])
+def test_the_table_marks_what_each_joint_misses(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, gains: tuple[str, ...]
+):
+    """In the terminal and on the page; the worst that is marked is the requirement's own, and who misses nothing is safe."""
+    monkeypatch.setenv("COLUMNS", "80")
+    options = ("--delay-ms", "1.5", "--rate-hz", "2000", *gains)
+    _, told = asked(capsys, *options, "--report", "page.html")
+    assert main(["audit", LEG, *options]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 25
+    assert max(len(line) for line in lines if not line.startswith("  gainroom ")) <= 80
+    rows = {line.split()[0]: line for line in lines if line[:1] == " " and line.split()[1:2] in (["yes"], ["no"])}
+    page = html.unescape(Path("page.html").read_text("utf-8"))
+    assert {joint["name"] for joint in told["joints"]} == set(rows)
+    for joint in told["joints"]:
+        assert joint["safe"] == (not joint["unmet"])
+        assert rows[joint["name"]].count("✗ ") == len(joint["unmet"])
+    marked = sum(len(joint["unmet"]) for joint in told["joints"])
+    assert page.count('<td class="unmet">✗ ') == marked > 0
+    every = [joint["margins"] for joint in told["joints"]]
+    assert min(one["gain_margin_db"] for one in every) == pytest.approx(to_db(told["gain_limit"]))
+    assert min(one["phase_margin_deg"] for one in every) == pytest.approx(told["phase_margin_deg"])
+    assert max(one["peak_sensitivity"] for one in every) == pytest.approx(told["peak_sensitivity"])
 
 
 @pytest.mark.parametrize(("delay", "stable"), [("2", True), ("6", False)])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import THIN, printable
 from ..io.strict_json import strict
-from ..report.number_format import UNITS
+from ..report.number_format import MISSED, UNITS
 from .streams import give_up
 from .table_widths import KEPT, shared
 
@@ -105,7 +105,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], dro
         result.add_column(heading, justify="right" if place else "left", no_wrap=True)
     styles = {"yes": "bold blue", "no": "bold yellow"}  # never red against green
     for row in zip(*(column[1:] for column in cells), strict=True):
-        result.add_row(*(Text(cell, style=styles.get(cell, "")) for cell in row))
+        result.add_row(*(Text(cell, style=styles.get("no" if cell.startswith(MISSED) else cell, "")) for cell in row))
     return result
 
 

@@ -519,8 +519,11 @@ def _reading_facts(result: Audit) -> list[dict[str, Any]]:
 
 def _tightest_joints(result: Audit, count: int) -> list[Part]:
     """The `count` joints with the least headroom, and what is left out."""
-    other = "gain_limit" if result.stable else "limit_others_closed"  # which is not what joints are judged by
-    columns = [one for one in audited_joints(result) if one.key not in ("motor_inertia", other)]
+    kept = "limit_others_closed" if result.stable else "gain_limit"  # what joints are judged by
+    kept = "" if result.stable and "gain_margin" in result.required.asked else kept  # which has a column of its own
+    columns = [
+        one for one in audited_joints(result) if one.key == kept or one.key not in ("motor_inertia", "gain_limit", "limit_others_closed")
+    ]
     shown, left = result.joints_tightest_first[:count], result.joints_tightest_first[count:]
     failing = sum(not joint.safe for joint in left)
     of_them = f", {failing} of which fail" if failing else ""
@@ -534,7 +537,7 @@ def _all_there_is(result: Audit) -> list[Part]:
     control, columns, needed = result.system.control, audited_states(result.enough_in), result.needed
     title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
     states = Grid.of(title, columns, result.states + result.immobile)
-    joints = Grid.of("Joint by joint, in the worst state", audited_joints(result), result.joints, ("motor inertia", "one loop"))
+    joints = Grid.of("Joint by joint, in the worst state", audited_joints(result), result.joints, ("motor inertia", "one loop", "alone"))
     stiffness = [] if needed is None else ["", Grid.of(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     return [
         states,

@@ -1,7 +1,7 @@
 """The margins of a loop as columns, beside what is required of them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from ..analysis.margin_record import Margins
@@ -11,7 +11,7 @@ from ..system.margin_units import to_db
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, yes
-from .number_format import digits, frequency
+from .number_format import MISSED, digits, frequency
 
 
 def _lower(margins: Margins) -> str:
@@ -102,6 +102,31 @@ def margin_value(asked: Requirements, name: str, value: float, met: bool | None,
     if met is False and needed is not None:
         significant = apart(one.in_unit(value), one.in_unit(needed), significant)
     return digits(one.in_unit(value), one.unit, significant)
+
+
+def judged_columns(asked: Requirements) -> list[Column]:
+    """Margins of an audit's joints, one for each requirement that is asked for, which its heading names; missed ones are marked."""
+
+    def text(row: Any, name: str) -> str:
+        missed = name in row.missed
+        return f"{MISSED} " * missed + margin_value(asked, name, row.margins[name], not missed, 3)
+
+    return [
+        Column(judged_title(asked, one), "", lambda row: None, shown=lambda row, name=one.name: text(row, name))
+        for one, _ in asked.asked_for
+    ]
+
+
+def judged_title(asked: Requirements, one: Requirement) -> str:
+    """The heading of its column: "phase ≥ 30°"."""
+    return f"{one.heading.removesuffix(' margin')} {requirement(asked, one.name, 3)}"
+
+
+def judged_legend(asked: Requirements, shown: Collection[str]) -> str:
+    """The meaning of those columns that a table `shown` by their titles has, in a clause; "" where there are none."""
+    names = [one.heading.removesuffix(" margin") for one, _ in asked.asked_for if judged_title(asked, one) in shown]
+    worse = "of the joint's own loop, others closed, or, where it takes part, of all loops, the worse"
+    return f"{', '.join(names)}: {worse} ({MISSED} missed)" if names else ""
 
 
 def requirement(asked: Requirements, name: str, significant: int = 4) -> str:

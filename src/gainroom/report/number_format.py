@@ -12,8 +12,10 @@ if TYPE_CHECKING:
 
 LARGE = 0.5
 """[rad, m] from which on distances are not in thousandths."""
-UNITS = re.compile(r"(?<=[≥≤]) (?=[\d−])|(?<=[\d∞]) (?=(?:×|%|°|dB|k?Hz|m?rad|m?s|m?m|kg|N·m[^\s,;)]*)(?![\w·/]))")
-"""The spaces at which no line is broken: between number and unit, and before what is required. page.js has the same."""
+MISSED = "✗"
+"""The sign before a value in a table that misses what its column requires."""
+UNITS = re.compile(r"(?<=[≥≤✗×]) (?=[\d−])|(?<=[\d∞]) (?=(?:×|%|°|dB|k?Hz|m?rad|m?s|m?m|kg|N·m[^\s,;)]*)(?![\w·/]))")
+"""The spaces at which no line is broken: between number and unit, after a sign before a number. page.js has the same."""
 
 
 def motion_unit(value: float, unit: str = "rad") -> tuple[float, str]:

@@ -3,7 +3,7 @@
   const NARROW = 560, PAPER = 680;
 
   // No line is broken between a number and its unit: number_format.UNITS
-  const UNITS = /(?<=[≥≤]) (?=[\d−])|(?<=[\d∞]) (?=(?:×|%|°|dB|k?Hz|m?rad|m?s|m?m|kg|N·m[^\s,;)]*)(?![\w·/]))/g;
+  const UNITS = /(?<=[≥≤✗×]) (?=[\d−])|(?<=[\d∞]) (?=(?:×|%|°|dB|k?Hz|m?rad|m?s|m?m|kg|N·m[^\s,;)]*)(?![\w·/]))/g;
   for (const place of document.querySelectorAll("h1, h1 span, .note, .advice p, .advice summary, .warning"))
     for (const part of place.childNodes) if (part.nodeType === Node.TEXT_NODE) part.data = part.data.replace(UNITS, "\u00a0");
 
@@ -63,7 +63,7 @@
       navigator.clipboard?.writeText(button.previousElementSibling.textContent).then(() => (button.textContent = "Copied")),
     );
 
-  const number = (text) => parseFloat(text.replace(/[\u202f\u2009≥≤ ]/g, "").replace("−", "-").replace("∞", "Infinity"));
+  const number = (text) => parseFloat(text.replace(/[\u202f\u2009≥≤✗ ]/g, "").replace("−", "-").replace("∞", "Infinity"));
   for (const head of document.querySelectorAll("table.sorts th"))
     head.addEventListener("click", () => {
       const body = head.closest("table").tBodies[0], column = head.cellIndex;

@@ -17,6 +17,7 @@ from typing import Any, Literal
 from .. import __version__
 from ..io.strict_json import strict
 from ..system.plausibility import by_doubt
+from .number_format import MISSED
 
 SIGNIFICANT = 6  # digits of every number in a picture: more cannot be seen
 
@@ -115,14 +116,14 @@ def figure(fig: Any, title: str, caption: str, height: int = 480, narrow: Mappin
 
 
 MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet"}
-"""The CSS class of a table's cells, by their text."""
+"""The CSS class of a table's cells, by their text; one that starts with MISSED is unmet, too."""
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", sorts: bool = True) -> Html:
     """A table. The first column is left-aligned, the others right; a click on a heading `sorts` the rows."""
 
     def cell(text: str) -> str:
-        kind = MARKS.get(text)
+        kind = MARKS.get(text, "unmet" if text.startswith(MISSED) else "")
         return f'<td class="{escape(kind)}">{_inline(text)}</td>' if kind else f"<td>{_inline(text)}</td>"
 
     head = "".join(f'<th scope="col">{_inline(text)}</th>' for text in headers)

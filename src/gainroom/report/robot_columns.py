@@ -8,7 +8,7 @@ from ..errors import listed
 from ..system.margin_units import to_db
 from ..system.requirements import REQUIREMENTS
 from .columns import Column, definitions, facts, units_of, yes
-from .margin_columns import margin_facts
+from .margin_columns import judged_columns, judged_legend, margin_facts
 from .number_format import digits, hertz, rounded_up
 from .robot_units import joint_units
 from .words import safe_means
@@ -238,6 +238,8 @@ AUDITED_JOINT = [
     *(Column("", key, lambda row, key=key: getattr(row, key)) for key in ("effort_limit", "stiffness", "damping", "link_viscous")),
     Column("alone", "gain_limit", lambda row: row.gain_limit, definition="the factor on the joint's gains with the other loops open"),
     CLOSED,
+    Column("", "margins", lambda row: {REQUIREMENTS[name].key: REQUIREMENTS[name].in_unit(value) for name, value in row.margins.items()}),
+    Column("", "unmet", lambda row: list(row.missed)),
     Column(
         SEEN_SAFE,
         "",
@@ -254,7 +256,10 @@ KEPT = "; × 1 on a joint that fails now: it has enough with the others lowered"
 
 
 def audited_joints(result: "Audit") -> list[Column]:
-    """AUDITED_JOINT, without a stiffness that is the same for all, which the verdict says; with the factor on gains where that differs."""
+    """AUDITED_JOINT, without a stiffness that is the same for all, which the verdict says; with the factor on gains where that differs.
+
+    With the margins that are required, each beside what is required, too.
+    """
     use = result.ready_to_use
     needed = {joint.needed_stiffness for joint in result.joints if not math.isnan(joint.needed_stiffness)}
     columns = [one for one in AUDITED_JOINT if one.title != SEEN_SAFE or len(needed) > 1]
@@ -265,7 +270,8 @@ def audited_joints(result: "Audit") -> list[Column]:
 
         kept = any(not joint.safe and joint.name not in use.joints for joint in result.joints)
         columns.insert(4, Column("use", "", lambda row: None, shown=factor, definition=f"{USE}{KEPT}" if kept else USE))
-    return columns
+    place = next(k for k, one in enumerate(columns) if one.key == "motor_inertia")
+    return [*columns[:place], *judged_columns(result.required), *columns[place:]]
 
 
 def legend(result: "Audit", shown: Collection[str]) -> str:
@@ -278,18 +284,18 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
         "one loop": f"one loop: the factor on one joint's gains until vibration, the other loops closed{endless}",
         SEEN_SAFE: f"{SEEN_SAFE} [{units['kp']}]: of each gearbox, from which on all that was checked held",
     }
-    gains = units_of(shown, {name: units[name] for name in ("kp", "kd", "ki")})
-    return f"{gains}; {'; '.join(text for title, text in parts.items() if title in shown)}. {safe_means(asked(result))}."
+    gains, margins = units_of(shown, {name: units[name] for name in ("kp", "kd", "ki")}), judged_legend(result.required, shown)
+    told = [gains, *(text for title, text in parts.items() if title in shown), *filter(None, [margins])]
+    return f"{'; '.join(told)}.{'' if margins else f' {safe_means(asked(result))}.'}"
 
 
 def joint_caption(result: "Audit", shown: Collection[str]) -> str:
     """What the columns of AUDITED_JOINT with these titles are, with their units."""
     units = joint_units(result.system.source.body)
     by_title = {**{name: units[name] for name in ("kp", "kd", "ki")}, "motor inertia": units["load"]}
-    return (
-        f"In the worst state. {definitions(audited_joints(result), shown)} {units_of(shown, by_title)}.{units['prismatic']} "
-        f"{safe_means(asked(result))} with the other loops closed, and no part in the vibration of a state with too little of a margin."
-    )
+    margins = judged_legend(result.required, shown)
+    said = f"{margins}. {safe_means(asked(result), True)}" if margins else safe_means(asked(result))
+    return f"In the worst state. {definitions(audited_joints(result), shown)} {units_of(shown, by_title)}.{units['prismatic']} {said}."
 
 
 def asked(result: "Audit") -> str:

@@ -79,9 +79,9 @@ def stable_but(count: int, time: str = "") -> str:
     return f"{NOT_SAFE}: stable{time}, but {count} requirement{'s fail' if count > 1 else ' fails'}"
 
 
-def safe_means(asked: str) -> str:
-    """The legend of a column "safe"; `asked`: the gain margin."""
-    return f"safe: {asked} or more, and all else that is required"
+def safe_means(asked: str, beside: bool = False) -> str:
+    """The legend of a column "safe"; `asked`: the gain margin; `beside`: each margin stands beside it, marked where it misses."""
+    return "safe: none is missed" if beside else f"safe: {asked} or more, and all else that is required"
 
 
 def unsafe_joints(count: int, of: int) -> str:

@@ -6,7 +6,7 @@ the other loops closed. A joint is safe where its own are enough and it takes no
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
@@ -19,13 +19,13 @@ from ..design.side_by_side import Job, side_by_side
 from ..errors import GainroomError
 from ..robot.gearbox_types import GearboxRange
 from ..system.excluded_sets import ROUND_OFF
-from ..system.linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Booleans, Floats, rank
 from ..system.loop import Loop
 from ..system.requirement import Requirement, enough
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
 from .analysis import Analysis, analyze, verdict_of
-from .deciding_joints import joints_that_miss
+from .deciding_joints import deciding_joints_in, joints_that_miss, margins_by_joint
 from .factors import largest_factor
 from .gearbox_looks import Looks
 from .gearbox_range import RangeOfGearboxes, look_over
@@ -64,6 +64,10 @@ class AuditedJoint:
     stiffness, damping, link_viscous   of its gearbox [N m/rad], [N m s/rad] and of its link [N m s/rad], where they were given; else NaN
     effort_limit       of its torque [N m], where it was given; else NaN
     needed_stiffness   of its gearbox, where none is known and the gains are safe on a rigid one [N m/rad]; else NaN
+    margins            by the name of each requirement that is asked for: the worst that it bounds, of this joint's loop with the other
+                       loops closed, and of all loops together where this joint moves in what they miss first [SI]; NaN where a state is
+                       unstable, where it is not known, and where it is of other joints alone
+    missed             the names of those requirements that these margins miss
     """
 
     name: str
@@ -80,6 +84,8 @@ class AuditedJoint:
     link_viscous: float = math.nan
     effort_limit: float = math.nan
     needed_stiffness: float = math.nan
+    margins: Mapping[str, float] = field(default_factory=dict)
+    missed: tuple[str, ...] = ()
 
 
 class Beside(Protocol):
@@ -206,8 +212,21 @@ class Audit(Analysis):
 
     def enough_together_in(self, state: State) -> bool:
         """Whether a state has the gain margin on all gains; where kd has a path of its own, also on either path."""
-        paths = state.margins.paths
-        return state.limit.stable and enough(min(state.margins.gain_headroom, math.inf if paths is None else paths.headroom), self.margin)
+        return state.limit.stable and enough(_together(state), self.margin)
+
+    def margins_by_joint(self, one: Requirement) -> Floats:
+        """(n,) each joint's own of what a requirement bounds, the worst of all states: see AuditedJoint.margins."""
+        if not self.stable:
+            return np.full(len(self.system.source.joint_names), math.nan)
+        worst = np.fmax if one.at_most else np.fmin
+        if all(one.of_loops(state.counted) is not None for state in self.states):
+            worst = np.maximum if one.at_most else np.minimum  # of each joint; what is not known of one state is not known
+        return worst.reduce([self._margins_by_joint_in(state, one) for state in self.states])
+
+    def _margins_by_joint_in(self, state: State, one: Requirement) -> Floats:
+        if one.name == "gain_margin":
+            return margins_by_joint(state, one, _together(state), state.limiting_joints)
+        return margins_by_joint(state, one, self.value_in(state, one), deciding_joints_in(state, one.name))
 
     def extra_delay(self, state: State) -> float:
         """[s] until a state vibrates; NaN where it is not known."""
@@ -245,7 +264,7 @@ class Audit(Analysis):
             else np.where(self.needed.unknown, least.stiffness, math.nan)
         )
         vibrating = {name for state in self.states for name in self.joints_that_miss_in(state)}
-        actuators = self.given_actuators
+        actuators, margins = self.given_actuators, {one.name: self.margins_by_joint(one) for one, _ in self.required.asked_for}
         return tuple(
             AuditedJoint(
                 name=name,
@@ -256,6 +275,12 @@ class Audit(Analysis):
                 limit=float(judged[k]),
                 **{key: float(column[k]) for key, column in actuators.items()},
                 needed_stiffness=float(needed[k]),
+                margins={name: float(values[k]) for name, values in margins.items()},
+                missed=tuple(
+                    one.name
+                    for one, needed in self.required.asked_for
+                    if not (math.isnan(margins[one.name][k]) or one.met(needed, margins[one.name][k]))
+                ),
             )
             for k, name in enumerate(system.source.joint_names)
         )
@@ -273,8 +298,14 @@ class Audit(Analysis):
 
     @property
     def joints_tightest_first(self) -> tuple[AuditedJoint, ...]:
-        """The joints, unsafe ones first, then those with the least headroom."""
-        return tuple(sorted(self.joints, key=lambda joint: (joint.safe, unknown_first(joint.limit))))
+        """The joints, unsafe ones first; of either those first that miss a requirement most, or have the least to spare."""
+
+        def order(joint: AuditedJoint) -> tuple[bool, float, float]:
+            asked = [(one, needed, joint.margins[one.name]) for one, needed in self.required.asked_for]
+            missed = [one.shortfall(needed, value) for one, needed, value in asked if not math.isnan(value)]
+            return joint.safe, rank(-max(missed, default=0.0)), unknown_first(joint.limit)
+
+        return tuple(sorted(self.joints, key=order))
 
     @property
     def has_two_paths(self) -> bool:
@@ -398,6 +429,12 @@ class Audit(Analysis):
         """Position of every joint of the model, locked ones too [rad; m for a prismatic joint]."""
         posture = self.system.source.postures[self.tightest.posture]
         return {name: posture.angles.get(name, 0.0) for name in posture.body.joint_names} | dict(posture.body.locked)
+
+
+def _together(state: State) -> float:
+    """The smallest factor, up or down, on all gains of a stable state, or on those of one path, that is lost."""
+    paths = state.margins.paths
+    return min(state.margins.gain_headroom, math.inf if paths is None else paths.headroom)
 
 
 def required_of(margin: float | None = None, further: Requirements | None = None, kd_apart: bool = False) -> Requirements:

@@ -7,7 +7,7 @@ import numpy as np
 from ..analysis.equal_modes import common_mode, equal_to
 from ..analysis.margin_record import Margins
 from ..system.excluded_sets import ROUND_OFF
-from ..system.linear.arrays import Complexes, first_least
+from ..system.linear.arrays import Complexes, Floats, first_least
 from ..system.loop import Loop
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS, SensitivityBound
@@ -16,10 +16,24 @@ from .state import STRONG, State, limiting_joints, strongest_first
 
 def joints_that_miss(state: State, one: Requirement, needed: float) -> tuple[str, ...]:
     """The joints that decide a requirement that a state misses, then all whose own loop misses it, the others as they are."""
-    own = one.of_loops(state.margins)
+    own = one.of_loops(state.counted)
     values = [] if own is None else own.tolist()
     short = [name for name, value in zip(state.model.joint_names, values, strict=False) if not one.met(needed, value)]
     return tuple(dict.fromkeys([*deciding_joints_in(state, one.name), *short]))
+
+
+def margins_by_joint(state: State, one: Requirement, together: float, deciding: tuple[str, ...]) -> Floats:
+    """(n,) of what a requirement bounds, each joint's own in a state: of its loop, the other loops closed, or, where that is worse, of all.
+
+    together   the value of all loops together [SI], which counts for the joints that decide it
+    NaN        not known; also of a joint that decides nothing, where the requirement tells nothing of single loops
+    """
+    names, own = state.model.joint_names, one.of_loops(state.counted)
+    values = np.full(len(names), math.nan) if own is None else np.array(own, dtype=float)
+    decides = np.array([name in deciding for name in names]) | (len(names) == 1)
+    if own is None:
+        return np.where(decides, together, values)
+    return np.where(decides, (np.maximum if one.at_most else np.minimum)(values, together), values)
 
 
 def deciding_joints_in(state: State, name: str) -> tuple[str, ...]:
