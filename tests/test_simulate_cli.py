@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from html import unescape
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -22,7 +23,7 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
 from gainroom.cli.interrupts import stop_signals
-from gainroom.errors import GainroomError
+from gainroom.errors import GainroomError, beside
 from gainroom.files.joint_yaml import parse_simulation
 from gainroom.files.logs import read_log
 from gainroom.report.curves import thinned
@@ -345,6 +346,13 @@ def test_the_page_says_it_at_first_glance(gain: float, state: str, says: str):
         assert found.gain_margin >= 10 ** (6 / 20)
         assert found.phase_margin >= math.radians(30)
         assert found.peak_sensitivity <= 2
+    # Factors are all on the file's gains, as --gain is: the limit is that of the file's loop, whatever the run's own factor.
+    limit = gr.margins(parse_simulation(LINEAR, "").loop(1.0)).gain_margin
+    whose = "these gains" if gain == 1 else f"the file's gains (this run: {gain:g} ×)"
+    assert f"vibrates from {beside(limit, gain)} × {whose}, at " in sentence(study)
+    if proposed:
+        assert f"repeat this run with {proposed[0]} × {whose.partition(' (')[0]}:" in unescape(page)
+        assert float(proposed[0]) < min(gain, limit)
     assert ("The last 12 periods: " in page) == (not study.sound)
     assert len(page) < 6e6
 

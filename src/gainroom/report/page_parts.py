@@ -34,14 +34,19 @@ def margin_card(asked: Requirements, name: str, value: float, note: str, bounded
     return Card(label or one.label, shown, unit, requirement(asked, name, 3), met, note)
 
 
-def unstable_card(asked: Requirements, limit: GainLimit, where: str, what: str, above: float = math.nan) -> Card:
-    """The factor below which unstable gains become stable, or `above` which. `where` ends the note, `what` is who has none."""
+def unstable_card(
+    asked: Requirements, limit: GainLimit, where: str, what: str, above: float = math.nan, whose: str = "these gains"
+) -> Card:
+    """The factor below which unstable gains become stable, or `above` which; the limit's factors are on the gains `whose`.
+
+    `where` ends the note, `what` is who has none.
+    """
     required = requirement(asked, "gain_margin", 3)
     required = f"gain margin {required}" if required else ""
     if 0 < limit.gain < math.inf:
-        return Card("stable only below", digits(limit.gain, "", 3), "×", required, False, f"times these gains{where}")
+        return Card("stable only below", digits(limit.gain, "", 3), "×", required, False, f"times {whose}{where}")
     if above > 1:
-        return Card("stable only above", digits(rounded_up(above), "", 3), "×", required, False, f"times these gains{where}")
+        return Card("stable only above", digits(rounded_up(above), "", 3), "×", required, False, f"times {whose}{where}")
     if math.isnan(limit.gain):
         return Card("stable factor on these gains", "–", "", required, False, "not known")
     return Card("stable factor on these gains", "none", "", required, False, f"no uniform gain reduction makes {what} stable")

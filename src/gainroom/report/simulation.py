@@ -39,6 +39,7 @@ from .simulation_text import (
     tracking_cells,
     unsettled,
     warnings,
+    whose,
 )
 from .words import tone
 
@@ -285,7 +286,7 @@ def _margin_cards(outcome: Outcome) -> list[Card]:
     if limit is None or outcome.margins is None:
         return []
     if not limit.stable:
-        return [unstable_card(asked, limit, "", "it")]
+        return [unstable_card(asked, replace(limit, gain=outcome.gain * limit.gain), "", "it", whose=whose(outcome.gain))]
     where = f"linear loop{' in this state' if outcome.spec.kind == 'mujoco' else ''}"
     where += ", nominal" if outcome.spec.system.uncertainty.names else ""
     cards = []

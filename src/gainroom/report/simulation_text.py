@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.margin_record import GainLimit
-from ..errors import beside, frequency_text, listed, printable
+from ..errors import apart, beside, frequency_text, listed, printable
 from ..simulation.simulation_spec import SimulationSpec
 from ..simulation.tracking import SETTLED
 from ..studies.oscillation import EXACT, MUJOCO
@@ -68,7 +68,7 @@ def sentence(outcome: Outcome) -> str:
     else:
         late = _unsettled(outcome)
         text = f"{run_headline(outcome)}No vibration{'' if late else ' in this run'}{late}. {_errors(outcome)}"
-    return f"{text}. {prediction(outcome.limit, outcome.spec.adds_viscous_friction)}."
+    return f"{text}. {prediction(outcome.limit, outcome.spec.adds_viscous_friction, outcome.gain)}."
 
 
 def unsettled(outcome: Outcome) -> list[int]:
@@ -126,11 +126,24 @@ def vibration_text(outcome: Outcome) -> tuple[str, str]:
     return frequency(found.vibration.frequency), growth if found.lasts else f"{growth}: {not_counted(outcome)}"
 
 
-def limit_text(limit: GainLimit | None) -> tuple[str, str]:
-    """Where vibration of the linear loop starts: frequency, and factor on the gains of the run."""
+def limit_text(limit: GainLimit | None, gain: float = 1.0) -> tuple[str, str]:
+    """Where vibration of the linear loop starts: its frequency, and the factor on the file's gains; `gain`: that of the run."""
     if limit is None:
         return "none", "no gain acts"
-    return frequency(limit.frequency), "at all gains" if limit.gain <= 0 else f"from {gain_factor(limit.gain)} × these gains"
+    if limit.gain <= 0:
+        return frequency(limit.frequency), "at all gains"
+    factor = gain_factor(limit.gain) if gain == 1 else digits(gain * limit.gain, significant=apart(gain * limit.gain, gain, 4))
+    return frequency(limit.frequency), f"from {factor} × {whose(gain)}"
+
+
+def whose(gain: float) -> str:
+    """The gains that factors are on, with the factor of the run where there is one: "the file's gains (this run: 4 ×)"."""
+    return _base(gain) if gain == 1 else f"{_base(gain)} (this run: {gain:g} ×)"
+
+
+def _base(gain: float) -> str:
+    """The gains that factors are on, the file's: those of the run itself where its factor `gain` is 1."""
+    return "these gains" if gain == 1 else "the file's gains"
 
 
 def not_counted(outcome: Outcome) -> str:
@@ -180,8 +193,12 @@ def _ripple(outcome: Outcome, joint: int) -> str:
     return f"the torque ripple of {printable(run.joint_names[joint])} is {outcome.torque_ripple[joint]:.3g} {run.torque_units[joint]} RMS"
 
 
-def prediction(limit: GainLimit | None, viscous: bool) -> str:
-    """What the linear loop predicts, without a full stop; `viscous`: with the scenario's viscous friction, which verify leaves out."""
+def prediction(limit: GainLimit | None, viscous: bool, gain: float = 1.0) -> str:
+    """The linear loop's prediction, without a full stop, with factors on the file's gains.
+
+    viscous   with the scenario's viscous friction, which verify leaves out
+    gain      the factor on the file's gains in this run
+    """
     if limit is None:
         return "These gains act on no motion in this state"
     if math.isnan(limit.gain):
@@ -191,9 +208,9 @@ def prediction(limit: GainLimit | None, viscous: bool) -> str:
     if limit.gain <= 0:
         return "The linear loop is unstable at any lower gains"
     if limit.frequency == 0:
-        return f"The linear loop topples without oscillation at {beside(limit.gain, 1)} × these gains"
+        return f"The linear loop topples without oscillation at {beside(gain * limit.gain, gain)} × {whose(gain)}"
     damped = ", with the scenario's viscous friction," if viscous else ""
-    return f"The linear loop{damped} vibrates from {beside(limit.gain, 1)} × these gains, at {frequency_text(limit.frequency)}"
+    return f"The linear loop{damped} vibrates from {beside(gain * limit.gain, gain)} × {whose(gain)}, at {frequency_text(limit.frequency)}"
 
 
 def warnings(outcome: Outcome) -> tuple[str, ...]:
@@ -290,9 +307,8 @@ def _lower(outcome: Outcome, study_call: str, call: str) -> Advice:
     where = (" in this state" if outcome.spec.kind == "mujoco" else "") + (
         ", at nominal values" if outcome.spec.system.uncertainty.names else ""
     )
-    heading = (
-        f"Find gains that meet every requirement{every}. To see what lower gains do, repeat this run with all present gains × {factor:g}:"
-    )
+    again = f"To see what lower gains do, repeat this run with {factor:g} × {_base(outcome.gain)}:"
+    heading = f"Find gains that meet every requirement{every}. {again}"
     lower = f"With these lower gains the linear loop has {margins}{where}."
     return Advice(heading, [study_call, f"{call} --gain {factor:g}"], [lower])
 
@@ -398,7 +414,7 @@ def _all_there_is(outcome: Outcome) -> list[Part]:
         (run.joint_names[k], *(digits(float(values[k]), run.torque_units[k], 3) for values in (outcome.torque_peak, outcome.torque_rms)))
         for k in hardest
     ]
-    vibrations = [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit))]
+    vibrations = [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit, outcome.gain))]
     return [
         Grid("Joints with the largest torques" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),
         Grid("Vibration", ("", "frequency", "growth"), vibrations),

@@ -71,7 +71,8 @@ def _cards(found: SweepSummary) -> list[Card]:
     if near is not None:
         cards.append(Card("local search from there", digits(near.gain, "", 4), "×", note=f"swept: {digits(worst.gain, '', 4)} ×"))
     proved = found.count - found.unknown - found.uncertified
-    cards.append(Card("certified", digits(100 * proved / max(found.count, 1), "", 4), "%", note=f"of {counted(found.count)} limits"))
+    note = f"of {counted(found.count)} limits{', those of unstable gains too' * any(one.unstable for one in found.contacts)}"
+    cards.append(Card("limits certified in", digits(100 * proved / max(found.count, 1), "", 4), "% of postures", note=note))
     return cards
 
 
