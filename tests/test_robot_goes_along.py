@@ -4,6 +4,7 @@ And what is typed wins over it, or is an error that names both.
 """
 
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import yaml
 
 from gainroom.cli import main
 from gainroom.files.gain_export import FORMS
+from gainroom.files.robot_yaml import load_robot_system, robot_sections
+from gainroom.report.next_commands import FOUND, audit_of_found
 from test_gains_go_along import told
 
 LEG = """\
@@ -110,8 +113,10 @@ def same(audit: dict[str, Any], robot: dict[str, Any], named: bool = True) -> No
 def test_an_audit_of_recommended_gains_is_of_the_same_robot(folder: Path, capsys: pytest.CaptureFixture[str], kind: str):
     robot = written(folder, kind)
     again, answer = recommended(capsys, folder, robot)
+    printed = audit_of_found(robot_sections(Path("robot.yaml")), Path(), load_robot_system(Path("robot.yaml")))
+    call = shlex.split(printed.removesuffix(f"--gains {FOUND}"))[1:]
     delay = robot["drive"]["delay_ms"] if "delays" not in kind else 3
-    call = ["audit", "leg.xml", "--delay-ms", str(robot["drive"].get("command_delay_ms", delay))]
+    assert call == ["audit", "leg.xml", "--delay-ms", str(robot["drive"].get("command_delay_ms", delay))]
     judged = told(capsys, *call, "--gains", answer, "--margin-db", "6")
     same(judged, again)
     (folder / "second.json").write_text(json.dumps(judged), "utf-8")

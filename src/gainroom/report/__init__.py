@@ -13,5 +13,5 @@ sweep        sweep, sweep_text; workspace: a sweep as a part of another page
 verify       verification, verification_text
 identify     identification, identified_text, log_text, estimates; plan; diagnosis, diagnosis_text
 of several   words (every sentence about safety), verdict (requirements and gains to use, first on every page), gains_to_use,
-             margin_columns, columns, presentation, page (HTML), page_parts, number_format, style; two_paths
+             next_commands, margin_columns, columns, presentation, page (HTML), page_parts, number_format, style; two_paths
 """

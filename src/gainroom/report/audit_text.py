@@ -29,6 +29,7 @@ from .columns import definitions, facts
 from .gains_to_use import gain_file, posture_lines
 from .gearboxes import CAPTION, gearbox_assumptions, look_columns, needed_facts, over_range, range_facts, shown_looks, worst_gearboxes
 from .margin_columns import margin_value, required_facts, requirement
+from .next_commands import search_and_audit
 from .number_format import digits, model_facts, model_text, path_facts
 from .page import Advice
 from .presentation import Grid, Legend, Part, Presentation, closing, do_this, folded, warned_first
@@ -250,8 +251,8 @@ def what_to_do(
         return Advice(f"{none} Gains whose kd closes on another clock are not searched: lower kp or kd, and audit again.")
     if result.over is not None:
         measure = "Measure the gearboxes (`gainroom identify stiffness`), as a wide range may leave no gains; for one point in the range"
-        return Advice(f"{none} {measure} search joint by joint:", _searched(call, written), [AGAIN])
-    return Advice(f"{none} Search joint by joint:", _searched(call, written), [AGAIN])
+        return Advice(f"{none} {measure} search joint by joint, and audit what is found:", _searched(call, written))
+    return Advice(f"{none} Search joint by joint, and audit what is found:", _searched(call, written))
 
 
 def _with_option(call: str, option: str) -> str:
@@ -270,13 +271,9 @@ def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:
 
 
 def _searched(call: str, written: Path | None = None) -> list[str]:
-    """The commands that search gains joint by joint."""
+    """The commands that search gains joint by joint, and audit those."""
     found = [] if written else [f"{call} --write-robot robot.yaml"]
-    return [*found, f"gainroom robot {written or 'robot.yaml'}"]
-
-
-AGAIN = "Then audit the gains that `gainroom robot` finds, with `--gains` and the same options."
-"""After a search."""
+    return [*found, *search_and_audit(call, str(written or "robot.yaml"))]
 
 
 def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:

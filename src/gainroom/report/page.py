@@ -231,6 +231,7 @@ def _resource(name: str) -> str:
 class Advice:
     """`heading` says what to do, with a colon before `lines`, which can be typed; `remarks` follow. What stands in `…` is typed, too.
 
+    then     commands to type after that: a heading and their lines
     folded   gains that are not to be used as they are: a heading that says so, and their lines; shown where all is
     """
 
@@ -238,6 +239,7 @@ class Advice:
     lines: Sequence[str] = ()
     remarks: Sequence[str] = ()
     folded: tuple[str, Sequence[str]] | None = None
+    then: tuple[str, Sequence[str]] | None = None
 
 
 def advice_box(found: Advice | None, *parts: str) -> Html | str:
@@ -245,4 +247,5 @@ def advice_box(found: Advice | None, *parts: str) -> Html | str:
     if found is None:
         return ""
     folded = [] if found.folded is None else [details(found.folded[0].replace("`", "").rstrip(":"), copied(found.folded[1]))]
-    return advice(coded(found.heading), "\n".join(found.lines), *map(coded, found.remarks), *parts, *folded)
+    then = [] if found.then is None else [coded(found.then[0]), copied(found.then[1])]
+    return advice(coded(found.heading), "\n".join(found.lines), *map(coded, found.remarks), *parts, *then, *folded)

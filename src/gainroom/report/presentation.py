@@ -97,7 +97,8 @@ def do_this(found: "Advice | None") -> list[Part]:
     if found is None:
         return []
     plain = [text.replace("`", "") for text in (found.heading, *found.remarks)]
-    return [f"Do this: {plain[0]}", *_typed(found.lines), *plain[1:]]
+    then, lines = found.then or ("", ())
+    return [f"Do this: {plain[0]}", *_typed(found.lines), *plain[1:], *filter(None, [then]), *_typed(lines)]
 
 
 def folded(found: "Advice") -> list[Part]:

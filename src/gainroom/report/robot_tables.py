@@ -1,7 +1,7 @@
 """All that is shown of a robot's study in one record; the tables of its page, and its inputs as text."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from ..studies.sweep.summary import SweepSummary, SweptPosture
 from ..system.system import System
 from .columns import Column, definitions, facts as row_facts, tabulated, units_of
 from .margin_columns import margin_facts, required_facts
+from .next_commands import audit_of_found, kept
 from .number_format import digits, hertz, model_facts, model_text, span
 from .page import Html, facts, paragraph, table
 from .page_parts import filters, uncertainty_text
@@ -62,8 +63,14 @@ class RobotPresentation(Presentation):
 
     @property
     def to_use(self) -> ToUse:
-        """Gains to use."""
-        return robot_to_use(self.study, self.call)
+        """Gains to use, and of joints the commands that audit them; none where the file is not at hand."""
+        from ..files.robot_yaml import robot_sections
+
+        found = robot_to_use(self.study, self.call)
+        if self.study.to_use is None or not found.margins or self.study.to_use[0].space != "joint" or not self.file.name:
+            return found
+        audit = audit_of_found(robot_sections(self.file), self.file.parent, self.study.system)
+        return replace(found, then=("To audit these gains:", [kept(self.call), audit]))
 
     def facts(self) -> dict[str, Any]:
         from ..files.carried_robot import carried

@@ -1,0 +1,59 @@
+"""The commands that carry gains on: from `gainroom robot`, which finds them, into a file, and from that file into an audit."""
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..io.as_typed import as_typed
+from ..robot.formats.model_names import is_name
+from ..system.requirements import Requirements
+from ..system.system import System
+
+FOUND = "found.json"
+"""The name of the file between the two commands, to which the first one's answer goes."""
+
+
+def search_and_audit(call: str, robot: str) -> list[str]:
+    """The commands that find gains for the file `robot` and audit them as `call`, an audit's command, did others."""
+    return [kept(shlex.join(["gainroom", "robot", robot])), with_found(call)]
+
+
+def kept(call: str) -> str:
+    """A command whose answer goes to FOUND."""
+    return f"{call} --json > {FOUND}"
+
+
+def with_found(call: str) -> str:
+    """An audit's command with the gains in FOUND in place of its own.
+
+    FOUND has the stiffness that gains were found with: a type of gearbox that is typed of all joints is named so that it wins over that.
+    """
+    words, found = shlex.split(call), list[str]()
+    for before, word in zip(["", *words], words, strict=False):
+        if word != "--gains" and before != "--gains":
+            found.append(f".*={word}" if before == "--gearbox" and "=" not in word else word)
+    return shlex.join([*found, "--gains", FOUND])
+
+
+def audit_of_found(sections: Mapping[str, Any], folder: Path, system: System) -> str:
+    """The command that audits the gains in FOUND, of a robot.yaml with these `sections` in `folder`; all else goes along with them."""
+    model, control = sections["model"], system.control
+    package, file = model.get("package"), str(model["file"])
+    file = f"{package}:{file}" if package else file if is_name(file) else str(folder / file)
+    delay = _typed(1e3 * (control.command_delay or system.delay))
+    return shlex.join(["gainroom", "audit", file, "--delay-ms", delay, *_required(system.requirements), "--gains", FOUND])
+
+
+def _required(asked: Requirements) -> list[str]:
+    """Options of an audit for the requirements that are not those which it has anyway."""
+    usual, found = Requirements.usual().needed, list[str]()
+    for one, needed in asked.asked_for:
+        if needed != usual.get(one.name):
+            value = _typed(one.in_unit(needed))
+            found += ["--margin-db", value] if one.name == "gain_margin" else ["--require", f"{one.key}={value}"]
+    return found
+
+
+def _typed(value: float) -> str:
+    return repr(as_typed(value)).removesuffix(".0")

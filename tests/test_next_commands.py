@@ -1,0 +1,85 @@
+"""The commands that an answer prints to go on from: typed one after the other they judge the gains that were found as the search did."""
+
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from gainroom.cli import main
+from test_gains_go_along import LEG
+from test_robot_goes_along import ROBOT
+
+GAINS = {"hip": {"kp": 1234.0, "kd": 1.1, "motor_inertia": 0.2}, "knee": {"kp": 600.0, "kd": 0.5}}
+ELASTIC = ["--stiffness", "9000", "--damping", "3"]
+CALLS = {
+    "host": ["--rate-hz", "1000", *ELASTIC],
+    "damping in kd": ["--rate-hz", "1000", *ELASTIC, "--joint-damping", "controller"],
+    "damping as friction": ["--rate-hz", "1000", *ELASTIC, "--joint-damping", "friction"],
+    "drive": ["--gains-run", "drive", "--drive-rate-hz", "8000", "--drive-delay-ms", "0.3", *ELASTIC],
+    "other limits": ["--rate-hz", "1000", *ELASTIC, "--margin-db", "8", "--require", "phase_margin_deg=40", "--posture", "knee=1.1"],
+    "a range": ["--rate-hz", "1000", "--gearbox", "harmonic"],
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    (tmp_path / "leg.xml").write_text(LEG, "utf-8")
+    (tmp_path / "gains.yaml").write_text(yaml.safe_dump({"gains": GAINS}), "utf-8")
+    return tmp_path
+
+
+def printed(text: str) -> list[str]:
+    """The commands of a terminal's answer."""
+    return [line.strip() for line in text.splitlines() if line.startswith("  gainroom ")]
+
+
+def typed(capsys: pytest.CaptureFixture[str], command: str) -> str:
+    """What a command prints; as in a shell, into a file where it says so."""
+    call, _, target = command.partition(" > ")
+    assert main(shlex.split(call)[1:]) != 2, capsys.readouterr().err
+    out = capsys.readouterr().out
+    if target:
+        Path(target).write_text(out, "utf-8")
+    return out
+
+
+def found() -> dict[str, Any]:
+    """The set of gains in the file, with its margins."""
+    (space,) = json.loads(Path("found.json").read_text("utf-8"))["recommended"]
+    return next(one for one in space["sets"] if one["contact"] == "everywhere")
+
+
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=() if kind in ("host", "drive") else pytest.mark.slow) for kind in CALLS])
+def test_what_an_audit_prints_finds_gains_and_audits_them(capsys: pytest.CaptureFixture[str], kind: str):
+    first = typed(capsys, shlex.join(["gainroom", "audit", "leg.xml", "--delay-ms", "3", "--gains", "gains.yaml", *CALLS[kind]]))
+    *search, again = printed(first)
+    assert len(search) == 2
+    for command in search:
+        typed(capsys, command)
+    told, gains = json.loads(typed(capsys, f"{again} --json")), found()
+    assert [joint["kp"] for joint in told["joints"]] == gains["kp"]
+    if kind != "a range":  # of which the gains are found at one point
+        assert told["verdict"] == "safe"
+        assert told["phase_margin_deg"] == pytest.approx(gains["phase_margin_deg"], rel=1e-7)
+        assert told["peak_sensitivity"] == pytest.approx(gains["peak_sensitivity"], rel=1e-7)
+
+
+@pytest.mark.parametrize("limits", [{}, {"limits": {"gain_margin_db": 8.0, "phase_margin_deg": 40.0, "peak_sensitivity": 1.9}}])
+def test_what_a_search_prints_audits_its_gains(folder: Path, capsys: pytest.CaptureFixture[str], limits: dict[str, Any]):
+    """From another folder than the model's, with the limits of the file."""
+    (folder / "here").mkdir()
+    (folder / "here" / "leg.xml").write_text(LEG, "utf-8")
+    (folder / "here" / "robot.yaml").write_text(yaml.safe_dump({**ROBOT, **limits}), "utf-8")
+    search, again = printed(typed(capsys, "gainroom robot here/robot.yaml"))
+    typed(capsys, search)
+    told, gains = json.loads(typed(capsys, f"{again} --json")), found()
+    assert told["verdict"] == "safe"
+    assert told["unmet"] == []
+    if limits:
+        assert {key: told["required"][key] for key in limits["limits"]} == limits["limits"]
+    assert told["phase_margin_deg"] == pytest.approx(gains["phase_margin_deg"], rel=1e-7)
