@@ -121,7 +121,8 @@ def _drawn(part: "Part | Table") -> Any:
     from ..report.presentation import Grid, Legend, Typed
 
     if isinstance(part, Grid):
-        return table(part.title, part.headings, part.rows, part.drops)
+        drawn = table(part.title, part.headings, part.rows, part.drops)
+        return _drawn(part.shared(headings(drawn))) if part.shares else drawn
     if isinstance(part, Legend):
         return part.text([heading for one in part.tables for heading in headings(_drawn(one))])
     return Text(printable(part), no_wrap=True) if isinstance(part, Typed) else part

@@ -16,7 +16,7 @@ from ..system.requirement import Requirement, enough
 from ..system.requirements import REQUIREMENTS
 from . import style
 from .audit_text import AuditPresentation, audit_sentence, audit_warnings, besides, reason, verdict, what_to_do
-from .columns import Column, definitions, tabulated, yes
+from .columns import Column, alike_rows, definitions, shared_row, tabulated, yes
 from .gearboxes import gearbox_assumptions, needed_table
 from .margin_columns import margin_value, requirement
 from .number_format import digits, hertz, model_kind, rate, rounded_up, span
@@ -56,7 +56,7 @@ def audit_page(shown: AuditPresentation, command: str) -> str:
     sample_time, further = system.control.sample_time, audit_warnings(result)[ON_TOP:]
     taken = assumptions(f"Linear about posture {result.tightest.posture}", system.control, "; contacts neither slip nor lift")
     headings, texts = tabulated(audited_joints(result), result.joints)
-    joints = table(headings, texts, joint_caption(result, headings))
+    joints = table(headings, [shared_row(texts, group) for group in alike_rows(texts)], joint_caption(result, headings))
     sections = [
         *_reasons(result),
         None
@@ -166,7 +166,9 @@ def _cards(result: Audit) -> list[Card]:
         None if not result.delay_margin or (math.isnan(extra) and result.stable) else enough(extra, result.delay_margin),
         f"vibrates from {until} of delay, {digits(1e3 * result.system.delay, 'ms', 3)} given" if 0 < result.delay_limit < math.inf else "",
     )
-    joints = [joint.name for joint in result.joints_tightest_first if not joint.safe]
+    failing = [joint for joint in result.joints_tightest_first if not joint.safe]
+    rows = tabulated(audited_joints(result), failing)[1]
+    joints = [shared_row(rows, group)[0] for group in alike_rows(rows)]
     base = "no contacts" if result.system.source.body.base == "floating" else "fixed base, no contacts"
     judged = listed([state.contact if state.model.contacts else f"{state.contact} ({base})" for state in result.states])
     note = f"{f'{listed(joints)}; ' if joints else ''}judged: {judged}"
@@ -174,7 +176,7 @@ def _cards(result: Audit) -> list[Card]:
         first,
         *(_margin(result, one) for one, _ in asked.asked_for if result.stable and one.name not in ("gain_margin", "delay_margin")),
         delay,
-        Card("joints that fail", str(len(joints)), f"of {len(result.joints)}", "none allowed", not joints, note),
+        Card("joints that fail", str(len(failing)), f"of {len(result.joints)}", "none allowed", not joints, note),
         _gearboxes(result),
     ]
 

@@ -25,7 +25,7 @@ from ..system.margin_units import to_db
 from ..system.plausibility import doubts_first
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
-from .columns import definitions, facts
+from .columns import alike_rows, definitions, facts, shared_row
 from .gains_to_use import gain_file, posture_lines
 from .gearboxes import CAPTION, gearbox_assumptions, look_columns, needed_facts, over_range, range_facts, shown_looks, worst_gearboxes
 from .margin_columns import margin_value, required_facts, requirement
@@ -515,17 +515,19 @@ def _reading_facts(result: Audit) -> list[dict[str, Any]]:
 
 
 def _tightest_joints(result: Audit, count: int) -> list[Part]:
-    """The `count` joints with the least headroom, and what is left out."""
+    """The `count` rows of joints with the least headroom, and what is left out."""
     kept = "limit_others_closed" if result.stable else "gain_limit"  # what joints are judged by
     kept = "" if result.stable and "gain_margin" in result.required.asked else kept  # which has a column of its own
     columns = [
         one for one in audited_joints(result) if one.key == kept or one.key not in ("motor_inertia", "gain_limit", "limit_others_closed")
     ]
-    shown, left = result.joints_tightest_first[:count], result.joints_tightest_first[count:]
+    every = Grid.of("", columns, result.joints_tightest_first)
+    groups = alike_rows(every.rows)
+    left = [result.joints_tightest_first[k] for group in groups[count:] for k in group]
     failing = sum(not joint.safe for joint in left)
     of_them = f", {failing} of which fail" if failing else ""
     others = f"{len(left)} more joint{'s' * (len(left) > 1)}{of_them}: --verbose. " if left else ""
-    joints = Grid.of("", columns, shown)
+    joints = replace(every, rows=[shared_row(every.rows, group) for group in groups[:count]])
     return [joints, Legend([joints], lambda headings: others + legend(result, headings))]
 
 
@@ -534,7 +536,8 @@ def _all_there_is(result: Audit) -> list[Part]:
     control, columns, needed = result.system.control, audited_states(result.enough_in), result.needed
     title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
     states = Grid.of(title, columns, result.states + result.immobile)
-    joints = Grid.of("Joint by joint, in the worst state", audited_joints(result), result.joints, ("motor inertia", "one loop", "alone"))
+    drops = ("motor inertia", "one loop", "alone")
+    joints = Grid.of("Joint by joint, in the worst state", audited_joints(result), result.joints, drops).sharing
     stiffness = [] if needed is None else ["", Grid.of(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     return [
         states,

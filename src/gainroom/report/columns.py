@@ -4,10 +4,13 @@ Margins are in margin_columns.py, states, joints and tasks of a robot in robot_c
 recommended_gains.py. A further column is one more entry in one of those lists; nothing else has to know it.
 """
 
+import math
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..errors import THIN
 from ..system.requirements import REQUIREMENTS
 from .number_format import digits
 
@@ -65,9 +68,55 @@ def tabulated(columns: Sequence[Column], rows: Iterable[Any]) -> tuple[list[str]
     return [placed[k].title for k in filled], [*zip(*(texts[k] for k in filled), strict=True)]
 
 
+ALIKE = 1e-3
+"""Relative: numbers of two rows that differ by less, as those of a left and a right leg do, count as one."""
+_WORDS, _NUMBER = re.compile(r"[^\W_]+|[\W_]+"), re.compile(r"\d+(?:\.\d+)?")
+
+
+def alike_rows(texts: Sequence[Sequence[str]]) -> list[list[int]]:
+    """The places of rows that may share one, in groups: names, in the first cell, that differ in one word; all other cells print alike."""
+    groups: list[list[int]] = []
+    for k, row in enumerate(texts):
+        alike = (
+            group
+            for group in groups
+            if _shared_name([texts[j][0] for j in (*group, k)]) and all(map(_prints_alike, texts[group[0]][1:], row[1:]))
+        )
+        group = next(alike, None)
+        if group is None:
+            groups.append([k])
+        else:
+            group.append(k)
+    return groups
+
+
+def shared_row(texts: Sequence[Sequence[str]], group: Sequence[int]) -> tuple[str, ...]:
+    """The first row of a group of alike_rows, under the name of all: "left/right_knee"."""
+    return (_shared_name([texts[k][0] for k in group]), *texts[group[0]][1:])
+
+
+def _prints_alike(one: str, other: str) -> bool:
+    """Whether two cells are the same text, but for a number that differs by less than ALIKE."""
+    if one == other:
+        return True
+    numbers = [[float(found) for found in _NUMBER.findall(text.replace(THIN, ""))] for text in (one, other)]
+    same = _NUMBER.sub("", one.replace(THIN, "")) == _NUMBER.sub("", other.replace(THIN, ""))
+    return same and all(math.isclose(a, b, rel_tol=ALIKE) for a, b in zip(*numbers, strict=True))
+
+
+def _shared_name(names: Sequence[str]) -> str:
+    """Names in one, "left/right_knee"; "" where they differ in more than one word."""
+    words = [_WORDS.findall(name) for name in names]
+    if len({len(each) for each in words}) > 1:
+        return ""
+    places = [sorted(set(place)) for place in zip(*words, strict=True)]
+    return "".join(map("/".join, places)) if sum(len(each) > 1 for each in places) <= 1 else ""
+
+
 def definitions(columns: Sequence[Column], shown: Collection[str]) -> str:
     """The definitions of columns, below a table that shows those with these titles."""
-    return "; ".join(f"{column.title}: {column.definition}" for column in columns if column.title in shown and column.definition) + "."
+    found = "; ".join(f"{column.title}: {column.definition}" for column in columns if column.title in shown and column.definition)
+    return found and f"{found}."
 
 
 def units_of(shown: Collection[str], units: Mapping[str, str]) -> str:

@@ -5,12 +5,12 @@ A further key of --json is one more entry in `facts` of the study's own record.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..system.plausibility import by_doubt
-from .columns import Column, tabulated
+from .columns import Column, alike_rows, shared_row, tabulated
 
 if TYPE_CHECKING:
     from .page import Advice
@@ -24,17 +24,33 @@ class Typed(str):
 
 @dataclass(frozen=True)
 class Grid:
-    """A table of the terminal, as text; `drops`: headings of columns that may be left out where there is no room, the first first."""
+    """A table of the terminal, as text.
+
+    drops    headings of columns that may be left out where there is no room, the first first
+    shares   rows that print alike share one (see `shared`)
+    """
 
     title: str
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
     drops: Sequence[str] = ()
+    shares: bool = False
 
     @classmethod
     def of(cls, title: str, columns: Sequence[Column], rows: Iterable[Any], drops: Sequence[str] = ()) -> "Grid":
         """A table of columns."""
         return cls(title, *tabulated(columns, rows), drops)
+
+    @property
+    def sharing(self) -> "Grid":
+        """The table in which rows that print alike share one."""
+        return replace(self, shares=True)
+
+    def shared(self, shown: Sequence[str]) -> "Grid":
+        """The table of the columns `shown`, with one row for those that print alike there under names that differ in one word."""
+        places = [k for k, heading in enumerate(self.headings) if heading in shown]
+        rows = [[row[k] for k in places] for row in self.rows]
+        return replace(self, headings=[*shown], rows=[shared_row(rows, group) for group in alike_rows(rows)], shares=False)
 
 
 @dataclass(frozen=True)

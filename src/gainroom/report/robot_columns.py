@@ -295,7 +295,8 @@ def joint_caption(result: "Audit", shown: Collection[str]) -> str:
     by_title = {**{name: units[name] for name in ("kp", "kd", "ki")}, "motor inertia": units["load"]}
     margins = judged_legend(result.required, shown)
     said = f"{margins}. {safe_means(asked(result), True)}" if margins else safe_means(asked(result))
-    return f"In the worst state. {definitions(audited_joints(result), shown)} {units_of(shown, by_title)}.{units['prismatic']} {said}."
+    said = f"{units_of(shown, by_title)}.{units['prismatic']} {said}."
+    return " ".join(filter(None, ["In the worst state.", definitions(audited_joints(result), shown), said]))
 
 
 def asked(result: "Audit") -> str:

@@ -134,7 +134,7 @@ def _all_there_is(study: RobotStudy) -> list[Part]:
     states = Grid.of(title, columns, study.states + study.immobile, ("delay", "one-loop phase", "disk"))
     parts: list[Part] = [states, Legend([states], lambda shown: definitions(columns, shown)), ""]
     drops = ("load", "by itself")
-    joints = {state: Grid.of(f"Joints, {state.title}", JOINT, state.joints, drops) for state in study.tightest_by_contact}
+    joints = {state: Grid.of(f"Joints, {state.title}", JOINT, state.joints, drops).sharing for state in study.tightest_by_contact}
     for state, shown in joints.items():
         parts += [shown, *_task_parts(state)]
     parts.append(Legend([*joints.values()], lambda shown: joint_legend(study.system.source.body, shown)))
@@ -161,7 +161,7 @@ def _gains_parts(gains: RobotGains, first: tuple[str, str]) -> list[Part]:
     columns = gain_columns([safe])
     if gains.inertia is not None:
         columns += gain_columns([safe], gains.inertia)[1:]
-    return [Grid.of(f"Recommended gains, {gains.space} space", columns, range(len(gains.names))), *text]
+    return [Grid.of(f"Recommended gains, {gains.space} space", columns, range(len(gains.names))).sharing, *text]
 
 
 def state_table(study: RobotStudy) -> Html:
