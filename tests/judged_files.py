@@ -33,20 +33,26 @@ def times(factor: float) -> Callable[[float], float]:
     return lambda value: factor * value
 
 
+def pd_of(draw: random.Random, inertia: float, factor: float) -> dict[str, Any]:
+    """The control section with a PD under which an inertia [kg m²], if it were rigid, crosses at CROSSOVER times a factor."""
+    crossover = CROSSOVER * factor
+    return {
+        "type": "pd",
+        "kp": 0.3 * inertia * crossover**2,
+        "kd": inertia * crossover,
+        "feedback": "motor",
+        "sample_rate_hz": draw.choice((500, 1000, 2000)),
+    }
+
+
 def joint(draw: random.Random) -> Sections:
-    """A joint with a PD that would cross at CROSSOVER if it were rigid, times a factor of 0.3 to 5."""
+    """A joint with such a PD, for one of FACTORS."""
     motor, load, factor = draw.uniform(0.1, 1.0), draw.uniform(0.5, 8.0), draw.choice(FACTORS)
-    inertia, crossover = motor * (1 + load), CROSSOVER * factor
+    inertia = motor * (1 + load)
     return {
         "joint": {"motor_inertia": motor, "link_inertia": motor * load, "stiffness": 1e5 * inertia, "damping": draw.uniform(0.5, 3.0)},
         "drive": {"bandwidth": 4000.0, "delay_ms": draw.uniform(1.0, 3.0)},
-        "control": {
-            "type": "pd",
-            "kp": 0.3 * inertia * crossover**2,
-            "kd": inertia * crossover,
-            "feedback": "motor",
-            "sample_rate_hz": draw.choice((500, 1000, 2000)),
-        },
+        "control": pd_of(draw, inertia, factor),
         "scenario": {"duration": 0.2},
     }
 
@@ -120,19 +126,13 @@ def arm_urdf(draw: random.Random, count: int, floating: bool) -> str:
 def robot(draw: random.Random, count: int) -> dict[str, Any]:
     """Of such an arm, with gains as `joint` has them."""
     motor, factor = draw.uniform(0.1, 0.6), draw.choice(FACTORS)
-    inertia, crossover = motor + 0.3, CROSSOVER * factor
+    inertia = motor + 0.3
     return {
         "model": {"file": "arm.urdf", "base": "fixed"},
         "joints": {"default": {"motor_inertia": motor, "stiffness": 1e5 * inertia, "damping": draw.uniform(0.5, 3.0)}},
         "drive": {"bandwidth": 4000.0, "delay_ms": draw.uniform(1.0, 3.0)},
         "postures": {f"p{k}": {f"j{i}": draw.uniform(-1.2, 1.2) for i in range(count)} for k in range(2)},
-        "control": {
-            "type": "pd",
-            "kp": 0.3 * inertia * crossover**2,
-            "kd": inertia * crossover,
-            "feedback": "motor",
-            "sample_rate_hz": draw.choice((500, 1000, 2000)),
-        },
+        "control": pd_of(draw, inertia, factor),
         "scenario": {"duration": 0.2},
     }
 

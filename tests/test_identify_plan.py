@@ -19,6 +19,8 @@ from gainroom.identification.expected import delay_error, virtual_log
 from gainroom.identification.plan import Bounds, Plan, plan_excitation
 from gainroom.simulation import simulate
 from independent.chain import Chain, record
+from independent.joint import PDJoint
+from independent.margins import grid_margins
 from refusals import assert_refused
 
 TICK = 1e-3
@@ -247,7 +249,9 @@ def test_from_plan_to_joint_on_the_command_line(tmp_path, capsys):
     assert facts["limits"]["torque"] == {"allowed": 20.0, "reached": pytest.approx(20.0)}
     assert set(PROMISED) <= set(facts["expected"])
     assert torque.read_text("utf-8").splitlines()[0] == "time,target_torque"
-    assert main(["simulate", str(file), "--feedforward", str(torque), "--log", str(log)]) != 2  # whatever the verdict on its gains
+    held = PDJoint(0.2, 0.8, 1e4, 2.0, kp=40.0, kd=9.0, delay=3 * TICK, bandwidth=2000.0)
+    assert grid_margins(held, TICK).peak_sensitivity > 2  # 2.17: the file's own gains are not safe
+    assert main(["simulate", str(file), "--feedforward", str(torque), "--log", str(log)]) == 1
     capsys.readouterr()
     found = identify_joint(read_joint(log).record)
     for name, value in (("motor_inertia", 0.2), ("link_inertia", 0.8), ("stiffness", 1e4)):
