@@ -17,10 +17,10 @@ from packaging.specifiers import SpecifierSet
 ROOT = Path(__file__).parents[1]
 
 
-def run(*command: str | Path, cwd: Path) -> str:
+def run(*command: str | Path, cwd: Path, status: int = 0) -> str:
     environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
     result = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr[-2000:]
+    assert result.returncode == status, result.stderr[-2000:]
     return result.stdout
 
 
@@ -37,7 +37,8 @@ def test_the_wheel_alone_runs_the_demo(tmp_path: Path, options: list[str]):
     run(sys.executable, "-m", "pip", "--python", "empty", "install", "-q", "--no-compile", wheel, cwd=tmp_path)
     gainroom = tmp_path / "empty" / "bin" / "gainroom"
     (tmp_path / "testbed.yaml").write_text(run(gainroom, "example", "testbed", cwd=tmp_path), "utf-8")
-    facts = json.loads(run(gainroom, "joint", "testbed.yaml", "--json", "--report", "testbed.html", cwd=tmp_path))
+    words = (gainroom, "joint", "testbed.yaml", "--json", "--report", "testbed.html")
+    facts = json.loads(run(*words, cwd=tmp_path, status=1))  # the paper's own gains: stable, but 80 instead of 70 vibrates
     assert facts["stable"] is True
     assert (tmp_path / "testbed.html").stat().st_size > 10_000
 

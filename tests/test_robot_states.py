@@ -325,17 +325,21 @@ def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch
         (state,) = study.states
         assert state.limit.stable == (word == "Stable") == (text == alone)
         assert math.isnan(state.limit.gain)
-        at_rate = "Stable in continuous time only: unstable in a loop at 2 kHz"
+        at_rate = (
+            "Not decided: the loop's rate is not given, and any rate costs margin (control.sample_rate_hz); the gain margin is not known"
+        )
         assert sentence(study).startswith(at_rate if word == "Stable" else "Not safe: unstable")
+        assert ("in a loop at 2 kHz these gains would be unstable" in sentence(study)) is (word == "Stable")
         assert sentence(study).endswith("In bent/stand only the verdict is known, not the gain limit.")
         assert any("counted from the roots" in warning for warning in warnings(study))
         page = robot_page(RobotPresentation(study), "again")
         assert not re.search(r">nan\b|\bnan<|>∞ ×", page[page.index("<body") :])
         monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress, study=study: study)
-        assert main(["robot", str(folder / "lost.yaml"), "--json"]) == (word == "Unstable")
+        status = 3 if word == "Stable" else 1
+        assert main(["robot", str(folder / "lost.yaml"), "--json"]) == status
         (told,) = json.loads(capsys.readouterr().out)["states"]
         assert (told["stable"], told["gain_limit"], told["limit_certified"]) == (word == "Stable", None, False)
-        assert main(["robot", str(folder / "lost.yaml")]) == (word == "Unstable")
+        assert main(["robot", str(folder / "lost.yaml")]) == status
         assert "nan" not in capsys.readouterr().out
 
 
