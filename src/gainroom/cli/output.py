@@ -22,7 +22,7 @@ WIDTH = 80
 WIDEST = 100
 """Columns, at most."""
 SCREEN_LINES = 25
-"""Of an answer that can be shorter."""
+"""The most lines of an answer that has a shorter form: it fits on the first screen of a terminal."""
 UNBROKEN = "\ue000"
 """Stands for THIN while lines are broken, as KEPT for spaces: rich would break a number there."""
 NARROWEST = 40

@@ -25,7 +25,7 @@ MOST_MARGINS = 10_000
 
 @dataclass(frozen=True)
 class PosturesCall:
-    """Which postures, contact states and draws are swept, as they are typed."""
+    """The postures, contact states and draws of uncertain values that a sweep covers, as options of the command line."""
 
     samples: Annotated[
         int | None, typer.Option(help="So many postures, spread evenly within the joints' limits; 10 000 without any other choice.")

@@ -22,7 +22,7 @@ from .gain_formats.mjcf_export import joint_values, mjcf_text
 from .gain_formats.ros2_control import ros2_control_onto
 
 KEYS = ("kp", "kd", "ki", "motor_inertia", "effort_limit")
-"""Of a joint's gains, in JSON."""
+"""The numbers of one joint that an export has in JSON."""
 AGREEMENT = 1e-8
 """Relative, of what is read back: through MuJoCo's compiler and gears."""
 
@@ -85,7 +85,10 @@ class Export:
     notes: tuple[str, ...]
 
     def facts(self, difference: str) -> dict[str, Any]:
-        """In JSON; `difference`: from what stands in its place."""
+        """The exported gains in JSON: each joint's numbers, the file's text, notes, and the flags to audit it with.
+
+        difference   the lines in which the text differs from the file that it replaces
+        """
         return {
             "joints": [{"name": name} | {key: getattr(gain, key) for key in KEYS} for name, gain in self.gains.items()],
             "difference": difference,

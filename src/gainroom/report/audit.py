@@ -182,7 +182,7 @@ def _cards(result: Audit) -> list[Card]:
 
 
 def _margin(result: Audit, one: Requirement) -> Card:
-    """What a requirement bounds, in the state that has least left of it."""
+    """A card with one requirement's margin in the contact state that has the least of it, its frequency, and whether it is met."""
     state = result.worst[one.name]
     where = f"{at_frequency(one.frequency(state.counted), '', hertz)}, {state.contact}".lstrip(", ")
     label = one.titled(state.counted, len(result.joints) > 1)
@@ -312,18 +312,24 @@ def headroom_rows(result: Audit) -> list[Row]:
 
 
 def row_of_verdict(result: Audit, rows: list[Row]) -> Row:
-    """Of `rows` the one that the verdict is about: of all joints together, unless one of a stable robot has too little, and less."""
+    """The row of the picture that the verdict names, the least of those that count: all gains together and single paths.
+
+    Where a stable robot misses the gain margin the rows of joints count too.
+    """
     short = result.stable and "gain_margin" in result.missed
     return min([row for row in rows if short or row.name in WHOLE], key=lambda row: rank(row.least))
 
 
 def _is_named(result: Audit) -> bool:
-    """Whether the verdict is about a factor on gains."""
+    """True where the verdict rests on a factor on the gains: the gains are safe, or a gain margin is missed."""
     return result.safe or "gain_margin" in result.missed
 
 
 def headroom(result: Audit) -> Html:
-    """Of all gains together and of each of the tightest joints a mark per state: the worst filled, the deciding one a star."""
+    """The picture of the factors at which vibration starts: a row for all gains together and for each of the tightest joints.
+
+    A row has a mark for each contact state: the worst is filled, the one that the verdict names is a star.
+    """
     every = headroom_rows(result)
     rows = every[:MOST_ROWS]
     decides = row_of_verdict(result, every) if _is_named(result) else None

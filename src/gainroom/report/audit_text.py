@@ -60,7 +60,7 @@ def audit_sentence(result: Audit) -> str:
 
 
 def verdict(result: Audit) -> str:
-    """Whether the gains are safe, and what fails first, where, and in which joints. No number in it is one to use."""
+    """The verdict on the gains as text: safe or not, what fails first, where, and in which joints. No number in it is a gain to use."""
     over, unsafe = over_range(result), sum(not joint.safe for joint in result.joints)
     if result.doubts:
         return headline(result)
@@ -261,7 +261,7 @@ def _with_option(call: str, option: str) -> str:
 
 
 def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:
-    """Where gains with the required margins are known, as motors without inertia need them."""
+    """Advice to give the motors' inertias first, with the gains that would be safe where the motors really have none."""
     how = "Give the motors' inertias (rotor inertia × gear ratio²), as `motor_inertia` of each joint in the file of gains or with"
     multiply = _multiply(result, found)
     what = motor_inertias(result)
@@ -290,7 +290,7 @@ def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
 
 
 def _to_decide(result: Audit, call: str) -> Advice:
-    """What is still to be known of gains that are safe if it is as assumed."""
+    """Advice for gains that are safe under assumptions: the options that state rate and gearboxes; none where nothing is assumed."""
     rigid, options, given = result.assumed_rigid, "", []
     if result.system.control.sample_time is None:
         given, options = ["your loop's rate"], f" --rate-hz {USUAL_RATE:.0f}"
@@ -327,7 +327,7 @@ def _by_factor(result: Audit, found: GainsToUse[Audit]) -> dict[float, list[str]
 
 
 def _factors(result: Audit, found: GainsToUse[Audit]) -> str:
-    """Which factors on which gains: "× 0.42 on ankle and × 0.83 on knee"."""
+    """The factors on the gains with the joints that each is on, as text: "× 0.42 on ankle and × 0.83 on knee"."""
     groups, every = _by_factor(result, found), len(found.joints) == len(result.joints)
     if len(groups) > 2:
         return f"× {min(groups):.4g} to {max(groups):.4g} on {'all' if every else len(found.joints)} joints (each its own)"
@@ -336,7 +336,10 @@ def _factors(result: Audit, found: GainsToUse[Audit]) -> str:
 
 
 def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
-    """Which gains by which factor, with the values of the joint that has the least headroom, or of each of few."""
+    """An instruction to multiply gains by their factors: "Multiply the gains of ankle by 0.557 (kp 54.98, kd 3.498) and leave the others".
+
+    The new values are given of the joint with the least headroom, or of each joint where FEW_OWN or fewer have a factor of their own.
+    """
     first = next(joint.name for joint in result.joints_tightest_first if joint.name in found.joints)
     of_first, count = _values(result, found, first), len(found.joints)
     left = len(result.joints) - count
@@ -369,7 +372,7 @@ def _values(result: Audit, found: GainsToUse[Audit], joint: str) -> str:
 
 
 def _required(result: Audit) -> str:
-    """What gains to use have, as a clause: "gain margin ≥ 6 dB and delay margin ≥ 1 ms hold"."""
+    """The required margins as a clause that says that they hold: "gain margin ≥ 6 dB and delay margin ≥ 1 ms hold"."""
     parts = [f"{one.heading} {requirement(result.required, one.name, 3)}" for one, _ in result.required.asked_for] or ["stability"]
     return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}"
 
@@ -389,7 +392,7 @@ class AuditPresentation(Presentation):
 
     @property
     def verdict(self) -> Verdict:
-        """With what was asked besides."""
+        """The verdict on the robot together with that of the simulator and of the whole workspace, as far as these were asked for."""
         return self.result.verdict_with(self.simulated, self.swept)
 
     def facts(self) -> dict[str, Any]:
@@ -440,7 +443,7 @@ class AuditPresentation(Presentation):
         }
 
     def _further_facts(self) -> dict[str, Any]:
-        """What was asked for besides."""
+        """The answers of the simulator and of the whole workspace, in JSON; None where they were not asked for."""
         found: dict[str, Any] = {"simulator": None, "workspace": None}
         if self.simulated is not None:
             from .simulator_text import simulator_facts
@@ -550,7 +553,7 @@ def _all_there_is(result: Audit) -> list[Part]:
 
 
 def _rigid(result: Audit) -> str:
-    """That gearboxes are assumed to be rigid, where some are."""
+    """A clause with the number of gearboxes that are assumed to be rigid; "" where the stiffness of all is given."""
     rigid = result.assumed_rigid.tolist()
     count = sum(rigid)
     which = "" if all(rigid) else f"{count} of {len(rigid)} "

@@ -258,7 +258,7 @@ SCALED = (*AT_LIMIT, "quantisation")
 
 
 def advice(found: Diagnosis) -> list[str]:
-    """What to change and by how much, or what to record."""
+    """Sentences of advice: the changes that end the vibration, each by how much, or the signals to record until its cause is known."""
     if found.ran_away and not found.vibrates:
         return [
             "Look at the signs of position, torque and gains, at the units of kp and kd, and at what the joint ran into or was pushed by."
@@ -363,7 +363,7 @@ OTHER_REMEDIES: dict[str, Callable[[Diagnosis, RecordedOscillation], list[str]]]
 
 
 def _to_record(found: Diagnosis) -> list[str]:
-    """What would show the cause, where it is not known."""
+    """Sentences that ask for the recordings which would tell the possible causes apart; none where the cause is known."""
     if found.cause is not None:
         return []
     texts = [f"Record {RECORDS[name]}." for name in found.missing]

@@ -43,7 +43,7 @@ def gain_file(names: Sequence[str], columns: Mapping[str, Any]) -> list[str]:
 
 
 def _exactly(value: float) -> str:
-    """As it is typed, with as many digits as give it back."""
+    """A gain as text, as short as it is typed, or with as many digits as it takes to read back the same number."""
     text = typed(value)
     return text if float(text) == value else repr(float(value))
 

@@ -356,7 +356,7 @@ def _padded(*values: Floats) -> list[float]:
 
 
 def autocorrelation(fit: JointFit) -> Html:
-    """Of the prediction errors, with the bounds of white noise, and what they say."""
+    """The picture of the prediction errors' autocorrelation over lag, with the bounds of white noise, and what it means for the fit."""
     tests = fit.residuals
     lags = 1e3 * fit.sample_time * np.arange(1, len(tests.autocorrelation) + 1)
     stems_x, stems_y = np.repeat(lags, 3), np.zeros(3 * len(lags))

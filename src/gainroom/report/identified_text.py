@@ -218,7 +218,7 @@ def _verdict(found: Estimate, asked: float) -> str:
 
 
 def torque_delay_answer(found: TorqueDelay) -> Answer:
-    """From torques."""
+    """The answer on the delay from target to actual torque, as identified from a log's torques."""
     tick = digits(1e3 * found.sample_time, "ms")
     low, high = (digits(1e3 * end, "", 4) for end in (found.delay.low, found.delay.high))
     if not found.confounded or "actual_torque" not in found.channels:
@@ -230,7 +230,7 @@ def torque_delay_answer(found: TorqueDelay) -> Answer:
 
 
 def setpoint_delay_answer(found: SetpointDelay) -> Answer:
-    """From set-point and position."""
+    """The answer on the loop's delay and that of set-points, as identified from a log's set-points and positions."""
     total = f"{digits(1e3 * found.total.value, 'ms')} ({digits(1e3 * found.total.low)} to {digits(1e3 * found.total.high)} ms)"
     if found.confounded:
         sentence = f"Command delay and loop delay are confounded: together they are {total}; which part acts in the loop is not known."

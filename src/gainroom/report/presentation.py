@@ -109,7 +109,7 @@ def warned_first(warnings: Sequence[str], every: bool) -> tuple[list[Part], list
 
 
 def do_this(found: "Advice | None") -> list[Part]:
-    """What to do; nothing where there is none."""
+    """Advice as parts of the terminal: "Do this: …", the lines to type, remarks, and commands for afterwards; no parts without advice."""
     if found is None:
         return []
     plain = [text.replace("`", "") for text in (found.heading, *found.remarks)]

@@ -426,7 +426,7 @@ def _crossing(state: State, window: tuple[float, float]) -> tuple[list[style.Tra
 
 
 def _beyond(left: float) -> dict:
-    """From −1 to the left: a locus that crosses there is beyond its limit."""
+    """A bar on the real axis from −1 to `left`, as a shape of the picture: a locus that crosses it is beyond its stability limit."""
     line = {"color": style.VERMILION, "width": 4}
     return {"type": "line", "x0": left, "x1": -1, "y0": 0, "y1": 0, "line": line, "opacity": 0.55, "layer": "below"}
 

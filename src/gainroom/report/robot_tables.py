@@ -108,7 +108,7 @@ class RobotPresentation(Presentation):
 
     @property
     def elsewhere(self) -> list[str]:
-        """What is said of postures that the file does not name."""
+        """Sentences on postures that the file does not name: one with a lower gain limit, or those of a sweep."""
         if self.worse is not None:
             return [worse_note(*self.worse, self.study.tightest.limit.gain)]
         if self.over_sweep and self.swept is None:

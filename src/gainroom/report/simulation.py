@@ -415,7 +415,7 @@ def shown_ticks(reference: Floats, error: Floats) -> int:
 
 
 def _shown(outcome: Outcome) -> int:
-    """How many ticks are drawn."""
+    """The number of ticks that are drawn: all, but of a run that diverges those within DIVERGED_RANGE."""
     run, chosen = outcome.run, list(outcome.leading)
     return shown_ticks(run.reference[:, chosen], run.error[:, chosen]) if run.diverged else len(run.time)
 
@@ -529,7 +529,7 @@ def _conclusion(outcome: Outcome) -> str:
 
 
 def _left_over(outcome: Outcome) -> str:
-    """What is to be said of an error that is left at the end of a run that does not vibrate; "" where none is.
+    """A sentence on the tracking error left at the end of a run without vibration, with its likely causes; "" where none is left.
 
     The motion has stopped where over the last tenth it changes by no more than 2 % of that error.
     """

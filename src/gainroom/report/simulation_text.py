@@ -314,7 +314,7 @@ def _lower(outcome: Outcome, study_call: str, call: str) -> Advice:
 
 
 def _tracking(outcome: Outcome, more: str) -> str:
-    """What helps the channels that do not settle: gains where an error is left, damping or time where none is."""
+    """A sentence of advice for motions that do not settle: integral action or a higher kp where an error is left, else damping or time."""
     run, late, left = outcome.run, unsettled(outcome), left_short(outcome)
     names = listed([printable(run.channels[k]) for k in left or late]) if len(run.channels) > 1 else ""
     if not left:
@@ -335,7 +335,7 @@ class SimulationPresentation(Presentation):
 
     @property
     def advice(self) -> Advice | None:
-        """What to do; None where the warnings say it all."""
+        """Advice on the run's gains: keep, lower, or judge them further; None where the warnings say it all."""
         outcome, study_call = self.outcome, self.study_call
         more = f"`gainroom {'joint' if outcome.spec.kind != 'mujoco' else 'robot'}`"
         if not outcome.stable or outcome.missed:

@@ -67,7 +67,7 @@ def joint_name(found: SweepSummary, one: SweptPosture) -> str:
 
 
 def by_joint(found: SweepSummary) -> str:
-    """How gains are searched joint by joint, a sentence."""
+    """A sentence with the two commands that search gains joint by joint over the postures of a sweep."""
     file = found.plan.robot.name
     return f"Search joint by joint: the same sweep with `--output sweep.zarr`, then `gainroom robot {file} --sweep sweep.zarr`."
 

@@ -33,7 +33,9 @@ HALF = 0.5
 
 
 def verdict_columns(study: Analysis, to_use: Margins | None, heading: str = "new gains") -> list[Column]:
-    """Of a requirement by its name, asked for or not: the worst of states and uncertainty, the nominal value there, and with gains to use.
+    """The columns of the table of requirements: each at its worst, nominal, as required, whether it is met, and with the gains to use.
+
+    A row is a requirement's name; the worst is over states and uncertainty.
 
     to_use   the worst margins of those gains, under this `heading`; None where there are none
     """
@@ -81,7 +83,7 @@ def verdict_columns(study: Analysis, to_use: Margins | None, heading: str = "new
 
 
 def verdict_facts(study: Analysis, sentence: str, to_use: Margins | None) -> dict[str, Any]:
-    """What stands first on the app's page; `to_use`: see verdict_columns."""
+    """The verdict in JSON for the app: sentence, tone, the table of requirements, and which are missed; `to_use`: see verdict_columns."""
     columns = verdict_columns(study, to_use)
     return {
         "sentence": sentence,
@@ -270,14 +272,17 @@ def _not_at_usual_rate(margins: Margins, asked: Requirements, place: str) -> str
 
 
 def _heading(study: Analysis, place: str, only: str = "") -> str:
-    """What the gains are and where they go; `only`: the condition that they have, with a blank behind."""
+    """A heading over recommended gains: whether they replace the present ones, and in which file and section they go.
+
+    only   the condition under which they may be used, with a blank behind
+    """
     if study.requirements_met is False:
         return f"{only}{'u' if only else 'U'}se instead, {place}:"
     return f"The present gains may stay. {only}{'t' if only else 'T'}he stiffest that meet the requirements, {place}:"
 
 
 def verdict_lines(study: Analysis, to_use: ToUse) -> list[Part]:
-    """What stands first in the terminal: gains to use with what is said of them, and every requirement at its worst."""
+    """The first parts of the terminal's answer: the gains to use with remarks, and the table with every requirement at its worst."""
     drops = ("at", "nominal", to_use.column, "required")
     rows = Grid.of("", verdict_columns(study, to_use.margins, to_use.column), study.worst, drops)
     return [*do_this(to_use), rows] if to_use.lines else [rows]

@@ -146,7 +146,7 @@ class VerificationPresentation(Presentation):
 
     @property
     def advice(self) -> Advice | None:
-        """What the limit means for these gains; None where simulation and prediction disagree."""
+        """Advice that follows from a prediction which the simulation confirms: the limit may be relied on; None where the two disagree."""
         if not self.result.agrees:
             return None
         least, ranges = self.result.least, ", in the file's ranges too" if self.result.uncertain else ""

@@ -112,7 +112,7 @@ def _undecided(study: "Analysis", where: str, reading: str) -> str:
 
 
 def _otherwise(study: "Analysis") -> str:
-    """What the system is where what decides has another value than it was computed with, a sentence; "" where nothing was looked at."""
+    """A sentence with the verdict under the other value of what was assumed: "With …: not safe."; "" where no other value was examined."""
     unsafe = not study.stable_in_range or bool(_known_to_fail(study))
     found = [
         one.readings[-1]

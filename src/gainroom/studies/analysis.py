@@ -125,7 +125,7 @@ class Analysis:
 
     @cached_property
     def balanced(self) -> "Self":
-        """The same, with a controller that damps sway."""
+        """A copy of the analysis in which a controller above the joints damps sway, so that sway does not count in the margins."""
         return replace(self, system=replace(self.system, balance="controller"), every=tuple(state.balanced for state in self.every))
 
     @cached_property
@@ -261,7 +261,7 @@ def verdict_of(study: Analysis) -> Verdict:
 
 
 def read_as(system: System, found: Iterable[Finding], states: Sequence[State], level: Level, ranges: "GearboxRange | None" = None) -> Read:
-    """What the readings of a system decide (readings.py), in the states with what makes it unsafe first."""
+    """The decision that all readings of a system's unknowns lead to; states with an unsafe finding are examined first."""
     from .readings import read  # types of gearboxes, which a joint does without
 
     return read(system, unsafe_first(found, states), level, ranges)

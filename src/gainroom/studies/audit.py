@@ -378,7 +378,7 @@ class Audit(Analysis):
         return all(is_stable(loop) and is_stable(loop.scaled(margin)) for loop in loops) and all(map(self.holds, self.states, loops))
 
     def holds(self, state: State, loop: Loop) -> bool:
-        """Whether a loop of a state has what is required; first the delay margin, which takes less than all margins."""
+        """True where one state's loop has every margin that is required; the delay margin is looked at first, as it costs the least."""
         if self.delay_margin > 0 and not enough(extra_delay(loop), self.delay_margin):
             return False
         return self.required.met_by(without_sway(state.case, margins_of(loop), loop))

@@ -7,7 +7,7 @@ from .audit import Audit, ReadAs, or_none
 
 
 def least_of(readings: Sequence[ReadAs]) -> Audit:
-    """Of readings of which either may hold: the audit with the least limit, which tells of the others."""
+    """The audit of the reading with the lowest gain limit, with all readings attached; any of them may be the true one."""
     return _read(min((one.audit for one in readings), key=lambda audit: audit.tightest.limit.gain), readings)
 
 

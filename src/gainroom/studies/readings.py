@@ -100,7 +100,10 @@ class _Readings:
 
     @cached_property
     def ways(self) -> dict[str, list[tuple[str, Change]]]:
-        """What each unknown may be, by a finding's code: as text, and the system with it; that which it was computed with is left out."""
+        """The values that each unknown quantity may have, by a finding's code: each as text, with the change that gives it to the system.
+
+        The value that the system was computed with is left out.
+        """
         unknown, found = self.system.source.unknown, dict[str, list[tuple[str, Change]]]()
         if "motor_inertia_unknown" in unknown:
             shares = [(f"motor inertias of {share:g} × what they move", self._with_motors(share)) for share in SHARES]

@@ -167,7 +167,7 @@ class State:
 
     @cached_property
     def balanced(self) -> "State":
-        """The same, with a controller that damps sway."""
+        """A copy of the state in which a controller above the joints damps sway, so that sway does not count in the margins."""
         found = replace(self, system=replace(self.system, balance="controller"))
         vars(found).update({name: vars(self)[name] for name in ("controller", "loop", "moves", "margins", "sway") if name in vars(self)})
         return found

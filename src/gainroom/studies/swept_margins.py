@@ -154,7 +154,7 @@ def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
 
 
 def _found(found: SweepSummary, worst: WorstStates, studied: Analysis) -> Iterator[Finding]:
-    """What is found in the worst states, with the number of postures of which the same is known: unstable, or short of a requirement."""
+    """Findings in the worst states of a sweep, each with the number of postures that are unstable or miss that requirement, where known."""
     contacts = {one.name: one for one in found.contacts}
     counts = {name: one.missed for name, one in worst.unmet.items()}
     counts["gain_margin"] = max(counts.get("gain_margin", 0), sum(one.short for one in found.contacts))

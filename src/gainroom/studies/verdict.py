@@ -109,7 +109,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Read:
-    """What the readings of a system decide together.
+    """A decision from all readings of what is not known: the level they agree on, or the readings that differ.
 
     level      unsafe in all, safe in all, or not decided
     deciding   by code of what is not known, the readings that show that it decides; {} where nothing does

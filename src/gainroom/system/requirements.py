@@ -219,7 +219,10 @@ class Requirements:
 
     @classmethod
     def usual(cls, kd_apart: bool = False) -> "Requirements":
-        """What is asked for where nothing is said; `kd_apart`: kd closes on a path of its own, where Ms is not known."""
+        """The requirements where a file names none: 6 dB, 30° and Ms 2.
+
+        kd_apart   kd closes on a path of its own, where Ms is not known and not required
+        """
         return cls(**{name: one.usual for name, one in REQUIREMENTS.items() if not (kd_apart and name == "peak_sensitivity")})
 
     def __getattr__(self, name: str) -> float | None:
