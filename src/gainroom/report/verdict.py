@@ -129,7 +129,7 @@ def _joint_gains(study: "JointStudy", call: str) -> ToUse:
         heading = f"The file has no rate, so {AT_USUAL} is assumed. For that rate alone, {_place(call, 'control')}:"
         write = f"Write your loop's rate there, and for another one run `{call}` again: {_at_half_rate(usual, asked)}"
         lines = [f"{SAMPLED}  # assumed", *_beside(again.controller, present)]
-        return ToUse(heading, lines, [write, *_over_ranges(again)], folded, again.worst, f"new gains at {AT_USUAL}")
+        return ToUse(heading, lines, [write, *_over_ranges(again)], folded, margins=again.worst, column=f"new gains at {AT_USUAL}")
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual.in_range.margins, asked)}. {STATE_RATE}")
     remarks += _clock(study)
