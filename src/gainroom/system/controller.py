@@ -188,7 +188,8 @@ class Controller:
                 raise GainroomError(f"{type(self).__name__}: gains of shape {np.shape(gain)} must be single numbers for one joint")
         parts, denominator = self._polynomials(terms, sample_time)
         numerator = sum((float(np.reshape(gain, ())) * part for gain, part in zip(terms.values(), parts, strict=True)), np.zeros(1))
-        return self.shaping(sample_time) * ratio(numerator, denominator, sample_time)
+        shaping, found = self.shaping(sample_time), ratio(numerator, denominator, sample_time)
+        return found if shaping.is_one else shaping * found
 
     def apart(self, terms: Terms, sample_time: float | None) -> list[Factored]:
         """With this controller's filters, D of each of m channels whose gains are `terms`, each (m,)."""
@@ -203,7 +204,9 @@ class Controller:
         most = [max((powers[k] for powers in self._known(terms)), default=0) for k in (0, 1)]
         parts = [reduce(np.convolve, (ratios[k][0 if powers[k] else 1] for k in (0, 1) if most[k]), np.ones(1)) for powers in terms]
         longest = max((len(part) for part in parts), default=1)
-        padded = np.array([np.concatenate([np.zeros(longest - len(part)), part]) for part in parts]).reshape(len(parts), longest)
+        padded = np.zeros((len(parts), longest))
+        for row, part in zip(padded, parts, strict=True):
+            row[longest - len(part) :] = part
         return padded, reduce(np.convolve, (ratios[k][1] for k in (0, 1) if most[k]), np.ones(1))
 
     @property

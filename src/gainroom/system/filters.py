@@ -82,7 +82,7 @@ def filtered_velocity(velocity_filter: LowPass | None, sample_time: float | None
     """V in v: the backward difference, or s, times the filter."""
     num, den = (np.ones(1), np.ones(1)) if velocity_filter is None else velocity_filter.polynomials(sample_time)
     difference = np.ones(1) if sample_time is None else np.array([sample_time, 1.0])
-    return np.polymul([1.0, 0.0], num), np.polymul(difference, den)
+    return np.append(num, 0.0), np.convolve(difference, den)
 
 
 @lru_cache(256)

@@ -54,18 +54,17 @@ def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:
     stiffness, damping = plant.stiffness[0], plant.damping[0]
     motor_viscous, link_viscous = plant.motor_viscous[0], plant.link_viscous[0]
     gravity = 0.0 if plant.gravity_stiffness is None else plant.gravity_stiffness[0, 0]
-    link = np.array([1.0, w * link_viscous, w * gravity])  # s² q = w (τ_J − link_viscous s q − gravity q)
+    link = [1.0, w * link_viscous, w * gravity]  # s² q = w (τ_J − link_viscous s q − gravity q)
     if np.isinf(stiffness):
         return ratio([w], [1 + w * motor, w * (motor_viscous + link_viscous), w * gravity])
-    gearbox = np.array([damping, stiffness])
     if w == 0:  # output locked
         if feedback == "link":
             raise GainroomError("a joint with its output locked (link_inertia inf) cannot be fed back from the link side")
         return ratio([1.0], [motor, motor_viscous + damping, stiffness])
-    denominator = np.polymul([motor, motor_viscous, 0.0], np.polyadd(link, w * gearbox))
-    denominator = np.polyadd(denominator, np.polymul(gearbox, link))
-    numerator = np.polyadd(link, w * gearbox) if feedback == "motor" else w * gearbox
-    return ratio(numerator, denominator)
+    gearbox, moved = [damping, stiffness], [1.0, link[1] + w * damping, link[2] + w * stiffness]
+    denominator = np.convolve([motor, motor_viscous, 0.0], moved)
+    denominator[1:] += np.convolve(gearbox, link)
+    return ratio(moved if feedback == "motor" else [w * damping, w * stiffness], denominator)
 
 
 def _resting_transfer(plant: Plant, feedback: Feedback) -> Factored:

@@ -111,9 +111,9 @@ class Plant:
             raise GainroomError(f"plant: link_inverse_inertia of shape {inverse_inertia.shape} must be square, (n, n)")
         size = len(inverse_inertia)
         scale = np.abs(inverse_inertia).max()
-        if not np.allclose(inverse_inertia, inverse_inertia.T, atol=1e-9 * scale, rtol=0):
+        if np.abs(inverse_inertia - inverse_inertia.T).max() > 1e-9 * scale:
             raise GainroomError("plant: link_inverse_inertia must be symmetric")
-        if np.linalg.eigvalsh(inverse_inertia)[0] < -1e-9 * scale:
+        if (inverse_inertia[0, 0] if size == 1 else np.linalg.eigvalsh(inverse_inertia)[0]) < -1e-9 * scale:
             raise GainroomError("plant: link_inverse_inertia must have no negative eigenvalue")
         names = self.joint_names or tuple(f"joint{i + 1}" for i in range(size))
         if len(names) != size:
@@ -122,10 +122,10 @@ class Plant:
         set_field(self, "joint_names", names)
         set_field(self, "link_inverse_inertia", (inverse_inertia + inverse_inertia.T) / 2)
         for name, unit, infinite in _JOINT_FIELDS:
-            values = _per_joint(name, getattr(self, name), size)
-            least = 0.0 if name != "stiffness" else np.nextafter(0.0, 1.0)
-            for k in np.flatnonzero(~((values >= least) & (infinite | np.isfinite(values)))).tolist():
-                require_positive(f"joint '{names[k]}'", name, values[k], unit, zero=name != "stiffness", infinite=infinite)
+            values, zero = _per_joint(name, getattr(self, name), size), name != "stiffness"
+            for k, value in enumerate(values.tolist()):
+                if not (value > 0 or (zero and value == 0)) or not (infinite or value < math.inf):
+                    require_positive(f"joint '{names[k]}'", name, value, unit, zero=zero, infinite=infinite)
             set_field(self, name, values)
         if self.compliance is not None and self.compliance.coupling.shape[0] != size:
             raise GainroomError(f"plant: compliance couples {self.compliance.coupling.shape[0]} joints, not {size}")
@@ -314,7 +314,8 @@ _JOINT_FIELDS = (
 def _per_joint(name: str, value: ArrayLike, size: int) -> Floats:
     """`value` as one number per joint."""
     try:
-        return np.broadcast_to(np.asarray(value, dtype=float), (size,)).copy()
+        found = np.array(value, dtype=float)
+        return found if found.shape == (size,) else np.broadcast_to(found, (size,)).copy()
     except (TypeError, ValueError) as error:
         raise GainroomError(f"plant: {name} of shape {np.shape(value)} must be a number or {size} numbers") from error
 
