@@ -44,9 +44,9 @@ def one_line(message: object, most: int = 240) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
-def first_of_many(items: Sequence[str]) -> str:
-    """The first of many things, and how many there are."""
-    return ", ".join(items[:MOST_SHOWN]) + (f", … {len(items)} in all" if len(items) > MOST_SHOWN else "")
+def first_of_many(items: Sequence[str], most: int = MOST_SHOWN) -> str:
+    """The first of many things, `most` of them, and how many there are."""
+    return ", ".join(items[:most]) + (f", … {len(items)} in all" if len(items) > most else "")
 
 
 def apart(value: float, other: float, least: int) -> int:

@@ -8,7 +8,7 @@ from ..report.number_format import UNITS
 
 KEPT = "\ue001"
 """Stands for a space at which no line is broken, as those of UNITS."""
-LONG_WORD = 26
+LONG_WORD = 28
 """A longer word, a name, is broken before a column is left out."""
 SHORT_WORD = 8
 """A longer word is broken where the table is too wide with every column left out that may be."""

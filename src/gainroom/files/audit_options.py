@@ -64,6 +64,8 @@ GIVEN = "given"
 """The name of a posture whose angles are typed."""
 SLIGHT_DAMPING = 0.01
 """Of kd: the joints' own damping, where it is less, is reported among what is assumed."""
+HELD_SHOWN = 3
+"""Joints without gains that a warning names: the rest are counted, so that the answer fits on a terminal's first screen."""
 DESCRIPTIONS = (".yaml", ".yml", ".json")
 
 
@@ -312,7 +314,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     slight = _slight_damping(body, found, options)
     taken += [text for text in spec.warnings if slight and text.startswith(DAMPING_NOTE)]
     locked = file.joints.locked
-    held = [f"these joints are held, as they have no gains: {first_of_many(locked)}"] * bool(locked)
+    held = [f"these joints are held, as they have no gains: {first_of_many(locked, HELD_SHOWN)}"] * bool(locked)
     assumptions = (
         options.path_assumption(),
         *(text for text in spec.assumptions if not text.startswith(NO_STIFFNESS)),  # said below, with the options
