@@ -62,11 +62,12 @@ def with_limit(text: str, most: float) -> str:
     return text.replace("peak_sensitivity: 2}", f"peak_sensitivity: 2, noise_torque_nm: {most!r}}}")
 
 
-def own_noise(kp: float, kd: float, inertia: float = 1.0) -> float:
+def own_noise(kp: float, kd: float, inertia: float = 1.0, tick: float | None = None) -> float:
     """The same of JOINT with these gains, from L out of the equations of motion; POINTS are close enough for both to be the same sum."""
-    omega = (np.arange(POINTS) + 0.5) / POINTS * NOISE.band
-    ratio = response(PDJoint(inertia, 4.0, 1e4, 1.0, kp, kd, delay=2e-3, bandwidth=4000.0), omega)
-    return COUNT * math.sqrt(np.mean(np.abs((kp + 1j * omega * kd) / (1 + ratio)) ** 2))
+    omega = (np.arange(POINTS) + 0.5) / POINTS * (math.pi / tick if tick else NOISE.band)
+    rate = (1 - np.exp(-1j * omega * tick)) / tick if tick else 1j * omega
+    ratio = response(PDJoint(inertia, 4.0, 1e4, 1.0, kp, kd, delay=2e-3, bandwidth=4000.0), omega, tick)
+    return COUNT * math.sqrt(np.mean(np.abs((kp + rate * kd) / (1 + ratio)) ** 2))
 
 
 def printed(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
@@ -89,7 +90,9 @@ def test_a_measured_requirement_of_a_joint(tmp_path: Path, capsys, noise: NoiseT
     assert found["required"]["noise_torque_nm"] == most
     assert "noise_torque" in found["unmet"]
     assert f"rms noise torque {now:.3g} N·m (≤ {most:.3g} N·m)" in found["sentence"]
-    assert "1 requirement fails" in found["sentence"]
+    assert own_noise(900.0, 100.0, tick=1 / 2000) > most > own_noise(900.0, 100.0, tick=1 / 500)  # so that the rate decides
+    assert found["sentence"].startswith("Not decided: the loop's rate is not given, and any rate costs margin (control.sample_rate_hz). ")
+    assert " With a rate of 500 Hz: safe." in found["sentence"]
     assert "rms noise torque" in screen
     assert "rms noise torque" in page.read_text("utf-8")
     use = found["recommended"]

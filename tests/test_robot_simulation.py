@@ -80,13 +80,16 @@ def test_encoders_have_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 @pytest.mark.slow
 def test_a_narrow_sole_lets_the_biped_fall(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """The same motion, on soles 15 cm wide and on soles of 4 cm, which tip over under the moments that the control asks of the ankles."""
+    """The same motion, on soles 15 cm wide and on soles of 4 cm, which tip over under the moments that the control asks of the ankles.
+
+    Its gains are not safe on either: on wide soles they overshoot as no loop of 30° of phase margin does (test_strict.py).
+    """
     example = (resources.files("gainroom.files.examples") / "biped-simulated.yaml").read_text("utf-8")
-    for width, status, fell in ((0.15, 0, False), (0.04, 1, True)):
+    for width, fell in ((0.15, False), (0.04, True)):
         path = tmp_path / "biped.yaml"
         path.write_text(example.replace("width: 0.15", f"width: {width}"), "utf-8")
         found, facts = simulated(path, capsys)
-        assert (found, facts["fell"]) == (status, fell)
+        assert (found, facts["fell"]) == (1, fell)
         assert (facts["ended_at"] is None) != fell
 
 

@@ -219,7 +219,7 @@ def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.Ca
     path = folder / "uncertain.yaml"
     for share, stable in ((0.999, True), (1.001, False)):
         path.write_text(text + f"uncertainty: {{delay_ms: [1.5, {2 + share * room!r}]}}\n", "utf-8")
-        assert main(["robot", str(path), "--json"]) == (0 if stable else 1)
+        assert main(["robot", str(path), "--json"]) == 1  # within a thousandth of the delay margin no 30° of phase are left
         told = json.loads(capsys.readouterr().out)
         assert told["stable"]
         assert told["stable_in_range"] == stable
