@@ -9,14 +9,11 @@ import gainroom as gr
 from gainroom.identification.joint import identify_joint
 from gainroom.identification.record import Record
 from gainroom.simulation import Friction, Scenario, Testbed, simulate
-from identified import multisine, soft_loop
+from identified import coverage_bounds, holds, multisine, soft_loop
 from independent.chain import Chain, multisine as chain_multisine, record
 
 TICK = 1e-3
 WIDER = 1.7  # times the half-width of a 95 % interval: 99.9 %, as a few logs show no coverage
-
-
-NARROW = pytest.mark.xfail(strict=True, reason="the weight's interval is too narrow there: it is 2.2 half-widths off")
 
 
 @pytest.mark.slow
@@ -34,20 +31,38 @@ def test_a_delay_without_a_torque_log_is_as_wide_as_the_current_loop_s_lag_leave
     assert abs(late * TICK - delay.value) < WIDER * delay.half_width
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("resonance", "ratio", "seed"), [(9.0, 5.9, 1), pytest.param(14.0, 0.7, 2, marks=NARROW), (7.0, 2.0, 3)])
-def test_a_weight_is_told_by_slow_motion_alone(resonance: float, ratio: float, seed: int):
-    """A soft joint with a weight, on slow motion of 0.3 rad for 5 s. In fast motion the weight is a spring, which no two masses have."""
-    motor, weight = 0.05, 0.5
+WEIGHT = 0.5
+SEEDS = 100
+
+
+def weighted(resonance: float, ratio: float, seed: int) -> tuple[gr.ElasticJoint, Record]:
+    """A soft joint with a weight, on slow motion of 0.3 rad for 5 s, and its log."""
+    motor = 0.05
     stiffness = (2 * math.pi * resonance) ** 2 * motor * ratio / (1 + ratio)
     joint = gr.ElasticJoint(motor, motor * ratio, stiffness, 0.04 * stiffness / (2 * math.pi * resonance))
     time = np.arange(5000) * TICK
     torque = 15 * motor * (1 + ratio) * multisine(np.random.default_rng(seed), time, np.geomspace(0.4 * resonance, 2 * resonance, 50))
     loop = soft_loop(joint, gr.Drive(2000.0, 0.9, 2 * TICK), 0.4, 0.7, TICK)
-    bed = Testbed(loop, motor_friction=Friction(0.03, 0.035, 0.05), gravity=weight, motor_resolution=4e-6, substep=TICK / 4)
+    bed = Testbed(loop, motor_friction=Friction(0.03, 0.035, 0.05), gravity=WEIGHT, motor_resolution=4e-6, substep=TICK / 4)
     run = simulate(bed, Scenario(0.3 * np.sin(2 * np.pi * 0.4 * time)[:, None], time[-1], feedforward=torque[:, None], limit=50.0))
-    columns = {"actual_torque": run.actual_torque[:, 0], "motor_position": run.motor_reading[:, 0]}
-    found = identify_joint(Record(run.time, columns, TICK)).parameters
-    assert abs(found["weight_sine"].value - weight) < WIDER * found["weight_sine"].half_width
-    assert abs(found["link_inertia"].value - motor * ratio) < WIDER * found["link_inertia"].half_width
-    assert abs(found["stiffness"].value - stiffness) < WIDER * found["stiffness"].half_width
+    return joint, Record(run.time, {"actual_torque": run.actual_torque[:, 0], "motor_position": run.motor_reading[:, 0]}, TICK)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("resonance", "ratio", "seed"), [(9.0, 5.9, 1), (14.0, 0.7, 2), (7.0, 2.0, 3)])
+def test_a_weight_is_told_by_slow_motion_alone(resonance: float, ratio: float, seed: int):
+    """In fast motion the weight is a spring; taken for none it puts link inertia and stiffness off by 2 and 1 W/K, here 0.3 to 0.8 %."""
+    joint, log = weighted(resonance, ratio, seed)
+    found = identify_joint(log).parameters
+    assert abs(found["weight_sine"].value - WEIGHT) < WIDER * found["weight_sine"].half_width
+    for name in ("link_inertia", "stiffness"):
+        assert abs(found[name].value - getattr(joint, name)) < WIDER * found[name].half_width
+        assert found[name].value == pytest.approx(getattr(joint, name), rel=WEIGHT / joint.stiffness / 2)
+
+
+@pytest.mark.population
+@pytest.mark.timeout(3600)
+def test_a_weight_s_interval_holds_as_often_as_it_says():
+    """Of 99 logs made so 98 held; with a weight that was no spring in fast motion, and bent no gearbox, hardly any did."""
+    held = [holds(identify_joint(weighted(14.0, 0.7, seed)[1]).parameters["weight_sine"], WEIGHT) for seed in range(SEEDS)]
+    assert np.mean(held) >= coverage_bounds(SEEDS)[0]

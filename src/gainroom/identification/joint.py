@@ -24,7 +24,7 @@ from .frequency_response import FrequencyResponse, Rough, fine_response, fitted_
 from .friction_estimates import damping_beside_friction, friction_not_below_zero, viscous_beside_friction
 from .joint_model import JointModel, Prior
 from .likelihood import Maximum, maximize
-from .motion import STRIBECK_VELOCITIES, motion_of
+from .motion import NO_WEIGHT, STRIBECK_VELOCITIES, motion_of
 from .prediction import UNKNOWN, Between, Signals, prediction_errors
 from .record import Record, resolution
 from .residuals import Residuals, residual_tests
@@ -299,9 +299,9 @@ class _Fitting:
         self.prior = self.model.prior(self.start, source.prior)
         self._short: Maximum | None = None
 
-    def _signals(self, joint: ElasticJoint, cautious: float = 0.0) -> Signals:
+    def _signals(self, joint: ElasticJoint, weight: Floats = NO_WEIGHT, cautious: float = 0.0) -> Signals:
         linked = self.positions.shape[1] == 2
-        motion = motion_of(self.positions, linked, self.record.sample_time, joint, cautious)
+        motion = motion_of(self.positions, linked, self.record.sample_time, joint, cautious, weight)
         return Signals(self.source.torque, self.source.sampled, self.positions, motion, self.record.sample_time)
 
     def reduced(self, other: "_Fitting") -> Floats:
@@ -333,15 +333,15 @@ class _Fitting:
     def result(self, name: str, measured: FrequencyResponse, seen: FrequencyResponse, warnings: list[str]) -> JointFit:
         """On the whole log; `measured` by the torque, `seen` by what of it feedback did not make."""
         best = self.short()
-        joint, *_ = self.model.parts(best.parameters)
-        self.signals = self._signals(joint)
+        joint, _, friction, *_ = self.model.parts(best.parameters)
+        self.signals = self._signals(joint, weight := friction[3:])
         best = self._not_ahead(likeliest(self.model, self.signals, best.parameters, self.prior, 30))
         joint, drive, friction, noise, between = self.model.parts(best.parameters)
         # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
         # The wider law is one that the fitted friction stands for, so that it says nothing of the friction's own numbers.
         variance, inertial = best.variance_of(self._blocks(joint)), np.isin(self.model.names, INERTIAL)
         for velocity in STRIBECK_VELOCITIES:
-            other = likeliest(self.model, self._signals(joint, velocity), best.parameters, self.prior, 1)
+            other = likeliest(self.model, self._signals(joint, weight, velocity), best.parameters, self.prior, 1)
             difference = np.where(inertial | (velocity == STRIBECK_VELOCITIES[0]), other.parameters - best.parameters, 0.0)
             variance = variance + np.outer(difference, difference)
         variance = variance + self.model.weight_error(best.parameters, best.variance, float(np.std(self.positions[:, 0])))

@@ -164,14 +164,14 @@ class JointModel:
     def weight_error(self, point: Floats, variance: Floats, swing: float) -> Floats:
         """(p, p) covariance of the point from a weight that pulls the link back as a spring to the ground, W of a stiffness K + W.
 
-        W is the torque of the weight, as far as it is known. Where the link is measured and swings by much (`swing`, deviation [rad]), the
-        change of that torque is fitted. Else it is taken for stiffness, K/J_L = (K + W)/J_L: link inertia and stiffness are off by 2 and
+        W is the torque of the weight, as far as it is known. Where the joint swings by much (`swing`, deviation [rad]), the change of that
+        torque is fitted (prediction.py). Else it is taken for stiffness, K/J_L = (K + W)/J_L: link inertia and stiffness are off by 2 and
         1 W/K.
         """
         if not self.elastic:
             return np.zeros_like(variance)
         places = [self.names.index(name) for name in ("weight_sine", "weight_cosine")]
-        size = float(np.sqrt(np.sum(point[places] ** 2))) / (1 + (swing / TELLS) ** 2 if self.outputs == 2 else 1.0)
+        size = float(np.sqrt(np.sum(point[places] ** 2))) / (1 + (swing / TELLS) ** 2)
         unknown = self.torque * math.hypot(size, float(variance[places[0], places[0]] ** 0.5))
         share = min(unknown / math.exp(point[self.names.index("stiffness")]), MOST_WEIGHT)
         common = np.array([WEIGHT.get(name, 0.0) for name in self.names])

@@ -16,6 +16,7 @@ SLOW = 0.3  # times the antiresonance: about it the fit itself tells how the lin
 LEAST_DAMPING = 0.02  # of critical, when the link's motion is reckoned from the motor's: noise at the antiresonance is not to ring on
 STRIBECK = 0.3  # of Coulomb friction: another law that friction may have
 STRIBECK_VELOCITIES = 0.2, 1.0  # times the velocity's deviation, up to which it may be larger
+NO_WEIGHT = np.zeros(2)
 PADDING = 4096  # rows over which a signal returns to its start
 
 
@@ -27,11 +28,15 @@ class Motion:
               angle, without fast motion where that is reckoned from the motor's
     turning   (m,) 1 while motor or link is about to turn round or has just done so, else 0
     angle     (m,) of the link [rad], fast motion with it
+    slow      (m,) the same without fast motion where that is reckoned from the motor's
+    swinging  spring that the weight is in what is not in `slow`, at the mean angle [N m/rad]
     """
 
     along: Floats
     turning: Integers
     angle: Floats
+    slow: Floats
+    swinging: float = 0.0
 
     @property
     def speed(self) -> float:
@@ -39,11 +44,14 @@ class Motion:
         return float(np.sqrt(np.mean(self.along[:, 2] ** 2)))
 
 
-def motion_of(positions: Floats, linked: bool, sample_time: float, joint: ElasticJoint, cautious: float = 0.0) -> Motion:
+def motion_of(
+    positions: Floats, linked: bool, sample_time: float, joint: ElasticJoint, cautious: float = 0.0, weight: Floats = NO_WEIGHT
+) -> Motion:
     """From the motor's position, and where `linked` the link's in the second column (m, o) [rad]; `joint` is roughly right.
 
     cautious   above 0 under another law: friction that is larger near rest, up to so many times the velocity's deviation, and a wider range
                of velocities that counts as turning round
+    weight     (2,) torques along sine and cosine of the link's angle [N m], roughly right; it bends the gearbox by a share of its stiffness
     """
     resonance = joint.resonance if math.isfinite(joint.resonance) else 0.2 / sample_time
     count = len(positions)
@@ -54,7 +62,7 @@ def motion_of(positions: Floats, linked: bool, sample_time: float, joint: Elasti
     # The noise that passes the filter, if it is white, from what does not.
     share = min(PASSED * resonance * sample_time / math.pi, 1.0)
     least = max(2 * float(np.std(raw - motor)) * math.sqrt(share), 1e-12)
-    angle = resting = positions[:, 0]
+    angle, resting, swinging = positions[:, 0], positions[:, 0], 0.0
     if linked:
         angle = resting = positions[:, 1]
         link = filtered(np.diff(positions[:, 1], append=positions[-1, 1]) / sample_time, smooth)
@@ -63,7 +71,14 @@ def motion_of(positions: Floats, linked: bool, sample_time: float, joint: Elasti
         passed = spring / (spring - joint.link_inertia * omega**2)
         link = filtered(raw, smooth * passed)
         slow = 1 / (1 + (omega / (SLOW * joint.antiresonance)) ** 4)
-        angle, resting = (positions[0, 0] + filtered(positions[:, 0] - positions[0, 0], kept * passed) for kept in (smooth, slow))
+
+        def reckoned(motor_side: Floats, kept: Floats) -> Floats:
+            return motor_side[0] + filtered(motor_side - motor_side[0], kept * passed)
+
+        rest = reckoned(positions[:, 0], slow)
+        swinging = float(weight @ [np.mean(np.cos(rest)), -np.mean(np.sin(rest))])
+        bent = weight @ [np.sin(rest), np.cos(rest)] / joint.stiffness
+        angle, resting = (reckoned(positions[:, 0] - bent, kept) for kept in (smooth, slow))
     else:
         link = motor
     slow = (2 if cautious else 1) * TURNING * float(np.std(motor))
@@ -74,7 +89,7 @@ def motion_of(positions: Floats, linked: bool, sample_time: float, joint: Elasti
     if cautious:
         rest = cautious * float(np.std(motor))
         along = [way * (1 + STRIBECK * np.exp(-((speed / rest) ** 2))) for way, speed in zip(along, (motor, link), strict=True)]
-    return Motion(np.column_stack([*along, motor, np.sin(resting), np.cos(resting)]), turning, angle)
+    return Motion(np.column_stack([*along, motor, np.sin(resting), np.cos(resting)]), turning, angle, resting, swinging)
 
 
 def _filter(count: int, sample_time: float):

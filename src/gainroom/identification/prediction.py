@@ -6,11 +6,14 @@ Plant and current loop are sampled exactly, with the command's change within a t
 that no model has) plus a random walk (gravity, drift): with both the predictor follows what moves slowly and judges the rest. Coulomb
 friction enters as a known torque along the sign of the velocity, its size as a parameter. The gain is that of the stationary Kalman filter.
 The state at the first row is free: a joint that hardly knows noise forgets it so slowly that a sweep has passed the resonance by then.
+
+Of a weight its torque at the link's slow angle is fitted, so that slow motion alone tells it; in fast motion it is a spring of the plant,
+which is as large as the fit before this one says.
 """
 
 import math
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -72,13 +75,15 @@ class Signals:
 
     def rows(self, part: slice) -> "Signals":
         """Some of the ticks."""
-        motion = Motion(self.motion.along[part], self.motion.turning[part], self.motion.angle[part])
+        whole = self.motion
+        motion = Motion(whole.along[part], whole.turning[part], whole.angle[part], whole.slow[part], whole.swinging)
         return Signals(self.torque[part], self.sampled, self.positions[part], motion, self.sample_time)
 
     def inputs(self, shift: int, between: "Between") -> Floats:
-        """(m, 7) of each tick: two torques, what friction and weight act along; the last ones are kept, as few parameters change them.
+        """(m, 8) of each tick: two torques, what friction and weight act along, the link's slow angle.
 
-        The torques are the commands `shift` + 1 and `shift` ticks ago; of a sampled torque what acts at the tick's begin and end.
+        The torques are the commands `shift` + 1 and `shift` ticks ago; of a sampled torque what acts at the tick's begin and end. The last
+        inputs are kept, as few parameters change them.
         """
         key = (shift, between.early, between.curved)
         if key not in self._inputs:
@@ -89,7 +94,8 @@ class Signals:
                 torque = torque + between.early * np.gradient(torque)
                 torque = torque + between.curved * np.diff(self.torque, 2, prepend=self.torque[0], append=self.torque[-1])
             self._inputs.clear()
-            self._inputs[key] = np.column_stack([torque[np.maximum(first, 0)], torque[np.maximum(second, 0)], self.motion.along])
+            torques = [torque[np.maximum(rows, 0)] for rows in (first, second)]
+            self._inputs[key] = np.column_stack([*torques, self.motion.along, self.motion.slow])
         return self._inputs[key]
 
     def starts(self, key: Hashable, found: "_Filter") -> Floats:
@@ -123,7 +129,7 @@ def prediction_errors(
 
     Raises numpy.linalg.LinAlgError where there is no stationary filter.
     """
-    key = (joint, drive.bandwidth, drive.damping_ratio, signals.positions.shape[1], signals.sample_time, noise.key)
+    key = (joint, drive.bandwidth, drive.damping_ratio, signals.positions.shape[1], signals.sample_time, signals.motion.swinging, noise.key)
     found = _filter(*key)
     b, inputs = _inputs(signals, drive, found, friction, Between() if between is None else between)
     rest = np.linalg.lstsq(found.system.c[[0, 1]], signals.positions[0, [0, -1]], rcond=None)[0]
@@ -182,10 +188,13 @@ class _Filter:
 
 @lru_cache(16)
 def _filter(
-    joint: ElasticJoint, bandwidth: float, damping_ratio: float, outputs: int, sample_time: float, noise: tuple[float, ...]
+    joint: ElasticJoint, bandwidth: float, damping_ratio: float, outputs: int, sample_time: float, swinging: float, noise: tuple[float, ...]
 ) -> _Filter:
     """Kept: friction and delay, which are half of a fit's parameters, do not change it."""
-    system = actuated_state(joint.plant(), (Drive(bandwidth, damping_ratio),))
+    plant = joint.plant()
+    if swinging:
+        plant = replace(plant, gravity_stiffness=np.array([[swinging]]))
+    system = actuated_state(plant, (Drive(bandwidth, damping_ratio),))
     transition, held, ramp = _sampled(system, sample_time)
     torque, drift, turning, *readings = noise
     push, size = held[:, [MOTOR]], len(transition)
@@ -249,9 +258,12 @@ def _sampled(system: StateSpace, step: float) -> tuple[Floats, Floats, Floats]:
 
 
 def _inputs(signals: Signals, drive: Drive, found: _Filter, friction: Floats, between: Between) -> tuple[Floats, Floats]:
-    """B (n, i) and inputs (m, i): torque over each tick, and what friction and weight act along."""
+    """B (n, i) and inputs (m, i): torque over each tick, what friction and weight act along, and the slow angle.
+
+    The weight's torque is that at the slow angle, so that of its spring in the plant the slow angle's part is taken off.
+    """
     held, along = found.held, [MOTOR, LINK, MOTOR, LINK, LINK]
-    columns = -friction * held[:, along]
+    columns = np.column_stack([-friction * held[:, along], signals.motion.swinging * held[:, LINK]])
     if signals.sampled:
         rise = found.ramp[:, [DEMAND]]
         return np.hstack([held[:, [DEMAND]] - rise, rise, columns]), signals.inputs(0, between)
