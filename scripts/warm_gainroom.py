@@ -54,7 +54,7 @@ def load() -> None:
     for module in pkgutil.walk_packages(gainroom.__path__, "gainroom."):
         if not module.name.startswith(("gainroom.app", "gainroom.__main__")):
             importlib.import_module(module.name)
-    for name in ("mujoco", "pinocchio", "plotly.graph_objects", "scipy.optimize", "scipy.signal"):
+    for name in ("mujoco", "pinocchio", "scipy.optimize", "scipy.signal"):
         importlib.import_module(name)
 
 

@@ -8,6 +8,7 @@ import pytest
 import gainroom
 
 STATIC = Path(gainroom.__path__[0]) / "app" / "static"
+PLOTLY = STATIC.parents[1] / "report" / "vendor" / "plotly.js"
 OWN = sorted(STATIC.glob("*.js"))
 
 
@@ -29,7 +30,7 @@ def test_text_never_becomes_markup_or_script(path: Path):
 
 
 def test_vendored_files_say_what_they_are():
-    for name in ("uplot", "three"):
-        head = (STATIC / "vendor" / f"{name}.js").read_text("utf-8").splitlines()[1]
+    for script in (STATIC / "vendor" / "uplot.js", STATIC / "vendor" / "three.js", PLOTLY):
+        name, head = script.stem, script.read_text("utf-8").splitlines()[1]
         assert re.fullmatch(rf"// {name} \d+\.\d+\.\d+, MIT: see {name}\.LICENSE; made by scripts/vendor\.sh", head)
-        assert "MIT" in (STATIC / "vendor" / f"{name}.LICENSE").read_text("utf-8")
+        assert "MIT" in script.with_suffix(".LICENSE").read_text("utf-8")

@@ -318,7 +318,8 @@ sys.exit(main())
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
-    "module", ["typer", "gainroom.cli.robot", "numpy", "gainroom.studies.joint", "pydantic", "gainroom.report.joint", "plotly"]
+    "module",
+    ["typer", "gainroom.cli.robot", "numpy", "gainroom.studies.joint", "pydantic", "gainroom.report.joint", "gainroom.report.page"],
 )
 def test_a_signal_while_it_loads_is_one_line(folder: Path, module: str, number: int):
     """The moment is the import of a module: no library on the way can swallow the signal or make an error of its own of it."""

@@ -2,7 +2,7 @@
 
 A page is  page(title, lead, cards, sections, command);  a section holds what figure, table, paragraph, facts, block and details make.
 Plain strings are escaped wherever they enter; only Html, made here, passes as it is. Figures are dicts in plotly's own format
-({"data": [...], "layout": {...}}) or plotly figures; numpy arrays may stand anywhere in them.
+({"data": [...], "layout": {...}}); numpy arrays may stand anywhere in them.
 """
 
 import json
@@ -98,16 +98,15 @@ def page(
     )
 
 
-def figure(fig: Any, title: str, caption: str, height: int = 480, narrow: Mapping[str, Any] | None = None) -> Html:
+def figure(fig: Mapping[str, Any], title: str, caption: str, height: int = 480, narrow: Mapping[str, Any] | None = None) -> Html:
     """A picture with a title that says what it shows and a caption that says what to conclude.
 
-    fig      a plotly figure, or a dict in its format
+    fig      a dict in plotly's format
     height   [px]
     narrow   changes of the layout on a phone, by dotted path ({"margin.l": 40}). Annotations with name="wide" and traces with
              meta="wide" are left out there, annotations with name="narrow" are shown only there.
     """
-    spec = fig if isinstance(fig, Mapping) else fig.to_plotly_json()
-    text = json.dumps(strict({**spec, "narrow": narrow or {}}, SIGNIFICANT), separators=(",", ":"), allow_nan=False)
+    text = json.dumps(strict({**fig, "narrow": narrow or {}}, SIGNIFICANT), separators=(",", ":"), allow_nan=False)
     data = text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
     return Html(
         f'<figure><h3>{escape(title)}</h3><div class="plot" style="height:{height:d}px" role="img" aria-label="{escape(title)}"></div>'
@@ -218,8 +217,7 @@ def _card(card: Card) -> str:
 
 
 def _drawing_scripts() -> str:
-    library = files("plotly").joinpath("package_data", "plotly.min.js").read_text("utf-8")
-    own = _resource("page.js")
+    library, own = _resource("vendor/plotly.js"), _resource("page.js")
     return f"<noscript><p>The pictures need JavaScript.</p></noscript><script>{library}</script>\n<script>{own}</script>"
 
 

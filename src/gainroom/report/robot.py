@@ -44,7 +44,7 @@ LOCI = (
 )
 WIDEST = 6.0  # |Re L| beyond which nothing is drawn; crossings outside are labelled
 TO_DRAW = 0.012  # longest step between samples, relative to the window
-TO_WRITE = 0.007  # points closer than this along a locus are not written into the page
+TO_WRITE = 0.012  # points closer than this along a locus are not written into the page
 AROUND = math.log(3)  # of the frequency at the limit: the part of the critical locus that is drawn bold
 MOST = 40_000  # eigenvalues in one sweep
 
