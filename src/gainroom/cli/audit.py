@@ -56,7 +56,8 @@ class RequirementCall:
     require: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="LIMIT=NUMBER", help="Another limit of safe gains, as in a robot.yaml: delay_margin_ms=2; may be given again."
+            metavar="LIMIT=NUMBER",
+            help="Another limit of safe gains, as in a robot.yaml: delay_margin_ms=2; LIMIT=none: not asked for; may be given again.",
         ),
     ] = None
 

@@ -1,12 +1,15 @@
 """Requirements as they are typed in options."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..errors import GainroomError, option_name
 from ..io.validation import checked, number
 from ..system.margin_units import from_db
 from ..system.requirement import Requirement
-from ..system.requirements import REQUIREMENTS, Requirements
+from ..system.requirements import REQUIREMENTS
+
+NONE = "none"
+"""What is typed of a limit that is not required."""
 
 
 def margin_factor(decibels: float) -> float:
@@ -16,9 +19,12 @@ def margin_factor(decibels: float) -> float:
 
 def further_requirements(
     delay_margin_ms: float | None, phase_margin_deg: float | None, peak_sensitivity: float | None, named: Sequence[str] = ()
-) -> Requirements:
-    """Requirements besides a gain margin, as they are typed; `named`: LIMIT=NUMBER each. Raises GainroomError, which names the option."""
-    values = {}
+) -> Mapping[str, float | None]:
+    """Requirements besides --margin-db by name, in SI, as they are typed; None: not required. `named`: LIMIT=NUMBER or LIMIT=none each.
+
+    Raises GainroomError, which names the option.
+    """
+    values: dict[str, float | None] = {}
     if delay_margin_ms is not None and checked("--delay-margin-ms", delay_margin_ms, number(least=0, most=1000)) > 0:
         values["delay_margin"] = REQUIREMENTS["delay_margin"].in_si(delay_margin_ms)
     for name, value in (("phase_margin", phase_margin_deg), ("peak_sensitivity", peak_sensitivity)):
@@ -29,14 +35,13 @@ def further_requirements(
         one = next((one for one in REQUIREMENTS.values() if one.key == limit), None)
         if one is None:
             raise GainroomError(
-                f"--require {text}: must be LIMIT=NUMBER, with one of {', '.join(one.key for one in REQUIREMENTS.values())}"
+                f"--require {text}: must be LIMIT=NUMBER or LIMIT=none, with one of {', '.join(one.key for one in REQUIREMENTS.values())}"
             )
         try:
-            value = float(typed)
+            values[one.name] = None if typed == NONE else _in_si(f"--require {limit}", one, float(typed))
         except ValueError:
-            raise GainroomError(f"--require {limit}: {typed!r} must be a number") from None
-        values[one.name] = _in_si(f"--require {limit}", one, value)
-    return Requirements(**values)
+            raise GainroomError(f"--require {limit}: {typed!r} must be a number, or {NONE}") from None
+    return values
 
 
 def _in_si(typed: str, one: Requirement, value: float) -> float:

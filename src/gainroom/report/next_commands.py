@@ -7,7 +7,7 @@ from typing import Any
 
 from ..io.as_typed import as_typed
 from ..robot.formats.model_names import is_name
-from ..system.requirements import Requirements
+from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
 
 FOUND = "found.json"
@@ -46,13 +46,14 @@ def audit_of_found(sections: Mapping[str, Any], folder: Path, system: System) ->
 
 
 def _required(asked: Requirements) -> list[str]:
-    """Options of an audit for the requirements that are not those which it has anyway."""
+    """Options of an audit for the requirements that are not those which it has anyway, and for those which it has and nobody asked for."""
     usual, found = Requirements.usual().needed, list[str]()
     for one, needed in asked.asked_for:
         if needed != usual.get(one.name):
             value = _typed(one.in_unit(needed))
             found += ["--margin-db", value] if one.name == "gain_margin" else ["--require", f"{one.key}={value}"]
-    return found
+    dropped = [REQUIREMENTS[name].key for name in usual if name not in asked.needed]
+    return [*found, *(word for key in dropped for word in ("--require", f"{key}=none"))]
 
 
 def _typed(value: float) -> str:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -437,14 +438,15 @@ def _together(state: State) -> float:
     return min(state.margins.gain_headroom, math.inf if paths is None else paths.headroom)
 
 
-def required_of(margin: float | None = None, further: Requirements | None = None, kd_apart: bool = False) -> Requirements:
-    """The usual ones, with another gain margin (a factor; 1: none), and `further` ones in place of theirs.
+def required_of(
+    margin: float | None = None, further: Mapping[str, float | None] = MappingProxyType({}), kd_apart: bool = False
+) -> Requirements:
+    """The usual ones, with another gain margin (a factor; 1: none), and `further` ones by name in place of theirs; None: not required.
 
     kd_apart   kd closes on a path of its own, where Ms is not known: it is not required unless it is among the `further` ones
     """
-    required = dict(Requirements.usual(kd_apart).needed) | ({} if margin is None else {"gain_margin": margin})
-    required |= {} if further is None else further.needed
-    return Requirements(**{name: value for name, value in required.items() if name != "gain_margin" or value > 1})
+    required = {**Requirements.usual(kd_apart).needed, **({} if margin is None else {"gain_margin": margin}), **further}
+    return Requirements(**{name: value for name, value in required.items() if value is not None and (name != "gain_margin" or value > 1)})
 
 
 def audit(
