@@ -249,6 +249,11 @@ def what_to_do(
     none = "No common factor on the gains was found that gives all margins."
     if result.has_two_paths:
         return Advice(f"{none} Gains whose kd closes on another clock are not searched: lower kp or kd, and audit again.")
+    if result.system.source.unknown.get("motor_inertia_unknown"):
+        return Advice(f"{none} {MOTORS_FIRST}: others would be searched for other motors.")
+    if (given := _assumed(result))[0]:
+        asked = f"Before others are searched, audit again with {listed(given[0])}, such as:"
+        return Advice(f"{none} {asked}", [f"{call}{given[1]}"], [ELASTIC_FAIL] if result.assumed_rigid.any() else [])
     if result.over is not None:
         measure = "Measure the gearboxes (`gainroom identify stiffness`), as a wide range may leave no gains; for one point in the range"
         return Advice(f"{none} {measure} search joint by joint, and audit what is found:", _searched(call, written))
@@ -260,14 +265,20 @@ def _with_option(call: str, option: str) -> str:
     return f"{re.sub(r' --rate-hz [^ ]+', '', call) if '--gains-run drive' in option else call} {option}"
 
 
+ELASTIC_FAIL = "Gains that are found with rigid gearboxes may fail on elastic ones."
+MOTORS_FIRST = (
+    "Give the motors' inertias (rotor inertia × gear ratio²), as `motor_inertia` of each joint in the file of gains or with "
+    "`--motor-inertia`, and audit again"
+)
+
+
 def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:
     """Advice to give the motors' inertias first, with the gains that would be safe where the motors really have none."""
-    how = "Give the motors' inertias (rotor inertia × gear ratio²), as `motor_inertia` of each joint in the file of gains or with"
     multiply = _multiply(result, found)
     what = motor_inertias(result)
     without = f"Where they are really {what}: {multiply[0].lower()}{multiply[1:]}; then {_required(result)}."
     folded = f"With motor inertias of {what}, {_factors(result, found)}, the others as they are:"
-    return Advice(f"{how} `--motor-inertia`, and audit again.", (), [without], (folded, _gain_file(result, found)))
+    return Advice(f"{MOTORS_FIRST}.", (), [without], (folded, _gain_file(result, found)))
 
 
 def _searched(call: str, written: Path | None = None) -> list[str]:
@@ -291,17 +302,23 @@ def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
 
 def _to_decide(result: Audit, call: str) -> Advice:
     """Advice for gains that are safe under assumptions: the options that state rate and gearboxes; none where nothing is assumed."""
-    rigid, options, given = result.assumed_rigid, "", []
-    if result.system.control.sample_time is None:
-        given, options = ["your loop's rate"], f" --rate-hz {USUAL_RATE:.0f}"
-    if rigid.any():
-        given.append("your gearboxes (their type, or `--stiffness` and `--damping`)")
-        if rigid.all():
-            options += " --gearbox harmonic"
+    given, options = _assumed(result)
     if not given:
         return Advice("These gains may stay.")
-    remarks = [SOFTER] if rigid.any() else []
+    remarks = [SOFTER] if result.assumed_rigid.any() else []
     return Advice(f"Audit again with {listed(given)}, such as:", [f"{call}{options}"], remarks)
+
+
+def _assumed(result: Audit) -> tuple[list[str], str]:
+    """Rate and gearboxes where they were assumed, in words, and options that state them, to type behind the command."""
+    rigid, options, given = result.assumed_rigid, "", []
+    if result.system.rate_is_missing:
+        given, options = ["your loop's rate"], f" --rate-hz {USUAL_RATE:.0f}"
+    if rigid.any():
+        given.append("your gearboxes (their type, `direct` where there are none, or `--stiffness` and `--damping`)")
+        if rigid.all():
+            options += " --gearbox harmonic"
+    return given, options
 
 
 def _not_yet(result: Audit, found: GainsToUse[Audit], call: str) -> Advice:

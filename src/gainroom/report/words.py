@@ -114,12 +114,12 @@ def _undecided(study: "Analysis", where: str, reading: str) -> str:
 def _otherwise(study: "Analysis") -> str:
     """A sentence with the verdict under the other value of what was assumed: "With …: not safe."; "" where no other value was examined."""
     unsafe = not study.stable_in_range or bool(_known_to_fail(study))
-    found = [
-        one.readings[-1]
+    told = dict.fromkeys(  # what two unknowns decide together is told once
+        f"with {one.readings[-1].text}: {LEVELS[one.readings[-1].level].lower()}"
         for one in study.verdict.findings
         if one.code in ASSUMED and one.readings and (unsafe or one.code != "rate_unknown")
-    ]
-    return f" {'; '.join(f'with {one.text}: {LEVELS[one.level].lower()}' for one in found)}.".replace(" w", " W", 1) if found else ""
+    )
+    return f" {'; '.join(told)}.".replace(" w", " W", 1) if told else ""
 
 
 def _as_computed(study: "Analysis") -> str:
