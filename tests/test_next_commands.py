@@ -1,6 +1,7 @@
 """The commands that an answer prints to go on from: typed one after the other they judge the gains that were found as the search did."""
 
 import json
+import re
 import shlex
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,13 @@ import pytest
 import yaml
 
 from gainroom.cli import main
+from gainroom.studies.verdict import STATUS
 from test_gains_go_along import LEG
 from test_robot_goes_along import ROBOT
 
 GAINS = {"hip": {"kp": 1234.0, "kd": 1.1, "motor_inertia": 0.2}, "knee": {"kp": 600.0, "kd": 0.5}}
 ELASTIC = ["--stiffness", "9000", "--damping", "3"]
+STIFF = {"default": {"motor_inertia": 0.2, "stiffness": "rigid"}}
 CALLS = {
     "host": ["--rate-hz", "1000", *ELASTIC],
     "damping in kd": ["--rate-hz", "1000", *ELASTIC, "--joint-damping", "controller"],
@@ -86,3 +89,63 @@ def test_what_a_search_prints_audits_its_gains(folder: Path, capsys: pytest.Capt
     if limits:
         assert {key: value for key, value in told["required"].items() if value is not None} == limits["limits"]
     assert told["phase_margin_deg"] == pytest.approx(gains["phase_margin_deg"], rel=1e-7)
+
+
+def answered(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
+    status = main([*words, "--json"])
+    facts = json.loads(capsys.readouterr().out)
+    assert status == STATUS[facts["verdict"]]
+    return facts
+
+
+GOES_ALONG = {
+    "a requirement": ["--rate-hz", "1000", *ELASTIC, "--require", "delay_margin_ms=50"],
+    "no requirement": ["--rate-hz", "1000", *ELASTIC, "--require", "phase_margin_deg=none", "--require", "peak_sensitivity=none"],
+    "a type": ["--rate-hz", "1000", "--gearbox", "harmonic"],
+    "none": ["--rate-hz", "1000", "--gearbox", "direct"],
+}
+
+
+@pytest.mark.parametrize("kind", GOES_ALONG)
+@pytest.mark.parametrize("kd", [1.1, 12.0])
+def test_an_answer_is_judged_again_as_it_was(capsys: pytest.CaptureFixture[str], kind: str, kd: float):
+    """With what was required and the gearboxes' types, which go along in an answer, and which an export names by their flags."""
+    gains = {name: {**gain, "kd": kd * gain["kd"]} for name, gain in GAINS.items()}
+    Path("gains.yaml").write_text(yaml.safe_dump({"gains": gains}), "utf-8")
+    call = ["audit", "leg.xml", "--delay-ms", "3"]
+    first = answered(capsys, *call, "--gains", "gains.yaml", *GOES_ALONG[kind])
+    Path("answer.json").write_text(json.dumps(first), "utf-8")
+    again = answered(capsys, *call, "--gains", "answer.json")
+    same = ("verdict", "findings", "required", "gain_limit", "phase_margin_deg", "rigid_gearboxes")
+    assert {key: again[key] for key in same} == {key: first[key] for key in same}
+    for form in ("yaml", "mjlab"):
+        assert main(["export", "answer.json", "--to", form, "--json"]) == 0
+        written = json.loads(capsys.readouterr().out)
+        target = f"exported.{'py' if form == 'mjlab' else form}"
+        Path(target).write_text(written["text"], "utf-8")
+        third = answered(capsys, *call, "--gains", target, *written["audit_with"])
+        assert {key: third[key] for key in ("verdict", "required")} == {key: first[key] for key in ("verdict", "required")}
+        assert third["gain_limit"] == pytest.approx(first["gain_limit"], rel=1e-9)
+
+
+def test_a_rigid_gearbox_of_a_robot_goes_along_in_its_answer(capsys: pytest.CaptureFixture[str]):
+    (Path("robot.yaml")).write_text(yaml.safe_dump({**ROBOT, "model": {**ROBOT["model"], "file": "leg.xml"}, "joints": STIFF}), "utf-8")
+    first = answered(capsys, "robot", "robot.yaml")
+    assert first["rigid_gearboxes"] == []
+    Path("answer.json").write_text(json.dumps(first), "utf-8")
+    again = answered(capsys, "audit", "leg.xml", "--delay-ms", "2", "--gains", "answer.json")
+    assert again["verdict"] == "safe"  # of the recommended ones
+    assert again["rigid_gearboxes"] == []
+    assert "gearbox_unknown" not in {one["code"] for one in again["findings"]}
+
+
+def test_gains_that_rest_on_a_guessed_inertia_are_not_ready(capsys: pytest.CaptureFixture[str]):
+    Path("bare.xml").write_text(re.sub(r' armature="[^"]*"', "", LEG), "utf-8")
+    Path("gains.yaml").write_text("{hip: {kp: 1234.0, kd: 1.1}, knee: {kp: 600.0, kd: 0.5}}", "utf-8")
+    call = ["audit", "bare.xml", "--delay-ms", "3", "--rate-hz", "1000", *ELASTIC, "--gains", "gains.yaml"]
+    first = answered(capsys, *call)
+    assert "motor_inertia_unknown" in {one["code"] for one in first["findings"]}
+    assert first["to_use"] is None or first["to_use"]["ready"] is False
+    main(call)
+    assert "Do this: " in (out := capsys.readouterr().out)
+    assert "--motor-inertia" in out.partition("Do this: ")[2]

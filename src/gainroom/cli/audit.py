@@ -1,5 +1,6 @@
 """gainroom audit: whether the gains that a robot already has are safe."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import named
-from .model_options import ModelCall, audited_text
+from .model_options import USUAL_DB, ModelCall, audited_text
 from .options import (
     AsJson,
     ExitZero,
@@ -61,12 +62,18 @@ class RequirementCall:
         ),
     ] = None
 
-    def of(self, margin_db: float) -> "Callable[[System], Requirements]":
-        """Requirements of a system, with a gain margin of `margin_db`. Raises GainroomError."""
+    def of(self, margin_db: float, along: Sequence[str]) -> "Callable[[System], Requirements]":
+        """Requirements of a system, with a gain margin of `margin_db`. Raises GainroomError.
+
+        along   limits that go along with the gains, each as --require takes it; those that are typed win over them
+        """
         from ..files.typed_requirements import further_requirements, margin_factor
         from ..studies.audit import required_of
 
-        further = further_requirements(self.delay_margin_ms, self.phase_margin_deg, self.peak_sensitivity, self.require or ())
+        typed = further_requirements(self.delay_margin_ms, self.phase_margin_deg, self.peak_sensitivity, self.require or ())
+        further = {**further_requirements(None, None, None, along), **typed}
+        if margin_db != USUAL_DB and "gain_margin" not in typed:
+            further.pop("gain_margin", None)
         margin = margin_factor(margin_db)
         return lambda system: required_of(margin, further, system.control.kd_path is not None)
 
@@ -150,7 +157,9 @@ def audit(
         from ..studies.sweep.postures import require_postures
 
         require_postures(workspace, "--workspace")
-    found, required = audited(model, given.gains, given.options(delay_ms, damping_ratio=damping_ratio)), asked.of(given.margin_db)
+    asked.of(given.margin_db, ())  # refused before the model is read
+    found = audited(model, given.gains, given.options(delay_ms, damping_ratio=damping_ratio))
+    required = asked.of(given.margin_db, found.options.required)
     simulator = training.of(model, given.gains is None, found.options.joint_damping == "controller")
     call = typed_command(context, *vars(training), "workspace", "write_robot", "report")
     with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:

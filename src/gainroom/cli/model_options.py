@@ -8,6 +8,9 @@ import typer
 
 from .options import Number, joints_option, number_option
 
+USUAL_DB = 6.0
+"""Gain margin of safe gains where nobody types another."""
+
 if TYPE_CHECKING:
     from ..files.audit_options import Audited, AuditOptions
     from ..studies.audit import Audit
@@ -79,7 +82,7 @@ class ModelCall:
             help="What the model's own joint damping is: controller (a part of kd) or friction; without it, it does not count.",
         ),
     ] = None
-    margin_db: Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")] = 6.0
+    margin_db: Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")] = USUAL_DB
     gains_run: Annotated[
         str | None,
         typer.Option(

@@ -83,6 +83,7 @@ class AuditOptions:
     gearboxes       TYPE, or JOINT=TYPE (a name or pattern): later ones win (robot/gearbox_types.py)
     of_joints       which of JOINT_VALUES, of which joints (a name or pattern), and how much: later ones win, and all of them over
                     what is said of all joints or by the file of gains
+    required        limits that go along with the gains, each as --require takes it
     """
 
     delay_ms: float
@@ -102,6 +103,7 @@ class AuditOptions:
     damping_ratio: float = 0.05
     gearboxes: tuple[str, ...] = ()
     of_joints: tuple[tuple[str, str, float], ...] = ()
+    required: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         all_of(
@@ -380,6 +382,13 @@ def _as_the_file_says(options: AuditOptions, found: JointGains, source: Path) ->
             )
         options = replace(options, gains_run=origin.gains_run, drive_rate_hz=origin.drive_rate_hz, drive_delay_ms=origin.drive_delay_ms)
         read.append(f"{options.where_gains_run}, as {source} has it: --gains-run says another")
+    if origin.required:
+        options = replace(options, required=origin.required)
+        read.append(f"what is required goes along with {source} ({', '.join(origin.required)}): options of limits say another")
+    stiffness = options.stiffness is not None or any(key == "stiffness" for key, *_ in options.of_joints)
+    if origin.gearboxes and not options.gearboxes and not stiffness:
+        options = replace(options, gearboxes=origin.gearboxes)
+        read.append(f"gearboxes lie in the ranges of their types, as {source} has them: --gearbox or --stiffness says another")
     if options.rate_hz is None and (rate := origin.sample_rate_hz) is not None and options.gains_run != "drive":
         options = replace(options, rate_hz=rate)
         read.append(f"the controller runs at {rate:g} Hz, as {source} has it: --rate-hz says another")

@@ -255,6 +255,12 @@ def _not_held(found: GainFile, goal: Carried, form: str) -> tuple[list[str], lis
     missing += whose
     if left := left_out(lost, whose):
         notes.append(f"{listed(left, most=9)} have no place in this form, and no option: only yaml holds them")
+    if origin.gearboxes:
+        missing.append("the gearboxes' types")
+        flags += [text for each in origin.gearboxes for text in ("--gearbox", each)]
+    if origin.required:
+        missing.append("what was required")
+        flags += [text for each in origin.required for text in ("--require", each)]
     if goal.posture and _posture(found, (*goal.posture,)) != goal.posture:
         missing.append("the posture")
         flags += _flags("--posture", goal.posture)

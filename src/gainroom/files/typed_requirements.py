@@ -1,12 +1,14 @@
 """Requirements as they are typed in options."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from ..errors import GainroomError, option_name
+from ..io.as_typed import as_typed
 from ..io.validation import checked, number
 from ..system.margin_units import from_db
 from ..system.requirement import Requirement
-from ..system.requirements import REQUIREMENTS
+from ..system.requirements import REQUIREMENTS, Requirements
 
 NONE = "none"
 """What is typed of a limit that is not required."""
@@ -42,6 +44,18 @@ def further_requirements(
         except ValueError:
             raise GainroomError(f"--require {limit}: {typed!r} must be a number, or {NONE}") from None
     return values
+
+
+def unusual_limits(asked: Requirements, kd_apart: bool = False) -> tuple[str, ...]:
+    """Limits that an audit has not anyway, and those that it has and nobody asked for, each as --require takes it.
+
+    kd_apart   kd closes on a path of its own
+    """
+    usual, found = Requirements.usual(kd_apart).needed, list[str]()
+    for one, needed in asked.asked_for:
+        if one.name not in usual or not math.isclose(needed, usual[one.name], rel_tol=1e-12):  # dB come back off by a digit
+            found.append(f"{one.key}={repr(as_typed(one.in_unit(needed))).removesuffix('.0')}")
+    return (*found, *(f"{REQUIREMENTS[name].key}={NONE}" for name in usual if name not in asked.needed))
 
 
 def _in_si(typed: str, one: Requirement, value: float) -> float:

@@ -230,10 +230,10 @@ def what_to_do(
         return _to_decide(result, call)
     if result.sway_is_open:
         return Advice("Say who has to damp the sway, and audit again:", [f"{call} --balance {who}" for who in ("joints", "controller")])
-    if found is not None and found is not result.ready_to_use:
-        return _not_yet(result, found, call)
     if found is not None and result.system.source.unknown.get("motor_inertia_unknown"):
         return _inertia_first(result, found)
+    if found is not None and found is not result.ready_to_use:
+        return _not_yet(result, found, call)
     if found is not None:
         there = " with every gearbox of the range that was looked at" if result.over is not None else ""
         rigid = ", with rigid gearboxes," if result.assumed_rigid.all() else ""

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ..files.typed_requirements import unusual_limits
 from ..io.as_typed import as_typed
 from ..robot.formats.model_names import is_name
-from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
 
 FOUND = "found.json"
@@ -41,19 +41,9 @@ def audit_of_found(sections: Mapping[str, Any], folder: Path, system: System) ->
     model, control = sections["model"], system.control
     package, file = model.get("package"), str(model["file"])
     file = f"{package}:{file}" if package else file if is_name(file) else str(folder / file)
+    limits = [word for limit in unusual_limits(system.requirements) for word in ("--require", limit)]
     delay = _typed(1e3 * (control.command_delay or system.delay))
-    return shlex.join(["gainroom", "audit", file, "--delay-ms", delay, *_required(system.requirements), "--gains", FOUND])
-
-
-def _required(asked: Requirements) -> list[str]:
-    """Options of an audit for the requirements that are not those which it has anyway, and for those which it has and nobody asked for."""
-    usual, found = Requirements.usual().needed, list[str]()
-    for one, needed in asked.asked_for:
-        if needed != usual.get(one.name):
-            value = _typed(one.in_unit(needed))
-            found += ["--margin-db", value] if one.name == "gain_margin" else ["--require", f"{one.key}={value}"]
-    dropped = [REQUIREMENTS[name].key for name in usual if name not in asked.needed]
-    return [*found, *(word for key in dropped for word in ("--require", f"{key}=none"))]
+    return shlex.join(["gainroom", "audit", file, "--delay-ms", delay, *limits, "--gains", FOUND])
 
 
 def _typed(value: float) -> str:

@@ -100,6 +100,7 @@ class RobotPresentation(Presentation):
             "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
             "uncertainty_cost": None if study.exact is None else {"cost": study.uncertainty_cost, "exact": recommended_facts(study.exact)},
             "actuators": actuator_facts(study.system),
+            "rigid_gearboxes": list(study.system.source.unknown.get("gearbox_unknown", ())),
             "system": carried(robot_sections(self.file), study.system),
             "assumptions": list(study.system.assumptions),
             "warnings": [*warnings(study), *notes(study)],

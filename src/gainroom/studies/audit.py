@@ -393,8 +393,9 @@ class Audit(Analysis):
 
     @property
     def ready_to_use(self) -> "GainsToUse[Audit] | None":
-        """Those, unless the loop's rate is not known, which costs margin."""
-        return None if self.system.control.sample_time is None else self.to_use
+        """Those, unless the loop's rate is not known, which costs margin, or a motor's inertia, with which others would be found."""
+        known = self.system.control.sample_time is not None and "motor_inertia_unknown" not in self.system.source.unknown
+        return self.to_use if known else None
 
     @property
     def assumed_rigid(self) -> Booleans:

@@ -81,6 +81,8 @@ class Origin:
     joint_damping    what of JOINT_DAMPING the model's own damping was taken for, which is in these kd or link_viscous; None: not said
     system           what decides and is no joint's own number, as carried_robot.py has it
     whole_kd         no damping of the model is to be added to these kd
+    gearboxes        types of those that lie in ranges, as --gearbox takes them
+    required         limits that they were judged by, each as --require takes it, where those are not the usual
     """
 
     robot: str = ""
@@ -92,6 +94,8 @@ class Origin:
     drive_delay_ms: float | None = None
     joint_damping: str | None = None
     whole_kd: bool = False
+    gearboxes: tuple[str, ...] = ()
+    required: tuple[str, ...] = ()
     system: Mapping[str, Any] = field(default_factory=dict)
 
 

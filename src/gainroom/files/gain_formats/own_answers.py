@@ -10,7 +10,10 @@ from typing import Any
 from ...errors import GainroomError, first_of_many, listed, nearest
 from ...io.validation import checked, number, require_one_of
 from ...io.yaml_text import shown
+from ...robot.gearbox_types import TYPES
+from ...system.requirements import REQUIREMENTS, Requirements
 from ..carried_robot import read_carried
+from ..typed_requirements import unusual_limits
 from .gain_record import ACTUATOR, ANGLE, GAINS_RUN, JOINT_DAMPING, NOT_NEGATIVE, Gain, GainFile, Origin, postures_of
 
 EVERYWHERE = "everywhere"
@@ -81,7 +84,7 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
         if contact:
             raise GainroomError(f"{source}: is an audit, whose gains are the same in all contact states; leave --contact out")
         gains = {name: _gain(entry, f"{source}: joints.{shown(name)}") for name, entry in _named(data, "joints", source).items()}
-        for name in _said_rigid(data, source) & gains.keys():
+        for name in _said_rigid(data, "joints", source) & gains.keys():
             gains[name] = replace(gains[name], stiffness=math.inf)
         limit = data.get("gain_limit")
         margins = f"vibration starts at {limit:.3g} × these gains" if isinstance(limit, int | float) else ""
@@ -89,8 +92,8 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
         if isinstance(instead, dict):
             if instead.get("ready") is not True:  # an older answer does not say
                 raise GainroomError(
-                    f"{source}: to_use: the audit says not to use these gains yet, as the loop's rate is not known, or they would hardly "
-                    "damp the motion; do what `gainroom audit` says first, then export its new answer"
+                    f"{source}: to_use: the audit says not to use these gains yet, as the loop's rate or a motor's inertia is not known, "
+                    "or they would hardly damp the motion; do what `gainroom audit` says first, then export its new answer"
                 )
             for name, entry in _named(instead, "joints", f"{source}: to_use").items():
                 actuator = {key: getattr(gains[name], key) if name in gains else None for key in ACTUATOR}
@@ -107,8 +110,11 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
     for name in gains.keys() & actuators.keys():
         actuator = {key: actuators[name].get(key) for key in ACTUATOR}
         gains[name] = _gain({**vars(gains[name]), **actuator}, f"{source}: actuators.{shown(name)}")
+    for name in _said_rigid(data, "actuators", source) & gains.keys():
+        gains[name] = replace(gains[name], stiffness=math.inf)
     place = _place(data, max(delays, default=None), source)
     whole = "recommended" in data
+    place |= {"gearboxes": _gearboxes(data, source), "required": _required(data, place["gains_run"] == "split")}
     origin = Origin(str(data.get("robot") or ""), margins=margins, joint_damping=damping, whole_kd=whole, system=system, **place)
     return AnsweredGains(source, form, gains, postures=postures, origin=origin)
 
@@ -144,14 +150,36 @@ def _posture(data: Mapping[str, Any], source: str) -> dict[str, dict[str, float]
     return {AUDITED: found} if any(found.values()) else {}
 
 
-def _said_rigid(data: Mapping[str, Any], source: str) -> set[str]:
-    """The joints of an audit whose gearboxes somebody has said to be rigid: null stands for those, and for those that nobody knows."""
-    if not isinstance(data.get("rigid_gearboxes"), list):
+def _said_rigid(data: Mapping[str, Any], key: str, source: str) -> set[str]:
+    """The joints under a `key` whose gearboxes somebody has said to be rigid: null stands for those, and for those that nobody knows."""
+    if not isinstance(data.get("rigid_gearboxes"), list) or key not in data:
         return set()
-    unknown = {str(name) for name in data["rigid_gearboxes"]}
+    unknown = {str(name) for name in data["rigid_gearboxes"]} | _in_ranges(data, source).keys()
+    return {name for name, entry in _named(data, key, source).items() if "stiffness" in entry and entry["stiffness"] is None} - unknown
+
+
+def _in_ranges(data: Mapping[str, Any], source: str) -> dict[str, Mapping[str, Any]]:
+    """The joints of an audit whose gearboxes lie in ranges, by name."""
     ranged = data.get("gearbox_range")
-    unknown |= _named(ranged, "joints", f"{source}: gearbox_range").keys() if isinstance(ranged, dict) else set()
-    return {name for name, entry in _named(data, "joints", source).items() if "stiffness" in entry and entry["stiffness"] is None} - unknown
+    return _named(ranged, "joints", f"{source}: gearbox_range") if isinstance(ranged, dict) else {}
+
+
+def _gearboxes(data: Mapping[str, Any], source: str) -> tuple[str, ...]:
+    """The types of those gearboxes, each as --gearbox takes it. Raises GainroomError."""
+    found = []
+    for name, entry in _in_ranges(data, source).items():
+        require_one_of(f"{source}: gearbox_range.joints.{shown(name)}.type", entry.get("type"), tuple(TYPES))
+        found.append(f"{re.escape(name)}={entry['type']}")
+    return tuple(found)
+
+
+def _required(data: Mapping[str, Any], kd_apart: bool) -> tuple[str, ...]:
+    """What this answer required, each as --require takes it, where that is not the usual; () where it does not say."""
+    required = data.get("required")
+    if not isinstance(required, dict):
+        return ()
+    asked = {one.name: one.in_si(value) for one in REQUIREMENTS.values() if isinstance(value := required.get(one.key), int | float)}
+    return unusual_limits(Requirements(**asked), kd_apart)
 
 
 def _required_text(data: Mapping[str, Any]) -> str:
