@@ -196,7 +196,7 @@ def test_a_measured_requirement_of_an_audit(tmp_path: Path, capsys, noise: Noise
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("noise=2", "--require noise=2: must be LIMIT=NUMBER, with one of gain_margin_db,"),
+        ("noise=2", "--require noise=2: must be LIMIT=NUMBER or LIMIT=none, with one of gain_margin_db,"),
         ("noise_torque_nm", "--require noise_torque_nm: '' must be a number"),
         ("noise_torque_nm=-1", "--require noise_torque_nm -1: must be > 0"),
         ("noise_torque_nm=nan", "--require noise_torque_nm nan: must be > 0"),

@@ -260,15 +260,17 @@ def test_the_picture_of_a_step_that_diverges_is_not_empty():
 
 
 def test_a_limit_just_above_the_gains_is_told_apart_from_them(tmp_path, capsys: pytest.CaptureFixture[str]):
-    """4.157 / 4.155 = 1.0005: not "from 1 × these gains"."""
+    """4.157 / 4.155 = 1.0005: not "from 4.16 × (this run: 4.16 ×)"."""
     path = tmp_path / "joint.yaml"
     path.write_text(text("duration: 0.5"), "utf-8")
     main(["simulate", str(path), "--gain", "4.155", "--verbose"])
     out = " ".join(capsys.readouterr().out.split())
     factor = simulated("duration: 0.5", 4.155).limit.gain
     assert 1 < factor < 1.001
-    assert float(re.search(r"vibrates from (\S+) × these", out)[1]) > 1  # type: ignore[index]
-    assert float(re.search(r"\) *from (\S+) × these", out)[1]) > 1  # type: ignore[index]
+    told = re.search(r"vibrates from (\S+) × the file's gains \(this run: (\S+) ×\)", out)
+    assert told is not None
+    assert float(told[1]) > float(told[2]) == 4.155
+    assert float(re.search(r"\) *from (\S+) × the file's", out)[1]) > 4.155  # type: ignore[index]
 
 
 def test_a_torque_above_its_limit_is_explained():

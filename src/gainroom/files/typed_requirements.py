@@ -40,9 +40,10 @@ def further_requirements(
                 f"--require {text}: must be LIMIT=NUMBER or LIMIT=none, with one of {', '.join(one.key for one in REQUIREMENTS.values())}"
             )
         try:
-            values[one.name] = None if typed == NONE else _in_si(f"--require {limit}", one, float(typed))
+            value = None if typed == NONE else float(typed)
         except ValueError:
             raise GainroomError(f"--require {limit}: {typed!r} must be a number, or {NONE}") from None
+        values[one.name] = None if value is None else _in_si(f"--require {limit}", one, value)
     return values
 
 

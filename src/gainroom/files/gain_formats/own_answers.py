@@ -158,7 +158,7 @@ def _said_rigid(data: Mapping[str, Any], key: str, source: str) -> set[str]:
     return {name for name, entry in _named(data, key, source).items() if "stiffness" in entry and entry["stiffness"] is None} - unknown
 
 
-def _in_ranges(data: Mapping[str, Any], source: str) -> dict[str, Mapping[str, Any]]:
+def _in_ranges(data: Mapping[str, Any], source: str) -> dict[str, dict[str, Any]]:
     """The joints of an audit whose gearboxes lie in ranges, by name."""
     ranged = data.get("gearbox_range")
     return _named(ranged, "joints", f"{source}: gearbox_range") if isinstance(ranged, dict) else {}
