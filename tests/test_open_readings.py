@@ -242,3 +242,11 @@ def test_every_family_has_its_source():
     assert family_of("example-robot-data:go2.urdf") is not None
     assert family_of("example-robot-data:panda.urdf") is None
     assert family_of("example-robot-data:talos_reduced.urdf") is None
+
+
+def test_the_robot_that_is_written_says_which_reading_it_is(capsys: pytest.CaptureFixture[str]):
+    assert told(capsys, leg(), *CALL, "--write-robot", "robot.yaml")[0] == 3
+    (line,) = [line for line in Path("robot.yaml").read_text("utf-8").splitlines() if "reads robot.xml as with" in line]
+    first, second = re.findall(r"--joint-damping (\w+)", line)
+    assert {first, second} == {"controller", "friction"}
+    assert ("link_viscous" in Path("robot.yaml").read_text("utf-8")) is (first == "friction")

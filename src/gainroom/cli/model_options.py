@@ -115,7 +115,10 @@ class ModelCall:
 
 
 def audited_text(found: "Audited", result: "Audit | None", model: str, required: "Requirements", command: str, target: Path) -> str:
-    """The robot.yaml in the place `target`; `result`: where gearboxes were given by type, for one of them. Raises GainroomError."""
+    """The robot.yaml in the place `target`, with what it holds of several possibilities as comment; `result` of the audit, if there is one.
+
+    Raises GainroomError.
+    """
     from .. import __version__
     from ..files.audited_robot import audited_robot_text, with_gearboxes
 
@@ -125,4 +128,8 @@ def audited_text(found: "Audited", result: "Audit | None", model: str, required:
         sections = with_gearboxes(sections, result.system.source.joint_names, result.over.range.types, one.stiffness, one.damping)
         heading.append("stiffness and damping: one point in the range of gearboxes, the same for all joints, where these gains are worst.")
         heading.append("Audit the gains that are found with it over the whole range again.")
+    if result is not None and result.open:
+        read = next((one.option for one in result.readings if one.audit.every is result.every), "")
+        others = [one.option for one in result.readings if one.option != read]
+        heading.append(f"This file reads {model} as with {read}; it may as well be {' or '.join(others)}, of which the audit tells.")
     return audited_robot_text(sections, model, required, heading, target)

@@ -273,7 +273,7 @@ MOTORS_FIRST = (
 
 
 def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:
-    """Advice to give the motors' inertias first, with the gains that would be safe where the motors really have none."""
+    """Advice to give the motors' inertias first, with the gains that hold where these are what they count as."""
     multiply = _multiply(result, found)
     what = motor_inertias(result)
     without = f"Where they are really {what}: {multiply[0].lower()}{multiply[1:]}; then {_required(result)}."
