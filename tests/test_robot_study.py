@@ -382,7 +382,6 @@ def test_audit_json_and_status(folder: Path, capsys: pytest.CaptureFixture[str])
         ({"base": "floor"}, ["--base floor", "fixed or floating"]),
         ({"base": "fixed", "contacts": ("toe",)}, ["--contact: the robot has no frame 'toe'", "frames: base"]),
         ({"base": "fixed", "contacts": ("tip", "tip")}, ["--contact: frame 'tip' is used 2 times"]),
-        ({"stiffness": 1e4}, ["joint 'knee'", "motor_inertia"]),
     ],
 )
 def test_bad_options(folder: Path, options: dict, words: list[str]):

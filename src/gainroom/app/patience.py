@@ -28,7 +28,8 @@ class PatientProtocol(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         super().data_received(data)
-        if self.transport.is_closing() or (self.cycle is not None and not self.cycle.response_complete):
+        upgraded = self.transport.get_protocol() is not self  # to a WebSocket, which asks when it likes
+        if upgraded or self.transport.is_closing() or (self.cycle is not None and not self.cycle.response_complete):
             self._asked()
         else:
             self._wait()
