@@ -42,7 +42,7 @@ def printed(text: str) -> list[str]:
 
 
 def typed(capsys: pytest.CaptureFixture[str], command: str) -> str:
-    """What a command prints; as in a shell, into a file where it says so."""
+    """A command's output, written into a file where the command says so, as a shell does."""
     call, _, target = command.partition(" > ")
     assert main(shlex.split(call)[1:]) != 2, capsys.readouterr().err
     out = capsys.readouterr().out
@@ -149,3 +149,11 @@ def test_gains_that_rest_on_a_guessed_inertia_are_not_ready(capsys: pytest.Captu
     main(call)
     assert "Do this: " in (out := capsys.readouterr().out)
     assert "--motor-inertia" in out.partition("Do this: ")[2]
+
+
+def test_the_page_of_a_model_asks_for_what_goes_along_too(capsys: pytest.CaptureFixture[str]):
+    call = ["audit", "leg.xml", "--delay-ms", "3", "--gains", "gains.yaml", *GOES_ALONG["a requirement"]]
+    Path("answer.json").write_text(json.dumps(answered(capsys, *call)), "utf-8")
+    page = ["app", "leg.xml", "--delay-ms", "3", "--gains", "answer.json", "--export", "view.html", "--write-robot", "robot.yaml"]
+    assert main(page) == 0
+    assert yaml.safe_load(Path("robot.yaml").read_text("utf-8"))["limits"]["delay_margin_ms"] == 50.0

@@ -176,7 +176,7 @@ def test_where_kp_and_kd_run_is_open_on_robots_whose_drives_take_them(robot: dic
 
 
 def test_gains_that_a_fast_host_holds_and_a_slower_drive_does_not_are_open(capsys: pytest.CaptureFixture[str]):
-    """What is safe at 5 kHz is not taken to be so in drives, which are read as at 1 kHz; either has one tick of delay."""
+    """Gains that are safe at 5 kHz are not taken to be so in drives, which are read as at 1 kHz; either has one tick of delay."""
     model, (kp, kd) = leg('kp="600" kv="12"', 0.0, **HUMANOID), (np.full(2, 600.0), np.full(2, 12.0))
     truths = {step: limit_of(model, kp, kd, np.zeros(2), step) for step in (2e-4, 1e-3)}
     assert truths[1e-3] < 1.9 < 2.1 < truths[2e-4]

@@ -136,15 +136,14 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
     from ..app.robot_bench import RobotBench
     from ..errors import GainroomError
     from ..files.audit_options import audited
-    from ..files.typed_requirements import margin_factor
-    from ..studies.audit import required_of
+    from .audit import RequirementCall
 
     if file is None:
         raise GainroomError(f"--delay-ms {options.delay_ms:g}: is of a model; name a URDF or MJCF before it")
     found = audited(file, given.gains, options)
     if found.options.gains_run == "split":
         raise GainroomError("--gains-run split: the page has one rate and delay for all gains; gainroom audit judges two")
-    required = required_of(margin_factor(given.margin_db))
+    required = RequirementCall().of(given.margin_db, found.options.required)(found.system)
     result = None
     if found.gearboxes is not None:
         from ..studies.audit import audit

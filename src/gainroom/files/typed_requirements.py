@@ -11,7 +11,7 @@ from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS, Requirements
 
 NONE = "none"
-"""What is typed of a limit that is not required."""
+"""The word that is typed in place of a number for a limit that is not required."""
 
 
 def margin_factor(decibels: float) -> float:

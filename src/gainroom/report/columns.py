@@ -96,7 +96,7 @@ def shared_row(texts: Sequence[Sequence[str]], group: Sequence[int]) -> tuple[st
 
 
 def _prints_alike(one: str, other: str) -> bool:
-    """Whether two cells are the same text, but for a number that differs by less than ALIKE."""
+    """True where two cells are the same text, but for a number that differs by less than ALIKE."""
     if one == other:
         return True
     numbers = [[float(found) for found in _NUMBER.findall(text.replace(THIN, ""))] for text in (one, other)]

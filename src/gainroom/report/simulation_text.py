@@ -127,7 +127,7 @@ def vibration_text(outcome: Outcome) -> tuple[str, str]:
 
 
 def limit_text(limit: GainLimit | None, gain: float = 1.0) -> tuple[str, str]:
-    """Where vibration of the linear loop starts: its frequency, and the factor on the file's gains; `gain`: that of the run."""
+    """The onset of vibration of the linear loop: its frequency, and the factor on the file's gains; `gain`: that of the run."""
     if limit is None:
         return "none", "no gain acts"
     if limit.gain <= 0:

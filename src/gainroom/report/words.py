@@ -66,7 +66,7 @@ def without_motors(study: "Analysis") -> str:
 
 
 def motor_inertias(study: "Analysis") -> str:
-    """What motor inertias count as that nobody gave: 0 on rigid gearboxes, a share of what they move on elastic ones."""
+    """The value, as text, of motor inertias that nobody gave: 0 on rigid gearboxes, a share of what they move on elastic ones."""
     from ..robot.actuators import LIKELY  # of robots, which a joint does without
 
     actuators, share = study.system.source.actuators, f"{LIKELY:g} × what they move"

@@ -19,7 +19,7 @@ from .name_patterns import assign
 
 NOT_NUMBERS = ("unknown", "uninformed")
 LIKELY = 0.1
-"""Of the inertia that a motor moves, its own where nobody has given it and its gearbox is elastic.
+"""Share of the inertia that a motor moves which counts as its own where nobody has given it and its gearbox is elastic.
 
 Published joints lie between 0.05 (WALK-MAN's hip) and 1, where gear ratios match both inertias (Pasch and Seering 1984); readings
 (studies/readings.py) look at 1, too.

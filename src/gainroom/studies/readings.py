@@ -40,7 +40,7 @@ KINDS = sorted(TYPES.values(), key=lambda one: one.resonance)
 STIFFEST = 1e4
 """[rad/s] a motor's resonance on its gearbox, 1.6 kHz: six times that of the stiffest known type; what lies above counts as rigid."""
 SHARES = (1.0, 0.1)
-"""Of the inertia that a motor moves: its own, at most and in the middle of the logarithmic range of robots with gears."""
+"""Shares of the inertia that a motor moves, for its own: the most, and the middle of the logarithmic range of robots with gears."""
 Change = Callable[[System], System]
 
 
@@ -146,7 +146,7 @@ class _Readings:
         return "undecided" if "undecided" in levels else "safe"
 
     def _worst_of_range(self, changes: Sequence[Change]) -> Sequence[Change]:
-        """Of gearboxes in a range that is one of their motors' resonance, the worst with other motors, as the last change; () of others."""
+        """The change to the worst gearboxes of their range with other motors, whose resonance the range is of; () without a range."""
         if self.ranges is None or not changes:
             return ()
         system = self.system

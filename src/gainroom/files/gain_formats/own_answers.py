@@ -174,7 +174,7 @@ def _gearboxes(data: Mapping[str, Any], source: str) -> tuple[str, ...]:
 
 
 def _required(data: Mapping[str, Any], kd_apart: bool) -> tuple[str, ...]:
-    """What this answer required, each as --require takes it, where that is not the usual; () where it does not say."""
+    """The limits that this answer required, each as --require takes it, where that is not the usual; () where it does not say."""
     required = data.get("required")
     if not isinstance(required, dict):
         return ()
