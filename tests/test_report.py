@@ -64,7 +64,7 @@ def figures(html: str) -> list[dict]:
 
 @pytest.mark.slow
 def test_page_is_self_contained_and_small(stable_page):
-    assert len(stable_page.encode()) < 6e6
+    assert len(stable_page.encode()) < 2e6
     own = without_library(stable_page)
     assert not re.findall(r"<(?:link|img|iframe|object|embed|audio|video|source)\b", own)
     assert not re.findall(r"<[a-z][^>]*\s(?:src|href)\s*=", own)

@@ -144,7 +144,7 @@ def test_the_page_carries_answer_then_reason_in_order(sound: Outcome, sound_page
 
 
 def test_the_page_is_self_contained_and_small(sound_page: str):
-    assert len(sound_page.encode()) < 6e6
+    assert len(sound_page.encode()) < 2e6
     own = without_library(sound_page)
     assert not re.findall(r"<(?:link|img|iframe|object|embed|audio|video|source)\b", own)
     assert not re.findall(r"<[a-z][^>]*\s(?:src|href)\s*=", own)

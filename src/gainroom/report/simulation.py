@@ -46,7 +46,7 @@ from .words import tone
 Pair = tuple[str, str]
 MOST_TOGETHER = 3  # channels, or joints, in one panel
 MOST_CHANNELS = 6  # that have a figure of their own
-LARGE_POINTS, SMALL_POINTS = 1200, 500  # of a curve, in a figure of full and of half width
+LARGE_POINTS, SMALL_POINTS = 1000, 400  # of a curve, in a figure of full and of half width
 MOST_LINK_TICKS = 1200  # at which true link positions are computed
 POSES = 200  # on the path of the centre of mass
 ROUNDED = 9  # decimals [m, rad, N m] of what is drawn
@@ -459,7 +459,7 @@ def in_time(outcome: Outcome) -> Html:
         + (f"Cut at {digits(run.time[end - 1], 's', 3)}, beyond the range of the figure. " if end < len(run.time) else "")
         + _conclusion(outcome)
     ).rstrip()
-    return stacked(run.time[rows], panels, "Commanded and actual, tracking error, torque", caption, 640, notes, 2 * LARGE_POINTS, band)
+    return stacked(run.time[rows], panels, "Commanded and actual, tracking error, torque", caption, 640, notes, LARGE_POINTS, band)
 
 
 BAND = "Green: within 2 % of the move, where it is settled. "
@@ -589,7 +589,7 @@ def links_over_time(outcome: Outcome) -> Run:
     return outcome.run.rows(slice(0, end, max(1, end // MOST_LINK_TICKS)))
 
 
-def channel(outcome: Outcome, k: int, looks: Run, height: int = 460, most: int = 2 * LARGE_POINTS) -> Html:
+def channel(outcome: Outcome, k: int, looks: Run, height: int = 460, most: int = LARGE_POINTS) -> Html:
     """Commanded, measured and true position of one channel, and its error with the band where it is settled; `looks`: links_over_time."""
     run, end, floor, found = outcome.run, _shown(outcome), floor_of(outcome), outcome.tracking
     time, scale, unit = run.time[:end], _scale(outcome, k), run.units[k]
