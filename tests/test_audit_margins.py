@@ -14,7 +14,7 @@ from gainroom.cli import main
 from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.studies.audit import audit, required_of
 from gainroom.system.margin_units import to_db
-from test_needed_stiffness import continuous_limit
+from gearbox_truths import continuous_limit
 
 LEG = str(Path(__file__).parents[1] / "examples" / "robot.xml")
 HARDLY_PHASE, HARDLY_PEAK = ("--phase-margin-deg", "1"), ("--peak-sensitivity", "100")

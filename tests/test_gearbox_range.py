@@ -15,7 +15,7 @@ from gainroom.files.audit_options import AuditOptions, audited
 from gainroom.robot.gearbox_types import TYPES, GearboxRange
 from gainroom.studies.gearbox_range import RangeOfGearboxes, look_over
 from gainroom.studies.state import State
-from test_needed_stiffness import MARGIN, continuous_limit, has_margin
+from gearbox_truths import MARGIN, continuous_limit, has_margin
 
 LEG = str(Path(__file__).parents[1] / "examples" / "robot.xml")
 

@@ -149,7 +149,7 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
         from ..studies.audit import audit
 
         with progress_bar("app:") as progress:
-            result = audit(found.system, required, progress, options.damping_ratio, found.gearboxes)
+            result = audit(found.system, required, progress, found.gearboxes)
     place = Path(f"{Path(file).stem}.yaml") if target is None else target
     text = audited_text(found, result, file, required, call.replace(" app ", " audit ", 1), place)
     with text_output(target, "robot.yaml", yaml_of="--write-robot") as robot:

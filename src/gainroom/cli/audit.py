@@ -122,9 +122,6 @@ def audit(
         float, number_option("--delay-ms", "in milliseconds", "Delay, host to motor torque [ms]; see --gains-run.", show_default=False)
     ],
     given: ModelCall,
-    damping_ratio: Annotated[
-        float, number_option("--damping-ratio", "", "Of gearboxes whose stiffness is not given, for how stiff they must be; 0.05 is 5 %.")
-    ] = 0.05,
     asked: RequirementCall,
     training: SimulatorCall,
     write_robot: Annotated[
@@ -158,7 +155,7 @@ def audit(
 
         require_postures(workspace, "--workspace")
     asked.of(given.margin_db, ())  # refused before the model is read
-    found = audited(model, given.gains, given.options(delay_ms, damping_ratio=damping_ratio))
+    found = audited(model, given.gains, given.options(delay_ms))
     required = asked.of(given.margin_db, found.options.required)
     simulator = training.of(model, given.gains is None, found.options.joint_damping == "controller")
     call = typed_command(context, *vars(training), "workspace", "write_robot", "report")
@@ -182,7 +179,7 @@ def audit(
 def _judged(one: "Audited", required: "Callable[[System], Requirements]", progress: "Progress") -> "Audit":
     from ..studies.audit import audit
 
-    result = audit(one.system, required(one.system), progress, one.options.damping_ratio, one.gearboxes)
+    result = audit(one.system, required(one.system), progress, one.gearboxes)
     return replace(result, joint_damping=one.options.joint_damping)
 
 

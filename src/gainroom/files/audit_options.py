@@ -15,7 +15,7 @@ from typing import Any, get_args
 import numpy as np
 
 from ..errors import GainroomError, all_of, first_of_many, listed, named, nearest, option_name, refuse_all
-from ..io.validation import checked, number, require_one_of, validate
+from ..io.validation import checked, require_one_of, validate
 from ..io.yaml_text import shown
 from ..robot.assemble import ASSUMED, DAMPING_NOTE
 from ..robot.body import Base, RigidBody
@@ -79,7 +79,6 @@ class AuditOptions:
     gains_run       "host" or None: both gains see the whole delay; "drive": neither does, it is that of set-points; "split": kp does, kd
                     runs on the drive
     drive_rate_hz, drive_delay_ms   of the loop that runs on the drive, from measurement to torque
-    damping_ratio   of gearboxes whose stiffness is not known, where it is asked how stiff they must be
     gearboxes       TYPE, or JOINT=TYPE (a name or pattern): later ones win (robot/gearbox_types.py)
     of_joints       which of JOINT_VALUES, of which joints (a name or pattern), and how much: later ones win, and all of them over
                     what is said of all joints or by the file of gains
@@ -100,7 +99,6 @@ class AuditOptions:
     gains_run: str | None = None
     drive_rate_hz: float | None = None
     drive_delay_ms: float | None = None
-    damping_ratio: float = 0.05
     gearboxes: tuple[str, ...] = ()
     of_joints: tuple[tuple[str, str, float], ...] = ()
     required: tuple[str, ...] = ()
@@ -109,7 +107,6 @@ class AuditOptions:
         all_of(
             [
                 *self._drive_checks(),
-                partial(checked, "--damping-ratio", self.damping_ratio, number(least=1e-3, most=1)),
                 partial(require_one_of, f"--base {self.base}", self.base, get_args(Base)),
                 partial(require_one_of, f"--balance {self.balance}", self.balance, WHO),
                 partial(require_one_of, f"--joint-damping {self.joint_damping}", self.joint_damping, JOINT_DAMPING),

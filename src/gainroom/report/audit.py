@@ -17,9 +17,9 @@ from ..system.requirements import REQUIREMENTS
 from . import style
 from .audit_text import AuditPresentation, audit_sentence, audit_warnings, besides, reason, verdict, what_to_do
 from .columns import Column, alike_rows, definitions, shared_row, tabulated, yes
-from .gearboxes import gearbox_assumptions, needed_table
+from .gearboxes import gearbox_assumptions
 from .margin_columns import margin_value, requirement
-from .number_format import digits, hertz, model_kind, rate, rounded_up, span
+from .number_format import digits, hertz, model_kind, rate, span
 from .page import Card, Html, Lead, Section, advice_box, beside, facts, figure, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, limit_proofs, margin_card, unstable_card
 from .robot_columns import asked, audited_joints, audited_states, joint_caption
@@ -104,7 +104,6 @@ def _reasons(result: Audit) -> list[Section]:
         ]
     return [
         *first,
-        *([] if result.needed is None else [Section("Elastic gearboxes that were checked", [needed_table(result, result.needed)])]),
         Section("The motion of the vibration", [hero(result.tightest, len(result.states) == 1)]),
     ]
 
@@ -190,16 +189,10 @@ def _margin(result: Audit, one: Requirement) -> Card:
 
 
 def _gearboxes(result: Audit) -> Card:
-    """What the verdict takes them for, or needs of them."""
+    """What the verdict takes them for."""
     actuators, rigid = result.system.source.actuators, result.assumed_rigid
     units, count = joint_units(result.system.source.body), int(np.count_nonzero(rigid))
     revolute = units["kp"].partition(";")[0]
-    if result.needed is not None and result.needed.least is not None:
-        least = np.where(result.needed.unknown, result.needed.least.stiffness, 0.0)
-        name = result.joints[first_least(-least)].name
-        return Card(
-            "checked gearboxes hold from", digits(rounded_up(float(least.max()))), revolute, "not known", note=f"{name}, the stiffest"
-        )
     if rigid.all():
         return Card("gearboxes", "rigid", "", "assumed", note="optimistic; give yours with --stiffness and --damping")
     value, known = span(actuators.stiffness[~rigid]), "as given" if result.over is None else "the worst of the range"

@@ -27,7 +27,7 @@ from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
 from .columns import alike_rows, definitions, facts, shared_row
 from .gains_to_use import gain_file, posture_lines
-from .gearboxes import CAPTION, gearbox_assumptions, look_columns, needed_facts, over_range, range_facts, shown_looks, worst_gearboxes
+from .gearboxes import gearbox_assumptions, over_range, range_facts, worst_gearboxes
 from .margin_columns import margin_value, required_facts, requirement
 from .next_commands import search_and_audit
 from .number_format import digits, model_facts, model_text, path_facts
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from ..studies.audited_workspace import AuditedWorkspace
     from ..studies.simulator_audit import SimulatorAudit
 
-STIFFNESS = "By the stiffness of the gearboxes that are not known"
 FEW_LINES = 4
 """Shown without being asked for all; of more, the table has the factors."""
 FEW_JOINTS = 4
@@ -451,7 +450,6 @@ class AuditPresentation(Presentation):
             "joints": [facts(AUDITED_JOINT, joint) for joint in result.joints],
             "states": [facts(audited_states(result.enough_in), state) for state in result.states + result.immobile],
             **self._further_facts(),
-            "needed_stiffness": needed_facts(result),
             "gearbox_range": range_facts(result),
             "readings": _reading_facts(result),
             "rigid_gearboxes": [joint.name for joint, rigid in zip(result.joints, result.assumed_rigid.tolist(), strict=True) if rigid],
@@ -553,19 +551,17 @@ def _tightest_joints(result: Audit, count: int) -> list[Part]:
 
 def _all_there_is(result: Audit) -> list[Part]:
     """Every contact state and joint."""
-    control, columns, needed = result.system.control, audited_states(result.enough_in), result.needed
+    control, columns = result.system.control, audited_states(result.enough_in)
     title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
     states = Grid.of(title, columns, result.states + result.immobile)
     drops = ("motor inertia", "one loop", "alone")
     joints = Grid.of("Joint by joint, in the worst state", audited_joints(result), result.joints, drops).sharing
-    stiffness = [] if needed is None else ["", Grid.of(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     return [
         states,
         Legend([states], lambda headings: definitions(columns, headings)),
         "",
         joints,
         Legend([joints], lambda headings: joint_caption(result, headings)),
-        *stiffness,
     ]
 
 

@@ -9,7 +9,7 @@ from ..system.margin_units import to_db
 from ..system.requirements import REQUIREMENTS
 from .columns import Column, definitions, facts, units_of, yes
 from .margin_columns import judged_columns, judged_legend, margin_facts
-from .number_format import digits, hertz, rounded_up
+from .number_format import digits, hertz
 from .robot_units import joint_units
 from .words import safe_means
 
@@ -227,7 +227,6 @@ def actuator_facts(system: "System") -> list[dict[str, Any]]:
     return [{"name": name, "delay_ms": 1e3 * drive.delay, **dict(zip(columns, values, strict=True))} for name, drive, *values in rows]
 
 
-SEEN_SAFE = "K from"
 AUDITED_JOINT = [
     Column("joint", "name", lambda row: row.name),
     Column("safe", "safe", lambda row: row.safe, shown=lambda row: yes(row.safe)),
@@ -240,13 +239,6 @@ AUDITED_JOINT = [
     CLOSED,
     Column("", "margins", lambda row: {REQUIREMENTS[name].key: REQUIREMENTS[name].in_unit(value) for name, value in row.margins.items()}),
     Column("", "unmet", lambda row: list(row.missed)),
-    Column(
-        SEEN_SAFE,
-        "",
-        lambda row: rounded_up(row.needed_stiffness),
-        definition="the least stiffness of each gearbox from which on all that was checked held",
-        significant=3,
-    ),
 ]
 """A joint of an audit, in its worst state."""
 
@@ -256,13 +248,12 @@ KEPT = "; × 1 on a joint that fails now: it has enough with the others lowered"
 
 
 def audited_joints(result: "Audit") -> list[Column]:
-    """AUDITED_JOINT, without a stiffness that is the same for all, which the verdict says; with the factor on gains where that differs.
+    """AUDITED_JOINT, with the factor on gains where that differs.
 
     With the margins that are required, each beside what is required, too.
     """
     use = result.ready_to_use
-    needed = {joint.needed_stiffness for joint in result.joints if not math.isnan(joint.needed_stiffness)}
-    columns = [one for one in AUDITED_JOINT if one.title != SEEN_SAFE or len(needed) > 1]
+    columns = list(AUDITED_JOINT)
     if use is not None and (len(use.joints) < len(result.joints) or use.factor is None):
 
         def factor(row: Any) -> str:
@@ -282,7 +273,6 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
         "use": f"use: {USE}",
         "alone": "alone: factor on a joint's gains until vibration, the others switched off",
         "one loop": f"one loop: the factor on one joint's gains until vibration, the other loops closed{endless}",
-        SEEN_SAFE: f"{SEEN_SAFE} [{units['kp']}]: of each gearbox, from which on all that was checked held",
     }
     gains, margins = units_of(shown, {name: units[name] for name in ("kp", "kd", "ki")}), judged_legend(result.required, shown)
     told = [gains, *(text for title, text in parts.items() if title in shown), *filter(None, [margins])]

@@ -16,7 +16,6 @@ import numpy as np
 from ..analysis.stability import is_stable
 from ..design.gain_cases import case_margins, own_case
 from ..design.margin_slopes import Case, Gains
-from ..design.side_by_side import Job, side_by_side
 from ..errors import GainroomError
 from ..robot.gearbox_types import GearboxRange
 from ..system.excluded_sets import ROUND_OFF
@@ -28,13 +27,11 @@ from ..system.system import System
 from .analysis import Analysis, analyze, verdict_of
 from .deciding_joints import deciding_joints_in, joints_that_miss, margins_by_joint
 from .factors import largest_factor
-from .gearbox_looks import Looks
 from .gearbox_range import RangeOfGearboxes, look_over
 from .loop_numbers import extra_delay, margins_of
 from .lowered_gains import GainsToUse, gains_over_range, gains_to_use
-from .needed_stiffness import NeededStiffness, needed_stiffness, unknown_gearboxes
 from .over_uncertainty import unknown_first
-from .progress import Progress, after, quiet
+from .progress import Progress, quiet
 from .state import State, path_headroom, state_of
 from .sway import without_sway
 from .verdict import Finding, Reading, Verdict
@@ -49,8 +46,6 @@ OPTIONS = {
 }
 """Options that give what is not known, by a finding's code."""
 Answer = TypeVar("Answer")
-MOST_SAMPLED = 8
-"""Joints up to which it is searched how stiff gearboxes must be where margins are sampled, not proved: of a humanoid it takes minutes."""
 NUMBERS = ("margins", "limits_others_open", "delay_limit")
 
 
@@ -64,7 +59,6 @@ class AuditedJoint:
     motor_inertia      NaN where it is guessed [kg m²]
     stiffness, damping, link_viscous   of its gearbox [N m/rad], [N m s/rad] and of its link [N m s/rad], where they were given; else NaN
     effort_limit       of its torque [N m], where it was given; else NaN
-    needed_stiffness   of its gearbox, where none is known and the gains are safe on a rigid one [N m/rad]; else NaN
     margins            by the name of each requirement that is asked for: the worst that it bounds, of this joint's loop with the other
                        loops closed, and of all loops together where this joint moves in what they miss first [SI]; NaN where a state is
                        unstable, where it is not known, and where it is of other joints alone
@@ -84,7 +78,6 @@ class AuditedJoint:
     damping: float = math.nan
     link_viscous: float = math.nan
     effort_limit: float = math.nan
-    needed_stiffness: float = math.nan
     margins: Mapping[str, float] = field(default_factory=dict)
     missed: tuple[str, ...] = ()
 
@@ -110,15 +103,12 @@ class Audit(Analysis):
     """The result of `gainroom audit`.
 
     system.requirements   what is required
-    needed   how stiff gearboxes are seen to be safe whose stiffness is not known; None where all are known, the gains are not safe, it was
-             not asked for, or cannot be computed (see needed_stiffness.py)
     over     where gearboxes lie in a range: what was looked at; `system` and all numbers are of the worst
     readings   where something is left open: each way to read it; all numbers are of one of them (audit_readings.py)
     open       they differ in the verdict, which there is none then
     joint_damping   what the model's own damping of joints was taken for, "controller": kd has it, "friction": link_viscous; None: not said
     """
 
-    needed: NeededStiffness | None = None
     over: RangeOfGearboxes | None = None
     readings: tuple[ReadAs, ...] = ()
     open: bool = False
@@ -258,12 +248,6 @@ class Audit(Analysis):
         alone = np.min([state.limits_others_open for state in self.states], axis=0)
         closed = np.min([state.margins.one_loop.gain_margin for state in self.states], axis=0)
         judged = np.min([self.joint_limits_in(state) for state in self.states], axis=0)
-        least = None if self.needed is None else self.needed.least
-        needed = (
-            np.full(len(alone), math.nan)
-            if self.needed is None or least is None
-            else np.where(self.needed.unknown, least.stiffness, math.nan)
-        )
         vibrating = {name for state in self.states for name in self.joints_that_miss_in(state)}
         actuators, margins = self.given_actuators, {one.name: self.margins_by_joint(one) for one, _ in self.required.asked_for}
         return tuple(
@@ -275,7 +259,6 @@ class Audit(Analysis):
                 limit_others_closed=float(closed[k]),
                 limit=float(judged[k]),
                 **{key: float(column[k]) for key, column in actuators.items()},
-                needed_stiffness=float(needed[k]),
                 margins={name: float(values[k]) for name, values in margins.items()},
                 missed=tuple(
                     one.name
@@ -405,7 +388,7 @@ class Audit(Analysis):
     def of_gains(self, gains: Mapping[str, Floats]) -> "Audit":
         """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes: of a range the worst of now."""
         system = self._with(gains)
-        return replace(self, system=system, every=analyze(system, numbers=NUMBERS).every, needed=None, over=None, readings=(), open=False)
+        return replace(self, system=system, every=analyze(system, numbers=NUMBERS).every, over=None, readings=(), open=False)
 
     def over_range(self, gains: Mapping[str, Floats]) -> "Audit":
         """An audit of other gains over the whole range of gearboxes, which there must be."""
@@ -454,15 +437,12 @@ def audit(
     system: System,
     required: Requirements | None = None,
     progress: Progress = quiet,
-    damping_ratio: float | None = None,
     gearboxes: GearboxRange | None = None,
 ) -> Audit:
     """Every state of `system`, whose control must be in joint space. Raises as analyze does.
 
-    required        of safe gains; None: as required_of has it
-    damping_ratio   of gearboxes of unknown stiffness: also how stiff they are seen to be safe, where the gains are safe on rigid ones and
-                    that can be computed
-    gearboxes       the ranges that the others lie in; the audit is then one of the worst within them
+    required    of safe gains; None: as required_of has it
+    gearboxes   the ranges that the others lie in; the audit is then one of the worst within them
     """
     system, over = replace(system, requirements=required_of() if required is None else required), None
     if gearboxes is not None:
@@ -470,25 +450,7 @@ def audit(
         over = look_over(system, states, gearboxes, progress) if states else None
         system = system if over is None else system.with_values(stiffness=over.worst_look.stiffness, damping=over.worst_look.damping)
 
-    def audited(checkpoint: Callable[[], None]) -> Audit:
-        return Audit(system, analyze(system, after(checkpoint, progress), NUMBERS).every, over=over)
-
-    unknown = unknown_gearboxes(system)
-    sampled = not set(system.requirements.asked) <= {"gain_margin", "delay_margin"}
-    if damping_ratio is None or not unknown.any() or (sampled and len(unknown) > MOST_SAMPLED):
-        return audited(lambda: None)
-    states = _moving(system)
-
-    def stiffness(checkpoint: Callable[[], None]) -> NeededStiffness | None:
-        return or_none(lambda: needed_stiffness(system, states, damping_ratio, after(checkpoint, quiet)))
-
-    if or_none(lambda: Looks(system, states, unknown).kept):  # then it will be asked for
-        jobs: list[Job[Any]] = [audited, stiffness]
-        found, needed = side_by_side(jobs, lambda: None)
-    else:
-        found = audited(lambda: None)
-        needed = or_none(lambda: needed_stiffness(system, found.states, damping_ratio, progress)) if found.safe else None
-    return replace(found, needed=needed) if found.safe else found
+    return Audit(system, analyze(system, progress, NUMBERS).every, over=over)
 
 
 def or_none(question: Callable[[], Answer]) -> Answer | None:
