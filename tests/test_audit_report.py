@@ -246,7 +246,6 @@ def test_a_verdict_on_rigid_gearboxes_is_no_plain_safe(folder: Path, capsys: pyt
     )
     assert "In continuous time and with rigid gearboxes every requirement is met" in said
     assert "<code>--stiffness</code> and <code>--damping</code>" in text[text.index("Do this") : text.index('class="cards"')]
-    assert text.index("Elastic gearboxes that were checked</h2>") < text.index("<details")
 
 
 def test_of_two_paths_the_card_and_the_star_are_the_one_that_fails_first(folder: Path, capsys: pytest.CaptureFixture[str]):

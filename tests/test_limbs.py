@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 import gainroom as gr
 from gainroom.analysis.limbs import limbs_of
 from gainroom.analysis.look import WHOLE, LoopsApart, directed_loop, joint_loops, look, margins_seen
-from gainroom.studies.gearbox_looks import first_factor
+from gainroom.studies.loop_numbers import first_factor
 from independent.machine import Machine, unstable
 from machines import between, paired
 

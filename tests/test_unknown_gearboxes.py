@@ -117,7 +117,7 @@ def test_who_says_that_joints_are_rigid_is_believed(how: str):
     }
     Path("gains.yaml").write_text(yaml.safe_dump(gains), "utf-8")
     asked = audited("arm.xml", Path("gains.yaml"), AuditOptions(2.0, rate_hz=500.0, **options))
-    found = study.audit(asked.system, BOTH_MARGINS, gearboxes=asked.gearboxes)
+    found = study.audit(asked.system, BOTH_MARGINS)
     said = how != "nobody"
     assert (found.safe, found.decided) == (True, said)
     assert audit_sentence(found).startswith(

@@ -25,6 +25,8 @@ QUANTITIES = {
     "link_inertia": (1.0, "kg·m²"),
     "motor_inertia": (1.0, "kg·m²"),
     "damping": (1.0, "N·m·s/rad"),
+    "resonance": (1 / (2 * math.pi), "Hz"),
+    "damping_ratio": (100.0, "% of critical"),
 }
 """What may be uncertain of joint and drive, by its field's name: the factor from SI to the unit that a person reads, and that unit."""
 

@@ -162,8 +162,10 @@ class RobotBench:
         if view.stiffness not in (None, 1.0):
             factor = view.stiffness
             system = system.with_values(stiffness=factor * system.source.actuators.stiffness)
-            if (span := system.uncertainty.stiffness) is not None:
-                system = replace(system, uncertainty=replace(system.uncertainty, stiffness=tuple(factor * np.asarray(end) for end in span)))
+            for name, scale in (("stiffness", factor), ("resonance", math.sqrt(factor))):
+                if (span := getattr(system.uncertainty, name)) is not None:
+                    moved = {name: tuple(scale * np.asarray(end) for end in span)}
+                    system = replace(system, uncertainty=replace(system.uncertainty, **moved))
         source = system.source
         frame, mass = self._payload(view)
         if mass:

@@ -12,7 +12,7 @@ import typer
 from .model_options import ModelCall, audited_text
 from .options import AsJson, Number, kind_of, number_option, report_stream, text_output, typed_command, with_options
 from .output import emit, emit_json
-from .progress import at_rest, progress_bar
+from .progress import at_rest
 
 if TYPE_CHECKING:
     from ..app.bench import Bench, Opened
@@ -144,14 +144,8 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
     if found.options.gains_run == "split":
         raise GainroomError("--gains-run split: the page has one rate and delay for all gains; gainroom audit judges two")
     required = RequirementCall().of(given.margin_db, found.options.required)(found.system)
-    result = None
-    if found.gearboxes is not None:
-        from ..studies.audit import audit
-
-        with progress_bar("app:") as progress:
-            result = audit(found.system, required, progress, found.gearboxes)
     place = Path(f"{Path(file).stem}.yaml") if target is None else target
-    text = audited_text(found, result, file, required, call.replace(" app ", " audit ", 1), place)
+    text = audited_text(found, None, file, required, call.replace(" app ", " audit ", 1), place)
     with text_output(target, "robot.yaml", yaml_of="--write-robot") as robot:
         source = file if target is None else str(target)
         yield RobotBench(Opened(text, source, place.parent, target, call))

@@ -179,7 +179,7 @@ def audit(
 def _judged(one: "Audited", required: "Callable[[System], Requirements]", progress: "Progress") -> "Audit":
     from ..studies.audit import audit
 
-    result = audit(one.system, required(one.system), progress, one.gearboxes)
+    result = audit(one.system, required(one.system), progress)
     return replace(result, joint_damping=one.options.joint_damping)
 
 

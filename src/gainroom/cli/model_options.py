@@ -120,14 +120,9 @@ def audited_text(found: "Audited", result: "Audit | None", model: str, required:
     Raises GainroomError.
     """
     from .. import __version__
-    from ..files.audited_robot import audited_robot_text, with_gearboxes
+    from ..files.audited_robot import audited_robot_text
 
     heading, sections = [f"Written by gainroom {__version__}: {command}"], found.sections
-    if result is not None and result.over is not None:
-        one = result.over.worst_together
-        sections = with_gearboxes(sections, result.system.source.joint_names, result.over.range.types, one.stiffness, one.damping)
-        heading.append("stiffness and damping: one point in the range of gearboxes, the same for all joints, where these gains are worst.")
-        heading.append("Audit the gains that are found with it over the whole range again.")
     if result is not None and result.open:
         read = next((one.option for one in result.readings if one.audit.every is result.every), "")
         others = [one.option for one in result.readings if one.option != read]

@@ -1,7 +1,8 @@
 """Recommended gains of a robot: one set per contact state, and one for all of them."""
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -73,6 +74,16 @@ class RobotGains:
     inertia: Floats | None
     nearest: dict[str, str] = field(default_factory=dict)
     unweighed: tuple[str, ...] = ()
+
+    @property
+    def sets(self) -> tuple[GainSet, ...]:
+        """All that were found, the one that is safe in all states first."""
+        return tuple(one for one in (self.everywhere, *self.per_contact.values()) if one is not None)
+
+    def without(self, failing: Mapping[str, str]) -> "RobotGains":
+        """The same without the sets of some contact states ("": that for all), each with what came nearest, as text."""
+        kept = {contact: None if contact in failing else one for contact, one in self.per_contact.items()}
+        return replace(self, per_contact=kept, everywhere=None if "" in failing else self.everywhere, nearest={**self.nearest, **failing})
 
     @property
     def cost(self) -> dict[str, float]:

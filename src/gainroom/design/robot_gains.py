@@ -15,6 +15,7 @@ from ..analysis.margin_record import Margins, worst_of
 from ..errors import GainroomError
 from ..system.requirements import Requirements
 from ..system.system import StateCase, System
+from ..system.uncertainty import Place
 from .gain_cases import SearchedState, case_of, joint_state, task_state
 from .gain_sets import GainSet, RobotGains
 from .margin_slopes import Case, Gains
@@ -36,6 +37,7 @@ def recommend_robot(
     start: RobotGains | None = None,
     alone: JointsAlone | None = None,
     by_contact: bool = True,
+    places: Sequence[Place] = (),
 ) -> RobotGains:
     """Gains for the joints, or for the file's tasks (space "task").
 
@@ -43,10 +45,13 @@ def recommend_robot(
             end softer
     alone   what is known of joints by themselves, and is added to
     by_contact   False: the set for all states alone
+    places  further ones in the uncertainty at which the gains have to hold, in every state
 
     Raises GainroomError where nothing is required, and in task space without tasks.
     """
-    states = list(system.cases(weight=space == "joint", inside=True))
+    weight = space == "joint"
+    further = [system.case_at(place, posture, contact, weight) for posture, contact in system.source.states for place in places]
+    states = [*system.cases(weight=weight, inside=True), *(replace(case, between=False) for case in further)]
     first = states[0].model
     required, searched = system.requirements, joint_state if space == "joint" else task_state
     every = [searched(replace(state, system=replace(state.system, requirements=required.tightened(RESERVE)))) for state in states]

@@ -22,7 +22,7 @@ from ..robot.body import Base, RigidBody
 from ..robot.contact import ContactKind
 from ..robot.formats.model_files import joint_order, load_model
 from ..robot.formats.model_names import locate
-from ..robot.gearbox_types import DIRECT, GearboxRange, gearbox_range
+from ..robot.gearbox_types import DIRECT, typed_gearboxes
 from ..robot.linkage import ties_base
 from ..robot.name_patterns import DEFAULT, select, select_all
 from ..system.plausibility import NO_STIFFNESS
@@ -221,10 +221,27 @@ class AuditOptions:
         data["drive"] |= {key: value for key, value in (system.get("drive") or {}).items() if not left.get(key)}
         if not self.balance and BALANCE in system:
             data[BALANCE] = system[BALANCE]
+        if known := self._judged(system):
+            data["uncertainty"] = known
         if not self.posture and "postures" in system:
             data["postures"] = system["postures"]
         if not self.contacts and "contacts" in system:
             data["contacts"] = system["contacts"]
+
+    def _judged(self, system: Mapping[str, Any]) -> dict[str, Any]:
+        """The ranges that go along with the gains, but those of what is typed, which is known."""
+        typed = {key for key, *_ in self.of_joints} | {key for key in JOINT_VALUES if getattr(self, key) is not None}
+        typed |= {"stiffness", "damping"} if self.gearboxes else set()
+        delay, rate = (self.drive_delay_ms, self.drive_rate_hz) if self.gains_run == "drive" else (self.delay_ms, self.rate_hz)
+        there = {"delay_ms": delay, "delay_ticks": None if delay is None or rate is None else 1e-3 * delay * rate}
+
+        def holds(key: str, given: Any) -> bool:
+            if key not in there or not isinstance(given, list):
+                return True
+            value = there[key]
+            return value is not None and given[0] * (1 - 1e-9) <= value <= given[1] * (1 + 1e-9)
+
+        return {key: each for key, each in (system.get("uncertainty") or {}).items() if key not in typed and holds(key, each)}
 
     def _same_delay(self, system: Mapping[str, Any]) -> bool:
         """Whether the delay that is typed is that of the slowest joint of those that go along."""
@@ -257,13 +274,11 @@ class Audited:
 
     system     the robot with the gains it has
     sections   the robot.yaml that says the same, without requirements; the model's file as it was found
-    gearboxes  the ranges of those that were given by type; None: none was
     options    as they were typed, with what the file of gains says
     """
 
     system: System
     sections: Mapping[str, Any]
-    gearboxes: GearboxRange | None
     options: AuditOptions
 
 
@@ -293,12 +308,12 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
             owner = "--drive-delay-ms" if options.gains_run == "drive" else "--delay-ms"
             refuse_long_delay(1e-3 * (file.drive.delay_ms or 0.0), sample_time, owner)
         spec = robot_spec(file, str(path), lambda: path, known_body=body)
-        ranges, kept = _gearboxes(options, spec, source)
-        if ranges is not None:  # as if each that is direct had been said to be rigid
-            sections = _without_gearboxes(sections, spec.source.joint_names, ranges.direct)
-            elastic = [name for name, kind in zip(spec.source.joint_names, ranges.types, strict=True) if kind]
-            spec = robot_spec(validate(RobotFile, sections, ""), str(path), lambda: path, known_body=body, elastic=elastic)
-        ranges = ranges if ranges is not None and any(ranges.types) else None
+        kept = []
+        if options.gearboxes:
+            names, given = spec.source.joint_names, ~spec.source.actuators.assumed_rigid
+            typed = typed_gearboxes(options.gearboxes, names, given, "--gearbox")
+            kept, sections = typed.without_effect("--gearbox", source), _with_gearboxes(sections, names, typed.types)
+            spec = robot_spec(validate(RobotFile, sections, ""), str(path), lambda: path, known_body=body)
     with named(str(source)):
         spec = examined(spec)
     read += [
@@ -306,9 +321,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         for name in options.posture
         if "=" not in name and name not in found.postures and (scene := model_keyframes(path)[name].file) != path
     ]
-    types = [""] * len(spec.source.joint_names) if ranges is None else ranges.types
-    assumed = zip(spec.source.joint_names, spec.source.actuators.assumed_rigid.tolist(), types, strict=True)
-    rigid = [name for name, is_rigid, kind in assumed if is_rigid and not kind]
+    rigid = [name for name, one in zip(spec.source.joint_names, spec.source.actuators.assumed_rigid.tolist(), strict=True) if one]
     taken = [text for text in spec.warnings if text.startswith(ASSUMED)]
     slight = _slight_damping(body, found, options)
     taken += [text for text in spec.warnings if slight and text.startswith(DAMPING_NOTE)]
@@ -327,9 +340,8 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     idle = [name for name, has in zip(body.every_joint, found.given, strict=True) if has and name not in body.joint_names]
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
     # A file of gains may have left out a leg; a model has the actuators that it has.
-    unjudged = [f"the ranges (uncertainty) of {source} are not judged here: gainroom robot does"] * ("uncertainty" in found.origin.system)
-    warnings = (*found.notes, *([] if gains is None else held), *idle, *kept, *_damping_asked(warnings, options), *unjudged)
-    return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, ranges, options)
+    warnings = (*found.notes, *([] if gains is None else held), *idle, *kept, *_damping_asked(warnings, options))
+    return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, options)
 
 
 def _body_with_gains(path: Path, file: GainFile, base: Base | None) -> tuple[RigidBody, JointGains, tuple[str, ...]]:
@@ -347,20 +359,13 @@ def _body_with_gains(path: Path, file: GainFile, base: Base | None) -> tuple[Rig
     return body, gains_of(gains, body.every_joint), driven
 
 
-def _gearboxes(options: AuditOptions, spec: System, source: Path) -> tuple[GearboxRange | None, list[str]]:
-    """What --gearbox says, None: nothing, and where it has no effect. Raises GainroomError."""
-    if not options.gearboxes:
-        return None, []
-    ranges = gearbox_range(options.gearboxes, spec.source.joint_names, ~spec.source.actuators.assumed_rigid, "--gearbox")
-    return ranges, ranges.without_effect("--gearbox", source)
-
-
-def _without_gearboxes(sections: Mapping[str, Any], names: Sequence[str], direct: Sequence[bool]) -> dict[str, Any]:
-    """The sections with the joints that have no gearbox rigid."""
+def _with_gearboxes(sections: Mapping[str, Any], names: Sequence[str], types: Sequence[str]) -> dict[str, Any]:
+    """The sections with the type (n,) of each joint's gearbox; those of joints that have none are rigid."""
     joints = dict(sections["joints"])
-    for name, none in zip(names, direct, strict=True):
-        if none:
-            joints[name] = {**joints.get(name, {}), "stiffness": math.inf}
+    for name, kind in zip(names, types, strict=True):
+        if kind:
+            own = {key: value for key, value in joints.get(name, {}).items() if key not in ("stiffness", "damping")}
+            joints[name] = {**own, **({"stiffness": math.inf} if kind == DIRECT else {"gearbox": kind})}
     return {**sections, "joints": joints}
 
 

@@ -9,20 +9,8 @@ import yaml
 
 from ..errors import named
 from ..io.as_typed import as_typed
-from ..system.linear.arrays import Floats
 from ..system.requirements import Requirements
 from .robot_yaml import parse_robot
-
-
-def with_gearboxes(
-    sections: Mapping[str, Any], names: Sequence[str], types: Sequence[str], stiffness: Floats, damping: Floats
-) -> dict[str, Any]:
-    """The sections with stiffness and damping (n,) where a range was given for a joint: `types` (n,), "" for others."""
-    joints = dict(sections["joints"])
-    for name, kind, spring, damper in zip(names, types, stiffness.tolist(), damping.tolist(), strict=True):
-        if kind:
-            joints[name] = {**joints.get(name, {}), "stiffness": spring, "damping": damper}
-    return {**sections, "joints": joints}
 
 
 class _Dumper(yaml.SafeDumper):

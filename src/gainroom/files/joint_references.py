@@ -70,7 +70,5 @@ def with_ranges(
     own = [name for name, entry in zip(names, entries, strict=True) if entry.ranges]
     if not own:
         return given, ()
-    together = (
-        "; joints vary together: one quantity is low in all of them, or high in all; mixtures are not checked" if len(own) > 1 else ""
-    )
+    together = "; joints vary together, and each by itself in a few draws" if len(own) > 1 else ""
     return Uncertainty(**found), (f"the intervals of {first_of_many(own)} are those of their own files{together}",)

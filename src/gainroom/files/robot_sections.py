@@ -12,6 +12,7 @@ from ..io.validation import KEPT, Flag, Name, NotNegative, Positive, Refusals, S
 from ..io.yaml_text import shown
 from ..robot.body import Base
 from ..robot.contact import Contact, ContactKind
+from ..robot.gearbox_types import DIRECT, TYPES
 from ..robot.tasks import FRAMED, Task, TaskKind
 from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import CONTROLLERS, GainKey
@@ -56,6 +57,7 @@ class ActuatorSection(GearboxSection):
 
     file: Name | None = None
     stiffness: Stiffness | None = None
+    gearbox: Literal[*TYPES, DIRECT] | None = Field(None, description="its type, in place of stiffness and damping: a range, or direct")  # type: ignore[valid-type]
     effort_limit: Positive | None = Field(None, description="the limit of its torque [N m], a number > 0; no margin depends on it")
     bandwidth: Bandwidth | None = None
     damping_ratio: DampingRatio | None = None
@@ -72,6 +74,12 @@ class ActuatorSection(GearboxSection):
     def _file_alone(self) -> Refusals:
         if self.file is not None and (others := self.model_fields_set - {"file"}):
             yield refusal(f"has no meaning beside {min(others)}: give {min(others)} in a pattern of its own further down", key="file")
+
+    @relation
+    def _type_or_numbers(self) -> Refusals:
+        for key in ("stiffness", "damping"):
+            if self.gearbox is not None and key in self.model_fields_set:
+                yield refusal(f"has no meaning beside {key}: a type is a range of both; give either", key="gearbox")
 
     def entry(self, folder: Path, owner: str) -> ActuatorEntry:  # type: ignore[override] - a robot's may name a file
         """What is given, in SI; a file is in `folder`. Raises GainroomError where that cannot be read."""

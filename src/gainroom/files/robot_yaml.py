@@ -5,7 +5,7 @@ SI and radians except where a key's name carries another unit. Keys that name jo
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence, Sized
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from ..robot.body import Base, RigidBody
 from ..robot.contact import Contact
 from ..robot.formats.model_files import has_base, load_model
 from ..robot.formats.model_names import is_name, locate
+from ..robot.gearbox_types import ranges_of, sources
 from ..robot.name_patterns import DEFAULT, assign, strongest
 from ..robot.robot import Posture, Robot, moved_inertia
 from ..robot.tasks import Task
@@ -80,12 +81,10 @@ def robot_spec(
     path: Callable[[], Path],
     folder: Path = Path(),
     known_body: RigidBody | None = None,
-    elastic: Collection[str] = (),
 ) -> System:
     """In SI: the robot `name` with the model at `path`, its joints' files in `folder`.
 
     known_body   that model without locked joints, if it is read
-    elastic      joints whose gearboxes are elastic though the file does not say how stiff
 
     Raises GainroomError where sections contradict each other or the model.
     """
@@ -103,7 +102,7 @@ def robot_spec(
         postures = step(lambda: _postures(file, path(), base()[0], body()))
         contacts = step(lambda: _contact_states(file, body()))
         described = step(
-            lambda: actuators_of(entries(), body().joint_names, body().armature, lambda: moved_inertia(postures(), contacts()), elastic)
+            lambda: actuators_of(entries(), body().joint_names, body().armature, lambda: moved_inertia(postures(), contacts()))
         )
         step(lambda: _refuse_many(file.postures or {}, file.contacts or {}))
         tasks = step(lambda: _tasks(file, body()))
@@ -115,6 +114,7 @@ def robot_spec(
         file.require_right()
         uncertainty, from_files = with_ranges(given(), entries(), nominal, body().joint_names)
         actuators, guessed = described()
+        uncertainty = replace(uncertainty, **ranges_of(actuators.gearbox))
         return System(
             source=Robot(name, actuators, postures(), contacts(), tasks(), file.model.gravity_stiffness),
             drives=drives(),
@@ -123,7 +123,7 @@ def robot_spec(
             uncertainty=uncertainty,
             balance=file.balance or "",
             scenario=scenario(),
-            assumptions=(*base()[1], *guessed, *from_files),
+            assumptions=(*base()[1], *guessed, *from_files, *sources(dict.fromkeys(filter(None, actuators.gearbox)))),
             warnings=(*body().doubts, *body().notes, *_without_motor(file, body()), *_outside(postures())),
         )
 

@@ -234,7 +234,7 @@ def what_to_do(
     if found is not None and found is not result.ready_to_use:
         return _not_yet(result, found, call)
     if found is not None:
-        there = " with every gearbox of the range that was looked at" if result.over is not None else ""
+        there = " everywhere in the range that was looked at" if result.over is not None else ""
         rigid = ", with rigid gearboxes," if result.assumed_rigid.all() else ""
         lines = _gain_file(result, found)
         shown = most is None or len(lines) <= most
@@ -254,8 +254,8 @@ def what_to_do(
         asked = f"Before others are searched, audit again with {listed(given[0])}, such as:"
         return Advice(f"{none} {asked}", [f"{call}{given[1]}"], [ELASTIC_FAIL] if result.assumed_rigid.any() else [])
     if result.over is not None:
-        measure = "Measure the gearboxes (`gainroom identify stiffness`), as a wide range may leave no gains; for one point in the range"
-        return Advice(f"{none} {measure} search joint by joint, and audit what is found:", _searched(call, written))
+        measure = "A wide range may leave no gains: measure the gearboxes (`gainroom identify stiffness`)."
+        return Advice(f"{none} Search joint by joint over the range, and audit what is found:", _searched(call, written), [measure])
     return Advice(f"{none} Search joint by joint, and audit what is found:", _searched(call, written))
 
 

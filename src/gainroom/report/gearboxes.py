@@ -1,54 +1,68 @@
-"""Gearboxes that lie in a range in words and in JSON: what was looked at, and where it is worst."""
+"""Ranges that an audit judges at their worst, of gearboxes' types and of a file's uncertainty, as text and in JSON."""
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import listed
-from ..robot.gearbox_types import sources
-from .number_format import digits
+from ..system.system import System
+from .number_format import digits, quantity
 from .robot_units import joint_units
 
 if TYPE_CHECKING:
     from ..studies.audit import Audit
-    from ..studies.gearbox_range import RangeOfGearboxes
+
+OF_GEARBOX = {"stiffness": ("K", "kp"), "damping": ("B", "kd")}
+"""Symbol and unit of what a type of gearbox leaves open."""
+LEFT_OUT = (
+    "the ranges leave out backlash, stiffness that grows with the load, friction, the links' own elasticity, series springs, and wear"
+)
 
 
 def over_range(result: "Audit") -> str:
     """What a verdict holds for, behind its first word; "" without ranges."""
     if result.over is None:
         return ""
-    kinds = f"{listed(_types(result.over))} gearboxes"
-    return f" with all {len(result.over.looks)} {kinds} of the range that were checked" if result.safe else f" in the range of {kinds}"
+    kinds, count = gearbox_types(result.over.system), len(result.over.tried)
+    if not kinds:
+        return f" at all {count} places in the ranges that were checked" if result.safe else " in the ranges"
+    kinds = f"{listed(kinds)} gearboxes"
+    return f" with all {count} {kinds} of the range that were checked" if result.safe else f" in the range of {kinds}"
 
 
 def worst_gearboxes(result: "Audit") -> str:
-    """The gearboxes that the numbers are of, a sentence; "" without ranges."""
+    """The place in the ranges that the numbers are of, a sentence; "" without ranges."""
     over = result.over
     if over is None:
         return ""
-    varied = [bool(name) for name in over.range.types]
-    stiffness, damping = (_spread(values[varied]) for values in (over.worst_look.stiffness, over.worst_look.damping))
-    units = joint_units(result.system.source.body)
-    joints = " by joint" if np.count_nonzero(varied) > 1 else ""
-    return f" With the worst of these gearboxes (K {stiffness} {units['kp']}{joints}, B {damping} {units['kd']}):"
+    worst, varied = over.worst.system, over.system.source.actuators.of_a_type
+    units, names = joint_units(result.system.source.body), set(over.system.uncertainty.names)
+    found = []
+    for name, (symbol, unit) in OF_GEARBOX.items():
+        if varied.any():
+            joints = " by joint" if name == "stiffness" and np.count_nonzero(varied) > 1 else ""
+            found.append(f"{symbol} {_spread(worst.source.quantities[name][varied])} {units[unit]}{joints}")
+    others = {"delay": np.array([drive.delay for drive in worst.drives]), **worst.source.quantities}
+    for name in ("delay", "stiffness", "damping", "motor_inertia"):
+        if name in names:
+            values = others[name][np.isfinite(others[name])]
+            found.append(quantity(name, *sorted({float(values.min()), float(values.max())})))
+    whose = "With the worst of these gearboxes" if gearbox_types(over.system) else "At the worst place"
+    return f" {whose} ({', '.join(found)}):"
 
 
 def gearbox_assumptions(result: "Audit") -> tuple[str, ...]:
-    """Ranges with their sources, what was looked at, and what the ranges leave out."""
+    """How ranges were tried, and what they leave out."""
     over = result.over
     if over is None:
         return ()
-    looked = (
-        f"checked at {len(over.looks) - over.mixed} points within these ranges with all gearboxes moved together, and at {over.mixed} "
-        f"mixes of them, each with a certified limit and sampled margins; between them nothing is proved; all numbers are of the worst: of "
-        "those with too little of something, else of all, the one with the least gain limit"
+    tried = (
+        f"checked at {len(over.tried) - over.mixed} places of the ranges with all joints at the same share, and at {over.mixed} at which "
+        "joints differ, most of them about the worst, each by sampled margins; between them nothing is proved; all numbers are of the "
+        "worst: the place where most is missed, or where nothing is the one with least to spare; a joint is unsafe, too, if it misses "
+        "something at a corner"
     )
-    left_out = (
-        "the ranges leave out backlash, stiffness that grows with the load, friction, the links' own elasticity, series springs, and wear"
-    )
-    return (*sources(dict.fromkeys(_types(over))), looked, left_out)
+    return (tried, *([LEFT_OUT] if gearbox_types(over.system) else []))
 
 
 def range_facts(result: "Audit") -> dict[str, Any] | None:
@@ -56,30 +70,44 @@ def range_facts(result: "Audit") -> dict[str, Any] | None:
     over = result.over
     if over is None:
         return None
-    found, inertia = over.range, result.system.source.actuators.motor_inertia
+    worst = over.worst.system.source.quantities
     rows = [
-        {
-            "name": name,
-            "type": found.types[k],
-            "stiffness": [float(inertia[k] * end[k] ** 2) for end in (found.softest, found.stiffest)],
-            "damping_ratio": [float(found.least_damped[k]), float(found.most_damped[k])],
-            "worst_stiffness": float(over.worst_look.stiffness[k]),
-            "worst_damping": float(over.worst_look.damping[k]),
-        }
-        for k, name in enumerate(result.system.source.joint_names)
-        if found.types[k]
+        {**row, **{f"worst_{name}": float(worst[name][row_index]) for name in OF_GEARBOX}} for row_index, row in _typed_rows(over.system)
     ]
-    limits = [look.gain_limit for look in over.looks]
-    return {
-        "joints": rows,
-        "looks": len(limits),
-        "mixed_looks": over.mixed,
-        "gain_limit": None if any(map(math.isnan, limits)) else min(limits),
-    }
+    return {"joints": rows, "looks": len(over.tried), "mixed_looks": over.mixed}
 
 
-def _types(over: "RangeOfGearboxes") -> list[str]:
-    return [*dict.fromkeys(name for name in over.range.types if name)]
+def typed_facts(system: System) -> dict[str, Any] | None:
+    """The same of a robot that is not at one place of the ranges: the joints of which the type of gearbox alone is known; None: none."""
+    rows = [row for _, row in _typed_rows(system)]
+    return {"joints": rows} if rows else None
+
+
+def gearbox_types(system: System) -> list[str]:
+    """The types of gearboxes of which no more is known, each once."""
+    return [*dict.fromkeys(filter(None, system.source.actuators.gearbox))]
+
+
+def _typed_rows(system: System) -> list[tuple[int, dict[str, Any]]]:
+    """Of each joint of which the type alone is known its place and its ranges."""
+    if not gearbox_types(system):
+        return []
+    inertia, uncertain = system.source.quantities["motor_inertia"], system.uncertainty
+    assert uncertain.resonance is not None
+    assert uncertain.damping_ratio is not None
+    return [
+        (
+            k,
+            {
+                "name": name,
+                "type": kind,
+                "stiffness": [float(inertia[k] * end[k] ** 2) for end in uncertain.resonance],
+                "damping_ratio": [float(end[k]) for end in uncertain.damping_ratio],
+            },
+        )
+        for k, (name, kind) in enumerate(zip(system.source.joint_names, system.source.actuators.gearbox, strict=True))
+        if kind
+    ]
 
 
 def _spread(values: Any) -> str:

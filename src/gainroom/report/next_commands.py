@@ -1,5 +1,6 @@
 """The commands that carry gains on: from `gainroom robot`, which finds them, into a file, and from that file into an audit."""
 
+import re
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -41,9 +42,15 @@ def audit_of_found(sections: Mapping[str, Any], folder: Path, system: System) ->
     model, control = sections["model"], system.control
     package, file = model.get("package"), str(model["file"])
     file = f"{package}:{file}" if package else file if is_name(file) else str(folder / file)
+    typed = [
+        f"{re.escape(name)}={kind}" for name, kind in zip(system.source.joint_names, system.source.actuators.gearbox, strict=True) if kind
+    ]
+    kinds = set(system.source.actuators.gearbox)
+    typed = [f".*={kind}" for kind in kinds] if len(kinds) == 1 and typed else typed
+    ranges = [word for one in typed for word in ("--gearbox", one)]
     limits = [word for limit in unusual_limits(system.requirements) for word in ("--require", limit)]
     delay = _typed(1e3 * (control.command_delay or system.delay))
-    return shlex.join(["gainroom", "audit", file, "--delay-ms", delay, *limits, "--gains", FOUND])
+    return shlex.join(["gainroom", "audit", file, "--delay-ms", delay, *ranges, *limits, "--gains", FOUND])
 
 
 def _typed(value: float) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import __version__
 from ..design.gain_sets import RobotGains
-from ..errors import at_frequency
+from ..errors import at_frequency, listed
 from ..robot.contact import Contact
 from ..robot.robot import Posture
 from ..studies.robot import RobotStudy
@@ -17,6 +17,7 @@ from ..studies.state import USUAL_RATE, State, TaskStudy
 from ..studies.sweep.summary import SweepSummary, SweptPosture
 from ..system.system import System
 from .columns import Column, definitions, facts as row_facts, tabulated, units_of
+from .gearboxes import gearbox_types, typed_facts
 from .margin_columns import margin_facts, required_facts
 from .next_commands import audit_of_found, kept
 from .number_format import digits, hertz, model_facts, model_text, span
@@ -100,6 +101,7 @@ class RobotPresentation(Presentation):
             "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
             "uncertainty_cost": None if study.exact is None else {"cost": study.uncertainty_cost, "exact": recommended_facts(study.exact)},
             "actuators": actuator_facts(study.system),
+            "gearbox_range": typed_facts(study.system),
             "rigid_gearboxes": list(study.system.source.unknown.get("gearbox_unknown", ())),
             "system": carried(robot_sections(self.file), study.system),
             "assumptions": list(study.system.assumptions),
@@ -272,7 +274,9 @@ def machine(system: System) -> list[tuple[str, str]]:
         ("motor inertia, joint side", span(actuators.motor_inertia, units["load"])),
         (
             "gearbox stiffness",
-            span(actuators.stiffness[np.isfinite(actuators.stiffness)], units["kp"]) + (f"; {rigid} rigid" if rigid else ""),
+            span(actuators.stiffness[np.isfinite(actuators.stiffness)], units["kp"])
+            + (f"; {rigid} rigid" if rigid else "")
+            + (f"; the middle of the range of {listed(kinds)} gearboxes" if (kinds := gearbox_types(system)) else ""),
         ),
         ("gearbox damping", span(actuators.damping, units["kd"])),
         ("viscous friction, motor and link", f"{span(actuators.motor_viscous)} and {span(actuators.link_viscous, units['kd'])}"),

@@ -53,7 +53,7 @@ def headline(study: "Analysis", where: str = "", reading: str = "") -> str:
 
 
 OTHERS = {
-    "unsafe_in_gearbox_range": "with some gearboxes in the range too little is left of what is required",
+    "unsafe_in_gearbox_range": "somewhere in the range too little is left of what is required",
     "unsafe_at_usual_rates": "at every usual rate of the loop too little is left of what is required",
 }
 """Reasons beside a system's own states why it is unsafe, by a finding's code."""

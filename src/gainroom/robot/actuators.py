@@ -5,7 +5,7 @@ either by its inertia on the joint side or by rotor inertia and gear ratio: J_m 
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,9 +15,10 @@ from ..system.actuator_entry import ActuatorEntry
 from ..system.drive import Drive
 from ..system.linear.arrays import Booleans, Floats
 from ..system.plausibility import NO_DATA, NO_INERTIA, NO_STIFFNESS
+from .gearbox_types import DIRECT, middle
 from .name_patterns import assign
 
-NOT_NUMBERS = ("unknown", "uninformed")
+NOT_NUMBERS = ("unknown", "uninformed", "gearbox")
 LIKELY = 0.1
 """Share of the inertia that a motor moves which counts as its own where nobody has given it and its gearbox is elastic.
 
@@ -37,6 +38,7 @@ class Actuators:
     effort_limit    of the torque [N m], inf: not known; no margin depends on it, and it goes along with the gains
     unknown   (n,) True where nobody has said how stiff the gearbox is: such a one counts as rigid; None: so are all that count as rigid
     uninformed   (n,) True where nobody has given a motor inertia: it counts as 0, or LIKELY on an elastic gearbox; None: nowhere
+    gearbox   (n,) the type of those of which no more is known: stiffness and damping are one point of its range; "" of others; (): of all
     """
 
     motor_inertia: Floats
@@ -47,6 +49,7 @@ class Actuators:
     effort_limit: Floats = field(default_factory=lambda: np.asarray(math.inf))
     unknown: Booleans | None = None
     uninformed: Booleans | None = None
+    gearbox: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not np.ndim(self.effort_limit):
@@ -78,6 +81,11 @@ class Actuators:
         return self.uninformed if self.uninformed is not None else np.zeros(len(self.motor_inertia), dtype=bool)
 
     @property
+    def of_a_type(self) -> Booleans:
+        """(n,) the gearboxes of which the type alone is known."""
+        return np.array([bool(kind) for kind in self.gearbox] or [False] * len(self.stiffness))
+
+    @property
     def guessed(self) -> Booleans:
         """(n,) the motors whose inertia is LIKELY because nobody has given one."""
         return self.without_inertia & (self.motor_inertia > 0)
@@ -86,10 +94,11 @@ class Actuators:
     def known(self) -> dict[str, Floats]:
         """Motor inertia, stiffness, damping, link_viscous and effort_limit, (n,) each.
 
-        NaN where an inertia is guessed, a gearbox is rigid, a link has no friction, and a torque no limit.
+        NaN where an inertia is guessed, a gearbox is rigid or known by its type alone, a link has no friction, and a torque no limit.
         """
         inertia = np.where(self.guessed, math.nan, self.motor_inertia)
-        found = {key: np.where(np.isfinite(self.stiffness), getattr(self, key), math.nan) for key in ("stiffness", "damping")}
+        given = np.isfinite(self.stiffness) & ~self.of_a_type
+        found = {key: np.where(given, getattr(self, key), math.nan) for key in ("stiffness", "damping")}
         limit = np.where(np.isfinite(self.effort_limit), self.effort_limit, math.nan)
         return (
             {"motor_inertia": inertia}
@@ -117,13 +126,11 @@ def actuators_of(
     joint_names: Sequence[str],
     armature: Floats,
     moved: Callable[[], Floats],
-    elastic: Collection[str] = (),
 ) -> tuple[Actuators, tuple[str, ...]]:
     """The actuators of merged entries, one per joint, and what had to be assumed.
 
     armature   (n,) reflected rotor inertia found in the model file, 0 where none [kg m²]: used where an entry names no inertia
     moved      (n,) the inertia that each motor moves [kg m²], of which LIKELY is used where an elastic joint has no other
-    elastic    joints whose gearboxes are elastic though their entries do not say how stiff
 
     Raises GainroomError where a joint's motor is half described.
     """
@@ -133,15 +140,16 @@ def actuators_of(
         owner = f"joint {name!r}"
         given = entry.reflected(owner)
         inertia[k] = armature[k] if given is None else given
-        soft = entry.stiffness is not None and math.isfinite(entry.stiffness)
+        typed = entry.gearbox not in (None, DIRECT)
+        soft = typed or (entry.stiffness is not None and math.isfinite(entry.stiffness))
         if given is None and armature[k] > 0:
             from_file.append(f"{name} {armature[k]:.4g}")
-        elif given is None and (soft or name in elastic):
+        elif given is None and soft:
             inertia[k] = LIKELY * moved()[k]
             guessed[name] = f"{name} {inertia[k]:.4g}"
         elif given is None:
-            (without if entry.stiffness is None else bare).append(name)
-        if soft and not entry.damping:
+            (without if entry.stiffness is None and entry.gearbox is None else bare).append(name)
+        if soft and not typed and not entry.damping:
             undamped.append(name)
     warnings = []
     if from_file:
@@ -150,8 +158,8 @@ def actuators_of(
         warnings.append(f"{NO_INERTIA} [kg m²]: {first_of_many([*guessed.values()])}; give motor_inertia")
     if without:
         warnings.append(f"{NO_DATA} are rigid with motor inertia 0: {first_of_many(without)}; give motor_inertia and stiffness")
-    others = {*without, *elastic}
-    rigid = [name for name, entry in zip(joint_names, entries, strict=True) if entry.stiffness is None and name not in others]
+    unsaid = [entry.stiffness is None and entry.gearbox is None for entry in entries]
+    rigid = [name for name, one in zip(joint_names, unsaid, strict=True) if one and name not in without]
     if rigid:
         warnings.append(
             f"{NO_STIFFNESS}, so limits are optimistic: {first_of_many(rigid)}; give stiffness and damping, or stiffness: rigid"
@@ -163,9 +171,12 @@ def actuators_of(
     columns = {name: np.array([getattr(entry, name) or 0.0 for entry in entries]) for name in ("damping", "motor_viscous", "link_viscous")}
     for name in ("stiffness", "effort_limit"):
         columns[name] = np.array([math.inf if (value := getattr(entry, name)) is None else value for entry in entries])
-    unknown = np.array([entry.stiffness is None for entry in entries])
+    types = tuple("" if entry.gearbox in (None, DIRECT) else str(entry.gearbox) for entry in entries)
+    for k in [k for k, kind in enumerate(types) if kind]:
+        columns["stiffness"][k], columns["damping"][k] = middle(types[k], inertia[k])
     uninformed = np.isin(joint_names, [*without, *bare, *guessed])
-    return Actuators(motor_inertia=inertia, **columns, unknown=unknown, uninformed=uninformed), tuple(warnings)
+    found = Actuators(motor_inertia=inertia, **columns, unknown=np.array(unsaid), uninformed=uninformed, gearbox=types)
+    return found, tuple(warnings)
 
 
 def drives_of(entries: Sequence[ActuatorEntry], common: Drive) -> tuple[Drive, ...]:

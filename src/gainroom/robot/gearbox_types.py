@@ -1,7 +1,7 @@
 """Gearboxes by type: where the stiffness and damping of a joint usually lie when nobody has measured them.
 
-Both are told as motors feel them, so that one range serves small and large joints: the resonance Ω = √(K/J) of the motor, J its inertia
-on the joint side, on its gearbox with the output held; and the damping ratio ζ = B/(2 √(K J)).
+Ranges are of what motors feel, so that one serves small and large joints: the resonance Ω = √(K/J) of the motor, J its inertia on the
+joint side, on its gearbox with the output held; and the damping ratio ζ = B/(2 √(K J)). They are part of a system's Uncertainty.
 """
 
 import itertools
@@ -49,20 +49,14 @@ DIRECT = "direct"
 
 
 @dataclass(frozen=True)
-class GearboxRange:
-    """Between which Ω [rad/s] and ζ each joint's gearbox lies; (n,) each, NaN where it is known or there is none.
+class TypedGearboxes:
+    """What options say of gearboxes, joint by joint.
 
-    types   (n,) by name, "" where it is known or there is none
-    direct  (n,) True where there is none
-    known   the joints whose own stiffness is given, which they keep
+    types   (n,) by name, "" of a joint of which they say nothing, or whose own stiffness is given
+    known   the joints of which they say something, and which keep their own stiffness
     """
 
-    softest: Floats
-    stiffest: Floats
-    least_damped: Floats
-    most_damped: Floats
     types: tuple[str, ...]
-    direct: tuple[bool, ...] = ()
     known: tuple[str, ...] = ()
 
     def without_effect(self, option: str, source: object) -> list[str]:
@@ -72,7 +66,7 @@ class GearboxRange:
         return [f"{option} has no effect where {count} from {source}: {first_of_many(self.known)}; {advice}"] * bool(self.known)
 
 
-def gearbox_range(typed: Sequence[str], joint_names: Sequence[str], given: Booleans, option: str) -> GearboxRange:
+def typed_gearboxes(typed: Sequence[str], joint_names: Sequence[str], given: Booleans, option: str) -> TypedGearboxes:
     """What TYPE and PATTERN=TYPE say of joints, the later winning; a joint whose stiffness is `given` (n,) keeps that.
 
     Raises GainroomError, which names the `option`, for an unknown type and a pattern that matches nothing.
@@ -85,11 +79,22 @@ def gearbox_range(typed: Sequence[str], joint_names: Sequence[str], given: Boole
         for k in select(pattern, joint_names, f"{option} {text}") if pattern else range(len(joint_names)):
             known[k] = bool(given[k])
             types[k] = "" if known[k] else name
-    direct = tuple(name == DIRECT for name in types)
-    types = ["" if name == DIRECT else name for name in types]
+    return TypedGearboxes(tuple(types), tuple(itertools.compress(joint_names, known)))
+
+
+def ranges_of(types: Sequence[str]) -> dict[str, tuple[Floats, Floats]]:
+    """The intervals of an Uncertainty for gearboxes of these types (n,), NaN where the type is ""; {} where all are."""
+    if not any(types):
+        return {}
     ends = [(*TYPES[kind].resonance, *TYPES[kind].damping_ratio) if kind else (math.nan,) * 4 for kind in types]
-    kept = tuple(itertools.compress(joint_names, known))
-    return GearboxRange(*np.array(ends).reshape(-1, 4).T, types=tuple(types), direct=direct, known=kept)
+    low, high, least, most = np.array(ends).T
+    return {"resonance": (low, high), "damping_ratio": (least, most)}
+
+
+def middle(kind: str, inertia: float) -> tuple[float, float]:
+    """Stiffness and damping in the middle of a type's range, by ratios, for a motor of this inertia [kg m²]."""
+    omega, ratio = (math.sqrt(low * high) for low, high in (TYPES[kind].resonance, TYPES[kind].damping_ratio))
+    return inertia * omega**2, 2 * ratio * inertia * omega
 
 
 def sources(types: Mapping[str, None]) -> list[str]:

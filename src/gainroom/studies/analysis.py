@@ -8,21 +8,19 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from ..analysis.margin_record import Margins
 from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import Balance, System
+from ..system.uncertainty import Uncertainty
 from .deciding_joints import deciding_joints_in
 from .over_uncertainty import Worst, unknown_first
 from .progress import Progress, quiet
 from .state import State, limit_headroom, limiting_joints, state_of
 from .verdict import Finding, Level, Read, Verdict, judged, missed
-
-if TYPE_CHECKING:
-    from ..robot.gearbox_types import GearboxRange
 
 THIS_STATE = "this state"
 KEYS = {
@@ -54,8 +52,8 @@ class Analysis:
         return KEYS
 
     @property
-    def ranges(self) -> "GearboxRange | None":
-        """Between which gearboxes lie whose type alone is known; None where there are none."""
+    def ranges(self) -> Uncertainty | None:
+        """What is uncertain, where the system is at the worst place in it; None where it is at its nominal values, or nothing is."""
         return None
 
     def title_of(self, state: State) -> str:
@@ -260,7 +258,7 @@ def verdict_of(study: Analysis) -> Verdict:
     return judged(study.system, study.remedies, found, lambda level: read_as(study.system, found, study.states, level, study.ranges))
 
 
-def read_as(system: System, found: Iterable[Finding], states: Sequence[State], level: Level, ranges: "GearboxRange | None" = None) -> Read:
+def read_as(system: System, found: Iterable[Finding], states: Sequence[State], level: Level, ranges: Uncertainty | None = None) -> Read:
     """The decision that all readings of a system's unknowns lead to; states with an unsafe finding are examined first."""
     from .readings import read  # types of gearboxes, which a joint does without
 

@@ -4,8 +4,9 @@ What is required is what `gainroom robot` requires, margin by margin: a gain mar
 the other loops closed. A joint is safe where its own are enough and it takes no part in the vibration of a state with too little.
 """
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -17,17 +18,16 @@ from ..analysis.stability import is_stable
 from ..design.gain_cases import case_margins, own_case
 from ..design.margin_slopes import Case, Gains
 from ..errors import GainroomError
-from ..robot.gearbox_types import GearboxRange
 from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Booleans, Floats, rank
 from ..system.loop import Loop
 from ..system.requirement import Requirement, enough
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
+from ..system.uncertainty import Place, Uncertainty
 from .analysis import Analysis, analyze, verdict_of
 from .deciding_joints import deciding_joints_in, joints_that_miss, margins_by_joint
 from .factors import largest_factor
-from .gearbox_range import RangeOfGearboxes, look_over
 from .loop_numbers import extra_delay, margins_of
 from .lowered_gains import GainsToUse, gains_over_range, gains_to_use
 from .over_uncertainty import unknown_first
@@ -35,6 +35,7 @@ from .progress import Progress, quiet
 from .state import State, path_headroom, state_of
 from .sway import without_sway
 from .verdict import Finding, Reading, Verdict
+from .worst_place import OverRange, try_places
 
 OPTIONS = {
     "rate_unknown": "--rate-hz",
@@ -103,13 +104,15 @@ class Audit(Analysis):
     """The result of `gainroom audit`.
 
     system.requirements   what is required
-    over     where gearboxes lie in a range: what was looked at; `system` and all numbers are of the worst
+    over     where something lies in a range: the places that were tried; `system` and all numbers are of the worst
+    held     further places at which gains to use have to hold, beside the worst
     readings   where something is left open: each way to read it; all numbers are of one of them (audit_readings.py)
     open       they differ in the verdict, which there is none then
     joint_damping   what the model's own damping of joints was taken for, "controller": kd has it, "friction": link_viscous; None: not said
     """
 
-    over: RangeOfGearboxes | None = None
+    over: OverRange | None = None
+    held: tuple[Place, ...] = ()
     readings: tuple[ReadAs, ...] = ()
     open: bool = False
     joint_damping: str | None = None
@@ -131,7 +134,7 @@ class Audit(Analysis):
 
     @property
     def safe(self) -> bool:
-        """Every state and every joint has what is required, with all gearboxes that were looked at."""
+        """Every state and every joint has what is required, at all places of the ranges that were tried."""
         return (self.over is None or self.over.safe) and all(map(self.enough_in, self.states)) and all(joint.safe for joint in self.joints)
 
     @property
@@ -146,11 +149,13 @@ class Audit(Analysis):
 
     @cached_property
     def verdict(self) -> Verdict:
-        """The verdict as on any system, with what its gearboxes' ranges make of it, and what may be read in two ways."""
+        """The verdict as on any system, with what its ranges make of it, and what may be read in two ways."""
         found = verdict_of(self)
         if self.over is not None and not self.over.safe and found.level != "unsafe":
             open_still = self.sway_is_open or any(one.readings for one in found.deciding)
             found = found.with_findings(Finding("unsafe_in_gearbox_range", "undecided" if open_still else "unsafe"))
+        if self.over is not None and self.over.safe:
+            found = found.with_findings(Finding("range_sampled", "safe"))
         if not self.open:
             return found
         told = {each.code: each for one in self.readings for each in one.audit.verdict.deciding if each.readings}
@@ -163,8 +168,8 @@ class Audit(Analysis):
         return self.verdict.with_findings(*(found for one in others if one is not None for found in one.findings))
 
     @property
-    def ranges(self) -> GearboxRange | None:
-        return None if self.over is None else self.over.range
+    def ranges(self) -> Uncertainty | None:
+        return None if self.over is None else self.over.system.uncertainty
 
     @property
     def remedies(self) -> Mapping[str, str]:
@@ -172,7 +177,7 @@ class Audit(Analysis):
         return OPTIONS
 
     def least(self, state: State, name: str) -> float:
-        """See value_in: an audit's gearboxes may lie in a range, and nothing else is uncertain."""
+        """See value_in: an audit is one of the worst place in what is uncertain."""
         return self.value_in(state, REQUIREMENTS[name])
 
     @property
@@ -221,11 +226,11 @@ class Audit(Analysis):
 
     def extra_delay(self, state: State) -> float:
         """[s] until a state vibrates; NaN where it is not known."""
-        return state.delay_limit - self.system.delay
+        return state.delay_limit - state.system.delay
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """The names of what is missed in some state, or with some gearbox that was looked at."""
+        """The names of what is missed in some state, or at some place of the ranges that was tried."""
         missed = [name for state in self.states for name in self.missed_in(state)]
         return tuple(dict.fromkeys(missed)) or (() if self.safe else ("gain_margin",))
 
@@ -248,7 +253,7 @@ class Audit(Analysis):
         alone = np.min([state.limits_others_open for state in self.states], axis=0)
         closed = np.min([state.margins.one_loop.gain_margin for state in self.states], axis=0)
         judged = np.min([self.joint_limits_in(state) for state in self.states], axis=0)
-        vibrating = {name for state in self.states for name in self.joints_that_miss_in(state)}
+        vibrating = {name for state in self.states for name in self.joints_that_miss_in(state)} | self._unsafe_at_corners
         actuators, margins = self.given_actuators, {one.name: self.margins_by_joint(one) for one, _ in self.required.asked_for}
         return tuple(
             AuditedJoint(
@@ -271,10 +276,8 @@ class Audit(Analysis):
 
     @property
     def given_actuators(self) -> dict[str, Floats]:
-        """(n,) motor_inertia, stiffness, damping, link_viscous and effort_limit; NaN where they were not given, or lie in a range."""
-        known = self.system.source.actuators.known
-        ranged = np.zeros(len(known["stiffness"]), dtype=bool) if self.over is None else ~np.isnan(self.over.range.softest)
-        return {key: np.where(ranged, math.nan, values) if key in ("stiffness", "damping") else values for key, values in known.items()}
+        """(n,) motor_inertia, stiffness, damping, link_viscous and effort_limit, nominal ones; NaN where they were not given."""
+        return (self.system if self.over is None else self.over.system).source.actuators.known
 
     def joint_limits_in(self, state: State) -> Floats:
         """(n,) the factor, up or down, on each joint's gains, the other loops closed; switched off in a state that is not stable."""
@@ -332,17 +335,39 @@ class Audit(Analysis):
         """Every state as the core looks at it; None where it does not look at this controller, and where sway is left to another one."""
         if self.system.balance == "controller" and any(state.sway for state in self.states):
             return None
-        cases = [own_case(state.title, self.system, state.model) for state in self.states]
+        cases = [own_case(state.title, state.system, state.model) for state in self._held_states]
         return None if any(case is None for case in cases) else [case for case in cases if case is not None]
 
     def loops_at(self, lowered: Booleans, factor: float) -> Iterator[Loop]:
-        """Every state's loop with the gains of the joints `lowered` (n,) times `factor`."""
+        """Every state's loop with the gains of the joints `lowered` (n,) times `factor`; those at `held` places are the last."""
         if lowered.all():
-            yield from (state.loop.scaled(factor) for state in self.states)
+            yield from (state.loop.scaled(factor) for state in self._held_states)
         else:
             factors = np.where(lowered, factor, 1.0)
             changed = replace(self.controller, **{name: factors * getattr(self.controller, name) for name in self.gain_names})
-            yield from (state.loop.regained(changed) for state in self.states)
+            yield from (state.loop.regained(changed) for state in self._held_states)
+
+    @cached_property
+    def _held_states(self) -> tuple[State, ...]:
+        """The states, and those at `held` places, with the gains that these have."""
+        return (*self.states, *self._states_at(self.held))
+
+    def _states_at(self, places: Sequence[Place]) -> list[State]:
+        """The states at some places in the ranges."""
+        if self.over is None:
+            return []
+        whole = replace(self.over.system, control=self.system.control, requirements=self.required)
+        moved = [replace(whole.at(place), uncertainty=Uncertainty()) for place in places]
+        return [state_of(one, state.posture, state.contact) for one in moved for state in self.states]
+
+    @cached_property
+    def _unsafe_at_corners(self) -> set[str]:
+        """The joints that miss something at a corner of the ranges: where each of them does need not be the worst place."""
+        found = set[str]()
+        for state in self._states_at(() if self.over is None else self.over.unsafe_corners):
+            short = [not enough(limit, self.margin) for limit in self.joint_limits_in(state).tolist()]
+            found |= {*itertools.compress(self.system.source.joint_names, short), *self.joints_that_miss_in(state)}
+        return found
 
     @property
     def controller(self) -> Any:
@@ -359,7 +384,7 @@ class Audit(Analysis):
         """Whether so every state has what is required; states without the gain margin on all gains are found first, as that takes least."""
         loops = list(self.loops_at(lowered, factor))
         margin = self.margin * (1 - ROUND_OFF)  # which may be just what is left
-        return all(is_stable(loop) and is_stable(loop.scaled(margin)) for loop in loops) and all(map(self.holds, self.states, loops))
+        return all(is_stable(loop) and is_stable(loop.scaled(margin)) for loop in loops) and all(map(self.holds, self._held_states, loops))
 
     def holds(self, state: State, loop: Loop) -> bool:
         """True where one state's loop has every margin that is required; the delay margin is looked at first, as it costs the least."""
@@ -386,14 +411,19 @@ class Audit(Analysis):
         return self.system.source.actuators.assumed_rigid
 
     def of_gains(self, gains: Mapping[str, Floats]) -> "Audit":
-        """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes: of a range the worst of now."""
+        """Other gains of the same joints, (n,) each, audited like these, at the same place in a range: the worst of now."""
         system = self._with(gains)
         return replace(self, system=system, every=analyze(system, numbers=NUMBERS).every, over=None, readings=(), open=False)
 
     def over_range(self, gains: Mapping[str, Floats]) -> "Audit":
-        """An audit of other gains over the whole range of gearboxes, which there must be."""
+        """An audit of other gains over the whole range, which there must be."""
         assert self.over is not None
-        return replace(audit(self._with(gains), self.required, gearboxes=self.over.range), joint_damping=self.joint_damping)
+        whole = replace(self._with(gains), source=self.over.system.source, drives=self.over.system.drives, uncertainty=self.ranges)
+        return replace(audit(whole, self.required), joint_damping=self.joint_damping)
+
+    def held_at(self, places: Sequence[Place]) -> "Audit":
+        """The same with further places at which gains to use have to hold."""
+        return replace(self, held=tuple(dict.fromkeys((*self.held, *places))))
 
     def _with(self, gains: Mapping[str, Floats]) -> System:
         """The robot with other gains."""
@@ -437,19 +467,16 @@ def audit(
     system: System,
     required: Requirements | None = None,
     progress: Progress = quiet,
-    gearboxes: GearboxRange | None = None,
 ) -> Audit:
-    """Every state of `system`, whose control must be in joint space. Raises as analyze does.
+    """Every state of `system`, whose control must be in joint space; at the worst place where it is uncertain. Raises as analyze does.
 
     required    of safe gains; None: as required_of has it
-    gearboxes   the ranges that the others lie in; the audit is then one of the worst within them
     """
     system, over = replace(system, requirements=required_of() if required is None else required), None
-    if gearboxes is not None:
+    if system.uncertainty.names:
         states = _moving(system)
-        over = look_over(system, states, gearboxes, progress) if states else None
-        system = system if over is None else system.with_values(stiffness=over.worst_look.stiffness, damping=over.worst_look.damping)
-
+        over = try_places(system, states, progress) if states else None
+        system = replace(system if over is None else over.worst.system, uncertainty=Uncertainty())
     return Audit(system, analyze(system, progress, NUMBERS).every, over=over)
 
 

@@ -7,9 +7,11 @@ import numpy as np
 
 from ..analysis.coupled_margins import coupled_delay_margin
 from ..analysis.gain_limit import gain_limit
+from ..analysis.limbs import limbs_of
 from ..analysis.loci import Sweep
 from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import joint_margins, margins
+from ..analysis.proved_limit import proved_limit
 from ..analysis.stability import has_growing_root, unstable_roots
 from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError
@@ -18,6 +20,8 @@ from ..system.system import StateCase
 
 ANYWHERE = np.array([0.7, 1.3, 2.1])
 """Frequencies [rad/s] at one of which a loop that acts on any motion is not 0."""
+FAR_BELOW = 0.01
+"""Of gains that are not stable themselves: there the proof of their limit begins, if it can."""
 LATE = 1.5
 """Times what is required: a delay margin below that is certified."""
 
@@ -71,6 +75,27 @@ def limit_of(loop: Loop) -> GainLimit:
         return gain_limit(loop)
     except GainroomError as error:
         return _verdict(loop, error)
+
+
+def first_factor(loop: Loop) -> float:
+    """The smallest factor on all gains at which a loop vibrates; NaN where it is not known.
+
+    The proof begins at rest and ends at the first crossing, so that of a part of unstable gains is theirs. Limbs that do not feel each
+    other are asked one by one.
+    """
+    return float(np.min([_first_factor(limb) for _, limb in limbs_of(loop)] or [_first_factor(loop)]))
+
+
+def _first_factor(limb: Loop) -> float:
+    """The same of a loop that does not fall apart."""
+    proved = proved_limit(limb)
+    if proved is not None:
+        return proved.gain
+    proved = proved_limit(limb.scaled(FAR_BELOW))
+    if proved is not None and proved.gain < math.inf:  # a proof from far below ends not far above
+        return FAR_BELOW * proved.gain
+    limit = limit_of(limb)
+    return limit.gain if limit.stable or math.isnan(limit.gain) else min(limit.gain, 1.0)
 
 
 def _verdict(loop: Loop, error: GainroomError) -> GainLimit:

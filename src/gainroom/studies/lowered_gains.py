@@ -1,7 +1,7 @@
 """Gains in place of unsafe ones: those of some joints, or of all, each lowered as little as is needed, and certified as they are typed."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, Protocol, Self, TypeVar
@@ -13,9 +13,11 @@ from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirement import enough
 from ..system.system import System
+from ..system.uncertainty import Place
 from .factors import raised_factor, typed_factor
 from .loop_numbers import limit_of
 from .state import State, limiting_joints
+from .worst_place import OverRange
 
 MOST_DIGITS = 7
 """Of a gain that is typed."""
@@ -33,9 +35,9 @@ LEAST_RISE = 1.02
 NEARLY_ALIKE = 0.02
 """Relative, as ALIKE, of joints that get the same factor: left and right ones of a real robot's model differ by so much."""
 ROUNDS = 10
-"""Rounds in which gains are lowered for the worst gearboxes of a range, which are then others."""
-SLIGHTLY = 0.99
-"""Times the gains, where three digits of a factor would not change them."""
+"""Rounds in which gains are lowered at the worst places of a range, which are then others."""
+HELD = 4
+"""Places that are held from one round on, the worst of it."""
 MOST_TRIED = 40
 """Joints that are tried one by one, a look at every state each."""
 
@@ -66,6 +68,9 @@ class AuditOfGains(Protocol):
     def seen_with(self, factors: Floats) -> bool: ...
     def of_gains(self, gains: Mapping[str, Floats]) -> Self: ...
     def over_range(self, gains: Mapping[str, Floats]) -> Self: ...
+    def held_at(self, places: Sequence[Place]) -> Self: ...
+    @property
+    def over(self) -> OverRange | None: ...
 
 
 SomeAudit = TypeVar("SomeAudit", bound=AuditOfGains)
@@ -115,26 +120,21 @@ def gains_to_use(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
 
 
 def gains_over_range(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
-    """Gains that are safe with every gearbox of a range that is looked at; None where none are known.
+    """Gains that are safe at every place of a range that is tried; None where none are known.
 
-    Lowered for the worst gearboxes, others may be the worst: they are audited over the range, and lowered again for those.
+    What holds at the worst places may miss something at others: these are then held, too, all at once.
     """
-    found, names = gains_to_use(result), result.system.source.joint_names
-    exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}
+    over = result.over
     for _ in range(ROUNDS):
+        assert over is not None
+        result = result.held_at(over.unsafe(HELD))
+        found = gains_to_use(result)
         if found is None:
-            break
-        over = result.over_range(found.gains)
-        if over.safe:
-            return GainsToUse(found.factors, found.joints, found.gains, over)
-        lower = gains_to_use(over)
-        if lower is None:
-            break
-        lowered = np.where(lower.factors < 1, np.minimum(lower.factors, SLIGHTLY), 1.0) if np.any(lower.factors < 1) else SLIGHTLY
-        factors = np.array([typed_factor(factor) for factor in (found.factors * lowered).tolist()])
-        joints = tuple(name for name, factor in zip(names, factors, strict=True) if factor < 1)
-        gains = {name: np.array([float(f"{value:.4g}") for value in (factors * values).tolist()]) for name, values in exact.items()}
-        found = GainsToUse(factors, joints, gains, lower.audited)
+            return None
+        audited = result.over_range(found.gains)
+        if audited.safe:
+            return GainsToUse(found.factors, found.joints, found.gains, audited)
+        over = audited.over
     return None
 
 

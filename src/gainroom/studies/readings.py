@@ -21,15 +21,16 @@ import numpy as np
 from ..analysis.margin_record import Margins
 from ..design.gain_cases import bounded_margins, own_case
 from ..errors import GainroomError
-from ..robot.gearbox_types import TYPES, GearboxRange
+from ..robot.gearbox_types import TYPES
 from ..system.linear.arrays import Floats
 from ..system.system import StateCase, System
-from .gearbox_range import look_over
+from ..system.uncertainty import Uncertainty
 from .loop_numbers import margins_of
 from .over_uncertainty import uncertain_cases
 from .state import USUAL_RATE, State, state_of
 from .sway import without_sway
 from .verdict import Level, Read, Reading
+from .worst_place import FEW, try_places
 
 USUAL_RATES = (USUAL_RATE, 4e4, 1e4, 5e3, 1e3, 500.0, 200.0)
 """[Hz] of loops that close kp and kd, from 200 Hz of slow buses to 40 kHz inside a drive (Katz 2018, the Mini Cheetah).
@@ -44,11 +45,11 @@ SHARES = (1.0, 0.1)
 Change = Callable[[System], System]
 
 
-def read(system: System, states: Sequence[State], level: Level, ranges: GearboxRange | None = None) -> Read:
+def read(system: System, states: Sequence[State], level: Level, ranges: Uncertainty | None = None) -> Read:
     """All readings of a system that is `level` as it was computed: in continuous time, rigid, with motor inertias as actuators.py has them.
 
     states   those in which it moves, with what makes it unsafe first
-    ranges   between which gearboxes lie, if any do: the system is that with the worst of them
+    ranges   what is uncertain, where the system is at the worst place in it
     """
     if not states:  # nothing moves in any, so that nothing can be looked at
         return Read("undecided", dict.fromkeys(system.source.unknown, ()))
@@ -82,7 +83,7 @@ class _Readings:
     system: System
     states: Sequence[State]
     level: Level
-    ranges: GearboxRange | None = None
+    ranges: Uncertainty | None = None
 
     def read(self) -> Read:
         """All of them, as far as they are needed."""
@@ -146,15 +147,15 @@ class _Readings:
         return "undecided" if "undecided" in levels else "safe"
 
     def _worst_of_range(self, changes: Sequence[Change]) -> Sequence[Change]:
-        """The change to the worst gearboxes of their range with other motors, whose resonance the range is of; () without a range."""
+        """The change to the worst place in the ranges with other motors, whose resonance they may be of; () without ranges."""
         if self.ranges is None or not changes:
             return ()
-        system = self.system
+        system = replace(self.system, uncertainty=self.ranges)
         for change in changes:
             system = change(system)
         states = [state_of(system, state.posture, state.contact) for state in self.states]
-        worst = look_over(system, states, self.ranges).worst_look
-        return (lambda system: system.with_values(stiffness=worst.stiffness, damping=worst.damping),)
+        worst = try_places(system, states, tries=replace(FEW, until_unsafe=False)).worst.place
+        return (lambda system: replace(replace(system, uncertainty=self.ranges).at(worst), uncertainty=Uncertainty()),)
 
     def _with_motors(self, share: float) -> Change:
         """Motors of unknown inertia with a share of what they move, the most in all states."""
@@ -180,11 +181,15 @@ class _Readings:
         def where(value: float) -> Floats:
             return np.where(varied, value, math.nan)
 
-        ends = GearboxRange(where(softest), where(STIFFEST), *map(where, damped), types=("",) * len(varied))
-        over = look_over(self.system, self.states, ends)
-        if over.safe:
+        least, most = map(where, damped)
+        between = Uncertainty(resonance=(where(softest), where(STIFFEST)), damping_ratio=(least, most))
+        system = replace(self.system, uncertainty=between)
+        states = sorted(self.states, key=lambda state: state.sway is not None)  # margins without sway take longest
+        tried = (try_places(system, [state], tries=FEW) for state in states)
+        over = next((one for one in tried if not one.safe), None)
+        if over is None:
             return None
-        spring, damper = (_span(getattr(over.worst_look, name)[varied]) for name in ("stiffness", "damping"))
+        spring, damper = (_span(over.worst.system.source.quantities[name][varied]) for name in ("stiffness", "damping"))
         slides = self.system.source.prismatic[varied]
         units = ("N/m", "N·s/m") if slides.all() else ("N·m/rad", "N·m·s/rad")
         also = " (N/m, N·s/m of prismatic joints)" if slides.any() and not slides.all() else ""

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,19 +15,24 @@ from ..design.robot_gains import delay_margin_in_all, margins_at_rate, recommend
 from ..design.side_by_side import Job, each, side_by_side
 from ..design.starting_gains import JointsAlone
 from ..errors import computable
-from ..system.controller import Controller
+from ..system.controller import PD, Controller
 from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from ..system.uncertainty import Uncertainty
+from ..system.uncertainty import Place, Uncertainty
 from .analysis import Analysis, analyze
 from .deciding_joints import most_sensitive
 from .progress import Progress, after, quiet
 from .state import USUAL_RATE, State, task_headroom
+from .worst_place import try_places
 
 EXPECTED_LOOKS = 250
 """Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
 NUMBERS = ("margins", "worst_case", "joints", "tasks")
+ROUNDS = 4
+"""Searches for gains, each with the places in the ranges at which those of the one before fail."""
+HELD = 4
+"""Places that are taken from one search to the next, the worst of it."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +155,7 @@ class RobotStudy(Analysis):
     def _worst_case(self, name: str) -> tuple[State, str]:
         """The worst state at the place in the uncertainty where it has least left of a requirement; and that place, as text."""
         state, place = self.worst[name], self.case_of(name)
-        for case in self.system.cases_of(state.posture, state.contact, inside=True) if place else ():
+        for case in state.uncertain_cases if place else ():
             if case.place == place:
                 return State(case.system, case.posture, case.contact, case.model), place
         return state, ""
@@ -208,14 +213,47 @@ def study_robot(system: System, progress: Progress = quiet, recommend: bool = Tr
     return RobotStudy(system, found.every, tuple(recommended), exact)
 
 
+def _over_ranges(system: System, space: str, search: Callable[[Sequence[Place], RobotGains | None], RobotGains]) -> RobotGains:
+    """Gains that hold at every place of the ranges that is tried of them; a set that does not after ROUNDS is left out, and said to fail.
+
+    search   finds gains that hold at some places, too, from those that are known
+    """
+    found, places, failing = search((), None), list[Place](), dict[str, list[Place]]()
+    for count in range(ROUNDS if system.uncertainty.names and space == "joint" and len(system.source.joint_names) > 1 else 0):
+        failing = {one.contact: short for one in found.sets if (short := _short_at(system, one))}
+        if not failing:
+            return found
+        if count < ROUNDS - 1:
+            places += [place for short in failing.values() for place in short if place not in places]
+            found = search(places, found)
+    return found.without(
+        {contact: f"gains that miss something at {len(short)} or more places in the ranges" for contact, short in failing.items()}
+    )
+
+
+def _short_at(system: System, found: GainSet) -> list[Place]:
+    """Places in the ranges at which a set of gains per joint misses something in its states, the worst ones first."""
+    geared = system.with_controller(system.filtered(PD(np.nan_to_num(found.kp), np.nan_to_num(found.kd))))
+    every = [
+        State(geared, posture, contact, system.source.linearize(posture, contact))
+        for posture, contact in system.source.states
+        if found.contact in ("", contact)
+    ]
+    states = [state for state in every if state.moves]
+    return try_places(geared, states).unsafe(HELD) if states else []
+
+
 def _recommended(system: System) -> list[Job[RobotGains]]:
     """Recommended gains in joint space and, where there are tasks, in task space; where something is uncertain, then RobotStudy.exact."""
     spaces, alone = ("joint", "task") if system.source.stack else ("joint",), JointsAlone()
 
     def of(space: str, system: System = system, by_contact: bool = True) -> Job[RobotGains]:
         def job(checkpoint: Callable[[], None]) -> RobotGains:
+            def search(places: Sequence[Place], start: RobotGains | None) -> RobotGains:
+                return recommend_robot(system, space, checkpoint, start, alone, by_contact, places)
+
             with computable(f"{system.source.name}: recommended gains, {space} space"):
-                return recommend_robot(system, space, checkpoint, alone=alone, by_contact=by_contact)
+                return _over_ranges(system, space, search)
 
         return job
 

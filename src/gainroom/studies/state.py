@@ -24,6 +24,7 @@ from ..system.system import StateCase, System
 from .loop_numbers import extra_delay, limit_of, margins_of, moves
 from .over_uncertainty import ExtraDelays, Worst, uncertain_cases
 from .sway import Sway, sway_of, without_sway
+from .worst_place import try_places
 
 if TYPE_CHECKING:
     from ..robot.tasks import Tasks
@@ -183,15 +184,28 @@ class State:
         return model.gravity_stiffness is not None and weighed.moves and not weighed.stable and self.limit.stable
 
     @cached_property
+    def _extra_delays(self) -> ExtraDelays | None:
+        """Of the corners, where the delay is uncertain."""
+        return ExtraDelays.of(self.system, self.posture, self.contact) if self.system.uncertainty.delay is not None else None
+
+    @cached_property
+    def uncertain_cases(self) -> tuple[StateCase, ...]:
+        """The cases of the uncertainty that are looked at; of several joints the last is the worst place that a search finds."""
+        place = self.posture, self.contact
+        cases = tuple(uncertain_cases(self.system, *place, self._extra_delays))
+        if self.model.size == 1 or self.system.control.kd_path is not None:
+            return cases
+        worst = try_places(self.system, [self]).worst.place
+        return (*cases, replace(self.system.case_at(worst, *place), between=True))
+
+    @cached_property
     def worst_case(self) -> Worst:
         """Over the uncertainty: at the nominal values, and in every case that is looked at."""
         nominal = [("", self.counted)]
         if not (self.system.uncertainty.names and self.moves and self.margins.stable):
             return Worst.of(nominal)
-        place = self.posture, self.contact
-        extra = ExtraDelays.of(self.system, *place) if self.system.uncertainty.delay is not None else None
-        cases = uncertain_cases(self.system, *place, extra)
-        found = Worst.of(nominal + [(case.place, without_sway(case, bounded_margins(case))) for case in cases])
+        place, extra = (self.posture, self.contact), self._extra_delays
+        found = Worst.of(nominal + [(case.place, without_sway(case, bounded_margins(case))) for case in self.uncertain_cases])
         if found.unstable_at or not math.isnan(found.margins.delay_margin) or self.system.control.kd_path is not None:
             return found
         extra = ExtraDelays.of(self.system, *place) if extra is None else extra

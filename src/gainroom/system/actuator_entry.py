@@ -11,6 +11,7 @@ class ActuatorEntry:
     """What one entry says; None: nothing. Units as Actuators and Drive.
 
     motor_inertia, or rotor_inertia [kg m², motor side] with gear_ratio; bandwidth, damping_ratio, delay override the drive's
+    gearbox  its type (robot/gearbox_types.py), in place of stiffness and damping
     ranges   (low, high) by name in Uncertainty, of values that this entry gives
     """
 
@@ -25,18 +26,24 @@ class ActuatorEntry:
     bandwidth: float | None = None
     damping_ratio: float | None = None
     delay: float | None = None
+    gearbox: str | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def over(self, weaker: "ActuatorEntry") -> "ActuatorEntry":
         """This entry's values where it has any, `weaker`'s elsewhere. A motor inertia replaces a rotor with its gear, and vice versa.
 
-        The range of a value that is replaced goes with it.
+        Stiffness replaces a type of gearbox, and vice versa. The range of a value that is replaced goes with it.
         """
         given = {name: value for name, value in vars(self).items() if value is not None and name != "ranges"}
         if "motor_inertia" in given:
             weaker = replace(weaker, rotor_inertia=None, gear_ratio=None)
         elif "rotor_inertia" in given and "gear_ratio" in given:
             weaker = replace(weaker, motor_inertia=None)
+        if "gearbox" in given:
+            weaker = replace(weaker, stiffness=None, damping=None)
+            given |= {name: given.get(name) for name in ("stiffness", "damping")}
+        elif "stiffness" in given:
+            weaker = replace(weaker, gearbox=None)
         replaced = {*given, *(["motor_inertia"] if "rotor_inertia" in given else [])}
         ranges = {name: pair for name, pair in weaker.ranges.items() if name not in replaced}
         return replace(weaker, **given, ranges={**ranges, **self.ranges})

@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import digits, first_of_many
 from .drive import Drive
 from .system import System
+from .uncertainty import OF_GEARBOXES
 
 if TYPE_CHECKING:
     from .requirements import Requirements
@@ -117,7 +118,9 @@ def unusual_values(system: System) -> tuple[str, ...]:
         warnings = unusual(values)
         if not warnings.keys().isdisjoint(system.entered):
             warnings.pop("motor_inertia", None)  # their product
-        for name in [name for name in system.uncertainty.names if not source.prismatic[k] or name == "delay"]:
+        for name in [
+            name for name in system.uncertainty.names if name not in OF_GEARBOXES and (not source.prismatic[k] or name == "delay")
+        ]:
             for end in getattr(system.uncertainty, name):
                 for text in unusual({name: _of_joint(end, k, size)}).values() if name not in warnings else ():
                     warnings[f"uncertainty.{name}"] = f"uncertainty.{text}"

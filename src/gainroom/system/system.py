@@ -1,5 +1,6 @@
 """What a user describes: a source of plants, drives, control, what is required, and what is not known exactly."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Literal, Protocol, Self, TypeVar
@@ -18,11 +19,15 @@ from .linear.arrays import Booleans, Floats
 from .loop import Loop, build_loop
 from .plant import Plant
 from .requirements import Requirements
-from .uncertainty import NOMINAL, Place, Uncertainty
+from .uncertainty import NOMINAL, Place, Share, Uncertainty, is_end
 
 Balance = Literal["joints", "controller", ""]
 INSIDE = 8
 """Places between the corners of an uncertainty, beside its centre: more delay or stiffness may do harm in the middle of a range alone."""
+SHOWN = 3
+"""Joints whose place in a range is said."""
+MIXED = 4
+"""Draws of joints that lie each somewhere else in their ranges, beside the two of every other joint low."""
 
 
 class PlantSource(Protocol):
@@ -193,8 +198,24 @@ class System(Generic[Source]):
         control = self.control
         return build_loop(model, self.drives, controller, control.feedback, control.sample_time, control.kd_path)
 
-    def with_values(self, delay: ArrayLike | None = None, **values: ArrayLike) -> "System":
-        """The same with other delays [s] and other quantities of the source, each a number or (n,)."""
+    def with_values(
+        self,
+        delay: ArrayLike | None = None,
+        resonance: ArrayLike | None = None,
+        damping_ratio: ArrayLike | None = None,
+        **values: ArrayLike,
+    ) -> "System":
+        """The same with other delays [s] and other quantities of the source, each a number or (n,).
+
+        resonance, damping_ratio   of gearboxes, as Uncertainty has them; NaN where stiffness or damping stay
+        """
+        if resonance is not None or damping_ratio is not None:
+            known = {**self.source.quantities, **values}
+            inertia, stiffness, damping = (np.asarray(known[name], dtype=float) for name in ("motor_inertia", "stiffness", "damping"))
+            omega, ratio = (np.asarray(math.nan if given is None else given, dtype=float) for given in (resonance, damping_ratio))
+            stiffness = np.where(np.isnan(omega), stiffness, inertia * omega**2)
+            damping = np.where(np.isnan(ratio), damping, 2 * ratio * np.sqrt(stiffness * inertia))
+            values = {**values, "stiffness": stiffness, "damping": damping}
         delays = np.broadcast_to([drive.delay for drive in self.drives] if delay is None else delay, len(self.drives))
         drives = tuple(replace(drive, delay=float(one)) for drive, one in zip(self.drives, delays, strict=True))
         return replace(self, source=self.source.with_quantities(**values) if values else self.source, drives=drives)
@@ -206,7 +227,7 @@ class System(Generic[Source]):
     def cases(self, weight: bool = False, inside: bool = False) -> Iterator["StateCase"]:
         """Every state, nominal and then at every corner of the uncertainty; `weight`: see PlantSource.linearize.
 
-        inside   at places between the corners, too
+        inside   at places between the corners, too, and where joints differ
         """
         for posture, contact in self.source.states:
             yield from self.cases_of(posture, contact, weight, inside)
@@ -215,14 +236,15 @@ class System(Generic[Source]):
         """The same of one state."""
         uncertain, places = self.uncertainty, [NOMINAL]
         if uncertain.names:
-            places += [*uncertain.corners, *(uncertain.inside(INSIDE) if inside else [])]
+            between = [*uncertain.inside(INSIDE), *uncertain.mixed(len(self.source.joint_names), MIXED)] if inside else []
+            places += [*uncertain.corners, *between]
         for place in places:
             yield self.case_at(place, posture, contact, weight)
 
     def case_at(self, place: Place, posture: str, contact: str, weight: bool = False) -> "StateCase":
         """One state at one place in the uncertainty."""
         moved = self.at(place)
-        text, between = _place_text(self.uncertainty, place), any(0 < share < 1 for share in place)
+        text, between = _place_text(self.uncertainty, place), any(not is_end(share) for share in place)
         return StateCase(posture, contact, text, moved, moved.source.linearize(posture, contact, weight), between)
 
 
@@ -253,11 +275,18 @@ def _place_text(uncertainty: Uncertainty, place: Place) -> str:
     if place == NOMINAL:
         return ""
     values = {name: np.atleast_1d(value) for name, value in uncertainty.values(place).items()}
-    shares = {name: {0.0: "low", 1.0: "high"}.get(share, f"{100 * share:.3g} % up") for name, share in zip(values, place, strict=True)}
+    shares = {name: _share_text(share) for name, share in zip(values, place, strict=True)}
     return ", ".join(
         case_text({name: float(each[0])}) if np.all(each == each[0]) else f"{name.replace('_', ' ')} {shares[name]}"
         for name, each in values.items()
     )
+
+
+def _share_text(share: Share) -> str:
+    if isinstance(share, tuple):
+        rest = " …" if len(share) > SHOWN else ""
+        return f"by joint at {' '.join(f'{100 * one:.0f}' for one in share[:SHOWN])}{rest} % of its range"
+    return {0.0: "low", 1.0: "high"}.get(share, f"{100 * share:.3g} % up")
 
 
 JointSpec = System.of_joint

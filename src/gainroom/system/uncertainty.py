@@ -15,17 +15,27 @@ from .linear.arrays import Floats
 
 Case = tuple[ElasticJoint, Drive]
 Interval = tuple[Any, Any]
-Place = tuple[float, ...]
-"""Where in the uncertainty: one number in [0, 1] per uncertain quantity."""
+Share = float | tuple[float, ...]
+"""How far up a range, from 0 to 1: a number for all joints, or one for each."""
+Place = tuple[Share, ...]
+"""Where in the uncertainty: one share per uncertain quantity."""
 NOMINAL: Place = ()
 """The place of the nominal values."""
+
+
+OF_GEARBOXES = ("resonance", "damping_ratio")
+"""Names of Uncertainty that are no quantities of a source: they make stiffness and damping, with the motor's inertia."""
 
 
 @dataclass(frozen=True)
 class Uncertainty:
     """Intervals (low, high) that contain the true values, SI units; None: known exactly. Both ends numbers, or (n,) arrays, one per joint.
 
+    Joints vary each by itself, but for the delay, which all have from one bus.
+
     delay [s], stiffness [N m/rad], link_inertia and motor_inertia [kg m²], damping [N m s/rad]
+    resonance       √(K/J) [rad/s]: of a motor of inertia J on its gearbox, the output held; NaN where K has no such range
+    damping_ratio   B/(2 √(K J)) of the gearbox; NaN where B has no such range
 
     Raises GainroomError where an interval is not (low, high) with 0 <= low <= high.
     """
@@ -35,6 +45,8 @@ class Uncertainty:
     link_inertia: Interval | None = None
     motor_inertia: Interval | None = None
     damping: Interval | None = None
+    resonance: Interval | None = None
+    damping_ratio: Interval | None = None
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -59,13 +71,13 @@ class Uncertainty:
         """The same with one quantity known exactly."""
         return replace(self, **{name: None})
 
-    def values(self, place: Sequence[float]) -> dict[str, Floats]:
-        """What is uncertain at `place`, one number in [0, 1] per quantity, the same share for all joints; geometric where low > 0."""
+    def values(self, place: Sequence[Share]) -> dict[str, Floats]:
+        """What is uncertain at `place`, one share per quantity; geometric where low > 0."""
         return {
             name: between(low, high, share) for name, share in zip(self.names, place, strict=True) for low, high in [getattr(self, name)]
         }
 
-    def case(self, joint: ElasticJoint, drive: Drive, place: Sequence[float]) -> Case:
+    def case(self, joint: ElasticJoint, drive: Drive, place: Sequence[Share]) -> Case:
         """The joint and drive at `place`."""
         values = {name: float(value) for name, value in self.values(place).items()}
         delay = values.pop("delay", drive.delay)
@@ -85,9 +97,26 @@ class Uncertainty:
         return list(itertools.product((0.0, 1.0), repeat=len(self.names)))
 
     def inside(self, count: int) -> list[Place]:
-        """The centre, and `count` places of a Halton sequence, which fill the rest evenly."""
-        bases = (2, 3, 5, 7, 11)[: len(self.names)]
+        """The centre, and `count` places of a Halton sequence, which fill the rest evenly; all joints together."""
+        bases = (2, 3, 5, 7, 11, 13, 17)[: len(self.names)]
         return [(0.5,) * len(bases), *(tuple(radical_inverse(k, base) for base in bases) for k in range(1, count + 1))]
+
+    def mixed(self, joints: int, count: int) -> list[Place]:
+        """Places at which `joints` differ: every other one low, the rest high, the reverse, and `count` draws, the same ones at every call.
+
+        None where nothing is uncertain that joints have by themselves. What is in between for all joints together may be safe at both ends
+        of every range, and so may each mix of two: these are samples.
+        """
+        own = [name != "delay" for name in self.names]
+        if joints < 2 or not any(own):
+            return []
+        draws = np.random.default_rng(0).random((count, len(own), joints))
+        odd = np.arange(joints) % 2
+        parts = [*np.broadcast_to([odd, 1 - odd], (len(own), 2, joints)).swapaxes(0, 1), *draws]
+        return [
+            tuple(tuple(part.tolist()) if by_joint else float(part[0]) for part, by_joint in zip(parts_, own, strict=True))
+            for parts_ in parts
+        ]
 
 
 def radical_inverse(index: int, base: int) -> float:
@@ -100,14 +129,19 @@ def radical_inverse(index: int, base: int) -> float:
     return found
 
 
-def between(low: Floats | float, high: Floats | float, share: float) -> Floats:
-    """A point between 0 <= low <= high, geometric where low > 0; a rigid joint's inf stays."""
-    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+def between(low: Floats | float, high: Floats | float, share: Share) -> Floats:
+    """A point between 0 <= low <= high, geometric where low > 0; a rigid joint's inf stays, and NaN."""
+    low, high, share_of_each = np.broadcast_arrays(*(np.asarray(one, dtype=float) for one in (low, high, share)))
     value = low.copy()
     scaled, shifted = (low > 0) & np.isfinite(low), low == 0
-    value[scaled] *= (high[scaled] / low[scaled]) ** share
-    value[shifted] = high[shifted] * share
+    value[scaled] *= (high[scaled] / low[scaled]) ** share_of_each[scaled]
+    value[shifted] = high[shifted] * share_of_each[shifted]
     return value
+
+
+def is_end(share: Share) -> bool:
+    """Whether it is an end of its range for all joints at once."""
+    return share in (0.0, 1.0)
 
 
 def share_of(low: float, high: float, value: float) -> float:
@@ -128,4 +162,5 @@ def _is_interval(value: object) -> bool:
         return False
     ordered = (low >= 0) & (low <= high) & (high < math.inf)
     rigid = np.isinf(low) & np.isinf(high) & (low.ndim > 0)  # among joints some of which have a spring
-    return low.shape == high.shape and bool(np.all(ordered | rigid))
+    without = np.isnan(low) & np.isnan(high) & (low.ndim > 0)  # among joints some of which have a range
+    return low.shape == high.shape and bool(np.all(ordered | rigid | without))

@@ -15,6 +15,7 @@ import numpy as np
 from ...errors import GainroomError, one_line
 from ...io.run_files import at_last
 from ...system.linear.arrays import Floats
+from ...system.uncertainty import OF_GEARBOXES
 from .checksums import CHECKSUM, METADATA, confirmed, damaged, digests, own_digest, refuse_links, sha256
 from .plan import SweepPlan
 
@@ -196,12 +197,16 @@ def _empty(path: Path, plan: SweepPlan) -> Iterator[Path]:
         yield temporary
 
 
+GEARBOX = ("stiffness", "damping")
+
+
 def _draw_columns(plan: SweepPlan) -> Iterator[tuple[str, Floats, str]]:
     """Of each uncertain quantity its value in every draw (draws, n), nominal first."""
     units = {"delay": "s", "stiffness": "N m/rad", "link_inertia": "kg m2", "motor_inertia": "kg m2", "damping": "N m s/rad"}
     systems = [plan.system.at(place) for place in plan.places]
     size = plan.robot.body.size
-    for name in plan.system.uncertainty.names if len(plan.places) > 1 else ():
+    varied = {name: None for each in plan.system.uncertainty.names for name in (GEARBOX if each in OF_GEARBOXES else (each,))}
+    for name in varied if len(plan.places) > 1 else ():
         if name == "delay":
             yield name, np.array([[drive.delay for drive in one.drives] for one in systems]), units[name]
         else:

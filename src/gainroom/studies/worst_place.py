@@ -1,0 +1,296 @@
+"""The worst place in a system's uncertainty, of those that are tried: where gains have least left of what is required, in any state.
+
+Tried are the corners and places between for all joints together, a scan of soft to stiff gearboxes, places at which joints differ, and a
+bounded search about the worst of those. A stiffer gearbox is not always the better one, as its resonance comes to lie where the delay has
+turned its phase; and what holds with all joints together, at every place, may fail where they differ. Every place is judged by sampled
+margins; between places nothing is proved.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..robot.mirror_names import image_groups
+from ..system.system import StateCase, System
+from ..system.uncertainty import Place, Share, is_end
+from .loop_numbers import LATE, bounded_margins, extra_delay, first_factor
+from .progress import Progress, quiet
+from .sway import without_sway
+
+GEARBOX = ("resonance", "stiffness", "damping_ratio", "damping")
+"""What a scan from stiff to soft moves first, and what is least at its worst."""
+
+
+class Placed(Protocol):
+    """One posture and contact state with its plant: a State (state.py)."""
+
+    @property
+    def posture(self) -> str: ...
+    @property
+    def contact(self) -> str: ...
+    @property
+    def model(self) -> Any: ...
+
+
+@dataclass(frozen=True)
+class Tries:
+    """How many places are tried, and which.
+
+    until_unsafe   no more once one is not safe
+    """
+
+    turn: float = math.pi / 3  # [rad] of a resonance's phase, by the delay, from one place of the scan to the next
+    factor: float = 1.3  # of the resonance, at most
+    scanned: int = 24  # from softest to stiffest, at most
+    inside: int = 8  # places of a Halton sequence, all joints together
+    mixed: int = 12  # draws of joints that differ
+    near: float = 0.4  # in ln of a gain: a worst that is further from what is required is not searched about
+    dips: int = 3  # places about each dip of the scan
+    searched: int = 24  # places about the worst where joints differ
+    settled: float = 2e-3  # in ln of a gain
+    apart: bool = True  # each joint, with its image, at one end and all others at the other
+    until_unsafe: bool = False
+
+
+TRIES = Tries()
+"""Of ranges that somebody has stated."""
+FEW = Tries(scanned=8, inside=4, mixed=4, dips=0, searched=8, apart=False, until_unsafe=True)
+"""Of what nobody has given: whether anything of it is not safe, in a part of an audit's time."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One place in the uncertainty, judged in all states.
+
+    system     there
+    safe       everything that is required holds in every state
+    shortfall  by how much the worst requirement is missed, as Requirement.shortfall has it; of unstable gains by how much they are to be
+               lowered, in ln; NaN: not known
+    stable     in every state
+    together   all joints are at the same share of their ranges
+    """
+
+    place: Place
+    system: System
+    safe: bool
+    shortfall: float
+    stable: bool
+    together: bool
+
+    @property
+    def order(self) -> tuple[bool, bool, bool, float]:
+        """Sorts places, the worst last: those that are safe come first, those of which it is not known last."""
+        unknown = math.isnan(self.shortfall)
+        return not self.safe, unknown, not self.stable, 0.0 if unknown else self.shortfall
+
+
+@dataclass(frozen=True)
+class OverRange:
+    """A system over its uncertainty: all places that were tried.
+
+    system   with its uncertainty, at its nominal values
+    """
+
+    system: System
+    tried: tuple[Tried, ...]
+
+    @property
+    def worst(self) -> Tried:
+        """The place that is missed most, or where all is safe the one with least to spare."""
+        return max(self.tried, key=lambda one: one.order)
+
+    @property
+    def safe(self) -> bool:
+        """Whether everything that is required holds at every place."""
+        return all(one.safe for one in self.tried)
+
+    @property
+    def mixed(self) -> int:
+        """The number of places at which joints differ."""
+        return sum(not one.together for one in self.tried)
+
+    @property
+    def unsafe_corners(self) -> list[Place]:
+        """The corners, all joints at the same ends, where something is missed."""
+        return [one.place for one in self.tried if not one.safe and all(map(is_end, one.place))]
+
+    def unsafe(self, most: int) -> list[Place]:
+        """The places where something is missed, the worst first, at most so many."""
+        found = sorted((one for one in self.tried if not one.safe), key=lambda one: one.order, reverse=True)
+        return [one.place for one in found[:most]]
+
+
+def try_places(system: System, states: Sequence[Placed], progress: Progress = quiet, tries: Tries = TRIES) -> OverRange:
+    """A system over its uncertainty, in those of its `states` in which a joint moves."""
+    search = _Search(system, states, progress, tries)
+    with suppress(_Enough):
+        search.run()
+    progress(1, 1, "")
+    return OverRange(system, tuple(search.tried.values()))
+
+
+class _Enough(Exception):  # noqa: N818 - ends a search
+    """One place is not safe, and no more is asked."""
+
+
+class _Search:
+    def __init__(self, system: System, states: Sequence[Placed], progress: Progress, tries: Tries) -> None:
+        self.system, self.states, self.progress, self.tries = system, states, progress, tries
+        self.uncertain, self.size = system.uncertainty, len(system.source.joint_names)
+        self.names, self.tried = self.uncertain.names, dict[Place, Tried]()
+        self.scanned = next((self.names.index(name) for name in GEARBOX[:2] if name in self.names), None)
+        self.expected = len(self.uncertain.corners) + tries.inside + tries.mixed + tries.searched + 2 * tries.scanned + self.size
+
+    def run(self) -> None:
+        for place in [*self.uncertain.corners, *self.uncertain.inside(self.tries.inside)]:
+            self.at(place)
+        if self.scanned is not None:
+            self.scan()
+        for place in self.uncertain.mixed(self.size, self.tries.mixed):
+            self.at(place)
+        self.search()
+
+    def at(self, place: Place) -> Tried:
+        """One place, judged once."""
+        if place not in self.tried:
+            self.progress(min(len(self.tried), self.expected), self.expected, "ranges")
+            together = not any(isinstance(share, tuple) and len(set(share)) > 1 for share in place)
+            self.tried[place] = _judged(self.system.at(place), self.states, place, together)
+            if self.tries.until_unsafe and not self.tried[place].safe:
+                raise _Enough
+        return self.tried[place]
+
+    @property
+    def worst(self) -> Tried:
+        return max(self.tried.values(), key=lambda one: one.order)
+
+    def scan(self) -> None:
+        """From stiff to soft with all else low, and with all else high; each dip of what is left is followed to its lowest point."""
+        shares, which = self.shares(), self.scanned
+        assert which is not None
+        for end in (0.0, 1.0):
+
+            def at(share: float, end: float = end) -> float:
+                one = self.at(tuple(share if k == which else end for k in range(len(self.names))))
+                return math.inf if math.isnan(one.shortfall) else one.shortfall
+
+            row = sorted((share, at(share)) for share in shares)
+            worst = max(value for _, value in row)
+            for one, other in ((0, 1), (-1, -2)):  # what is worst at an end may be worse just inside
+                if len(row) > 1 and row[one][1] == worst:
+                    place = 0.5 * (row[one][0] + row[other][0])
+                    row.append((place, at(place)))
+            row.sort()
+            for k in range(1, len(row) - 1):
+                three = row[k - 1 : k + 2]
+                for _ in range(self.tries.dips):
+                    place = _peak(three, worst - self.tries.near)
+                    if place is None:
+                        break
+                    four = sorted([*three, (place, at(place))])
+                    highest = max(range(1, 3), key=lambda k, four=four: four[k][1])
+                    settled = four[highest][1] - three[1][1] < self.tries.settled
+                    three = four[highest - 1 : highest + 2]
+                    if settled:
+                        break
+
+    def shares(self) -> list[float]:
+        """Shares of the range of stiffness from 1 to 0, in steps that turn no joint's resonance by more than Tries.turn."""
+        assert self.scanned is not None
+        low, high = (np.broadcast_to(np.asarray(end, dtype=float), self.size) for end in getattr(self.uncertain, self.names[self.scanned]))
+        inertia = self.system.source.quantities["motor_inertia"]
+        if self.names[self.scanned] == "stiffness":
+            with np.errstate(divide="ignore", invalid="ignore"):
+                low, high = np.sqrt(low / inertia), np.sqrt(high / inertia)
+        wide = np.isfinite(low) & np.isfinite(high) & (low > 0) & (high > low)
+        if not wide.any():
+            return [0.0, 1.0]
+        low, span = low[wide], np.log(high[wide] / low[wide])
+        loads = [np.diagonal(state.model.link_inverse_inertia) for state in self.states]
+        turned = self.system.lag * np.sqrt(1 + inertia * np.max(loads, axis=0))[wide]  # by [rad/s] of the motor's, at the joint's resonance
+        found = [1.0]
+        while found[-1] > 0:
+            omega = low * np.exp(span * found[-1])
+            with np.errstate(divide="ignore"):
+                fine = np.minimum(self.tries.turn / turned, omega * (1 - 1 / self.tries.factor))
+            step = float(np.min(-np.log1p(-fine / omega) / span))
+            found.append(max(0.0, found[-1] - max(step, 1 / self.tries.scanned)))
+        return found
+
+    def search(self) -> None:
+        """Joint by joint to either end of its ranges, from the worst place so far, as long as that finds a worse one."""
+        by_joint = [k for k, name in enumerate(self.names) if name != "delay"]
+        if self.size < 2 or not by_joint:
+            return
+        best = self.worst
+        groups = image_groups(self.system.source.joint_names)
+        for group in dict.fromkeys(groups) if self.scanned is not None and self.tries.apart else ():
+            for end in (0.0, 1.0):
+                apart = tuple(end if one == group else 1 - end for one in groups)
+                self.at(tuple(apart if k == self.scanned else share for k, share in enumerate(best.place)))
+        best, left = self.worst, self.tries.searched
+        moves = list(self.moves(by_joint))
+        while left > 0 and best.shortfall > -self.tries.near:
+            before = best
+            for which, joint, end in moves:
+                place = tuple(_with(share, joint, end, self.size) if k == which else share for k, share in enumerate(best.place))
+                if place in self.tried:
+                    continue
+                best = max(best, self.at(place), key=lambda one: one.order)
+                left -= 1
+                if left == 0:
+                    return
+            if best is before:
+                return
+
+    def moves(self, by_joint: Sequence[int]) -> Iterator[tuple[int, int, float]]:
+        """Which quantity of which joint goes to which end, in a mixed order that is the same at every call."""
+        every = [(which, joint, end) for which in by_joint for joint in range(self.size) for end in (0.0, 1.0)]
+        yield from (every[k] for k in np.random.default_rng(0).permutation(len(every)).tolist())
+
+
+def _with(share: Share, joint: int, end: float, size: int) -> Share:
+    """A share with that of one joint at an end."""
+    return tuple(end if k == joint else one for k, one in enumerate(np.broadcast_to(share, size).tolist()))
+
+
+def _peak(three: Sequence[tuple[float, float]], enough: float) -> float | None:
+    """Where among three places, each with its shortfall, a parabola has its top; None where that is at an end, or below `enough`."""
+    (x0, y0), (x1, y1), (x2, y2) = three
+    if not (y1 >= max(y0, y2) and y1 > enough and all(map(math.isfinite, (y0, y1, y2)))):
+        return None
+    bend, slope, _ = np.polyfit([x0 - x1, 0.0, x2 - x1], [y0, y1, y2], 2)
+    place = float(x1 - slope / (2 * bend)) if bend < 0 else math.nan
+    return place if x0 < place < x2 and min(abs(place - x) for x in (x0, x1, x2)) > 1e-6 else None
+
+
+def _judged(system: System, states: Sequence[Placed], place: Place, together: bool) -> Tried:
+    """One place, in all states."""
+    values, safe, stable, worst = system.source.quantities, True, True, -math.inf
+    for state in states:
+        known = {name: value for name, value in values.items() if hasattr(state.model, name) and name != "link_inertia"}
+        model = replace(state.model, **known) if system.source.body is not None else system.source.linearize()
+        case = StateCase(state.posture, state.contact, "", system, model)
+        kept, counted, short = _in_state(case)
+        safe, stable, worst = safe and kept, stable and counted, float(np.maximum(worst, short))
+    return Tried(place, system, safe, worst, stable, together)
+
+
+def _in_state(case: StateCase) -> tuple[bool, bool, float]:
+    """Whether what is required holds in a case, whether it is stable, and its shortfall; a delay margin near what is asked is certified."""
+    required = case.system.requirements
+    found = bounded_margins(case, near=True)
+    if found.stable and not required.met_by(found):  # else it is met without sway, too, which takes ten times as long
+        found = without_sway(case, found)
+    if not found.stable:
+        factor = first_factor(case.system.loop(case.model))
+        margin = required.gain_margin or 1.0
+        return False, False, math.inf if factor <= 0 else math.log(margin / factor) if not math.isnan(factor) else math.nan
+    needed = required.delay_margin
+    if needed is not None and found.delay_margin < LATE * needed:
+        found = replace(found, delay_margin=extra_delay(case.system.loop(case.model)))
+    return required.met_by(found), True, required.shortfall(found)
