@@ -12,6 +12,7 @@ import yaml
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.audit_options import AuditOptions, audited
+from gainroom.files.robot_yaml import parse_robot
 from gainroom.robot.gearbox_types import TYPES, ranges_of
 from gainroom.studies.state import State
 from gainroom.studies.worst_place import OverRange, Tried, try_places
@@ -188,3 +189,32 @@ def test_a_range_is_safe_at_its_corners_where_it_is_called_safe(capsys: pytest.C
             geared = system.with_values(stiffness=np.array(stiffness), damping=np.array(damping))
             assert gr.gain_limit(geared.loop(geared.source.linearize(*geared.source.states[0]))).gain > MARGIN * (1 - 0.01)
     assert verdicts == {True, False}
+
+
+def test_a_joint_that_fails_elsewhere_than_at_the_worst_place_is_not_safe(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """The hips are worst on the softest gearboxes; the ankle fails on the stiffest alone, by the audit of those."""
+    rows = "{kp: 20, kd: 1.5, stiffness: %s, damping: %s, motor_inertia: 0.0072}"
+    (tmp_path / "soft.yaml").write_text("default: {kp: 20, kd: 1.5}", "utf-8")
+    _, told = asked(capsys, "--delay-ms", "1.5", "--gains", str(tmp_path / "soft.yaml"), "--gearbox", "harmonic")
+    ankle = next(row for row in told["joints"] if row["name"] == "ankle")
+    assert (ankle["safe"], ankle["unmet"]) == (False, [])
+    stiff, damped = 0.0072 * 270.0**2, 2 * 0.005 * 0.0072 * 270.0
+    others = 0.025 * 270.0**2, 2 * 0.005 * 0.025 * 270.0
+    text = f"default: {(rows % others).replace('0.0072', '0.025')}\nankle: {rows % (stiff, damped)}"
+    (tmp_path / "stiff.yaml").write_text(text, "utf-8")
+    _, there = asked(capsys, "--delay-ms", "1.5", "--gains", str(tmp_path / "stiff.yaml"))
+    assert "peak_sensitivity" in next(row for row in there["joints"] if row["name"] == "ankle")["unmet"]
+
+
+@pytest.mark.parametrize(
+    ("joint", "words"),
+    [
+        ("{gearbox: rubber}", ["joints.default.gearbox", "harmonic", "direct"]),
+        ("{gearbox: belt, stiffness: 100}", ["joints.default.gearbox", "stiffness", "either"]),
+    ],
+)
+def test_a_type_in_a_robot_yaml_is_one_of_those_and_no_number(joint: str, words: list[str]):
+    text = f"model: {{file: {LEG}}}\njoints: {{default: {joint}}}\ndrive: {{bandwidth: .inf, delay_ms: 1}}\n"
+    with pytest.raises(gr.GainroomError) as caught:
+        parse_robot(text + "control: {type: pd, feedback: motor, kp: 20, kd: 1.5, sample_rate_hz: 2000}", "robot.yaml")
+    assert all(word in str(caught.value) for word in words), caught.value

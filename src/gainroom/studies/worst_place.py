@@ -146,10 +146,10 @@ class _Search:
         self.expected = len(self.uncertain.corners) + tries.inside + tries.mixed + tries.searched + 2 * tries.scanned + self.size
 
     def run(self) -> None:
+        if self.scanned is not None:  # most of what is unsafe shows here, which ends the search where that is all that is asked
+            self.scan()
         for place in [*self.uncertain.corners, *self.uncertain.inside(self.tries.inside)]:
             self.at(place)
-        if self.scanned is not None:
-            self.scan()
         for place in self.uncertain.mixed(self.size, self.tries.mixed):
             self.at(place)
         self.search()
