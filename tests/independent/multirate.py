@@ -44,6 +44,10 @@ class TwoRates:
 
     def matrix(self) -> np.ndarray:
         """What one common period makes of [plant, memory of both laws, both held torques, both lines]."""
+        return self.lifted()[0]
+
+    def lifted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """(a, b, c, d) of a period: a torque beside those of the loops in every tick → what the loops take of it, (ticks n)."""
         n, plant = self.machine.size, actuated(self.machine)
         flow = expm(self.tick * np.block([[plant.a, plant.b], [np.zeros((n, len(plant.a) + n))]]))
         states = len(plant.a)
@@ -54,14 +58,16 @@ class TwoRates:
             low_pass = self.machine.low_pass if power else None  # of the velocity, and perhaps too fast for the other loop's rate
             loops.append((every, late, law(replace(self.machine, gains=gains, low_pass=low_pass, sample_time=every * self.tick))))
         sizes = [states, *(len(one.a) for _, _, one in loops), n, n, *(late * n for _, late, _ in loops)]
-        total = sum(sizes)
+        total, beside = sum(sizes), n * self.period
         edges = np.cumsum([0, *sizes])
         kind = complex if any(np.iscomplexobj(gain) for gain in self.machine.gains.values()) else float
-        x, *rest = (np.eye(total, dtype=kind)[low:high] for low, high in pairwise(edges))
+        columns = np.eye(total + beside, dtype=kind)
+        x, *rest = (columns[low:high] for low, high in pairwise(edges))
         memory, held = rest[:2], rest[2:4]
-        lines = [deque(line.reshape(len(line) // n, n, total)) for line in rest[4:]]  # oldest first
+        lines = [deque(line.reshape(len(line) // n, n, total + beside)) for line in rest[4:]]  # oldest first
+        taken = []
         for k in range(self.period):
-            arriving = np.zeros((n, total), dtype=kind)
+            arriving = np.zeros((n, total + beside), dtype=kind)
             for i, (every, _, one) in enumerate(loops):
                 if k % every == 0:
                     measured = np.vstack([plant.c[:n] @ x] * 2)
@@ -69,8 +75,35 @@ class TwoRates:
                     memory[i] = one.a @ memory[i] + one.b @ measured
                 lines[i].append(held[i])
                 arriving = arriving + lines[i].popleft()
-            x = move @ x + push @ arriving
-        return np.vstack([x, *memory, *held, *lines[0], *lines[1]])
+            taken.append(-arriving)
+            x = move @ x + push @ (arriving + columns[total + k * n : total + (k + 1) * n])
+        after, out = np.vstack([x, *memory, *held, *lines[0], *lines[1]]), np.vstack(taken)
+        return after[:, :total], after[:, total:], out[:, :total], out[:, total:]
+
+    def holds(self, joint: int, z: complex) -> np.ndarray:
+        """(ticks n, holds) each column of length 1: a torque of `joint` that is held from an arrival on either path to the next.
+
+        A hold that lasts into the next period is, in its ticks there, what it was a period before: 1/z of it.
+        """
+        arrivals = sorted({(every * k + late) % self.period for every, late in self._paths for k in range(self.period // every)})
+        found = np.zeros((self.period * self.machine.size, len(arrivals)), dtype=complex)
+        for column, (first, last) in enumerate(pairwise([*arrivals, arrivals[0] + self.period])):
+            for k in range(first, last):
+                found[k % self.period * self.machine.size + joint, column] = (1 if k < self.period else 1 / z) / np.sqrt(last - first)
+        return found
+
+    @property
+    def _paths(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        return (self.slow, self.slow_late), (self.fast, self.fast_late)
+
+    def complementary(self, points: np.ndarray, joints: "list[int] | None" = None) -> list[np.ndarray]:
+        """T of a period at each z of `points`, between torques of these joints (default: all), each held as the loops hold it."""
+        a, b, c, d = self.lifted()
+        found = []
+        for z in points.tolist():
+            held = np.hstack([self.holds(k, z) for k in (range(self.machine.size) if joints is None else joints)])
+            found.append(held.conj().T @ (c @ np.linalg.solve(z * np.eye(len(a)) - a, b @ held) + d @ held))
+        return found
 
     def radius(self) -> float:
         """Largest |eigenvalue|."""

@@ -11,10 +11,10 @@ from ..system.loop import Loop, require_loop
 from .first_crossing import SEARCH, Certificate, End, Family, gains
 from .loci import Sweep
 from .margin_record import GainLimit
+from .multirate import Multirate
 from .proved_limit import proved_limit
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 from .stability_boundary import LOCI
-from .two_paths import TwoPaths
 
 NEAREST_FACTORS = 10.0  # of the factors that are searched first on coupled loops; most limits lie below
 FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
@@ -31,7 +31,7 @@ def gain_limit(loop: Loop) -> GainLimit:
     """
     require_loop("gain_limit", loop)
     if loop.kd_path is not None:
-        return TwoPaths(loop).limit()
+        return Multirate(loop).limit()
     if loop.size == 1:
         return _scalar_limit(loop)
     proved = proved_limit(loop)

@@ -14,8 +14,8 @@ from .crossings import Scan
 from .gain_limit import gain_limit
 from .loci import Sweep
 from .margin_record import GainCrossing, GainLimit, Margins, OneLoop, PhaseCrossing
+from .multirate import Multirate
 from .stability import scan_loop, unstable_roots
-from .two_paths import TwoPaths
 
 NOTHING, _, HALVED, ENDLESS, FAILED = range(5)  # of Found in scalar_delay_margin.hpp
 
@@ -25,12 +25,12 @@ def margins(loop: Loop) -> Margins:
 
     The delay margin of a sampled loop that was built from its parts is exact for any fraction of a tick; that of a sampled LTI system,
     and those listed with the crossings, count a fraction of a tick as the phase that it costs. Each joint's largest gains are not among
-    them (joint_margins). Where kd closes on a path of its own, peak sensitivities and the disk margin are not known (NaN).
+    them (joint_margins). Where kd closes on a path of its own, they are those of the lifted loop (multirate.py).
     Raises GainroomError for several joints whose gains are all zero, or whose loci cannot be followed.
     """
     require_loop("margins", loop)
     if loop.kd_path is not None:
-        return TwoPaths(loop).margins()
+        return Multirate(loop).margins()
     if loop.size > 1:
         with computable("margins"):
             return coupled_margins(loop, largest=False)
@@ -56,7 +56,7 @@ def joint_margins(loop: Loop) -> Margins:
         found = replace(found, limit=limit, one_loop=one_loop)
     else:
         with computable("joint_margins"):
-            found = coupled_margins(loop) if loop.kd_path is None else margins(loop)
+            found = coupled_margins(loop) if loop.kd_path is None else Multirate(loop).margins(largest=True)
     return replace(found, phase_margin=abs(found.phase_margin))
 
 

@@ -17,8 +17,8 @@ from ..system.linear.transfer_function import growth
 from ..system.loop import Loop, require_loop
 from .crossings import Scan, scan
 from .loci import Sweep
+from .multirate import Multirate
 from .sampled_scan import scan_callable
-from .two_paths import TwoPaths
 
 SPARE = 10  # candidates for roots that are polished beside twice as many as are asked for
 RESOLUTION = 1e-13  # of a root, relative to the largest element of the state matrix
@@ -69,7 +69,7 @@ def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
     motor sees rings on) counts only where it grows; without any gain at all, everything on the boundary counts.
     """
     if loop.kd_path is not None:
-        return TwoPaths(loop).unstable()
+        return Multirate(loop).unstable()
     if loop.scalar is None and loop.function is None:
         return _coupled_unstable_roots(loop)
     if _is_lost_at_infinity(loop):
@@ -138,7 +138,7 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
 def has_growing_root(loop: Loop) -> bool:
     """True where a polished closed-loop root proves a loop of several joints unstable; False proves nothing."""
     if loop.kd_path is not None:
-        return TwoPaths(loop).unstable() > 0
+        return Multirate(loop).unstable() > 0
     system = _characteristic(loop)
     plain = loop.sample_time is not None or not np.any(system.delays > 0)
     for nodes in (0,) if plain else (12, 20, 32):

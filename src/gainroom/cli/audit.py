@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from ..studies.progress import Progress
     from ..studies.simulator_audit import SimulatorAudit
     from ..system.requirements import Requirements
-    from ..system.system import System
 
 
 @dataclass(frozen=True)
@@ -62,8 +61,8 @@ class RequirementCall:
         ),
     ] = None
 
-    def of(self, margin_db: float, along: Sequence[str]) -> "Callable[[System], Requirements]":
-        """Requirements of a system, with a gain margin of `margin_db`. Raises GainroomError.
+    def of(self, margin_db: float, along: Sequence[str]) -> "Requirements":
+        """Requirements with a gain margin of `margin_db`. Raises GainroomError.
 
         along   limits that go along with the gains, each as --require takes it; those that are typed win over them
         """
@@ -75,7 +74,7 @@ class RequirementCall:
         if margin_db != USUAL_DB and "gain_margin" not in typed:
             further.pop("gain_margin", None)
         margin = margin_factor(margin_db)
-        return lambda system: required_of(margin, further, system.control.kd_path is not None)
+        return required_of(margin, further)
 
 
 @dataclass(frozen=True)
@@ -176,10 +175,10 @@ def audit(
     return exit_status(shown.verdict, exit_zero)
 
 
-def _judged(one: "Audited", required: "Callable[[System], Requirements]", progress: "Progress") -> "Audit":
+def _judged(one: "Audited", required: "Requirements", progress: "Progress") -> "Audit":
     from ..studies.audit import audit
 
-    result = audit(one.system, required(one.system), progress)
+    result = audit(one.system, required, progress)
     return replace(result, joint_damping=one.options.joint_damping)
 
 

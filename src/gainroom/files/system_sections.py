@@ -443,7 +443,7 @@ class SystemFile(Section, Generic[Control, Ranges]):
     def requirements(self) -> Requirements:
         """As given, or the usual ones."""
         if self.limits is None:
-            return Requirements.usual(self.control.kd_path is not None)
+            return Requirements.usual()
         given = {one.name: (one, getattr(self.limits, one.key)) for one in REQUIREMENTS.values()}
         return Requirements(**{name: one.in_si(value) for name, (one, value) in given.items() if value is not None})
 

@@ -47,12 +47,9 @@ def further_requirements(
     return values
 
 
-def unusual_limits(asked: Requirements, kd_apart: bool = False) -> tuple[str, ...]:
-    """Limits that an audit has not anyway, and those that it has and nobody asked for, each as --require takes it.
-
-    kd_apart   kd closes on a path of its own
-    """
-    usual, found = Requirements.usual(kd_apart).needed, list[str]()
+def unusual_limits(asked: Requirements) -> tuple[str, ...]:
+    """Limits that an audit has not anyway, and those that it has and nobody asked for, each as --require takes it."""
+    usual, found = Requirements.usual().needed, list[str]()
     for one, needed in asked.asked_for:
         if one.name not in usual or not math.isclose(needed, usual[one.name], rel_tol=1e-12):  # dB come back off by a digit
             found.append(f"{one.key}={repr(as_typed(one.in_unit(needed))).removesuffix('.0')}")

@@ -32,6 +32,7 @@ COLUMNS = [
     ),
     Column("kd", "kd_gain_limits", lambda case: _ends(case, "kd"), "", "the same of kd", shown=lambda c: _range(c, "kd")),
     Column("phase", "phase_margin_deg", lambda case: math.degrees(case.margins.common_phase_margin), "°", "a common phase"),
+    Column("Ms", "", lambda case: case.margins.peak_sensitivity, "", "the largest factor by which the loops amplify a disturbance"),
     Column("kp's delay", "kp_delay_limit_ms", lambda case: 1e3 * case.delay_limit, "ms", "the whole delay of kp's path that is too long"),
     Column("", "delay_margin_ms", lambda case: 1e3 * case.margins.delay_margin),
     Column("", "certified", lambda case: case.margins.certified),
@@ -91,7 +92,7 @@ def warnings(study: PathStudy) -> tuple[str, ...]:
     system, said = study.system, []
     if study.unknown:
         names = listed([REQUIREMENTS[name].title for name in study.unknown])
-        said.append(f"{names}: not known where kd closes on a path of its own, and not judged")
+        said.append(f"{names}: not known of this loop, and not judged")
     if system.uncertainty.names:
         said.append("within the ranges every corner and points between were examined; the rest is not proved")
     if not all(case.margins.certified for case in study.cases if case.limit.stable):

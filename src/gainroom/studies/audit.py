@@ -452,14 +452,9 @@ def _together(state: State) -> float:
     return min(state.margins.gain_headroom, math.inf if paths is None else paths.headroom)
 
 
-def required_of(
-    margin: float | None = None, further: Mapping[str, float | None] = MappingProxyType({}), kd_apart: bool = False
-) -> Requirements:
-    """The usual ones, with another gain margin (a factor; 1: none), and `further` ones by name in place of theirs; None: not required.
-
-    kd_apart   kd closes on a path of its own, where Ms is not known: it is not required unless it is among the `further` ones
-    """
-    required = {**Requirements.usual(kd_apart).needed, **({} if margin is None else {"gain_margin": margin}), **further}
+def required_of(margin: float | None = None, further: Mapping[str, float | None] = MappingProxyType({})) -> Requirements:
+    """The usual ones, with another gain margin (a factor; 1: none), and `further` ones by name in place of theirs; None: not required."""
+    required = {**Requirements.usual().needed, **({} if margin is None else {"gain_margin": margin}), **further}
     return Requirements(**{name: value for name, value in required.items() if value is not None and (name != "gain_margin" or value > 1)})
 
 

@@ -49,13 +49,15 @@ def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: st
     """
     if name == "gain_margin" and found.least_gain_margin < found.gain_headroom * (1 - ROUND_OFF) and loop.kd_path is None:
         return (names[first_least(found.one_loop_gain_margins)],)
+    one = REQUIREMENTS[name]
+    own = one.of_loops(found)
+    if name != "gain_margin" and one.at_most and own is not None and loop.kd_path is not None:
+        return (names[first_least(-own)],)
     if name == "gain_margin" or loop.kd_path is not None:
         return limiting_joints(found.limit, names)
     if name == "phase_margin" and found.one_loop_phase_margin < found.common_phase_margin:
         return (names[first_least(found.one_loop.phase_margin)],)
-    one = REQUIREMENTS[name]
     if not one.at_frequency:
-        own = one.of_loops(found)
         return () if own is None else (names[first_least(-own if one.at_most else own)],)
     omega = one.frequency(found)
     if not (math.isfinite(omega) and omega > 0):

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import joint_margins
+from ..analysis.multirate import delay_of_others, path_margins
 from ..analysis.partial_limits import part_limits
 from ..analysis.stability import is_stable
-from ..analysis.two_paths import delay_of_others, path_margins
 from ..design.gain_cases import bounded_margins
 from ..design.starting_gains import IMMOBILE, joints_that_move
 from ..errors import GainroomError, computable

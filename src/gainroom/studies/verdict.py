@@ -132,8 +132,6 @@ def judged(system: System, remedies: Mapping[str, str], findings: Iterable[Findi
 
     if not system.requirements.asked:
         found = found.with_findings(why("nothing_required"))
-    if system.control.kd_path is not None and "peak_sensitivity" not in system.requirements.asked:
-        found = found.with_findings(why("peak_sensitivity_not_judged", "safe"))
     if "implausible" in unknown:
         found = found.open(why("implausible"))
     codes = [*(["rate_unknown"] if system.rate_is_missing else []), *(code for code in UNKNOWN if code in unknown)]

@@ -333,8 +333,8 @@ def build_loop(
     controller   PD, PID, PPI, Compensator, or any scalar LTI of python-control or scipy.signal
     feedback     "motor" or "link": the side of the gearbox the encoder is on
     sample_time  [s]; None: continuous. Sampled: torque held between ticks, any delay, exact
-    kd_path      for a sampled PD or PID whose kd closes at a rate and delay of its own; None: with the other gains. Its margins come from
-                 the eigenvalues over a common period (period_map.py); it has no frequency response
+    kd_path      for a sampled PD or PID whose kd closes at a rate and delay of its own; None: with the other gains. Its margins are
+                 those of the loop lifted over a common period (multirate.py); it has no frequency response
 
     Raises GainroomError for input that does not fit together, and for a negative gain on one of several joints. Of one joint it is taken as
     it is, for a verdict on signs that are wrong: kp < 0 is unstable. Files refuse both.

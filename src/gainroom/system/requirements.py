@@ -218,12 +218,9 @@ class Requirements:
         object.__setattr__(self, "asked_for", asked_for)
 
     @classmethod
-    def usual(cls, kd_apart: bool = False) -> "Requirements":
-        """The requirements where a file names none: 6 dB, 30° and Ms 2.
-
-        kd_apart   kd closes on a path of its own, where Ms is not known and not required
-        """
-        return cls(**{name: one.usual for name, one in REQUIREMENTS.items() if not (kd_apart and name == "peak_sensitivity")})
+    def usual(cls) -> "Requirements":
+        """The requirements where a file names none: 6 dB, 30° and Ms 2."""
+        return cls(**{name: one.usual for name, one in REQUIREMENTS.items()})
 
     def __getattr__(self, name: str) -> float | None:
         if name not in REQUIREMENTS:

@@ -114,7 +114,7 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
         gains[name] = replace(gains[name], stiffness=math.inf)
     place = _place(data, max(delays, default=None), source)
     whole = "recommended" in data
-    place |= {"gearboxes": _gearboxes(data, source), "required": _required(data, place["gains_run"] == "split")}
+    place |= {"gearboxes": _gearboxes(data, source), "required": _required(data)}
     origin = Origin(str(data.get("robot") or ""), margins=margins, joint_damping=damping, whole_kd=whole, system=system, **place)
     return AnsweredGains(source, form, gains, postures=postures, origin=origin)
 
@@ -173,13 +173,13 @@ def _gearboxes(data: Mapping[str, Any], source: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _required(data: Mapping[str, Any], kd_apart: bool) -> tuple[str, ...]:
+def _required(data: Mapping[str, Any]) -> tuple[str, ...]:
     """The limits that this answer required, each as --require takes it, where that is not the usual; () where it does not say."""
     required = data.get("required")
     if not isinstance(required, dict):
         return ()
     asked = {one.name: one.in_si(value) for one in REQUIREMENTS.values() if isinstance(value := required.get(one.key), int | float)}
-    return unusual_limits(Requirements(**asked), kd_apart)
+    return unusual_limits(Requirements(**asked))
 
 
 def _required_text(data: Mapping[str, Any]) -> str:

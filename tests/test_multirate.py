@@ -1,15 +1,17 @@
 """kd on a path of its own: verdict, limits and margins against a matrix that was built from scratch (independent/multirate.py)."""
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from pytest import approx
+from scipy.optimize import minimize_scalar
 
 import gainroom as gr
 from gainroom.analysis.margin_record import worst_of
-from gainroom.analysis.period_map import PeriodMap
-from gainroom.analysis.two_paths import COARSE_DOWN, TwoPaths, first_stable
+from gainroom.analysis.multirate import COARSE_DOWN, Lifted, Multirate, first_stable
 from independent.machine import Machine
 from independent.multirate import TwoRates, first_loss
 from machines import between, limbs
@@ -76,7 +78,7 @@ def test_more_delay_of_both_paths_and_of_kp_alone():
     ticks = found.delay_margin / tick
     assert two.later(math.floor(ticks), math.floor(ticks)).radius() < 1 < two.later(math.ceil(ticks), math.ceil(ticks)).radius()
     coarse = TwoRates(two.machine, DRIVE, 40, 80, 1, 0)
-    whole = TwoPaths(loop_of(coarse)).delay_of_others() / DRIVE - 80
+    whole = Multirate(loop_of(coarse)).delay_of_others() / DRIVE - 80
     assert coarse.later(math.floor(whole), 0).radius() < 1 < coarse.later(math.ceil(whole), 0).radius()
 
 
@@ -136,7 +138,7 @@ def test_lower_gains_are_not_tried_one_by_one_where_a_root_stays_outside():
 @pytest.mark.slow
 @pytest.mark.parametrize("two", [two for two in population() if two.scaled(10.0).radius() > 1])
 def test_lower_gains_are_found_where_a_fine_grid_has_them(two: TwoRates):
-    both = TwoPaths(loop_of(two))
+    both = Multirate(loop_of(two))
     found = first_stable(lambda factor: both.values(10 * factor, 10 * factor), math.log(1e-3))
     grid = next((t for t in np.arange(-0.02, math.log(1e-3), -0.02) if two.scaled(10 * math.exp(t)).radius() < 1), None)
     assert (found is None) == (grid is None)
@@ -198,15 +200,17 @@ def test_two_equal_paths_are_one(delay: float, controller):
     assert one.stable
     for name in ("gain_margin", "phase_crossover", "phase_margin", "gain_crossover", "delay_margin", "delay_crossover"):
         assert getattr(two, name) == approx(getattr(one, name), rel=1e-7), name
-    assert math.isnan(two.peak_sensitivity)
-    assert math.isnan(two.disk_margin)
+    for name in ("peak_sensitivity", "peak_complementary", "disk_margin"):
+        assert getattr(two, name) == approx(getattr(one, name), rel=1e-9), name
+        assert getattr(two, f"{name}_frequency") == approx(getattr(one, f"{name}_frequency"), rel=1e-6), name
+    assert two.disk_certified
 
 
 def test_two_periods_are_the_square_of_one():
-    period_map = PeriodMap(loop_of(issue_loop()))
+    lifted = Lifted(loop_of(issue_loop()))
     doubled = loop_of(TwoRates(one_joint(), DRIVE, 80, 80, 2, 0))  # another loop: this only shows that the period is the common one
-    assert PeriodMap(doubled).period == approx(2 * period_map.period)
-    assert period_map.period == approx(BUS)
+    assert Lifted(doubled).period == approx(2 * lifted.period)
+    assert lifted.period == approx(BUS)
 
 
 def test_a_joint_without_kp_drifts_and_is_not_unstable():
@@ -288,3 +292,191 @@ def test_no_number_of_a_single_rate_is_given():
     for ask in (lambda: loop.response([1.0]), lambda: gr.rightmost_roots(loop), lambda: gr.closed_loop(loop), lambda: loop.open_loop):
         with pytest.raises(gr.GainroomError):
             ask()
+
+
+PEAKS = {"peak_sensitivity": (-1, 1), "peak_complementary": (1, 0), "disk_margin": (-2, 1)}
+"""a and b of the margin that σ_max of a T + b I decides."""
+
+
+def same_at_one_rate(plant, drive, controller, side: str, step: float) -> bool:
+    """Whether a loop is stable; if so, kd on a path of its own at the same rate and delay leaves every peak as it is."""
+    loop = gr.build_loop(plant, drive, controller, side, step)
+    if not gr.is_stable(loop):
+        return False
+    one, two = gr.margins(loop), gr.margins(gr.build_loop(plant, drive, controller, side, step, gr.GainPath(drive.delay, step)))
+    for name in ("peak_sensitivity", "peak_complementary"):
+        assert getattr(two, name) == approx(getattr(one, name), rel=1e-9), name
+    # of several joints both search for D, until ln σ_max is within 1e-7 of its least
+    assert two.disk_margin == approx(one.disk_margin, rel=1e-9 if loop.size == 1 else 1e-7)
+    if one.one_loop.peak_sensitivity is not None:
+        assert two.one_loop.peak_sensitivity == approx(one.one_loop.peak_sensitivity, rel=1e-9)
+    return True
+
+
+def test_peaks_at_one_rate_are_those_of_one_path():
+    """The lemma of multirate.py, over random joints: σ_max of a system of one hold in a period is |1/(1 + L)|."""
+    rng, stable = np.random.default_rng(58), 0
+    for _ in range(60):
+        step, late = float(rng.choice([2.5e-4, 1e-3, 2e-3])), rng.choice([0.0, 1.0, 1.37, 2.5])
+        lag, motor, link = step * (1.5 + late) + 2e-4, between(rng, 0.05, 2), between(rng, 0.1, 10)
+        kd = (motor + 0.3 * link) * rng.uniform(0.05, 0.4) / lag
+        kp, filtered = kd * rng.uniform(0.02, 0.4) / lag, gr.LowPass(0.2 * math.pi / step, 2) if rng.random() < 0.4 else None
+        controller = gr.PID(kp, kp, kd, velocity_filter=filtered) if rng.random() < 0.4 else gr.PD(kp, kd, velocity_filter=filtered)
+        plant = gr.ElasticJoint(motor, link, between(rng, 2e3, 5e4), 10 ** rng.uniform(-4, 0.7)).plant()
+        drive = gr.Drive(math.inf if rng.random() < 0.3 else 4000.0, 0.9, step * late)
+        stable += same_at_one_rate(plant, drive, controller, "link" if rng.random() < 0.2 else "motor", step)
+    assert stable >= 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [1, 3, 12])
+def test_peaks_of_coupled_joints_at_one_rate_are_those_of_one_path(number: int):
+    loop = loop_of(TwoRates(limbs(1, number).machine, 1e-4, 10, 13, 10, 13))
+    assert loop.parts is not None
+    controller = loop.parts.controller.scaled(0.4 * gr.gain_limit(loop).gain)
+    assert same_at_one_rate(loop.parts.plant, loop.parts.drives[0], controller, loop.parts.feedback, 1e-3)
+
+
+def highest(two: TwoRates, slope: float, offset: float, joint: int = 0) -> float:
+    """The largest σ_max of slope T + offset I of one joint over the circle: on a grid, then halved around the highest of it."""
+
+    def heights(angles: np.ndarray) -> np.ndarray:
+        every = two.complementary(np.exp(1j * angles), [joint])
+        return np.array([np.linalg.norm(slope * one + offset * np.eye(len(one)), 2) for one in every])
+
+    angles = np.unique(np.concatenate([np.geomspace(1e-4, math.pi, 300), np.linspace(1e-4, math.pi, 300)]))
+    for _ in range(9):
+        values = heights(angles)
+        at = int(np.argmax(values))
+        angles = np.linspace(angles[max(at - 1, 0)], angles[min(at + 1, len(angles) - 1)], 13)
+    return float(values.max())
+
+
+@pytest.mark.parametrize("two", [two for two in population() if two.radius() < 1])
+def test_peaks_at_two_rates_are_those_of_an_independent_lifting(two: TwoRates):
+    found = gr.margins(loop_of(two))
+    for name, (slope, offset) in PEAKS.items():
+        peak = highest(two, slope, offset)
+        assert getattr(found, name) == approx(min(2 / peak, 2.0) if name == "disk_margin" else peak, rel=1e-7), name
+    assert found.disk_certified
+
+
+@pytest.mark.slow
+def test_peaks_of_coupled_joints_at_two_rates_are_those_of_an_independent_lifting():
+    two = TwoRates(limbs(1, 12).machine, 2.5e-4, 8, 9, 2, 1)
+    found = gr.margins(loop_of(two))
+    assert found.stable
+    assert found.one_loop.peak_sensitivity is not None
+    for joint in (0, two.machine.size - 1):
+        assert found.one_loop.peak_sensitivity[joint] == approx(highest(two, -1, 1, joint), rel=1e-7)
+    assert found.peak_sensitivity == found.one_loop.peak_sensitivity.max()
+
+
+PER_JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous", "bandwidth", "damping_ratio", "delay")
+
+
+def test_the_disk_of_two_joints_has_the_best_scaling_at_every_frequency():
+    """D of two joints is one number: the least of σ_max over it is found by trying all, at each z of a grid."""
+    machine = replace(
+        one_joint(), inverse_inertia=np.array([[0.3, 0.12], [0.12, 0.2]]),
+        **{name: np.repeat(getattr(one_joint(), name), 2) for name in PER_JOINT},
+        gains={(0, 0): np.diag([3000.0, 1000.0]), (1, 0): np.diag([200.0, 60.0])},
+    )  # fmt: skip
+    two = TwoRates(machine, 2.5e-4, 8, 10, 2, 1)
+    found = gr.margins(loop_of(two))
+    assert found.stable
+    assert found.disk_certified
+    angles = np.concatenate([np.geomspace(1e-3, math.pi, 400), np.linspace(1e-3, math.pi, 400)])
+    every = [np.eye(len(one)) - 2 * one for one in two.complementary(np.exp(1j * angles))]
+    ratio = np.repeat([1.0, 0.0], len(every[0]) // 2)
+
+    def height(matrix: np.ndarray, x: float) -> float:
+        return float(np.linalg.norm(matrix * np.exp(x * (ratio[:, None] - ratio)), 2))
+
+    least = max(minimize_scalar(lambda x, one=one: height(one, x), bounds=(-8, 8), method="bounded").fun for one in every)
+    assert found.disk_margin == approx(2 / least, rel=1e-3)  # the grid, not the peak
+    assert found.disk_margin < 2 / least * (1 + 1e-6)
+
+
+def test_no_torque_in_time_is_amplified_by_more_than_ms():
+    """Random and sinusoidal disturbance torques over many periods: ∫ (d + u)² dt ≤ Ms² ∫ d² dt, and near Ms for the worst of them."""
+    two = TwoRates(one_joint(kp=20000.0), 2.5e-4, 8, 9, 2, 1)
+    found, (a, b, c, d) = gr.margins(loop_of(two)), two.lifted()
+    rng, periods = np.random.default_rng(7), 20000
+    ends = np.sort([k % two.period for k in (9, 1, 3, 5, 7)])  # arrivals of kp's torque and of kd's, in ticks
+    hold = np.searchsorted(ends, np.arange(two.period), side="right") - 1  # the first ticks belong to the last hold of the period before
+
+    def gain(wave: Callable[[int], np.ndarray]) -> float:
+        x, last, before, after = np.zeros(len(a)), np.zeros(len(ends)), 0.0, 0.0
+        for k in range(periods):
+            own = wave(k) if k < periods - 2000 else np.zeros(len(ends))  # then let it fade
+            torque = np.where(hold < 0, last[-1], own[hold])
+            taken, x, last = c @ x + d @ torque, a @ x + b @ torque, own
+            before, after = before + torque @ torque, after + (torque - taken) @ (torque - taken)
+        return math.sqrt(after / before)
+
+    for _ in range(3):
+        assert gain(lambda k: rng.standard_normal(len(ends))) < found.peak_sensitivity
+    omega, middles = found.peak_sensitivity_frequency, (ends + np.diff([*ends, ends[0] + two.period]) / 2) * two.tick
+    worst = gain(lambda k: np.cos(omega * (k * two.period * two.tick + middles)))
+    assert 0.95 * found.peak_sensitivity < worst < found.peak_sensitivity
+
+
+@pytest.mark.parametrize("two", [two for two in population() if two.radius() < 1])
+def test_peaks_bound_what_a_factor_or_a_phase_may_be(two: TwoRates):
+    found = gr.margins(loop_of(two))
+    ms, disk, turn = found.peak_sensitivity, found.disk_margin, abs(found.phase_margin)
+    assert found.gain_margin >= ms / (ms - 1) * (1 - 1e-9)
+    assert found.gain_margin * (1 + 1e-9) >= ((2 + disk) / (2 - disk) if disk < 2 else math.inf)
+    assert 2 * math.sin(min(turn, math.pi) / 2) >= (1 - 1e-9) / ms
+    assert turn >= 2 * math.atan(disk / 2) * (1 - 1e-9)
+
+
+def test_a_path_without_gains_leaves_the_sampled_loop_of_the_other():
+    """kd alone at 20 kHz, the joint adrift, and kp's path at 500 Hz with nothing on it."""
+    joint, drive, fast = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 4e-3), gr.Drive(4000.0, 0.9, 1.3 * DRIVE)
+    two = gr.margins(gr.build_loop(joint, drive, gr.PD(0.0, 300.0), sample_time=BUS, kd_path=gr.GainPath(1.3 * DRIVE, DRIVE)))
+    one = gr.margins(gr.build_loop(joint, fast, gr.PD(0.0, 300.0), sample_time=DRIVE))
+    for name in PEAKS:
+        assert getattr(two, name) == approx(getattr(one, name), rel=1e-8), name  # beside an eigenvalue at 1 that drifts
+
+
+@pytest.mark.parametrize(
+    ("motor", "link", "delay", "kp", "kd", "filtered", "gain", "more"),
+    [(1.0, 16.0, 2e-3, 3776.8, 634.4, 3169.0, 11.32, 1.604), (0.2, 0.8, 2.174e-3, 3324.3, 126.4, 1115.9, 9.97, 1.118)],
+    ids=["Fig. 9", "testbed"],
+)
+def test_the_best_split_gains_of_two_joints(motor, link, delay, kp, kd, filtered, gain, more):
+    """Tuned for Ms 2 and half of each delay in continuous time with half ticks for hold and difference, kd in the drive."""
+    joint, drive = gr.ElasticJoint(motor, link, 1e4, 1.0), gr.Drive(4000.0, 0.9, delay)
+    controller = gr.PD(kp, kd, velocity_filter=gr.LowPass(filtered))
+    found = gr.margins(gr.build_loop(joint, drive, controller, sample_time=5e-4, kd_path=gr.GainPath(1e-4, 5e-5)))
+    assert 20 * math.log10(found.gain_margin) == approx(gain, abs=5e-3)
+    assert 1e3 * found.delay_margin == approx(more, abs=5e-4)
+    assert 1.5 < found.peak_sensitivity < 2.0
+    assert found.certified
+
+
+def test_largest_gains_of_one_joint_alone_leave_all_other_gains_as_they_are():
+    """ki stays where kp is raised; of coupled joints each diagonal gain, also where it is 0."""
+    two = TwoRates(one_joint(ki=2000.0), 2.5e-4, 8, 9, 2, 1)
+    kp = float(gr.joint_margins(loop_of(two)).one_loop.largest_kp[0])
+
+    def with_kp(value: float) -> float:
+        return replace(two, machine=replace(two.machine, gains=two.machine.gains | {(0, 0): np.array([[value]])})).radius()
+
+    assert with_kp(kp * (1 - NUDGE)) < 1 < with_kp(kp * (1 + NUDGE))
+    coupled = TwoRates(limbs(1, 12).machine, 2.5e-4, 8, 9, 2, 1)
+    gains = coupled.machine.gains | {(0, 0): coupled.machine.gains[0, 0] * np.diag([0.0, 1.0, 1.0, 1.0])}
+    coupled = replace(coupled, machine=replace(coupled.machine, gains=gains))
+    found = gr.joint_margins(loop_of(coupled)).one_loop
+    for power, largest in ((0, found.largest_kp), (1, found.largest_kd)):
+        for joint in (0, 2):
+
+            def radius(value: float, power=power, joint=joint) -> float:
+                gain = np.array(gains[power, 0])
+                gain[joint, joint] = value
+                return replace(coupled, machine=replace(coupled.machine, gains=gains | {(power, 0): gain})).radius()
+
+            assert radius(largest[joint] * (1 - NUDGE)) < 1 + 1e-7  # a joint without kp drifts at 1
+            assert radius(largest[joint] * (1 + NUDGE)) > 1
