@@ -214,28 +214,41 @@ def test_a_joint_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.Capture
     path = tmp_path / "knee.yaml"
     path.write_text(JOINT, "utf-8")
     facts, status = told_of(["joint", str(path)], capsys)
-    assert (status, facts["verdict"]) == (0, "safe")  # Ms, which has no meaning there, is not required as usual
-    path.write_text(f"{JOINT}limits: {{gain_margin_db: 6, phase_margin_deg: 30, peak_sensitivity: 2}}\n", "utf-8")
-    facts, status = told_of(["joint", str(path)], capsys)
     found = gr.margins(parse_joint(JOINT, "knee.yaml", two_paths=True).loop())
     assert found.paths is not None
-    assert (status, facts["verdict"]) == (3, "undecided")
+    assert (status, facts["verdict"], facts["not_known"]) == (0, "safe", [])
+    assert facts["required"]["peak_sensitivity"] == 2  # as of any joint
+    assert facts["worst"]["peak_sensitivity"]["value"] == found.peak_sensitivity
     assert facts["gain_limit"] == found.gain_margin
     (state,) = facts["states"]
+    assert state["margins"]["peak_sensitivity"] == found.peak_sensitivity
     assert state["kp_gain_limits"] == [found.paths.lower_others, found.paths.others]
     assert state["kd_gain_limits"] == [found.paths.lower_kd, found.paths.kd]
     assert state["phase_margin_deg"] == approx(np.degrees(abs(found.phase_margin)))
-    assert facts["not_known"] == ["peak_sensitivity"]  # asked for, and it has no meaning here
-    assert facts["requirements_met"] is None
-    assert main(["joint", str(path)]) == 3
-    terminal = capsys.readouterr().out
-    assert " ".join(terminal.split()).startswith(
-        "Not decided: peak sensitivity not known. The gains are stable. Vibration starts at 17.9 × kp and kd together"
-    )
-    assert "not known" in terminal
+    assert main(["joint", str(path)]) == 0
+    terminal = " ".join(capsys.readouterr().out.split())
+    assert terminal.startswith("Safe: every requirement is met. Vibration starts at 17.9 × kp and kd together")
+    assert "peak sensitivity 1." in terminal
+    path.write_text(f"{JOINT}limits: {{gain_margin_db: 6, peak_sensitivity: 1.1}}\n", "utf-8")
+    facts, status = told_of(["joint", str(path)], capsys)
+    assert found.peak_sensitivity > 1.1
+    assert (status, facts["verdict"], facts["unmet"]) == (1, "unsafe", ["peak_sensitivity"])
     assert main(["joint", str(path), "--report", str(tmp_path / "page.html")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "page.html").exists()
+
+
+@pytest.mark.slow
+def test_a_period_too_long_for_ms_leaves_the_answer_open(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch):
+    """What is asked for and not known is not decided."""
+    monkeypatch.setattr("gainroom.analysis.multirate.MOST_HOLDS", 10)
+    path = tmp_path / "knee.yaml"
+    path.write_text(JOINT, "utf-8")
+    facts, status = told_of(["joint", str(path)], capsys)
+    assert (status, facts["verdict"], facts["not_known"]) == (3, "undecided", ["peak_sensitivity"])
+    assert facts["requirements_met"] is None
+    assert main(["joint", str(path)]) == 3
+    assert " ".join(capsys.readouterr().out.split()).startswith("Not decided: peak sensitivity not known. The gains are stable.")
 
 
 @pytest.mark.slow

@@ -32,7 +32,6 @@ COLUMNS = [
     ),
     Column("kd", "kd_gain_limits", lambda case: _ends(case, "kd"), "", "the same of kd", shown=lambda c: _range(c, "kd")),
     Column("phase", "phase_margin_deg", lambda case: math.degrees(case.margins.common_phase_margin), "°", "a common phase"),
-    Column("Ms", "", lambda case: case.margins.peak_sensitivity, "", "the largest factor by which the loops amplify a disturbance"),
     Column("kp's delay", "kp_delay_limit_ms", lambda case: 1e3 * case.delay_limit, "ms", "the whole delay of kp's path that is too long"),
     Column("", "delay_margin_ms", lambda case: 1e3 * case.margins.delay_margin),
     Column("", "certified", lambda case: case.margins.certified),
