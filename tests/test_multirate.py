@@ -313,6 +313,7 @@ def same_at_one_rate(plant, drive, controller, side: str, step: float) -> bool:
     return True
 
 
+@pytest.mark.slow
 def test_peaks_at_one_rate_are_those_of_one_path():
     """The lemma of multirate.py, over random joints: σ_max of a system of one hold in a period is |1/(1 + L)|."""
     rng, stable = np.random.default_rng(58), 0
@@ -352,6 +353,7 @@ def highest(two: TwoRates, slope: float, offset: float, joint: int = 0) -> float
     return float(values.max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("two", [two for two in population() if two.radius() < 1])
 def test_peaks_at_two_rates_are_those_of_an_independent_lifting(two: TwoRates):
     found = gr.margins(loop_of(two))
@@ -375,6 +377,7 @@ def test_peaks_of_coupled_joints_at_two_rates_are_those_of_an_independent_liftin
 PER_JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous", "bandwidth", "damping_ratio", "delay")
 
 
+@pytest.mark.slow
 def test_the_disk_of_two_joints_has_the_best_scaling_at_every_frequency():
     """D of two joints is one number: the least of σ_max over it is found by trying all, at each z of a grid."""
     machine = replace(
@@ -422,6 +425,7 @@ def test_no_torque_in_time_is_amplified_by_more_than_ms():
     assert 0.95 * found.peak_sensitivity < worst < found.peak_sensitivity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("two", [two for two in population() if two.radius() < 1])
 def test_peaks_bound_what_a_factor_or_a_phase_may_be(two: TwoRates):
     found = gr.margins(loop_of(two))
@@ -457,6 +461,7 @@ def test_the_best_split_gains_of_two_joints(motor, link, delay, kp, kd, filtered
     assert found.certified
 
 
+@pytest.mark.slow
 def test_largest_gains_of_one_joint_alone_leave_all_other_gains_as_they_are():
     """ki stays where kp is raised; of coupled joints each diagonal gain, also where it is 0."""
     two = TwoRates(one_joint(ki=2000.0), 2.5e-4, 8, 9, 2, 1)

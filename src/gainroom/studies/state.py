@@ -314,7 +314,7 @@ class State:
         terms = self.controller.terms()
         kp, kd = ([own_gain(terms.get(powers, 0.0), k, size) for k in range(size)] for powers in ((0, 0), (1, 0)))
         nothing = np.full(size, math.nan)
-        complete = (size > 1 and self.largest_gains) or self.loop.kd_path is not None or not margins.stable
+        complete = (self.largest_gains if size > 1 else self.loop.kd_path is not None) or not margins.stable
         one_loop = margins.one_loop if complete else joint_margins(self.loop).one_loop
         with np.errstate(divide="ignore"):
             load = 1 / np.diagonal(_at_least_zero(model.link_inverse_inertia, model.link_inverse_inertia))

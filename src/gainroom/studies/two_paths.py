@@ -135,7 +135,7 @@ def study_two_paths(system: System, progress: Progress = quiet) -> PathStudy:
     every, found = list(system.cases(inside=True)), []
     for index, case in enumerate(every):
         progress(index, len(every), case.title)
-        state = State(case.system, case.posture, case.contact, case.model)
+        state = State(case.system, case.posture, case.contact, case.model, largest_gains=False)
         name = state.title if case.posture else ""
         with computable(system.source.name + (f": {case.title}" if name else "")):
             if state.moves:
