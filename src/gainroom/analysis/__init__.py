@@ -2,7 +2,7 @@
 
 Margins        margins (of one joint, and the entry for all), coupled_margins (all loops at once, and one at a time by curve_distances),
                margin_record (what both give), return_ratios (each loop with the others closed), disk_margin, _disk_modes and _mu (all at
-               once, independently); multirate (kd on a path of its own), with peak_gain (σ_max over the unit circle); margins_outside
+               once, independently); multirate (kd on a path of its own), with peak_gain (over the unit circle); margins_outside
                (without bands of frequencies)
 Delay margin   of one joint in margins; of coupled loops in coupled_margins, by first_crossing, as their phase margin and gain limit
 Gain limits    gain_limit; proved: proved_limit, by modal_loop, proof_at_rest and followed_root; followed: first_crossing, along loci; of
