@@ -8,7 +8,7 @@ import pytest
 
 import gainroom as gr
 from draws import draw_plant, seeds
-from gainroom.analysis.coupled_margins import coupled_delay_margin
+from gainroom.analysis.boundary import coupled_delay_margin
 from independent.machine import Machine, topples, unstable as unstable_roots
 from machines import Pair, chain
 
@@ -202,10 +202,8 @@ def test_a_delay_margin_beside_a_resonance_is_found_without_halving_it_out(monke
     assert len(sampled) < 150
 
 
-def test_sampled_delay_margins_of_many_ticks(monkeypatch):
-    """Hundreds of ticks and a share of one: as exact as of a single joint, and only the share is sampled anew, no chain of states."""
-    sampled, delayed = [], gr.Loop.delayed
-    monkeypatch.setattr(gr.Loop, "delayed", lambda loop, extra: sampled.append(extra) or delayed(loop, extra))
+def test_sampled_delay_margins_of_many_ticks():
+    """Hundreds of ticks and a share of one: as exact as of a single joint."""
     joints = [gr.ElasticJoint(0.2, 0.8, 1e4, 1.0, 0.3), gr.ElasticJoint(0.5, 0.3, 4e3, 0.5, 0.2)]
     gains = [(3.0, 1.0), (2.0, 1.0)]
     plant = gr.Plant(
@@ -213,7 +211,6 @@ def test_sampled_delay_margins_of_many_ticks(monkeypatch):
         *(np.array([getattr(joint, name) for joint in joints]) for name in ("motor_inertia", "stiffness", "damping", "motor_viscous")),
     )
     found = gr.joint_margins(gr.build_loop(plant, DRIVE, gr.PD(*np.array(gains).T), sample_time=5e-4))
-    assert 0 <= min(sampled) <= max(sampled) < 5.001e-4
     alone = [gr.build_loop(joint, DRIVE, gr.PD(*gain), sample_time=5e-4) for joint, gain in zip(joints, gains, strict=True)]
     assert found.delay_margin > 0.2
     assert found.delay_margin == pytest.approx(min(gr.margins(one).delay_margin for one in alone), rel=1e-5)

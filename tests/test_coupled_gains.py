@@ -9,7 +9,7 @@ import pytest
 
 import gainroom as gr
 from draws import draw_plant, seeds
-from gainroom.analysis.coupled_margins import coupled_delay_margin
+from gainroom.analysis.boundary import coupled_delay_margin
 from gainroom.analysis.margin_record import GainLimit, Margins, OneLoop
 from gainroom.analysis.margins import joint_margins
 from gainroom.design.gain_search import PRICES, RAISE, Raised, raised_gains, rounded, stiffer

@@ -63,13 +63,13 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _nearest(old: Any, new: Any) -> Any:
-    """`new` with the numbers of `old` that are near and stand in the same place."""
+def _nearest(old: Any, new: Any, of_difference: bool = False) -> Any:
+    """`new` with the numbers of `old` that are near and stand in the same place: of relative differences, as near as what they compare."""
     if isinstance(old, dict) and isinstance(new, dict):
-        return {key: _nearest(old[key], value) if key in old else value for key, value in new.items()}
+        return {key: _nearest(old[key], value, key.endswith("_difference")) if key in old else value for key, value in new.items()}
     if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         return [_nearest(one, other) for one, other in zip(old, new, strict=True)]
-    if is_number(old) and is_number(new) and math.isclose(old, new, rel_tol=NEAR):
+    if is_number(old) and is_number(new) and math.isclose(old, new, rel_tol=NEAR, abs_tol=NEAR if of_difference else 0.0):
         return old
     return new
 

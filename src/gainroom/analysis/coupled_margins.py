@@ -27,8 +27,6 @@ def coupled_margins(loop: Loop, largest: bool = True) -> Margins:
     Raises GainroomError for gains that are all zero, and where the loci cannot be followed.
     """
     sweep = Sweep(loop)
-    if not largest:  # as of audits, which go on to other gains; studies of robots have many states
-        sweep.keep()
     own_peaks, complementary, own_phase = _one_loop_peaks_and_phases(sweep)  # first, on samples that no other search has added to
     limit = coupled_limit(sweep)
     if not limit.stable:
@@ -38,7 +36,7 @@ def coupled_margins(loop: Loop, largest: bool = True) -> Margins:
     peak = max(own_peaks)
     own_heights = np.array([one.height for one in own_peaks])
     one_loop = replace(one_loop_margins(sweep, largest), phase_margin=own_phase, peak_sensitivity=own_heights)
-    disk = _disk(loop)
+    disk = disk_of(loop)
     certificates = [end.certificate.holds for end in (phase, delay) if end is not None]
     # Beside a resonance without damping roots are counted that grow by LOCI.tilt: slow ones may cross the boundary well before.
     crossed = np.array([limit.frequency, limit.lower_frequency, *(end.omega for end in (phase, delay) if end is not None)])
@@ -64,7 +62,7 @@ def coupled_margins(loop: Loop, largest: bool = True) -> Margins:
     )
 
 
-def _disk(loop: Loop) -> MultiLoopDisk | None:
+def disk_of(loop: Loop) -> MultiLoopDisk | None:
     """The disk margin; None where integrators drown all else in round-off, so that I + L is singular to the last digit."""
     try:
         return disk_margin(loop)
@@ -88,18 +86,6 @@ def common_phase(sweep: Sweep) -> End | None:
     """The smallest phase [rad], > 0 for a lag, < 0 for a lead, at which all loops of a stable set together vibrate; None: none does."""
     ends = [replace(end, at=way * end.at) for way in (1, -1) if (end := phases(sweep, way).end(0.0, math.pi)) is not None]
     return min(ends, key=lambda end: abs(end.at), default=None)
-
-
-def coupled_delay_margin(loop: Loop, factor: float = 1.0) -> float:
-    """The smallest extra delay [s] in all loops, n > 1, at which a stable set vibrates, inf where none is; NaN for an unstable one.
-
-    With all gains times `factor`: quicker than of `loop.scaled(factor)` after coupled_margins without largest gains. Raises as that does.
-    """
-    sweep = Sweep.of_scaled(loop, factor)
-    if sweep.unstable(1.0) != 0 or sweep.full:
-        return coupled_margins(sweep.loop).delay_margin
-    end = _common_delay(sweep)
-    return end.at if end is not None and end.certificate.holds else math.inf if end is None else coupled_margins(sweep.loop).delay_margin
 
 
 def _common_delay(sweep: Sweep) -> End | None:

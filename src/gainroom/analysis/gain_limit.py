@@ -10,16 +10,21 @@ from ..errors import GainroomError, computable
 from ..system.loop import Loop, require_loop
 from .first_crossing import SEARCH, Certificate, End, Family, gains
 from .loci import Sweep
+from .look import Reach, Seen
 from .margin_record import GainLimit
 from .multirate import Multirate
 from .proved_limit import proved_limit
+from .sampled_loop import SampledLoop
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
-from .stability_boundary import LOCI
+from .stability_boundary import LOCI, Boundary
 
 NEAREST_FACTORS = 10.0  # of the factors that are searched first on coupled loops; most limits lie below
 FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
 NEAR_TOP = 0.8  # of the upper end of an interval between crossings
+NEAR_AXIS = Reach(LOCI.highest, 0.05)
+"""What a factor on all gains needs."""
+INSIDE = 1e-3  # of a factor at which roots cross: how far below it a stable one is looked for, and as near as certificates count
 JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at which roots are counted beside those between crossings
 
 
@@ -34,12 +39,64 @@ def gain_limit(loop: Loop) -> GainLimit:
         return Multirate(loop).limit()
     if loop.size == 1:
         return _scalar_limit(loop)
-    proved = proved_limit(loop)
-    return limit_from_loci(loop) if proved is None else proved
+    for found in (proved_limit, sampled_limit):
+        if (limit := found(loop)) is not None:
+            return limit
+    return limit_from_loci(loop)
+
+
+def sampled_limit(loop: Loop) -> GainLimit | None:
+    """gain_limit of several joints from the core's samples, with roots counted on both sides; None where something is not confirmed."""
+    sampled = SampledLoop.of(loop)
+    seen = None if sampled is None else sampled.look(NEAR_AXIS, smooth=False)
+    if sampled is None or seen is None or not seen.followed or seen.unstable < 0:
+        return None
+    if seen.unstable == 0:
+        return _sampled_interval(loop, sampled, seen, 1.0)
+    below = -np.sort(-seen.passing_factors()[:, 0])
+    for end in np.exp(below[below < 0]).tolist():  # the highest first
+        for aside in (SEARCH.nudge, INSIDE):  # equal limbs pass one close behind the other
+            inside = end * (1 - aside)
+            stable = sampled.scaled(inside)
+            if stable.unstable() == 0:
+                looked = stable.look(NEAR_AXIS, smooth=False)
+                return _sampled_interval(loop, stable, looked, inside) if looked.followed and looked.unstable == 0 else None
+    return None
+
+
+def _sampled_interval(loop: Loop, sampled: SampledLoop, seen: Seen, factor: float) -> GainLimit | None:
+    """The stable interval about a stable `factor` on the gains of `loop`, which `sampled` has; None where an end is not confirmed."""
+    seen.tell_apart(LOCI.highest, NEAR_AXIS.phase)
+    if not seen.followed:
+        return None
+    (up, above), (down, below) = seen.common_factors().tolist()
+    ends: list[End | None] = []
+    for log, omega, farthest in ((up, above, (LOCI.highest / factor,)), (-down, below, FAR_BELOW)):
+        at = math.exp(log)
+        if not (at < farthest[0] if log > 0 else at > farthest[0]):
+            counted = (sampled.scaled(end).unstable() for end in farthest)
+            if next((count for count in counted if count >= 0), -1) != 0:
+                return None
+            ends.append(None)
+            continue
+        certificate = Certificate(*(sampled.scaled(at * (1 + side * math.copysign(SEARCH.nudge, log))).unstable() for side in (-1, 1)))
+        if not certificate.holds or certificate.outside < 0 or not omega > 0:
+            return None
+        ends.append(End(at * factor, omega, Boundary(loop).mode(omega, -1 / (at * factor)), certificate))
+    return interval(loop, *ends, stable=factor == 1)
+
+
+def interval(loop: Loop, upper: End | None, lower: End | None, stable: bool = True) -> GainLimit:
+    """The limit with these ends."""
+    mode = np.ones(loop.size, dtype=complex) if upper is None else upper.mode
+    gain, omega, certificate = (math.inf, math.nan, None) if upper is None else (upper.at, upper.omega, upper.certificate)
+    if lower is None:
+        return GainLimit(stable, gain, 0.0, omega, mode, certificate)
+    return GainLimit(stable, gain, lower.at, omega, mode, certificate, lower.certificate, lower.omega)
 
 
 def limit_from_loci(loop: Loop) -> GainLimit:
-    """gain_limit of several joints that nothing is proved for."""
+    """gain_limit of several joints that the core does not have, or where it leaves something open."""
     with computable("gain_limit"):
         limit = coupled_limit(Sweep(loop, NEAREST_FACTORS, for_limit=True))
         return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, LOCI.highest, for_limit=True))

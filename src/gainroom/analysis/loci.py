@@ -13,7 +13,6 @@ negative real axis by itself (`passive`) there is nothing to follow.
 
 import math
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -64,23 +63,6 @@ class Sweep:
         self._reach_ends()
         self._refine(self._rough)
         self.show_crossings(side)
-
-    def keep(self) -> None:
-        """Hold these samples with their loop, for `of_scaled`."""
-        vars(self.loop)["_sweep"] = self
-
-    @classmethod
-    def of_scaled(cls, loop: Loop, factor: float) -> "Sweep":
-        """Of a loop with all gains times `factor`: from samples that are kept with it, where there are some, as λ(gL) = g λ(L)."""
-        known, scaled = vars(loop).get("_sweep"), loop.scaled(factor)
-        if known is None:
-            return cls(scaled)
-        found = copy(known)
-        found.loop, found.boundary, found.largest = scaled, Boundary(scaled), factor * known.largest
-        found.loci, found._lowest = factor * known.loci, (math.nan, np.zeros(0))
-        found._reach_ends()
-        found._refine(found._rough)
-        return found
 
     @property
     def lag(self) -> float:

@@ -67,9 +67,9 @@ class LoopsApart:
 class LooksApart:
     """What is seen of each of `loops`, with gains (3, m) of all joints: methods as of native Look."""
 
-    def __init__(self, loops: LoopsApart, gains: Floats, reach: Reach) -> None:
+    def __init__(self, loops: LoopsApart, gains: Floats, reach: Reach, between: bool, smooth: bool) -> None:
         self._size = loops.size
-        self._looks = [(joints, look(loop, gains[:, joints], reach)) for joints, loop in loops.loops]
+        self._looks = [(joints, look(loop, gains[:, joints], reach, between, smooth)) for joints, loop in loops.loops]
 
     @property
     def followed(self) -> bool:
@@ -84,6 +84,10 @@ class LooksApart:
         counts = [one.unstable for _, one in self._looks]
         return sum(counts) if min(counts) >= 0 else min(counts)  # one that cannot be is not made up for by another
 
+    @property
+    def samples(self) -> int:
+        return sum(one.samples for _, one in self._looks)
+
     def tell_apart(self, factor: float, phase: float) -> None:
         for _, one in self._looks:
             one.tell_apart(factor, phase)
@@ -97,8 +101,37 @@ class LooksApart:
     def peak(self, slope: float, offset: float) -> tuple[float, float]:
         return max((one.peak(slope, offset) for _, one in self._looks), key=lambda each: each[0])
 
-    def delay(self) -> tuple[float, float]:
-        return min((one.delay() for _, one in self._looks), key=lambda each: each[0])
+    def delay_crossings(self, longest: float) -> Floats:
+        return np.concatenate([one.delay_crossings(longest) for _, one in self._looks])
+
+    def one_loop(self) -> Floats:
+        found = np.empty((self._size, 4))
+        for joints, one in self._looks:
+            found[joints] = one.one_loop()
+        return found
+
+    def common_factors(self) -> Floats:
+        found = np.array([one.common_factors() for _, one in self._looks])
+        return found[np.argmin(found[:, :, 0], axis=0), np.arange(2)]
+
+    def passing_factors(self) -> Floats:
+        return np.concatenate([one.passing_factors() for _, one in self._looks])
+
+    def common_phase(self) -> tuple[float, float]:
+        return min((one.common_phase() for _, one in self._looks), key=lambda each: abs(each[0]))
+
+    def crossed(self, lag: float) -> int:
+        return sum(one.crossed(lag) for _, one in self._looks)
+
+    def one_loop_count(self, joint: int, change: float, gain: int) -> int:
+        joints, one = next((joints, one) for joints, one in self._looks if joint in joints)
+        return one.one_loop_count(int(np.searchsorted(joints, joint)), change, gain)
+
+    def growths(self, gain: int) -> Floats:
+        found = np.empty((self._size, 1))
+        for joints, one in self._looks:
+            found[joints] = one.growths(gain)
+        return found
 
     def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float, until: float = 0.0) -> tuple[Floats, Floats]:
         return self._of_all(gains, lambda one, own: one.crossings(own, locus, axis, reach, until))
@@ -128,11 +161,22 @@ Directed = _core.DirectedLoop | LoopsApart
 Seen = _core.Look | LooksApart
 
 
-def look(loop: Directed, gains: Floats, reach: Reach) -> Seen:
-    """The loop with gains (3, m), kp, kd and ki of every direction (kp, kv, ki of a P/PI), as far as `reach` asks."""
+def look(loop: Directed, gains: Floats, reach: Reach, between: bool = False, smooth: bool = True) -> Seen:
+    """The loop with gains (3, m), kp, kd and ki of every direction (kp, kv, ki of a P/PI), as far as `reach` asks.
+
+    `between`: on other samples than without it, halfway between its first ones; `smooth`: not for a count of roots alone.
+    """
     if isinstance(loop, LoopsApart):
-        return LooksApart(loop, gains, reach)
-    return _core.Look(loop, np.ascontiguousarray(gains), reach.factor, reach.phase, reach.peak)
+        return LooksApart(loop, gains, reach, between, smooth)
+    return _core.Look(loop, np.ascontiguousarray(gains), reach.factor, reach.phase, reach.peak, between, smooth)
+
+
+def lag_about(loop: Directed, gains: Floats, omega: float) -> tuple[float, float]:
+    """The lag [rad] at which the locus that is nearest to −1 at `omega` [rad/s] passes it, and where; NaN where it is lost."""
+    if isinstance(loop, LoopsApart):
+        found = [lag_about(one, gains[:, joints], omega) for joints, one in loop.loops]
+        return min(found, key=lambda each: math.inf if math.isnan(each[0]) else abs(each[0]))
+    return loop.lag_about(np.ascontiguousarray(gains), omega)
 
 
 def margins_seen(seen: Seen, size: int, apart: bool = True) -> Margins:
@@ -152,11 +196,11 @@ def margins_seen(seen: Seen, size: int, apart: bool = True) -> Margins:
     return Margins(limit, one_loop, phase_margin=phase, peak_sensitivity=peak, peak_sensitivity_frequency=omega)
 
 
-def joint_loops(loop: Loop) -> Directed:
-    """directed_loop of a PD's joints; apart where some joints do not feel the others."""
+def joint_loops(loop: Loop, cascade: bool = False) -> Directed:
+    """directed_loop of the gains of joints; apart where some joints do not feel the others. `cascade`: they are P/PI."""
 
     def directed(loop: Loop, by_modes: bool) -> "_core.DirectedLoop":
-        return directed_loop(loop, np.eye(loop.size), np.eye(loop.size), np.zeros(loop.size, dtype=bool), by_modes)
+        return directed_loop(loop, np.eye(loop.size), np.eye(loop.size), np.full(loop.size, cascade), by_modes)
 
     apart = limbs_of(loop)
     return LoopsApart(loop.size, tuple((joints, directed(limb, False)) for joints, limb in apart)) if apart else directed(loop, True)
@@ -186,12 +230,13 @@ def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Boolean
             loop.parts.feedback == "motor",
         )
     else:
-        held = loop.held
-        if modes is None:  # motors' positions as states of their own: as sums of links and twists they lose digits in Hessenberg form
+        if modes is not None:  # by which all is known along the boundary
+            held = _core_form(nothing, np.zeros((0, loop.size)), np.zeros((loop.size, 0)))
+        else:  # motors' positions as states of their own: as sums of links and twists they lose digits in Hessenberg form
             fraction = split_delay(loop.parts.delays, time)[1]
-            held = hold(measured_state(loop.parts, "position", twists=False), fraction * time, time)
-        fast = FAST * float(np.linalg.norm(held.a, 2))
-        found.set_held(held.a, held.b, held.c, *_hessenberg(held.a, held.b, held.c), fast, loop.ticks * time, time)
+            state = hold(measured_state(loop.parts, "position", twists=False), fraction * time, time)
+            held = _core_form(state.a, state.b, state.c)
+        found.set_held(*held, loop.ticks * time, time)
     controller, boundary = loop.parts.controller, Boundary(loop)
     if modes is not None:
         found.set_modes(modes)
@@ -203,10 +248,12 @@ def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Boolean
     return found
 
 
-def _hessenberg(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats, Floats]:
-    """The same response, with A in Hessenberg form: states in units in which A is balanced, then turned."""
+def _core_form(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, float]:
+    """A, B and C; the same in Hessenberg form, of states in units in which A is balanced, then turned; and from where on that serves."""
     from scipy.linalg import hessenberg, matrix_balance
 
+    if not len(a):
+        return a, b, c, a, b, c, 0.0
     balanced, (scale, _) = matrix_balance(a, permute=False, separate=True)
     form, turn = hessenberg(balanced, calc_q=True)
-    return form, turn.T @ (b / scale[:, None]), (c * scale) @ turn
+    return a, b, c, form, turn.T @ (b / scale[:, None]), (c * scale) @ turn, FAST * float(np.linalg.norm(a, 2))

@@ -9,7 +9,8 @@ import numpy as np
 from ..errors import GainroomError, computable
 from ..native import _core
 from ..system.loop import Loop, require_loop
-from .coupled_margins import coupled_margins, one_loop_margins
+from .boundary import coupled_margins
+from .coupled_margins import one_loop_margins
 from .crossings import Scan
 from .gain_limit import gain_limit
 from .loci import Sweep
@@ -33,7 +34,7 @@ def margins(loop: Loop) -> Margins:
         return Multirate(loop).margins()
     if loop.size > 1:
         with computable("margins"):
-            return coupled_margins(loop, largest=False)
+            return coupled_margins(loop)
     found = margins_from_scan(loop, scan_loop(loop))
     if not found.stable:
         with suppress(GainroomError):
@@ -56,7 +57,7 @@ def joint_margins(loop: Loop) -> Margins:
         found = replace(found, limit=limit, one_loop=one_loop)
     else:
         with computable("joint_margins"):
-            found = coupled_margins(loop) if loop.kd_path is None else Multirate(loop).margins(largest=True)
+            found = coupled_margins(loop, largest=True) if loop.kd_path is None else Multirate(loop).margins(largest=True)
     return replace(found, phase_margin=abs(found.phase_margin))
 
 

@@ -236,7 +236,7 @@ class _Peaks:
 
     def delay(self) -> tuple[float, float]:
         """The least extra delay [s] in all loops, and its frequency [rad/s]."""
-        return self.seen.delay()
+        return min(map(tuple, self.seen.delay_crossings(math.inf).tolist()), default=(math.inf, math.nan))
 
 
 class _Asked:

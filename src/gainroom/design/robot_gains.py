@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..analysis.coupled_margins import coupled_delay_margin
+from ..analysis.boundary import coupled_delay_margin
 from ..analysis.margin_record import Margins, worst_of
 from ..errors import GainroomError
 from ..system.requirements import Requirements

@@ -334,13 +334,18 @@ class DirectedLoop:
         gain: float,
     ) -> None: ...
     def set_boundary(self, grid: Floats, tilt: float, unstable_poles: int, settles: float) -> None: ...
+    def lag_about(self, gains: Floats, omega: float) -> tuple[float, float]:
+        """The lag [rad] of the locus nearest to −1 where it crosses the unit circle about ω, and where; NaN where it is lost."""
+
     def response(self, omega: Floats) -> Complexes:
         """E P C e^{−sT} X (k, m²) at ω (k,)."""
 
 class Look:
     """As in loop_samples.hpp and loop_curves.hpp; gains (3, m). Margins come as columns (c, 1), with their changes (c, 2 m)."""
 
-    def __init__(self, loop: DirectedLoop, gains: Floats, factor: float, phase: float, peak: float) -> None: ...
+    def __init__(
+        self, loop: DirectedLoop, gains: Floats, factor: float, phase: float, peak: float, between: bool, smooth: bool
+    ) -> None: ...
     @property
     def followed(self) -> bool: ...
     @property
@@ -360,7 +365,33 @@ class Look:
         """`until`: the first that is less alone, without its changes. As in peaks, where it is the first that is higher."""
 
     def delays(self, gains: Floats, longest: float) -> tuple[Floats, Floats]: ...
-    def delay(self) -> tuple[float, float]: ...
+    def delay_crossings(self, longest: float) -> Floats:
+        """(c, 2): delays [s] and ω of each."""
+
+    def one_loop(self) -> Floats:
+        """(n, 4): |ln g| up and down of each joint's gains, a phase [rad], the largest |S_ii|."""
+
+    def common_factors(self) -> Floats:
+        """(2, 2): |ln g| and ω, 0 at rest, of the nearest factors on all gains, above and below 1, that lose a stable loop; inf: none."""
+
+    def passing_factors(self) -> Floats:
+        """(c, 2): of factors on all gains at which a locus passes −1, as far as they are followed, ln g and ω."""
+
+    def common_phase(self) -> tuple[float, float]:
+        """[rad], > 0 for a lag, and its ω; inf where there is none."""
+
+    def crossed(self, lag: float) -> int:
+        """Roots that a `lag` [rad] in all loops brings across the boundary; < 0 a lead."""
+
+    def one_loop_count(self, joint: int, change: float, gain: int) -> int:
+        """Roots that a change of one joint's gains, of all (0) as a part of them, of kp (1) or kd (2), makes unstable.
+
+        Hugely negative where they cannot be counted.
+        """
+
+    def growths(self, gain: int) -> Floats:
+        """(n, 1) by how much kp (1) or kd (2) of each joint may grow, the others as they are; inf: by any; NaN: not known."""
+
     def peaks(self, gains: Floats, least: float, slope: float, offset: float, until: float = ...) -> tuple[Floats, Floats]: ...
     def ends(self, gains: Floats, locus: bool, reach: float) -> tuple[Floats, Floats]: ...
 

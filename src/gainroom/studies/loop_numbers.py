@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..analysis.coupled_margins import coupled_delay_margin
+from ..analysis.boundary import coupled_delay_margin
 from ..analysis.gain_limit import gain_limit
 from ..analysis.limbs import limbs_of
 from ..analysis.loci import Sweep
@@ -52,7 +52,7 @@ def extra_delay(loop: Loop, factor: float = 1.0) -> float:
     factor   on all gains
     """
     try:
-        return coupled_delay_margin(loop, factor) if loop.size > 1 else margins_of(loop.scaled(factor)).delay_margin
+        return coupled_delay_margin(loop.scaled(factor)) if loop.size > 1 else margins_of(loop.scaled(factor)).delay_margin
     except GainroomError:
         return math.nan
 

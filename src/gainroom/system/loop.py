@@ -197,7 +197,7 @@ class Loop:
     def _actuated_at(self, s: Complexes, v: Complexes) -> Complexes:
         """P C e^{−sT} (k, n, n) of several joints."""
         assert self.parts is not None
-        quick = self._modes is not None and np.all(np.abs(s.real) < ABOUT_AXIS * s.imag)
+        quick = self.exact_modes is not None and np.all(np.abs(s.real) < ABOUT_AXIS * s.imag)
         if self.sample_time is not None:
             if quick:
                 return self._mobility(s) * np.exp(-s[:, None, None] * (self.ticks * self.sample_time))
@@ -210,8 +210,8 @@ class Loop:
         return mobility * (currents * np.exp(-s[:, None] * self._delays))[:, None, :]
 
     @cached_property
-    def _modes(self) -> "_core.ModalLoop | None":
-        """None where there are none, their sum is not exact enough, or a pole is on the axis: not even one that nothing feels."""
+    def exact_modes(self) -> "_core.ModalLoop | None":
+        """The plant's response as a sum over modes; None where there are none, the sum is not exact enough, or a pole is on the axis."""
         assert self.parts is not None
         known = self.parts.plant.modes
         if known is None or known.inexact > EXACT_MODES:
@@ -221,8 +221,8 @@ class Loop:
 
     def _mobility(self, s: Complexes) -> Complexes:
         """Torque → position (k, n, n) at s (k,) about jω by the modes; sampled: with hold, current loop and the fraction of a tick."""
-        assert self._modes is not None
-        return self._modes.mobility(s).reshape(len(s), self.size, self.size)
+        assert self.exact_modes is not None
+        return self.exact_modes.mobility(s).reshape(len(s), self.size, self.size)
 
     def round_off(self, omega: Floats) -> Floats:
         """(k,) how far, relative to its size, `actuated_at` may be off at jω: most where a sampled mechanism drifts."""
@@ -277,7 +277,7 @@ class Loop:
             return build_loop(self.parts.plant, self.parts.drives, controller, self.parts.feedback, self.sample_time, self.kd_path)
         found = replace(self, parts=replace(self.parts, controller=controller))
         vars(found)["corner_frequencies"] = self.corner_frequencies  # of plant, drives and filters
-        vars(found)["_modes"] = self._modes
+        vars(found)["exact_modes"] = self.exact_modes
         if self.sample_time is not None and self.kd_path is None:
             vars(found)["held"] = self.held
         return found
@@ -298,7 +298,9 @@ class Loop:
             assert self.unsampled is not None
             later = replace(self.unsampled, delay=parts.drives[0].delay)
             return replace(self, actuated=sampled_scalar(later, self.sample_time), unsampled=later, parts=parts)
-        return build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, parts.sample_time, path).scaled(self.gain)
+        found = build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, parts.sample_time, path).scaled(self.gain)
+        vars(found)["corner_frequencies"] = self.corner_frequencies  # a delay moves no pole
+        return found
 
     @property
     def _delays(self) -> Floats:

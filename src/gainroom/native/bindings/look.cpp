@@ -88,12 +88,12 @@ static void set_boundary(DirectedLoop& loop, Vector grid, double tilt, std::int6
 
 class Look {
 public:
-    Look(DirectedLoop& loop, Matrix gains, double factor, double phase, double peak) : loop_(loop) {
+    Look(DirectedLoop& loop, Matrix gains, double factor, double phase, double peak, bool between, bool smooth) : loop_(loop) {
         require(!loop.grid.empty() && loop.actuated.size > 0, "the plant and the first samples are needed");
         require(factor > 1 && phase > 0 && !std::isnan(peak), "a factor > 1, a phase > 0 and a peak are needed");
         const DirectedGains own = gains_of(loop, gains);
         nb::gil_scoped_release release;
-        samples_ = std::make_unique<gainroom::LoopSamples>(loop, own, factor, phase, peak);
+        samples_ = std::make_unique<gainroom::LoopSamples>(loop, own, factor, phase, peak, between, smooth);
     }
 
     bool followed() const { return samples_->ok(); }
@@ -120,6 +120,68 @@ public:
         return nb::make_tuple(found.margin, found.omega);
     }
 
+    // (n, 4): |ln g| up and down, a phase, the largest |S_ii|.
+    nb::object one_loop() {
+        std::vector<double> found;
+        {
+            nb::gil_scoped_release release;
+            const std::vector<gainroom::OneLoopMargins> margins = gainroom::LoopCurves(*samples_).one_loop();
+            const std::vector<gainroom::MovingMargin> peaks = gainroom::SensitivityPeaks(*samples_).highest_of_each(1.0, 0.0);
+            for (std::size_t i = 0; i < margins.size(); i++)
+                found.insert(found.end(), {margins[i].up, margins[i].down, margins[i].phase, peaks[i].margin});
+        }
+        return owned(found.data(), loop_.size(), 4);
+    }
+
+    // (2, 2): above 1 and below it, |ln g| and ω.
+    nb::object common_factors() {
+        std::vector<double> found;
+        {
+            nb::gil_scoped_release release;
+            const auto [up, down] = gainroom::LoopCurves(*samples_).common_factors();
+            found = {up.margin, up.omega, down.margin, down.omega};
+        }
+        return owned(found.data(), 2, 2);
+    }
+
+    // (c, 2): ln g and ω.
+    nb::object passing_factors() {
+        std::vector<double> found;
+        {
+            nb::gil_scoped_release release;
+            for (const gainroom::MovingMargin& one : gainroom::LoopCurves(*samples_).passing_factors())
+                found.insert(found.end(), {one.margin, one.omega});
+        }
+        return owned(found.data(), found.size() / 2, 2);
+    }
+
+    nb::tuple common_phase() {
+        gainroom::MovingMargin found;
+        {
+            nb::gil_scoped_release release;
+            found = gainroom::LoopCurves(*samples_).common_phase();
+        }
+        return nb::make_tuple(found.margin, found.omega);
+    }
+
+    // Behind a lag [rad] in all loops.
+    std::int64_t crossed(double lag) {
+        nb::gil_scoped_release release;
+        return samples_->crossed(std::polar(1.0, -lag));
+    }
+
+    std::int64_t one_loop_count(std::size_t joint, double change, int gain) {
+        require(joint < loop_.size(), "there is no such joint");
+        const gainroom::Gain which = gain_of(gain);
+        nb::gil_scoped_release release;
+        return samples_->one_loop_count(joint, change, which);
+    }
+
+    nb::object growths(int gain) {
+        const std::vector<double> found = gainroom::LoopCurves(*samples_).growths(gain_of(gain));
+        return owned(found.data(), found.size(), 1);
+    }
+
     nb::tuple crossings(Matrix gains, bool locus, bool axis, double reach, double until) {
         const DirectedGains own = gains_of(loop_, gains);
         std::vector<gainroom::MovingMargin> found;
@@ -140,15 +202,12 @@ public:
         return columns(found);
     }
 
-    // The least of them and its ω; inf and NaN where there is none.
-    nb::tuple delay() {
-        double least = std::numeric_limits<double>::infinity(), omega = std::numeric_limits<double>::quiet_NaN();
-        for (const gainroom::MovingMargin& one : gainroom::LoopCurves(*samples_).delays(samples_->gains(), least, false))
-            if (one.margin < least) {
-                least = one.margin;
-                omega = one.omega;
-            }
-        return nb::make_tuple(least, omega);
+    // (c, 2): delay and ω of each.
+    nb::object delay_crossings(double longest) {
+        std::vector<double> found;
+        for (const gainroom::MovingMargin& one : gainroom::LoopCurves(*samples_).delays(samples_->gains(), longest, false))
+            found.insert(found.end(), {one.margin, one.omega});
+        return owned(found.data(), found.size() / 2, 2);
     }
 
     nb::tuple peaks(Matrix gains, double least, double slope, double offset, double until) {
@@ -166,6 +225,12 @@ public:
     }
 
 private:
+    // 0: all; 1: kp; 2: kd.
+    gainroom::Gain gain_of(int gain) const {
+        require(gain >= 0 && gain <= 2 && (gain == 0 || loop_.joints()), "one gain is of a joint: 1 for kp, 2 for kd");
+        return static_cast<gainroom::Gain>(gain);
+    }
+
     nb::tuple columns(const std::vector<gainroom::MovingMargin>& found) const {
         std::vector<double> margins, moves;
         for (const gainroom::MovingMargin& one : found) {
@@ -179,6 +244,13 @@ private:
     DirectedLoop& loop_;
     std::unique_ptr<gainroom::LoopSamples> samples_;
 };
+
+// The lag [rad] at the crossing of the unit circle about ω by the locus that is nearest to −1 there, and its ω; NaN where it is lost.
+static nb::tuple lag_about(DirectedLoop& loop, Matrix gains, double omega) {
+    gainroom::LoopSamples none(loop, gains_of(loop, gains));
+    const gainroom::MovingMargin found = gainroom::LoopCurves(none).lag_about(omega);
+    return nb::make_tuple(found.found ? found.margin : std::numeric_limits<double>::quiet_NaN(), found.omega);
+}
 
 static nb::object response(DirectedLoop& loop, Vector omega) {
     std::vector<Complex> found;
@@ -293,10 +365,11 @@ void bind_look(nb::module_& m) {
         .def("set_law", &set_law, nb::arg("velocity_above"), nb::arg("velocity_below"), nb::arg("integral_above"), nb::arg("integral_below"),
              nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"))
         .def("set_boundary", &set_boundary, nb::arg("grid"), nb::arg("tilt"), nb::arg("unstable_poles"), nb::arg("settles"))
-        .def("response", &response, nb::arg("omega"));
+        .def("response", &response, nb::arg("omega"))
+        .def("lag_about", &lag_about, nb::arg("gains"), nb::arg("omega"));
     nb::class_<Look>(m, "Look")
-        .def(nb::init<DirectedLoop&, Matrix, double, double, double>(), nb::keep_alive<1, 2>(), nb::arg("loop"), nb::arg("gains"), nb::arg("factor"),
-             nb::arg("phase"), nb::arg("peak"))
+        .def(nb::init<DirectedLoop&, Matrix, double, double, double, bool, bool>(), nb::keep_alive<1, 2>(), nb::arg("loop"), nb::arg("gains"),
+             nb::arg("factor"), nb::arg("phase"), nb::arg("peak"), nb::arg("between"), nb::arg("smooth"))
         .def_prop_ro("followed", &Look::followed)
         .def_prop_ro("singular", &Look::singular)
         .def_prop_ro("unstable", &Look::unstable)
@@ -304,10 +377,17 @@ void bind_look(nb::module_& m) {
         .def("tell_apart", &Look::tell_apart, nb::arg("factor"), nb::arg("phase"))
         .def("least", &Look::least, nb::arg("apart") = true)
         .def("peak", &Look::peak, nb::arg("slope"), nb::arg("offset"))
+        .def("one_loop", &Look::one_loop)
+        .def("common_factors", &Look::common_factors)
+        .def("passing_factors", &Look::passing_factors)
+        .def("common_phase", &Look::common_phase)
+        .def("crossed", &Look::crossed, nb::arg("lag"))
+        .def("one_loop_count", &Look::one_loop_count, nb::arg("joint"), nb::arg("change"), nb::arg("gain"))
+        .def("growths", &Look::growths, nb::arg("gain"))
         .def("crossings", &Look::crossings, nb::arg("gains"), nb::arg("locus"), nb::arg("axis"), nb::arg("reach"),
              nb::arg("until") = 0.0)
         .def("delays", &Look::delays, nb::arg("gains"), nb::arg("longest"))
-        .def("delay", &Look::delay)
+        .def("delay_crossings", &Look::delay_crossings, nb::arg("longest"))
         .def("peaks", &Look::peaks, nb::arg("gains"), nb::arg("least"), nb::arg("slope"), nb::arg("offset"),
              nb::arg("until") = std::numeric_limits<double>::infinity())
         .def("ends", &Look::ends, nb::arg("gains"), nb::arg("locus"), nb::arg("reach"));

@@ -74,6 +74,7 @@ private:
         const bool quick = std::abs(v) >= fast;
         const auto& [a, b, c] = quick ? hessenberg : whole;
         const std::size_t order = b.size() / size;
+        if (order == 0) return false;  // known by its modes alone
         Dense& system = work.system;
         system.resize(order, order + size);
         for (std::size_t r = 0; r < order; r++) {

@@ -48,6 +48,12 @@ public:
         return true;
     }
 
+    // LoopSample::closed, of the loop that was evaluated last.
+    Complex closed(Gain gain) const {
+        const Complex own = 1.0 - sensitivity_;
+        return gain == Gain::all ? own : times(own, DirectedLoop::share(point_, gain, law_[which_]));
+    }
+
     // Changes of ln of the value that was evaluated last, into growth_ (2, m).
     void grow() {
         growth_.resize(2 * m_);

@@ -28,10 +28,13 @@ private:
     }
 };
 
-// Gains of m directions: kp, kd, ki; of a P/PI one kp, kv, ki.
+// Gains of m directions: kp, kd, ki, of a PD (ki 0) or PID one; of a P/PI one kp, kv, ki.
 struct DirectedGains {
     std::vector<double> kp, kd, ki;
 };
+
+// What changes of a joint's gains: all by a factor, or one of a PD or PID.
+enum class Gain { all, kp, kd };
 
 // What does not depend on the gains at one frequency.
 struct LoopPoint {
@@ -114,9 +117,9 @@ public:
                 stiffness = inner * kp + ki * times(point.integral, outer);
                 damping = kd * outer - inner * kp;
             } else {
-                value = kp + kd * point.velocity;
-                stiffness = kp;
+                stiffness = kp + ki * point.integral;
                 damping = kd * point.velocity;
+                value = stiffness + damping;
             }
             d[j] = times(point.shaping, value);
             if (change == nullptr) continue;
@@ -125,12 +128,17 @@ public:
         }
     }
 
+    // What one gain of a joint multiplies, over its law d.
+    static Complex share(const LoopPoint& point, Gain gain, Complex d) {
+        return gain == Gain::all ? Complex(1.0) : over(gain == Gain::kd ? times(point.shaping, point.velocity) : point.shaping, d);
+    }
+
     // A tenth of the lowest frequency at which one gain takes over from another; infinite where there is but one.
     double slowest(const DirectedGains& gains) const {
         double least = std::numeric_limits<double>::infinity();
         for (std::size_t j = 0; j < directions; j++) {
             const double kp = gains.kp[j], kd = gains.kd[j], ki = gains.ki[j];
-            const double by_order[3] = {cascade[j] ? ki * kp : 0.0, cascade[j] ? kd * kp + ki : kp, kd};
+            const double by_order[3] = {cascade[j] ? ki * kp : ki, cascade[j] ? kd * kp + ki : kp, kd};
             for (int low = 0; low < 3; low++)
                 for (int high = low + 1; high < 3; high++)
                     if (by_order[low] > 0 && by_order[high] > 0)

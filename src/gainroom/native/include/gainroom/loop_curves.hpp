@@ -31,6 +31,11 @@ struct LeastMargins {
     double peak = 0.0, peak_omega = 0.0;
 };
 
+// Of one loop, the others closed: |ln g| of its gains up and down, and a phase, at which it is lost.
+struct OneLoopMargins {
+    double up = std::numeric_limits<double>::infinity(), down = up, phase = up;
+};
+
 class LoopCurves {
 public:
     explicit LoopCurves(LoopSamples& samples) : samples_(samples), loop_(samples.loop()), n_(loop_.size()), m_(loop_.directions), at_(loop_) {}
@@ -134,14 +139,30 @@ public:
         std::vector<MovingMargin> found;
         for (const CurveStep& step : meets(true, false)) {
             if (!(lag_of(margin_of(step.value, false)) < kEarly * longest * step.place)) continue;
-            MovingMargin one = polished(step, false, gains, kUseful, kFew, moves);
+            MovingMargin one = polished(step, false, gains, moves ? kUseful : kExact, moves ? kFew : kRounds, moves);
             const double delay = lag_of(one.margin) / one.omega;
             if (!one.found || !(delay < longest)) continue;
             for (std::size_t k = 0; k < one.moves.size(); k++) one.moves[k] = (one.moves[k] - delay * one.shifts[k]) / one.omega;
             one.margin = delay;
             found.push_back(std::move(one));
         }
+        if (moves || found.empty()) return found;
+        const auto sooner = [](const MovingMargin& a, const MovingMargin& b) { return a.margin < b.margin; };
+        const MovingMargin first = *std::min_element(found.begin(), found.end(), sooner);
+        for (const Complex& value : loci_beside(first, gains, kApart)) {  // of equal limbs, of which some may have been polished to the same
+            MovingMargin twin = polished(starting(first, value), false, gains, kExact, kRounds, false);
+            twin.margin = lag_of(twin.margin) / twin.omega;
+            if (twin.found && twin.margin < longest) found.push_back(std::move(twin));
+        }
         return found;
+    }
+
+    // The crossing of the unit circle by the locus that is nearest to −1 at ω.
+    MovingMargin lag_about(double omega) {
+        MovingMargin from;
+        from.omega = omega;
+        from.value = -1.0;
+        return polished(starting(from, -1.0), false, samples_.gains(), kExact, kRounds, false);
     }
 
     // Values that are real and negative where the boundary ends, which a gain moves along the axis, with |ln of them| < `reach`.
@@ -156,6 +177,88 @@ public:
             if (rest != nullptr) add_end(*rest, samples_.at_rest(), true, gains, reach, moves, found);
         } else if (!locus) {
             add_settled(lowest, gains, reach, moves, found);
+        }
+        return found;
+    }
+
+    // Of each joint (n): the nearest crossings of its return ratio on either side of −1, where the boundary ends too, and of the unit circle.
+    std::vector<OneLoopMargins> one_loop() {
+        std::vector<OneLoopMargins> found(n_);
+        const std::vector<CurveStep> axis = meets(false, true), circle = meets(false, false);
+        for (std::size_t i = 0; i < n_; i++) {
+            const auto own = [i](const CurveStep& step) { return step.which == i; };
+            const auto larger = [&](const CurveStep& step) { return own(step) && step.value.real() > -1; };
+            const auto smaller = [&](const CurveStep& step) { return own(step) && step.value.real() <= -1; };
+            found[i].up = std::fabs(first_of(axis, true, larger).margin);
+            found[i].down = std::fabs(first_of(axis, true, smaller).margin);
+            found[i].phase = std::fabs(first_of(circle, false, own).margin);
+        }
+        for (const MovingMargin& one : ends(false, samples_.gains(), std::numeric_limits<double>::infinity(), false)) {
+            double& least = one.margin < 0 ? found[one.which].up : found[one.which].down;
+            least = std::min(least, std::fabs(one.margin));
+        }
+        return found;
+    }
+
+    // The nearest factors on all gains, above 1 and below it, at which a stable loop is lost: |ln| and ω, 0 at rest; inf where there is none.
+    std::pair<MovingMargin, MovingMargin> common_factors() {
+        const std::vector<CurveStep> axis = meets(true, true);
+        MovingMargin up = first_of(axis, true, [](const CurveStep& step) { return step.value.real() > -1; });
+        MovingMargin down = first_of(axis, true, [](const CurveStep& step) { return step.value.real() <= -1; });
+        const double lowest = samples_.ok() ? samples_.samples().front()->omega() : 0.0;
+        for (const MovingMargin& one : ends(true, samples_.gains(), std::numeric_limits<double>::infinity(), false)) {
+            MovingMargin& least = one.margin < 0 ? up : down;
+            if (std::fabs(one.margin) < std::fabs(least.margin)) least = one;
+            if (least.omega < lowest) least.omega = 0.0;
+        }
+        for (auto* end : {&up, &down}) {
+            end->margin = std::fabs(end->margin);
+            const double way = end == &up ? 1.0 : -1.0;
+            if (std::isfinite(end->margin)) end->margin = counted(end->margin, [&](double t) { return Complex(std::exp(way * t)); });
+        }
+        return {up, down};
+    }
+
+    // Of any loop: ln of factors on all gains at which a locus passes −1 within what is followed, and ω.
+    std::vector<MovingMargin> passing_factors() {
+        std::vector<MovingMargin> found;
+        for (const CurveStep& step : meets(true, true)) {
+            MovingMargin one = polished(step, true, samples_.gains(), kExact, kRounds, false);
+            if (!one.found) continue;
+            one.margin = -one.margin;
+            found.push_back(std::move(one));
+        }
+        return found;
+    }
+
+    // Of each joint (n) by how much one gain may grow, the others as they are; inf: by any; NaN where it is not known: its value at rest is negative.
+    std::vector<double> growths(Gain gain) {
+        std::vector<double> found(n_, std::numeric_limits<double>::infinity());
+        const auto is_negative = [](Complex value) { return value.real() < 0 && std::fabs(value.imag()) < kReal * size_of_any(value); };
+        for (std::size_t i = 0; i < n_; i++) {
+            const std::vector<CurvePlace>& curve = samples_.closed_curve(i, gain);
+            if (curve.empty() || !std::isfinite(curve.front().value.real()) || is_negative(curve.front().value)) {
+                found[i] = std::numeric_limits<double>::quiet_NaN();
+                continue;
+            }
+            for (std::size_t k = 0; k + 1 < curve.size(); k++) {
+                const auto& [low, start] = curve[k];
+                const auto& [high, end] = curve[k + 1];
+                if ((start.imag() > 0) != (end.imag() > 0) && (start.real() < 0 || end.real() < 0))
+                    found[i] = std::min(found[i], growth_between(i, gain, low, start, high, end));
+            }
+            if (std::isfinite(loop_.last) && is_negative(curve.back().value)) found[i] = std::min(found[i], -1 / curve.back().value.real());
+        }
+        return found;
+    }
+
+    // The smallest phase [rad] in all loops at which they are lost, > 0 for a lag, and its ω; inf and NaN where there is none.
+    MovingMargin common_phase() {
+        const std::vector<CurveStep> circle = meets(true, false);
+        MovingMargin found = first_of(circle, false, [](const CurveStep&) { return true; });
+        for (const double way : {1.0, -1.0}) {
+            const double size = std::fabs(found.margin), before = std::isfinite(size) ? counted(size, [&](double t) { return std::polar(1.0, -way * t); }) : size;
+            if (before < size) found.margin = way * before;
         }
         return found;
     }
@@ -212,32 +315,62 @@ private:
 
     // The least |margin| among those whose interpolated one may be the least.
     double least_of(bool locus, bool axis) {
-        std::vector<CurveStep> steps = meets(locus, axis);
-        const auto size = [axis](const CurveStep& step) { return std::fabs(margin_of(step.value, axis)); };
-        std::stable_sort(steps.begin(), steps.end(), [&](const CurveStep& a, const CurveStep& b) { return size(a) < size(b); });
-        double found = std::numeric_limits<double>::infinity();
-        MovingMargin first;
-        for (const CurveStep& step : steps) {
-            const double own = size(step);
-            if (own > found * (1 + (found > 1 ? kFar : kClose)) + kSlack) break;  // what is far is interpolated between fewer samples
-            const MovingMargin exact = polished(step, axis, samples_.gains(), kExact, kRounds, false);
-            // One loop's curve was seen on both sides; a locus may have been left for another.
-            const bool between = exact.omega >= step.low && exact.omega <= step.high;
-            const bool astray = !exact.found || !(between || std::fabs(exact.margin - margin_of(step.value, axis)) < 0.4);
-            if (!astray && !(std::fabs(exact.margin) > found)) first = exact;
-            found = std::min(found, astray ? own : std::fabs(exact.margin));
-        }
-        return locus && first.found ? std::min(found, least_beside(first, axis)) : found;
+        return std::fabs(first_of(meets(locus, axis), axis, [](const CurveStep&) { return true; }).margin);
     }
 
-    // The least |margin| of loci so near to one that crosses that both may have been polished to the same crossing: those of equal limbs.
-    double least_beside(const MovingMargin& first, bool axis) {
-        double found = std::numeric_limits<double>::infinity();
+    // The crossing with the least |margin| of the steps that are `wanted`; of margin inf where there is none.
+    template <typename Wanted>
+    MovingMargin first_of(std::vector<CurveStep> steps, bool axis, Wanted wanted) {
+        steps.erase(std::remove_if(steps.begin(), steps.end(), [&](const CurveStep& step) { return !wanted(step); }), steps.end());
+        const auto size = [axis](const CurveStep& step) { return std::fabs(margin_of(step.value, axis)); };
+        std::stable_sort(steps.begin(), steps.end(), [&](const CurveStep& a, const CurveStep& b) { return size(a) < size(b); });
+        MovingMargin found, first;
+        found.margin = std::numeric_limits<double>::infinity();
+        found.omega = std::numeric_limits<double>::quiet_NaN();
+        const auto nearer = [&found](const MovingMargin& one) { return std::fabs(one.margin) < std::fabs(found.margin); };
+        for (const CurveStep& step : steps) {
+            const double known = std::fabs(found.margin);
+            if (size(step) > known * (1 + (known > 1 ? kFar : kClose)) + kSlack) break;  // what is far is interpolated between fewer samples
+            MovingMargin one = polished(step, axis, samples_.gains(), kExact, kRounds, false);
+            // One loop's curve was seen on both sides; a locus may have been left for another.
+            const bool between = one.omega >= step.low && one.omega <= step.high;
+            if (one.found && (between || std::fabs(one.margin - margin_of(step.value, axis)) < 0.4)) {
+                if (!(std::fabs(one.margin) > known)) first = one;
+            } else {
+                one.margin = margin_of(step.value, axis);
+                one.omega = step.place;
+            }
+            if (nearer(one)) found = std::move(one);
+        }
+        if (first.found && steps.front().locus)
+            if (MovingMargin twin = beside(first, axis); twin.found && nearer(twin)) found = std::move(twin);
+        return found;
+    }
+
+    // The crossing with the least |margin| of loci so near to one that crosses that both may have been polished to the same: those of equal limbs.
+    MovingMargin beside(const MovingMargin& first, bool axis) {
+        MovingMargin found;
         for (const Complex& value : loci_beside(first, samples_.gains(), kTwins)) {
-            const MovingMargin twin = polished(starting(first, value), axis, samples_.gains(), kExact, kRounds, false);
-            if (twin.found) found = std::min(found, std::fabs(twin.margin));
+            MovingMargin twin = polished(starting(first, value), axis, samples_.gains(), kExact, kRounds, false);
+            if (twin.found && !(found.found && std::fabs(twin.margin) >= std::fabs(found.margin))) found = std::move(twin);
         }
         return found;
+    }
+
+    // −1/Re where that curve of a joint crosses the real axis between two places, by halving and chords in turn; inf where it is positive there.
+    double growth_between(std::size_t joint, Gain gain, double low, Complex first, double high, Complex second) {
+        at_.begin(false, joint);
+        for (int round = 0; round < kHalvings && high - low > 1e-15 * high; round++) {
+            const double share = round % 2 == 0 ? first.imag() / (first.imag() - second.imag()) : 0.5, place = low + share * (high - low);
+            Complex value;
+            if (!at_.evaluate(place, samples_.gains(), 0.0, value)) break;
+            value = at_.closed(gain);
+            if (std::fabs(value.imag()) <= kExact * size_of_any(value)) return value.real() < 0 ? -1 / value.real() : std::numeric_limits<double>::infinity();
+            ((value.imag() > 0) == (first.imag() > 0) ? low : high) = place;
+            ((value.imag() > 0) == (first.imag() > 0) ? first : second) = value;
+        }
+        const double share = first.imag() / (first.imag() - second.imag()), real = (first + share * (second - first)).real();
+        return real < 0 ? -1 / real : std::numeric_limits<double>::infinity();
     }
 
     // What crosses beside one that others were polished to before, and is not yet among those; not `found` where nothing is.
@@ -318,6 +451,7 @@ private:
             if (!(value.real() < 0 && std::fabs(value.imag()) < kReal * size_of_any(value)) || !(std::fabs(log_size(value)) < reach)) continue;
             MovingMargin one;
             one.omega = sample.omega();
+            one.which = i;
             one.margin = std::log(-value.real());
             one.found = true;
             if (moves) {

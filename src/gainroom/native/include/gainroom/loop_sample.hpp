@@ -25,6 +25,12 @@ struct LoopSample {
 
     double omega() const { return point->omega; }
 
+    // T_ii, T = I − S, times what a gain multiplies over the joint's law.
+    Complex closed(std::size_t i, Gain gain) const {
+        const Complex own = 1.0 - sensitivity[i];
+        return gain == Gain::all ? own : times(own, DirectedLoop::share(*point, gain, law[i]));
+    }
+
     // Of S_ii.
     void find_ratios() {
         ratios.resize(sensitivity.size());

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <map>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -23,10 +24,17 @@ namespace gainroom {
 
 enum class LookState { followed, lost, singular };
 
+constexpr int kUncounted = -1000000;
+
 class LoopSamples {
 public:
-    LoopSamples(DirectedLoop& loop, const DirectedGains& gains, double factor, double phase, double peak)
-        : loop_(loop), gains_(gains), m_(loop.directions), solver_(loop) {
+    // No samples.
+    LoopSamples(DirectedLoop& loop, const DirectedGains& gains) : loop_(loop), gains_(gains), m_(loop.directions), solver_(loop) {}
+
+    // `between`: the first samples lie halfway between those of the loop, so that all others are apart from those of another look. `smooth`: of a
+    // stable loop S_ii are followed, too.
+    LoopSamples(DirectedLoop& loop, const DirectedGains& gains, double factor, double phase, double peak, bool between, bool smooth)
+        : LoopSamples(loop, gains) {
         wanted_ = 0.9 * std::min(0.5 * (factor + 1) / (factor - 1), phase < kPi ? 0.5 / std::tan(0.5 * phase) : 0.0);
         near_ = std::min(kNear * wanted_, std::max(kFar, 0.5 * kNear * wanted_));
         highest_ = std::max(3.0, factor);
@@ -36,8 +44,13 @@ public:
         peak_ = std::min({kPeak, wanted_, peak});
         loop_.forget();
         state_ = LookState::followed;
-        for (double omega : loop_.grid) add(omega);
-        if (!loop_.grid.empty()) add(kBeside * loop_.grid.front());
+        const std::vector<double>& grid = loop_.grid;
+        for (std::size_t k = 0; k < grid.size(); k++) {
+            const bool inside = k > 0 && k + 1 < grid.size();  // the boundary ends at the last sample
+            add(between && inside ? std::sqrt(grid[k - 1] * grid[k]) : grid[k]);
+        }
+        if (between && grid.size() > 2) add(std::sqrt(grid[grid.size() - 2] * grid.back()));
+        if (!grid.empty()) add(kBeside * grid.front());
         sort();
         if (samples_.size() < 2) state_ = LookState::lost;
         if (ok()) {
@@ -46,7 +59,7 @@ public:
             refine(nothing);
         }
         if (ok()) count_ = counted();
-        if (ok() && count_ == 0) {  // what is unstable has no margins
+        if (ok() && count_ == 0 && smooth) {  // what is unstable has no margins
             smooth_ = true;
             for (auto& one : samples_) one->next = nullptr;
             refine(nothing);
@@ -83,6 +96,87 @@ public:
             if (first) turned -= begun(low, factor);
             if (end) turned += begun(high, factor);
         }
+        return -static_cast<int>(std::lround(turned / kPi));
+    }
+
+    // LoopSample::closed of a joint, with more places where it may pass the negative real axis unseen, left of where it surely does or of what a
+    // thousandfold gain brings to −1; empty where one is lost. Known until there are more samples.
+    const std::vector<CurvePlace>& closed_curve(std::size_t joint, Gain gain) {
+        auto& [samples, places] = curves_[{joint, gain}];
+        if (samples == samples_.size() && ok()) return places;
+        samples = samples_.size();
+        places.clear();
+        if (!ok()) return places;
+        for (const auto& one : samples_) places.push_back({one->omega(), one->closed(joint, gain)});
+        const double own = gain == Gain::kp ? gains_.kp[joint] : gain == Gain::kd ? gains_.kd[joint] : 1.0;
+        for (int round = 0; round < kCurveRounds; round++) {
+            const std::vector<std::size_t> found = passed_unseen(places, own > 0 ? 1e-3 / own : 0.0);
+            if (found.empty()) break;
+            for (const std::size_t k : found) {
+                const double low = places[k].omega, high = places[k + 1].omega;
+                const auto middle = inverted(high > 4 * low ? std::sqrt(low * high) : 0.5 * (low + high));
+                if (middle == nullptr) {
+                    places.clear();
+                    return places;
+                }
+                places.push_back({middle->omega(), middle->closed(joint, gain)});
+            }
+            std::sort(places.begin(), places.end(), [](const CurvePlace& a, const CurvePlace& b) { return a.omega < b.omega; });
+        }
+        return places;
+    }
+
+    // Roots that a `change` of the gains that act on what joint i measures, all as a part of themselves or one of them, makes unstable: by the turns
+    // of 1 + change T_ii u about 0, which is det(I + L) with it over det(I + L); T = I − S, and u is what the gain multiplies over the joint's law.
+    // kUncounted where that settles nowhere, or does not fall.
+    int one_loop_count(std::size_t joint, double change, Gain gain) {
+        const auto at = [&](const LoopSample& sample) { return CurvePlace{sample.omega(), 1.0 + change * sample.closed(joint, gain)}; };
+        std::vector<CurvePlace> places;
+        for (const CurvePlace& one : closed_curve(joint, gain)) places.push_back({one.omega, 1.0 + change * one.value});
+        if (places.size() < 2) return kUncounted;
+        const auto begins = [&] {  // as the real value at rest: over a doubling of ω it moves little
+            const Complex lowest = places[0].value;
+            std::size_t next = 1;
+            while (next + 1 < places.size() && places[next].omega < 2 * places[0].omega) next++;
+            return std::fabs(lowest.imag()) < kReal * std::fabs(lowest.real()) && size_of_any(places[next].value - lowest) < kReal * size_of_any(lowest);
+        };
+        for (int round = 0; round < kDeeper && !begins(); round++) {
+            const auto lower = inverted(0.25 * places.front().omega);
+            if (lower == nullptr) return kUncounted;
+            places.insert(places.begin(), at(*lower));
+        }
+        const auto falls = [&] {
+            const Complex last = places.back().value;
+            return std::isinf(loop_.last) ? size_of_any(last - 1.0) < 0.5 : std::fabs(last.imag()) < kReal * std::fabs(last.real());
+        };
+        for (int round = 0; round < kDeeper && std::isinf(loop_.last) && !falls(); round++) {
+            const auto higher = inverted(2 * places.back().omega);
+            if (higher == nullptr) return kUncounted;
+            places.push_back(at(*higher));
+        }
+        if (!begins() || !falls()) return kUncounted;
+        double turned = std::arg(places.front().value.real() < 0 ? -places.front().value : places.front().value);
+        std::vector<CurvePlace> ahead;  // the nearest last
+        for (std::size_t k = 0; k + 1 < places.size(); k++) {
+            CurvePlace here = places[k];
+            ahead.assign(1, places[k + 1]);
+            while (!ahead.empty()) {
+                const CurvePlace next = ahead.back();
+                const Complex move = next.value - here.value;
+                const double along = std::clamp(times(-here.value, std::conj(move)).real() / std::max(std::norm(move), 1e-300), 0.0, 1.0);
+                if (std::norm(here.value + along * move) > std::norm(move)) {
+                    turned += std::arg(times(next.value, std::conj(here.value)));
+                    here = next;
+                    ahead.pop_back();
+                    continue;
+                }
+                if (next.omega - here.omega <= 1e-3 * kClosest * next.omega) return kUncounted;
+                const auto middle = inverted(0.5 * (here.omega + next.omega));
+                if (middle == nullptr) return kUncounted;
+                ahead.push_back(at(*middle));
+            }
+        }
+        if (std::isinf(loop_.last)) turned -= std::arg(places.back().value);
         return -static_cast<int>(std::lround(turned / kPi));
     }
 
@@ -163,6 +257,8 @@ private:
     static constexpr double kApart = 1e-6;  // of ω: what is not halved to tell loci apart
     static constexpr double kTurn = 1.5;  // rad, of a delay between two samples: more may hide a whole turn of loci that matter
     static constexpr std::size_t kMost = 12000;
+    static constexpr int kCurveRounds = 40;
+    static constexpr int kDeeper = 30;  // times that a lower frequency is tried, for T_ii to settle
 
     // Null where the loop has no finite value.
     std::unique_ptr<LoopSample> begun(double omega) {
@@ -400,12 +496,13 @@ private:
     DirectedLoop& loop_;
     DirectedGains gains_;
     std::size_t m_;
-    double wanted_, near_, highest_, peak_, reach_factor_, reach_phase_;
+    double wanted_ = 0.0, near_ = 0.0, highest_ = 0.0, peak_ = 0.0, reach_factor_ = 0.0, reach_phase_ = 0.0;
     double longest_ = 0.0;  // of the delays [s]
-    LookState state_;
+    LookState state_ = LookState::lost;
     bool bottom_ = false, smooth_ = false;  // round-off hides what is further down; S_ii are followed
     int count_ = -1;
     std::vector<std::unique_ptr<LoopSample>> samples_;
+    std::map<std::pair<std::size_t, Gain>, std::pair<std::size_t, std::vector<CurvePlace>>> curves_;  // with how many samples they were made of
     SampleSolver solver_;
 };
 

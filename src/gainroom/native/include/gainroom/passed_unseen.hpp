@@ -33,6 +33,45 @@ inline bool may_pass_unseen(const FourTimes& omega, const FourTimes& away, doubl
     return false;
 }
 
+// A scalar curve at one frequency.
+struct CurvePlace {
+    double omega;
+    Complex value;
+};
+
+// Intervals of a curve that is larger than `faint`, from the k-th place to the next, on which it may pass the negative real axis unseen, or moves by a
+// quarter of itself near it: left of where it crosses for sure.
+inline std::vector<std::size_t> passed_unseen(const std::vector<CurvePlace>& places, double faint) {
+    constexpr double kMove = 0.25, kWithin = 0.5, kNoise = 1e-10, kClosest = 1e-7, kUnknown = std::numeric_limits<double>::quiet_NaN();
+    const auto move = [&](std::size_t k) { return size_of_any(places[k + 1].value - places[k].value); };
+    const auto larger = [&](std::size_t k) { return std::max(size_of_any(places[k].value), size_of_any(places[k + 1].value)); };
+    double surely = 0.0;
+    for (std::size_t k = 0; k + 1 < places.size(); k++) {
+        const Complex start = places[k].value, end = places[k + 1].value;
+        const bool crosses = (start.imag() > 0) != (end.imag() > 0) && std::max(start.real(), end.real()) < 0;
+        if (crosses && move(k) <= kMove * larger(k)) surely = std::max(surely, -std::max(start.real(), end.real()));
+    }
+    std::vector<std::size_t> found;
+    FourTimes omega, away;
+    for (std::size_t k = 0; k + 1 < places.size(); k++) {
+        const Complex start = places[k].value, end = places[k + 1].value;
+        const double size = larger(k);
+        if (!(std::min(start.real(), end.real()) < 0 && size > faint) || places[k + 1].omega - places[k].omega <= kClosest * places[k + 1].omega) continue;
+        const bool near = std::min(std::fabs(start.imag()), std::fabs(end.imag())) < size;
+        bool rough = near && move(k) > kMove * size && size > kWithin * surely;
+        if (!rough && start.real() < 0 && end.real() < 0 && size > surely) {
+            for (std::size_t j = 0; j < 4; j++) {
+                const bool known = k + j >= 1 && k + j <= places.size();
+                omega[j] = known ? places[k + j - 1].omega : kUnknown;
+                away[j] = known ? std::arg(-places[k + j - 1].value) : kUnknown;
+            }
+            rough = may_pass_unseen(omega, away, move(k) / std::max(1e-300, std::min(size_of_any(start), size_of_any(end))), kNoise);
+        }
+        if (rough) found.push_back(k);
+    }
+    return found;
+}
+
 // Intervals between samples, from the k-th to the next, on which a locus or a return ratio may so pass the unit circle with less than a phase, or
 // the negative real axis with less than a |ln g|. Loci are known, and paired, where `followed(k)`.
 template <typename Followed>

@@ -19,6 +19,7 @@ struct MovingMargin {
     Complex value;  // of the curve there
     std::vector<double> moves;
     std::vector<double> shifts;  // of a crossing: how ω moves with them
+    std::size_t which = 0;       // locus, or joint
     bool found = false;
 };
 
@@ -28,6 +29,12 @@ public:
 
     // Peaks of |slope S_ii + offset| above `least`: height, place and growth of its logarithm; or the first that is higher than `until` alone.
     std::vector<MovingMargin> above(const DirectedGains& gains, double least, double slope, double offset, bool moves, double until = kNever) {
+        return above(gains, std::vector<double>(n_, least), slope, offset, moves, until);
+    }
+
+    // The same, above the `least` (n) of each joint.
+    std::vector<MovingMargin> above(const DirectedGains& gains, const std::vector<double>& least, double slope, double offset, bool moves,
+                                    double until = kNever) {
         std::vector<MovingMargin> found;
         if (!samples_.ok()) return found;
         const auto& all = samples_.samples();
@@ -39,7 +46,7 @@ public:
         for (std::size_t k = 1; k + 1 < all.size(); k++)
             for (std::size_t i = 0; i < n_; i++) {
                 const double* square = &squares[k * n_ + i];
-                if (*square > least * least && *square >= *(square - n_) && *square >= *(square + n_)) peaks.emplace_back(k, i);
+                if (*square > least[i] * least[i] && *square >= *(square - n_) && *square >= *(square + n_)) peaks.emplace_back(k, i);
             }
         if (until < kNever)
             std::stable_sort(peaks.begin(), peaks.end(), [&](const auto& a, const auto& b) {
@@ -72,6 +79,7 @@ public:
             MovingMargin peak;
             peak.omega = place[1];
             peak.margin = size_of_any(value[1]);
+            peak.which = i;
             peak.found = true;
             if (moves) {
                 if (last != place[1] && !evaluate(place[1], value[1])) continue;
@@ -87,21 +95,38 @@ public:
 
     // The largest |slope S_ii + offset|, and where.
     MovingMargin highest(double slope, double offset) {
-        MovingMargin top;
-        double most = 0.0;
-        for (const auto& sample : samples_.samples())
-            for (const Complex& value : sample->sensitivity)
-                if (const double square = std::norm(slope * value + offset); square > most) {
-                    most = square;
-                    top.margin = std::sqrt(square);
-                    top.omega = sample->omega();
-                }
+        const std::vector<MovingMargin> sampled = tops(slope, offset);
+        MovingMargin top = *std::max_element(sampled.begin(), sampled.end(), lower);
         for (const MovingMargin& one : above(samples_.gains(), (1 - kClose) * top.margin, slope, offset, false))
             if (one.margin > top.margin) top = one;
         return top;
     }
 
+    // The same of each joint (n).
+    std::vector<MovingMargin> highest_of_each(double slope, double offset) {
+        std::vector<MovingMargin> found = tops(slope, offset);
+        std::vector<double> least;
+        for (const MovingMargin& one : found) least.push_back((1 - kClose) * one.margin);
+        for (const MovingMargin& one : above(samples_.gains(), least, slope, offset, false))
+            if (one.margin > found[one.which].margin) found[one.which] = one;
+        return found;
+    }
+
 private:
+    static bool lower(const MovingMargin& a, const MovingMargin& b) { return a.margin < b.margin; }
+
+    // The highest samples of each joint (n).
+    std::vector<MovingMargin> tops(double slope, double offset) const {
+        std::vector<MovingMargin> found(n_);
+        for (const auto& sample : samples_.samples())
+            for (std::size_t i = 0; i < sample->sensitivity.size(); i++)
+                if (const double height = size_of_any(slope * sample->sensitivity[i] + offset); height > found[i].margin) {
+                    found[i].margin = height;
+                    found[i].omega = sample->omega();
+                }
+        return found;
+    }
+
     static constexpr double kNever = std::numeric_limits<double>::infinity();
     // Of a height: a step that adds less, or was foreseen as well, has come to the peak; to a search for gains sooner.
     static constexpr double kLevel = 1e-8, kUseful = 1e-6;

@@ -1,0 +1,99 @@
+"""Coupled loops as the core samples them (look.py), with the gains of their controllers along joints, or along directions of tasks."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..system.controller import Terms
+from ..system.linear.arrays import Floats
+from ..system.loop import Loop
+from .look import Directed, Reach, Seen, directed_loop, joint_loops, lag_about, look
+from .stability_boundary import LOCI, Boundary
+
+EVERY_PHASE = Reach(LOCI.highest, math.pi, ((1.0, 0.0, 0.5),))
+"""All that is reported of coupled loops."""
+NEAR_BY = Reach(1.05, 0.05)
+"""What counting unstable roots needs."""
+SAME = 1e-11  # of the largest entry: how far gains along directions may be off
+
+
+@dataclass(frozen=True)
+class SampledLoop:
+    """A loop in the core, without its gains, and these (3, m); `cascade`: of a P/PI."""
+
+    loop: Directed
+    gains: Floats
+    cascade: bool
+
+    @classmethod
+    def of(cls, loop: Loop) -> "SampledLoop | None":
+        """None for loops that the core does not have.
+
+        One joint, kd on a path of its own, a resonance without any damping, gain matrices that do not act along the same directions.
+        """
+        if loop.parts is None or loop.size == 1 or loop.kd_path is not None or Boundary(loop).undamped:
+            return None
+        terms = {powers: loop.gain * gain for powers, gain in loop.parts.controller.matrices(loop.size).items()}
+        if all(np.count_nonzero(gain) == np.count_nonzero(np.diagonal(gain)) for gain in terms.values()):
+            own = _of_directions({powers: np.diagonal(gain) for powers, gain in terms.items()}, loop.size)
+            return None if own is None else cls(joint_loops(loop, own[1]), *own)
+        shared = _shared(terms, loop.seen)
+        own = None if shared is None else _of_directions(shared[2], len(shared[1]))
+        if shared is None or own is None:
+            return None
+        directed = directed_loop(loop, shared[0], shared[1], np.full(len(shared[1]), own[1]), loop.exact_modes is not None)
+        return cls(directed, *own)
+
+    def look(self, reach: Reach, between: bool = False, smooth: bool = True) -> Seen:
+        """As analysis/look.py."""
+        return look(self.loop, self.gains, reach, between, smooth)
+
+    def scaled(self, factor: float) -> "SampledLoop":
+        """All gains times `factor`."""
+        return SampledLoop(self.loop, self.gains * np.where(self.cascade, [[1.0], [factor], [factor]], factor), self.cascade)
+
+    def unstable(self) -> int:
+        """Unstable roots, counted, as far as the gains move them; negative where they cannot be."""
+        seen = self.look(NEAR_BY, smooth=False)
+        return seen.unstable if seen.followed else -1
+
+    def lag_about(self, omega: float) -> tuple[float, float]:
+        """As analysis/look.py."""
+        return lag_about(self.loop, self.gains, omega)
+
+
+def _of_directions(terms: Terms, size: int) -> tuple[Floats, bool] | None:
+    """kp, kd and ki (3, m), or kp, kv and ki of a cascade (kv + ki/s)(kp + s), and whether it is one; from gains (m,) by powers of V, I."""
+    stiff, damped, slow, both = (terms.get(powers, np.zeros(size)) for powers in ((0, 0), (1, 0), (0, 1), (1, 1)))
+    if not both.any():
+        return np.array([stiff, damped, slow]), False
+    outer = np.divide(stiff, damped, out=np.zeros(size), where=damped != 0)
+    same = np.allclose(outer * damped, stiff, rtol=SAME, atol=0) and np.allclose(outer * both, slow, rtol=SAME, atol=0)
+    return (np.array([outer, damped, both]), True) if same else None
+
+
+def _shared(terms: Terms, seen: Floats) -> tuple[Floats, Floats, Terms] | None:
+    """X (n, m), E (m, n) and gains (m,) with every gain matrix = X diag(gains) E, as of tasks; None where there are no such directions.
+
+    seen   (n, r) orthonormal: what the gains act on (Loop.seen)
+    """
+    leading = terms.get((1, 0), terms.get((0, 0)))
+    if leading is None:
+        return None
+    acting, _, _ = np.linalg.svd(leading @ seen, full_matrices=False)
+    whole = acting.T @ leading @ seen
+    try:
+        ratios = {powers: np.linalg.solve(whole, acting.T @ gain @ seen) for powers, gain in terms.items()}
+        _, basis = np.linalg.eig(sum(weight * one for weight, one in zip((1.0, 0.7, 0.3, 0.1), ratios.values(), strict=False)))
+        if np.iscomplexobj(basis):
+            return None
+        inverse = np.linalg.inv(basis)
+    except np.linalg.LinAlgError:
+        return None
+    torque, jacobian = acting @ whole @ basis, inverse @ seen.T
+    gains = {powers: np.diagonal(inverse @ one @ basis) for powers, one in ratios.items()}
+    for powers, gain in terms.items():
+        if np.abs(torque * gains[powers] @ jacobian - gain).max() > SAME * np.abs(gain).max():
+            return None
+    return torque, jacobian, gains
