@@ -69,8 +69,10 @@ def test_armature_is_used_where_nothing_is_given_and_said():
 
 
 def test_an_elastic_joint_without_an_inertia_has_a_tenth_of_what_it_moves_and_it_is_said():
-    entries = merge_entries({"default": ActuatorEntry(damping=1.0), "l_.*": ActuatorEntry(stiffness=1e4)}, NAMES)
-    found, (guess, bare) = actuators_of(entries, NAMES, NO_ARMATURE, moved, elastic=["r_hip"])
+    entries = merge_entries(
+        {"default": ActuatorEntry(damping=1.0), "l_.*": ActuatorEntry(stiffness=1e4), "r_hip": ActuatorEntry(gearbox="belt")}, NAMES
+    )
+    found, (guess, bare) = actuators_of(entries, NAMES, NO_ARMATURE, moved)
     assert_allclose(found.motor_inertia, [0.1, 0.2, 0.3, 0.0])
     assert found.without_inertia.all()
     assert_allclose(found.guessed, [True, True, True, False])

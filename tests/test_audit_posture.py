@@ -13,7 +13,7 @@ from pytest import approx
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.audit_options import AuditOptions, audited as audited_robot
-from gainroom.files.audited_robot import audited_robot_text, with_gearboxes
+from gainroom.files.audited_robot import audited_robot_text
 from gainroom.report.audit_text import audit_warnings
 from gainroom.studies.audit import Audit, audit
 from refusals import assert_refused
@@ -152,9 +152,12 @@ def test_a_posture_has_a_short_name(leg: Path, tmp_path: Path, capsys: pytest.Ca
 def test_written_numbers_have_the_digits_that_are_meant(leg: Path):
     """A stiffness J Ω² comes with round-off, which nobody would type."""
     found = audited_robot(str(leg), None, AuditOptions(delay_ms=2.0, rate_hz=1000.0))
-    stiffness, damping = np.array([43740.000000000015, 0.1 + 0.2]), np.array([1 / 3, 5.0])
-    sections = with_gearboxes(found.sections, ("hip", "knee"), ("harmonic", "belt"), stiffness, damping)
-    text = audited_robot_text(sections, str(leg), gr.Requirements(gain_margin=10**0.3), ["heading"], leg.parent / "robot.yaml")
+    values = {"hip": {"stiffness": 43740.000000000015, "damping": 1 / 3}, "knee": {"stiffness": 0.1 + 0.2, "damping": 5.0}}
+    given = found.sections["joints"]
+    joints = given | {name: {**given.get(name, {}), **own} for name, own in values.items()}
+    text = audited_robot_text(
+        {**found.sections, "joints": joints}, str(leg), gr.Requirements(gain_margin=10**0.3), ["heading"], leg.parent / "robot.yaml"
+    )
     for pair in ("stiffness: 43740.0", "damping: 0.3333333333333333", "stiffness: 0.3", "damping: 5.0", "gain_margin_db: 6.0"):
         assert re.search(rf"{re.escape(pair)}[,}}]", text), text
 

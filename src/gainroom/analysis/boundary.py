@@ -50,7 +50,7 @@ def sampled_margins(loop: Loop, largest: bool = False) -> Margins | None:
     seen = sampled.look(EVERY_PHASE)
     if not seen.followed or seen.unstable < 0:
         return None
-    limit = gain_limit(loop)
+    limit = gain_limit(loop)  # raises for a loop that is 0
     if limit.stable != (seen.unstable == 0):
         return None
     if not limit.stable:

@@ -143,7 +143,7 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
     found = audited(file, given.gains, options)
     if found.options.gains_run == "split":
         raise GainroomError("--gains-run split: the page has one rate and delay for all gains; gainroom audit judges two")
-    required = RequirementCall().of(given.margin_db, found.options.required)(found.system)
+    required = RequirementCall().of(given.margin_db, found.options.required)
     place = Path(f"{Path(file).stem}.yaml") if target is None else target
     text = audited_text(found, None, file, required, call.replace(" app ", " audit ", 1), place)
     with text_output(target, "robot.yaml", yaml_of="--write-robot") as robot:

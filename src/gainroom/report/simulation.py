@@ -46,7 +46,7 @@ from .words import tone
 Pair = tuple[str, str]
 MOST_TOGETHER = 3  # channels, or joints, in one panel
 MOST_CHANNELS = 6  # that have a figure of their own
-LARGE_POINTS, SMALL_POINTS = 1000, 400  # of a curve, in a figure of full and of half width
+LARGE_POINTS, SMALL_POINTS = 1200, 400  # of a curve, in a figure of full and of half width
 MOST_LINK_TICKS = 1200  # at which true link positions are computed
 POSES = 200  # on the path of the centre of mass
 ROUNDED = 9  # decimals [m, rad, N m] of what is drawn

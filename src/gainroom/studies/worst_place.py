@@ -14,7 +14,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..robot.mirror_names import image_groups
 from ..system.system import StateCase, System
 from ..system.uncertainty import Place, Share, is_end
 from .loop_numbers import LATE, bounded_margins, extra_delay, first_factor
@@ -226,6 +225,8 @@ class _Search:
         by_joint = [k for k, name in enumerate(self.names) if name != "delay"]
         if self.size < 2 or not by_joint:
             return
+        from ..robot.mirror_names import image_groups  # loads what a single joint does not need
+
         best = self.worst
         groups = image_groups(self.system.source.joint_names)
         for group in dict.fromkeys(groups) if self.scanned is not None and self.tries.apart else ():
