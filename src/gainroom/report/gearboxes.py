@@ -59,8 +59,8 @@ def gearbox_assumptions(result: "Audit") -> tuple[str, ...]:
     tried = (
         f"checked at {len(over.tried) - over.mixed} places of the ranges with all joints at the same share, and at {over.mixed} at which "
         "joints differ, most of them about the worst, each by sampled margins; between them nothing is proved; all numbers are of the "
-        "worst: the place where most is missed, or where nothing is the one with least to spare; a joint counts as missing what it misses at "
-        "a corner"
+        "worst: the place where most is missed, or where nothing is the one with least to spare; a joint counts as missing what it "
+        "misses at a corner"
     )
     return (tried, *([LEFT_OUT] if gearbox_types(over.system) else []))
 
