@@ -178,7 +178,8 @@ def test_the_step_of_a_task_direction_has_its_unit(browser: Any, tmp_path: Path)
 
 @pytest.mark.slow
 def test_recommended_gains_of_tasks_are_found_and_taken(browser: Any, tmp_path: Path):
-    (tmp_path / "robot.yaml").write_text(of_tasks("pd kp: [50, 90, 200], kd: [5, 8, 15]"), "utf-8")
+    continuous = of_tasks("pd kp: [50, 90, 200], kd: [5, 8, 15]").replace("delay_ms: 1.5", "delay_ms: 1.5, clock: continuous")
+    (tmp_path / "robot.yaml").write_text(continuous, "utf-8")  # without a clock gains just within the limits miss them at every usual rate
     with serving(tmp_path / "robot.yaml") as own:
         tab = open_tab(browser, own.address)
         tab.settle(CERTIFIED)

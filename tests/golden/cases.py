@@ -155,7 +155,6 @@ EXPORTS = [
 ]
 OTHERS = [
     Case("app safe.yaml --export view.html --view kp=5000&kd=300&delay_ms=3 --no-browser", json=False),
-    Case("reproduce", page=False),
     Case("example", page=False),
     *_each("example @", " ".join(SHIPPED), json=False),
     Case("--version", json=False),

@@ -46,7 +46,6 @@ static int proved(const gainroom::ModalLoop& loop) {
         gainroom::CoupledLimit on(loop);
         on.search(grid.data(), grid.size(), {1.0, stop}, 1e-6, 1e-4, loop.step == 0, true);
     }
-    gainroom::CoupledLimit(loop).excludes(grid.data(), grid.size(), 2.0, loop.step == 0 ? 1e-3 : 0.0, 1e-4, loop.step == 0);
     return found ? 1 : 0;
 }
 

@@ -87,6 +87,19 @@ static bool looked(DirectedLoop& loop, const DirectedGains& own, double factor, 
     }
     curves.crossings(own, true, true, 2.0);
     gainroom::SensitivityPeaks(samples).above(own, 1.1, -1.0, 1.0, true);
+    gainroom::SensitivityPeaks(samples).highest_of_each(1.0, 0.0);
+    curves.one_loop();
+    curves.common_phase();
+    curves.common_factors();
+    curves.passing_factors();
+    curves.lag_about(10.0);
+    for (const gainroom::Gain gain : {gainroom::Gain::all, gainroom::Gain::kp, gainroom::Gain::kd})
+        if (gain == gainroom::Gain::all || loop.joints()) {
+            curves.growths(gain);
+            for (const double change : {-0.999, 0.5, 999.0}) samples.one_loop_count(0, change, gain);
+        }
+    gainroom::LoopSamples other(loop, own, 1.05, phase, 0.5, true, false);
+    if (other.ok()) other.crossed(std::polar(1.0, -phase));
     return true;
 }
 

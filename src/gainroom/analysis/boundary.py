@@ -38,6 +38,8 @@ def coupled_delay_margin(loop: Loop) -> float:
     seen = None if sampled is None else sampled.look(EVERY_PHASE, smooth=False)
     if seen is not None and seen.followed and seen.unstable > 0:
         return math.nan
+    if seen is not None and seen.followed:
+        seen.tell_apart(NEAR_BY.factor, math.pi)
     found = None if seen is None or not seen.followed or seen.unstable < 0 else _first_delay(loop, seen)
     return loci_margins(loop, largest=False).delay_margin if found is None else found[0]
 
@@ -89,13 +91,15 @@ def sampled_margins(loop: Loop, largest: bool = False) -> Margins | None:
 
 
 def _told_apart(seen: Seen) -> tuple[float, float]:
-    """The common phase and its frequency, with samples where loci of equal limbs, or curves that nearly turn, may cross with less."""
+    """The common phase and its frequency, with samples where loci of equal limbs, or curves that nearly turn, may cross with less.
+
+    With any phase: where ω is high, a large one is a short delay.
+    """
     found = seen.common_phase()
     for _ in range(MOST_ROUNDS):
-        up, down, own_phases, _ = seen.one_loop().T  # of each joint; inf where none is seen
+        up, down = seen.one_loop().T[:2]  # of each joint; inf where none is seen
         before = seen.samples
-        farthest = min(float(np.minimum(up, down).max()), math.log(LOCI.highest))
-        seen.tell_apart(math.exp(farthest), min(max(abs(found[0]), float(own_phases.max())), math.pi))
+        seen.tell_apart(math.exp(min(float(np.minimum(up, down).max()), math.log(LOCI.highest))), math.pi)
         if not seen.followed or seen.samples == before:
             break
         found = seen.common_phase()
@@ -114,7 +118,8 @@ def _first_delay(loop: Loop, seen: Seen) -> tuple[float, float, Certificate | No
     """The least delay [s] more in all loops at which they are lost, its frequency and certificate; None where it is not confirmed."""
     crossings = sorted(map(tuple, seen.delay_crossings(LONGEST_DELAY).tolist()))
     if not crossings:
-        return math.inf, math.nan, None
+        longest = SampledLoop.of(loop.delayed(LONGEST_DELAY))
+        return (math.inf, math.nan, None) if longest is not None and longest.unstable() == 0 else None
     if loop.sample_time is not None:
         near = [one for one in crossings if one[0] <= crossings[0][0] * (1 + SEARCH.close)]
         crossings = sorted(found for one in near if (found := _exact_delay(loop, *one)) is not None)
@@ -149,7 +154,7 @@ def _one_loop(loop: Loop, seen: Seen, counting: Seen, largest: bool) -> OneLoop 
     """Margins of one loop at a time, with `largest` kp and kd, factors and gains counted on both sides; None where one is not confirmed."""
     up, down, phase, peak = seen.one_loop().T
     highest, lowest = np.exp(up), np.exp(-down)
-    highest[highest > LOCI.highest], lowest[lowest < LEAST_FACTOR] = math.inf, 0.0
+    lowest[lowest < LEAST_FACTOR] = 0.0
     known = all(
         _is_end(counting, joint, 0, high - 1, high, LOCI.highest - 1) and _is_end(counting, joint, 0, low - 1, low, LEAST_FACTOR - 1)
         for joint, (high, low) in enumerate(zip(highest.tolist(), lowest.tolist(), strict=True))

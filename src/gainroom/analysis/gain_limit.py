@@ -1,7 +1,6 @@
 """How far all gains of a loop can be scaled: the stable interval of the common factor g around 1, with its certificate."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +10,7 @@ from ..system.loop import Loop, require_loop
 from .first_crossing import SEARCH, Certificate, End, Family, gains
 from .loci import Sweep
 from .look import Reach, Seen
-from .margin_record import GainLimit
+from .margin_record import GainLimit, interval
 from .multirate import Multirate
 from .proved_limit import proved_limit
 from .sampled_loop import SampledLoop
@@ -85,15 +84,6 @@ def _sampled_interval(loop: Loop, sampled: SampledLoop, seen: Seen, factor: floa
             return None
         ends.append(End(at * factor, omega, Boundary(loop).mode(omega, -1 / (at * factor)), certificate))
     return interval(loop, *ends, stable=factor == 1)
-
-
-def interval(loop: Loop, upper: End | None, lower: End | None, stable: bool = True) -> GainLimit:
-    """The limit with these ends."""
-    mode = np.ones(loop.size, dtype=complex) if upper is None else upper.mode
-    gain, omega, certificate = (math.inf, math.nan, None) if upper is None else (upper.at, upper.omega, upper.certificate)
-    if lower is None:
-        return GainLimit(stable, gain, 0.0, omega, mode, certificate)
-    return GainLimit(stable, gain, lower.at, omega, mode, certificate, lower.certificate, lower.omega)
 
 
 def limit_from_loci(loop: Loop) -> GainLimit:
@@ -183,11 +173,7 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
     lower = _lower_end(sweep, family, inside)
     if sweep.full or not all(end.certificate.holds for end in (upper, lower) if end is not None):
         raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
-    lowest, below, at = (0.0, None, math.nan) if lower is None else (lower.at, lower.certificate, lower.omega)
-    stable = stable and (upper is None or upper.at > 1)
-    if upper is None:
-        return replace(_no_limit(sweep.loop, stable, math.inf, lowest), lower_certificate=below, lower_frequency=at)
-    return GainLimit(stable, upper.at, lowest, upper.omega, upper.mode, upper.certificate, below, at)
+    return interval(sweep.loop, upper, lower, stable and (upper is None or upper.at > 1))
 
 
 def _why_not(sweep: Sweep) -> str:

@@ -11,7 +11,7 @@ from ..errors import at_frequency
 from ..system.linear.arrays import Booleans, Complexes, Floats
 from ..system.loop import Loop
 from ..system.margin_units import to_db
-from .first_crossing import Certificate
+from .first_crossing import Certificate, End
 
 
 class PhaseCrossing(NamedTuple):
@@ -65,6 +65,15 @@ class GainLimit:
     def certified(self) -> bool:
         """True where roots were counted on both sides of every end."""
         return all(one.holds for one in (self.certificate, self.lower_certificate) if one is not None)
+
+
+def interval(loop: Loop, upper: End | None, lower: End | None, stable: bool = True) -> GainLimit:
+    """The limit of a loop with these ends."""
+    mode = np.ones(loop.size, dtype=complex) if upper is None else upper.mode
+    gain, omega, certificate = (math.inf, math.nan, None) if upper is None else (upper.at, upper.omega, upper.certificate)
+    if lower is None:
+        return GainLimit(stable, gain, 0.0, omega, mode, certificate)
+    return GainLimit(stable, gain, lower.at, omega, mode, certificate, lower.certificate, lower.omega)
 
 
 @dataclass(frozen=True)

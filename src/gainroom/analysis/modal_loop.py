@@ -149,13 +149,6 @@ class ModalLoop:
         tried = (self._crossings(self._grid(low, high, factor), start, stop, counting) for factor in FACTORS)
         return next((found for found in tried if found is not None), None)
 
-    def excludes(self, gain: float, delay: float, low: float, high: float) -> bool:
-        """Whether it is proved that no factors from 0 to `gain`, each joint's its own, put a root at jω, low <= ω <= `high`.
-
-        Nor any extra delay up to `delay` [s] with them. False: not known.
-        """
-        return any(self.core.excludes(self._grid(low, high, factor), gain, delay, NARROWEST, self.passive) for factor in FACTORS)
-
     def _crossings(self, grid: Floats, start: float, stop: float, counting: bool) -> "Crossings | None":
         """The same from intervals (k,) that are begun with."""
         bases = self._rigid_bases(grid)

@@ -20,7 +20,7 @@ from ..native import _core
 from ..system.loop import Loop
 from .first_crossing import SEARCH, Certificate, End
 from .followed_root import stays_unstable
-from .margin_record import GainLimit
+from .margin_record import GainLimit, interval
 from .modal_loop import NUDGE, Crossings, ModalLoop
 from .proof_at_rest import AtRest, at_rest
 
@@ -37,12 +37,6 @@ BESIDE = 1e-6  # likewise, of one that is mostly in vain searched beside: where 
 
 def proved_limit(loop: Loop) -> GainLimit | None:
     """None where no proof is known, see ModalLoop.of, or it failed; of unstable loops but those that the proof from rest begins below."""
-    modal = provable(loop)
-    return None if modal is None else limit_by_modes(loop, modal)
-
-
-def provable(loop: Loop) -> ModalLoop | None:
-    """The modes by which something may be proved of a loop; None: nothing may."""
     modal = ModalLoop.of(loop)
     if modal is None:
         return None
@@ -50,37 +44,11 @@ def provable(loop: Loop) -> ModalLoop | None:
     undamped = UNDAMPED if modal.passive and modal.laws.poles.all() else BESIDE
     if np.any(np.abs(np.real(poles)) <= undamped * np.abs(poles)) or np.count_nonzero(np.real(poles) > 0) != loop.unstable_poles:
         return None
-    return modal
-
-
-def limit_by_modes(loop: Loop, modal: ModalLoop) -> GainLimit | None:
-    """proved_limit of a loop that is `provable`."""
     low = _leads_from(modal) if _begins_at_rest(loop, modal) else None
     try:
         return _from_rest(modal, loop, low) if low is not None else _counted(modal, loop)
     except np.linalg.LinAlgError:  # channels, or eigenvectors, that are as good as dependent
         return None
-
-
-def keeps_margins(loop: Loop, modal: ModalLoop, gain: float, delay: float) -> bool:
-    """Whether it is proved that a loop keeps a gain margin `gain` >= 1 and a delay margin `delay` [s], of which its own are not worked out.
-
-    It is stable with every joint's gains times a factor of its own from 0 to `gain`, so all of them together, and one with the others as
-    they are; and at the gains themselves with any extra delay up to `delay`, the same in all joints. `modal` as `provable` has it; of
-    delays nothing is known where the loop is sampled.
-
-    The proof from rest: what is excluded there (exclusion.hpp) is so for factors of their own and for all these delays at once. Below `low`
-    lead outweighs lag with the longest delay, and more so with shorter ones; above `high` |L| is small, which no delay changes.
-    """
-    if modal.torque is not None or not _begins_at_rest(loop, modal) or (delay > 0 and modal.last is not None):
-        return False
-    return _excludes(modal, gain, 0.0) and (delay == 0 or _excludes(modal, 1.0, delay))
-
-
-def _excludes(modal: ModalLoop, gain: float, delay: float) -> bool:
-    """Whether it is shown in the joints' own coordinates that no root crosses, see keeps_margins."""
-    low, high = _leads_from(modal, delay), _quiet(modal, gain)
-    return low is not None and high is not None and modal.excludes(gain, delay, low, high)
 
 
 def _begins_at_rest(loop: Loop, modal: ModalLoop) -> bool:
@@ -106,15 +74,15 @@ def _from_rest(modal: ModalLoop, loop: Loop, low: float) -> GainLimit | None:
             upper = _end(modal, loop, found, 1)
             if upper is None or abs(upper.at - 1) <= NUDGE or (upper.at < 1 and not stays_unstable(loop, upper.omega, upper.at)):
                 return None
-            return _limit(loop, upper, None, upper.at > 1)
-    return _limit(loop, None, None)
+            return interval(loop, upper, None, upper.at > 1)
+    return interval(loop, None, None)
 
 
 def _counted(modal: ModalLoop, loop: Loop) -> GainLimit | None:
     upper = _first_end(modal, loop, UPWARDS, True)
     downwards = DOWNWARDS if np.any(modal.laws.poles == 0) else DOWNWARDS[-1:]  # without integrators there is mostly none
     lower = None if upper is None else _first_end(modal, loop, downwards, False)
-    return None if upper is None or lower is None else _limit(loop, *upper, *lower)
+    return None if upper is None or lower is None else interval(loop, *upper, *lower)
 
 
 def _first_end(modal: ModalLoop, loop: Loop, stops: tuple[float, ...], counting: bool) -> tuple[End | None] | None:
@@ -158,26 +126,15 @@ def _end(modal: ModalLoop, loop: Loop, found: Crossings, way: int) -> End | None
     return End(first.gain, first.omega, modal.mode(first, loop), Certificate(0, 2 * level))
 
 
-def _limit(loop: Loop, upper: End | None, lower: End | None, stable: bool = True) -> GainLimit:
-    mode = np.ones(loop.size, dtype=complex) if upper is None else upper.mode
-    gain, omega, certificate = (math.inf, math.nan, None) if upper is None else (upper.at, upper.omega, upper.certificate)
-    if lower is None:
-        return GainLimit(stable, gain, 0.0, omega, mode, certificate)
-    return GainLimit(stable, gain, lower.at, omega, mode, certificate, lower.certificate, lower.omega)
-
-
-def _leads_from(modal: ModalLoop, delay: float = 0.0) -> float | None:
-    """`low` [rad/s]; None where lead does not clearly outweigh lag at ω = 0; up to it no phase bends by 1e-4 of itself.
-
-    `delay` [s]: so much more in all joints.
-    """
+def _leads_from(modal: ModalLoop) -> float | None:
+    """`low` [rad/s]; None where lead does not clearly outweigh lag at ω = 0; up to it no phase bends by 1e-4 of itself."""
     corners = np.concatenate([modal.bends, np.abs(modal.modes.poles)])
     corners = corners[corners > 0]
-    most = float(modal.turns.max()) + delay
-    if not len(corners) or not math.isfinite(most) or not np.all(modal.leads - delay > LEAST_LEAD * (modal.turns + delay)):
+    most = float(modal.turns.max())
+    if not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
         return None
     low = LOW * min(float(corners.min()), 1 / most)
-    return low if np.all((modal.core.responses(np.array([low]))[1] * np.exp(1j * low * delay)).real > 0) else None
+    return low if np.all(modal.core.responses(np.array([low]))[1].real > 0) else None
 
 
 def _quiet(modal: ModalLoop, highest: float) -> float | None:

@@ -107,9 +107,6 @@ class ModalLoop:
     def searched(self, low: float, high: float, gain: float, passive: bool) -> Floats:
         """(k, 2) the part of [low, high] rad/s in which factors up to `gain` may put a root on the boundary."""
 
-    def excludes(self, grid: Floats, gain: float, span: float, floor: float, passive: bool) -> bool:
-        """Whether no factors up to `gain`, each joint's its own, put a root in the grid, with delays of all joints up to `span` longer."""
-
     def excluded(
         self, low: float, high: float, start: float, gain: float, basis: Complexes, floor: float, most: int, counting: bool
     ) -> tuple[bool, float]:

@@ -129,17 +129,6 @@ static nb::object searched(const gainroom::ModalLoop& loop, double low, double h
     return owned(reinterpret_cast<const double*>(found.data()), found.size(), 2);
 }
 
-// Whether it is proved that no factors up to `gain`, each joint's its own, put a root in the grid, with delays of all joints that are longer
-// by up to `span`.
-static bool excludes(const gainroom::ModalLoop& loop, Vector grid, double gain, double span, double floor, bool passive) {
-    if (loop.laws.size() != loop.size || loop.size == 0) throw nb::value_error("the laws of all joints are needed");
-    if (!(span >= 0) || (span > 0 && loop.step > 0)) throw nb::value_error("a span of delays must be >= 0, and 0 of a sampled loop");
-    nb::gil_scoped_release release;
-    gainroom::ModalLoop later = loop;
-    for (double& delay : later.delays) delay += span;
-    return gainroom::CoupledLimit(later).excludes(grid.data(), grid.size(), gain, span, floor, passive);
-}
-
 // Whether [low, high] is excluded for factors from `start` to `gain`, in the coordinates of `basis`: n vectors in rows; and how far arg det F
 // turns there.
 static nb::tuple excluded(const gainroom::ModalLoop& loop, double low, double high, double start, double gain, ComplexMatrix basis,
@@ -197,7 +186,6 @@ void bind_coupled(nb::module_& m) {
         .def("limit", &limit, nb::arg("grid"), nb::arg("start"), nb::arg("stop"), nb::arg("nudge"), nb::arg("floor"), nb::arg("passive"),
              nb::arg("counting"), nb::arg("bases"))
         .def("searched", &searched, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("passive"))
-        .def("excludes", &excludes, nb::arg("grid"), nb::arg("gain"), nb::arg("span"), nb::arg("floor"), nb::arg("passive"))
         .def("excluded", &excluded, nb::arg("low"), nb::arg("high"), nb::arg("start"), nb::arg("gain"), nb::arg("basis"), nb::arg("floor"),
              nb::arg("most"), nb::arg("counting"));
     nb::class_<gainroom::PostureLimits>(m, "PostureLimits")

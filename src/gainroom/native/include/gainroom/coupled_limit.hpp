@@ -71,17 +71,6 @@ class CoupledLimit : public CrossingNewton {
         return false;
     }
 
-    // Whether it is proved that no factors from 0 to `gain`, each joint's its own, put a root in [grid.front(), grid.back()] on the boundary,
-    // nor any with delays that are shorter by up to `span` [s], the same in all joints.
-    bool excludes(const double* grid, std::size_t grid_count, double gain, double span, double floor, bool passive) {
-        if (n_ == 0 || !(gain > 0) || grid_count < 2) return false;
-        way_ = {0.0, gain};
-        span_ = span;
-        undecided = within(grid, grid_count, gain, passive);
-        for (const double alignment : {0.0, 1.0}) undecided = left_by(undecided, exclusion(gain, alignment), floor);
-        return undecided.empty();
-    }
-
     // Where in [low, high] factors up to `gain` may put a root on the boundary: not where joints lead, nor at the top, where all is small.
     std::vector<Interval> searched(double low, double high, double gain, bool passive) {
         Exclusion ends = exclusion(gain, 0.0);
@@ -101,7 +90,6 @@ class CoupledLimit : public CrossingNewton {
 
     Way way_{0.0, 1.0};
     bool counting_ = false;
-    double span_ = 0.0;  // of delays, see Exclusion
 
     // What is searched of each interval of a grid.
     std::vector<Interval> within(const double* grid, std::size_t grid_count, double gain, bool passive) {
@@ -162,7 +150,7 @@ class CoupledLimit : public CrossingNewton {
     double way_end(double nudge) const { return crossings.empty() ? way_.stop : way_.beyond(crossings.front().gain, 1 - nudge); }
 
     Exclusion exclusion(double gain, double alignment, const Complex* near = nullptr, std::size_t count = 0) const {
-        return {loop_, way_.up() ? way_.start : gain, way_.up() ? gain : way_.start, alignment, counting_, near, count, span_};
+        return {loop_, way_.up() ? way_.start : gain, way_.up() ? gain : way_.start, alignment, counting_, near, count};
     }
 
     // Looks for crossings before `gain` from the undecided intervals, first from the likeliest start of each; true where there are. Those a

@@ -39,12 +39,11 @@ class Exclusion : private SampledForm {
     double turned = 0.0;  // arg det F over what was excluded, at the factor 1, which has to be between; only where `counting`
 
     // Factors from `from`, 0: from rest, to `gain`. `alignment`: part of the joints' phase differences that is turned away beforehand, 0 to 1.
-    // `crossing`: X (count, n). `span` [s]: of the loop and of all whose delays are shorter by up to so much; from rest and by the joints alone.
+    // `crossing`: X (count, n).
     Exclusion(const ModalLoop& loop, double from, double gain, double alignment, bool counting = false, const Complex* crossing = nullptr,
-              std::size_t crossing_count = 0, double span = 0.0)
+              std::size_t crossing_count = 0)
         : SampledForm(loop, 1 / gain, alignment, crossing, crossing_count),
           more_(from > 0 ? 1 / from - 1 / gain : -1.0),
-          span_(span),
           counting_(counting),
           law_bends_(n_),
           missed_(n_ * stride_),
@@ -112,23 +111,19 @@ class Exclusion : private SampledForm {
     }
 
    private:
-    static constexpr int kDepth = 48, kCuts = 24, kHalves = 7;
-    static constexpr double kFar = 1.0;  // [rad] from which on delays are likely to turn D by too much for one angle
+    static constexpr int kDepth = 48, kCuts = 24;
     static constexpr double kRounding = 1e-13, kCoarse = 0.05;
     static constexpr double kSpan = 3.0;  // from end to end of what shares units, at most, but for wider intervals
     static constexpr double kStride = 1.3, kLeast = 1.01, kSafe = 1e-9;
 
-    // A matrix that has to be positive, less what may be missed: of Re(e^{jθ} (real + j imaginary)) and, `more` times, of Re(e^{jθ} D); or of
-    // v e^{−jωt} D in the place of v D: `turn` = v (e^{−jωt} − 1).
+    // A matrix that has to be positive, less what may be missed: of Re(e^{jθ} (real + j imaginary)) and, `more` times, of Re(e^{jθ} D).
     struct Test {
         const double *real, *imaginary, *missed;
         const Node* node = nullptr;
         double more = 0.0;
-        Complex turn = 0.0;
     };
 
     const double more_;  // w - v; < 0: w = ∞
-    const double span_;
     const bool counting_;
     Node nodes_[kDepth + 2];
     int left_ = 0;           // the node where the next interval begins
@@ -169,7 +164,7 @@ class Exclusion : private SampledForm {
         }
     }
 
-    // True where Re(j d_i) > 0 for all i and all of [low, high], with all delays.
+    // True where Re(j d_i) > 0 for all i and all of [low, high].
     bool leads(double low, double high) const {
         const Cell cell(low, high, loop_.step, loop_.inexact);
         ModalLoop::Place at_start = loop_.place(low), at_end = loop_.place(high);
@@ -178,15 +173,11 @@ class Exclusion : private SampledForm {
             const Complex start = loop_.inverse_law(i, at_start), end = loop_.inverse_law(i, at_end);
             const double size =
                 std::max(ModalLoop::inverse_law_size(start, cell.a, cell.step), ModalLoop::inverse_law_size(end, cell.b, cell.step));
-            const double bend = loop_.inverse_law_bend(i, cell, size);  // of the longest delay, and no less than that of others
+            const double bend = loop_.inverse_law_bend(i, cell, size);
             if (!(-std::max(start.imag(), end.imag()) > bend)) return false;
-            if (span_ > 0 && !(-std::max(times(start, earlier(low, span_)).imag(), times(end, earlier(high, span_)).imag()) > bend)) return false;
         }
-        return high * span_ < kPi;
+        return true;
     }
-
-    // What a delay that is shorter by `time` makes of d at ω.
-    static Complex earlier(double omega, double time) { return std::polar(1.0, -omega * time); }
 
     // How arg det F changes where j F has a positive real part all the way.
     double turned_leading(double low, double high) {
@@ -240,21 +231,7 @@ class Exclusion : private SampledForm {
     }
 
     bool excluded(const Node& left, const Node& right) {
-        if (span_ * right.omega > kFar && too_small(left, right)) return true;
-        bound(left, right);
-        return excluded(left, right, 0.0, span_, 0);
-    }
-
-    // The same of delays that are shorter by `from` to `to`, in halves where there is no one angle for all of them.
-    bool excluded(const Node& left, const Node& right, double from, double to, int halved) {
-        if (right.omega * (to - from) < kPi && one_angle(left, right, from, to)) return true;
-        if (!(to > from) || halved == kHalves) return false;
-        const double middle = 0.5 * (from + to);
-        return excluded(left, right, from, middle, halved + 1) && excluded(left, right, middle, to, halved + 1);
-    }
-
-    // True where one angle serves both ends, of ω and of the delays, with what interpolation misses to spare.
-    bool one_angle(const Node& left, const Node& right, double from, double to) {
+        bound(left, right);  // then one angle serves both ends, with what interpolation misses to spare
         double low = angle_ - kPi, high = angle_ + kPi;
         for (int cut = 0; cut < kCuts; cut++) {
             if (!(high - low > 1e-12)) return false;
@@ -263,16 +240,15 @@ class Exclusion : private SampledForm {
                 cosine_ = std::cos(angle_);
                 sine_ = std::sin(angle_);
             }
-            if (holds(right, from) && holds(left, from) && (to == from || (holds(right, to) && holds(left, to)))) return true;
+            if (holds(right) && holds(left)) return true;
             if (!cut_off(low, high)) return false;
         }
         return false;
     }
 
-    // True where the angle serves one node, its delays shorter by `time`; else `test_` has failed there, with `vector_` or `alone_` to show it.
-    bool holds(const Node& node, double time) {
+    // True where the angle serves one node; else `test_` has failed there, with `vector_` or `alone_` to show it.
+    bool holds(const Node& node) {
         const bool from_rest = more_ < 0;
-        const Complex turn = time > 0 ? earlier(node.omega, time) : Complex(1.0);
         alone_ = n_;
         bool law = true;
         if (mixed()) {
@@ -280,7 +256,7 @@ class Exclusion : private SampledForm {
             law = positive(test_);
         } else {
             for (std::size_t i = 0; i < n_ && law; i++) {
-                const Complex own = time > 0 ? times(node.law[i], turn) : node.law[i];
+                const Complex own = node.law[i];
                 law = cosine_ * own.real() - sine_ * own.imag() > law_bends_[i];
                 if (!law && from_rest) {
                     alone_ = i;
@@ -290,10 +266,6 @@ class Exclusion : private SampledForm {
         }
         if (!law && from_rest) return false;
         test_ = {node.real.data(), node.imaginary.data(), missed_.data()};
-        if (time > 0) {
-            test_.node = &node;
-            test_.turn = v_ * (turn - 1.0);
-        }
         if (!positive(test_)) return false;
         if (law) return true;
         test_.node = &node;
@@ -312,10 +284,6 @@ class Exclusion : private SampledForm {
             real += test.more * test.node->law_real[at];
             imaginary += test.more * test.node->law_imaginary[at];
             missed += test.more * law_missed_[at];
-        } else if (i == j && test.turn != 0.0) {
-            const Complex turned = times(test.turn, test.node->law[i]);
-            real += turned.real();
-            imaginary += turned.imag();
         } else if (i == j) {
             real += test.more * test.node->law[i].real();
             imaginary += test.more * test.node->law[i].imag();

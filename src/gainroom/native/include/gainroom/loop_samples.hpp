@@ -33,7 +33,8 @@ public:
 
     // `between`: the first samples lie halfway between those of the loop, so that all others are apart from those of another look. `smooth`: of a
     // stable loop S_ii are followed, too.
-    LoopSamples(DirectedLoop& loop, const DirectedGains& gains, double factor, double phase, double peak, bool between, bool smooth)
+    LoopSamples(DirectedLoop& loop, const DirectedGains& gains, double factor, double phase, double peak, bool between = false,
+                bool smooth = true)
         : LoopSamples(loop, gains) {
         wanted_ = 0.9 * std::min(0.5 * (factor + 1) / (factor - 1), phase < kPi ? 0.5 / std::tan(0.5 * phase) : 0.0);
         near_ = std::min(kNear * wanted_, std::max(kFar, 0.5 * kNear * wanted_));
@@ -109,7 +110,7 @@ public:
         if (!ok()) return places;
         for (const auto& one : samples_) places.push_back({one->omega(), one->closed(joint, gain)});
         const double own = gain == Gain::kp ? gains_.kp[joint] : gain == Gain::kd ? gains_.kd[joint] : 1.0;
-        for (int round = 0; round < kCurveRounds; round++) {
+        for (int round = 0; round < kCurveRounds && places.size() < kMost; round++) {
             const std::vector<std::size_t> found = passed_unseen(places, own > 0 ? 1e-3 / own : 0.0);
             if (found.empty()) break;
             for (const std::size_t k : found) {
@@ -157,6 +158,7 @@ public:
         if (!begins() || !falls()) return kUncounted;
         double turned = std::arg(places.front().value.real() < 0 ? -places.front().value : places.front().value);
         std::vector<CurvePlace> ahead;  // the nearest last
+        std::size_t halved = 0;
         for (std::size_t k = 0; k + 1 < places.size(); k++) {
             CurvePlace here = places[k];
             ahead.assign(1, places[k + 1]);
@@ -170,7 +172,7 @@ public:
                     ahead.pop_back();
                     continue;
                 }
-                if (next.omega - here.omega <= 1e-3 * kClosest * next.omega) return kUncounted;
+                if (next.omega - here.omega <= 1e-3 * kClosest * next.omega || ++halved > kMost) return kUncounted;
                 const auto middle = inverted(0.5 * (here.omega + next.omega));
                 if (middle == nullptr) return kUncounted;
                 ahead.push_back(at(*middle));
