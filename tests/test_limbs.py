@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import gainroom as gr
+from gainroom.analysis.coupled_margins import coupled_margins
 from gainroom.analysis.limbs import limbs_of
 from gainroom.analysis.look import WHOLE, LoopsApart, directed_loop, joint_loops, look, margins_seen
 from gainroom.studies.loop_numbers import first_factor
@@ -59,7 +60,7 @@ def test_margins_and_roots(number):
         assert (count > 0) == (factor > 1)
         if count:
             continue
-        exact, margins = gr.joint_margins(pair.loop), margins_seen(seen, pair.machine.size)
+        exact, margins = coupled_margins(pair.loop), margins_seen(seen, pair.machine.size)
         both_ways = min(exact.limit.gain, 1 / max(exact.limit.lower_gain, 1e-300))
         assert_allclose(margins.limit.gain, both_ways, rtol=1e-6)  # polished on both sides
         assert_allclose(margins.common_phase_margin, exact.common_phase_margin, rtol=1e-6)

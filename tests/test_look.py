@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
+from gainroom.analysis.coupled_margins import coupled_margins
 from gainroom.analysis.look import WHOLE, Reach, directed_loop, look, margins_seen
 from gainroom.native import _core
 from gainroom.system.linear.arrays import Booleans, Floats
@@ -84,7 +85,7 @@ def confirm(draw, number: int) -> str:
             return "not followed"
         if (seen.unstable > 0) != (count > 0):
             return f"times {factor}: {seen.unstable} unstable roots, counted {count}"
-    exact = gr.joint_margins(pair.loop)
+    exact = coupled_margins(pair.loop)  # along loci in Python, not from the core
     if not exact.stable:
         return ""
     found = margins_seen(look(loop, along.gains, WHOLE), pair.machine.size)

@@ -1,4 +1,4 @@
-"""What a coupled loop has left, from where samples in the core see its curves meet −1, each claim counted on samples of its own.
+"""Margins of coupled loops, from where samples in the core see their curves meet −1, each claim counted on samples of its own.
 
 A loop is sampled once; what it shows is polished. Then unstable roots are counted a little inside and outside of every claim: of a phase
 and of one loop's gains by turns about 0 on other samples, of a delay in the loop with that delay. What is not confirmed is not reported.
@@ -12,14 +12,13 @@ import numpy as np
 from ..system.controller import gain_matrix
 from ..system.loop import Loop
 from .coupled_margins import LEAST_FACTOR, LONGEST_DELAY, coupled_margins as loci_margins, disk_of
-from .first_crossing import SEARCH, Certificate
+from .first_crossing import SEARCH, Certificate, exact_delay
 from .gain_limit import gain_limit
 from .look import Reach, Seen
 from .margin_record import Margins, OneLoop
 from .sampled_loop import EVERY_PHASE, NEAR_BY, SampledLoop
 from .stability_boundary import LOCI
 
-EXACT_LAG = 1e-11  # [rad] of a locus at −1
 MOST_ROUNDS = 5  # of more samples for what may cross unseen
 
 
@@ -116,38 +115,24 @@ def _phase_counted(counting: Seen, phase: float) -> Certificate | None:
 
 def _first_delay(loop: Loop, seen: Seen) -> tuple[float, float, Certificate | None] | None:
     """The least delay [s] more in all loops at which they are lost, its frequency and certificate; None where it is not confirmed."""
+
+    def lag(delay: float, omega: float) -> tuple[float, float]:
+        later = SampledLoop.of(loop.delayed(delay))
+        return (math.nan, omega) if later is None else later.lag_about(omega)
+
     crossings = sorted(map(tuple, seen.delay_crossings(LONGEST_DELAY).tolist()))
     if not crossings:
         longest = SampledLoop.of(loop.delayed(LONGEST_DELAY))
         return (math.inf, math.nan, None) if longest is not None and longest.unstable() == 0 else None
     if loop.sample_time is not None:
         near = [one for one in crossings if one[0] <= crossings[0][0] * (1 + SEARCH.close)]
-        crossings = sorted(found for one in near if (found := _exact_delay(loop, *one)) is not None)
+        crossings = sorted(found for one in near if (found := exact_delay(lag, *one)) is not None)
         if not crossings:
             return None
     delay, omega = crossings[0]
     sides = [SampledLoop.of(loop.delayed(delay * (1 + side * SEARCH.nudge))) for side in (-1, 1)]
     certificate = Certificate(*(-1 if one is None else one.unstable() for one in sides))
     return (delay, omega, certificate) if certificate.holds and certificate.outside > 0 else None
-
-
-def _exact_delay(loop: Loop, delay: float, omega: float) -> tuple[float, float] | None:
-    """The delay [s] more, about `delay`, at which a locus of a sampled loop passes −1 about `omega` [rad/s], and where; None: it is lost.
-
-    A share of a tick is nearly, not quite, a phase; beside a resonance far from it: secants.
-    """
-    before = None
-    for _ in range(SEARCH.tries):
-        sampled = SampledLoop.of(loop.delayed(delay))
-        assert sampled is not None
-        lag, omega = sampled.lag_about(omega)
-        if abs(lag) <= EXACT_LAG:
-            return delay + lag / omega, omega
-        slope = -omega if before is None or before[0] == delay else (lag - before[1]) / (delay - before[0])
-        before, delay = (delay, lag), delay - lag / slope if slope else math.nan
-        if not delay >= 0:  # NaN where the locus is lost
-            return None
-    return None
 
 
 def _one_loop(loop: Loop, seen: Seen, counting: Seen, largest: bool) -> OneLoop | None:
@@ -164,7 +149,9 @@ def _one_loop(loop: Loop, seen: Seen, counting: Seen, largest: bool) -> OneLoop 
 
 
 def _is_end(counting: Seen, joint: int, gain: int, change: float, scale: float, farthest: float) -> bool:
-    """Whether no root is unstable up to a little before that change, and one is a little behind; with none, 0 or inf: up to `farthest`.
+    """A change of one joint's gains is where it is lost: no root is unstable a little before it, and one is a little behind.
+
+    True also where there is none, `scale` 0 or inf, and none is unstable at `farthest`.
 
     gain    0: all gains of the joint, as a part of them; 1: kp; 2: kd
     scale   of which the certificate's nudge is a part
@@ -176,7 +163,7 @@ def _is_end(counting: Seen, joint: int, gain: int, change: float, scale: float, 
 
 
 def _with_largest(loop: Loop, seen: Seen, counting: Seen, found: OneLoop) -> OneLoop | None:
-    """The same with each joint's largest kp and kd, where the controller has such gains; None where one is not confirmed."""
+    """Margins of one loop at a time with each joint's largest kp and kd, where there are such gains; None where one is not confirmed."""
     assert loop.parts is not None
     controller = loop.parts.controller
     units = controller.units()

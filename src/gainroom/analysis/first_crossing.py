@@ -29,6 +29,7 @@ class Search:
     around: Floats = field(default_factory=lambda: np.linspace(-0.06, 0.06, 121))
     # relative distance within which crossings, interpolated between samples, may change places when polished
     close: float = 0.03
+    exact_lag: float = 1e-11  # [rad] of a locus at −1
     tries: int = 12  # crossings that are polished and counted before halving has to do
     polished: float = 1e-3  # relative width of a bracket from which on its crossing is polished
     shares: tuple[float, ...] = (1e-5, 1e-3, 0.1)  # of a bracket that are tried before it is halved
@@ -225,25 +226,19 @@ def delays(sweep: Sweep) -> Family:
     def later(t: float) -> Boundary:
         return Boundary(sweep.loop.delayed(split(t)[1]))
 
+    def turn(t: float, omega: float) -> complex:
+        return complex(np.exp(-1j * omega * split(t)[0]))
+
+    def lag(t: float, omega: float) -> tuple[float, float]:
+        found = _circle_polished(later(t), [Rough(t, omega, -1 / turn(t, omega))])
+        if not len(found[0]):
+            return math.nan, omega
+        omega = float(found[0][0])
+        return float(np.angle(-complex(found[1][0]) * turn(t, omega))), omega
+
     def polish(group: list[Rough]) -> list[Rough]:
-        exact = []
-        for rough in _placed(at, *_circle_polished(sweep.boundary, group)):
-            place, omega, before = rough.at, rough.omega, None
-            for _ in range(SEARCH.tries):  # a share of a tick is nearly, not quite, a phase; beside a resonance far from it: secants
-                turn = complex(np.exp(-1j * omega * split(place)[0]))
-                found = _circle_polished(later(place), [Rough(place, omega, -1 / turn)])
-                if not len(found[0]):
-                    break
-                omega, value = float(found[0][0]), complex(found[1][0])
-                lag = float(np.angle(-value * np.exp(-1j * omega * split(place)[0])))
-                if abs(lag) <= 1e-11:
-                    exact.append(Rough(place + lag / omega, omega, value))
-                    break
-                slope = -omega if before is None or before[0] == place else (lag - before[1]) / (place - before[0])
-                before, place = (place, lag), place - lag / slope if slope else math.nan
-                if not place >= 0:
-                    break
-        return exact
+        exact = (exact_delay(lag, one.at, one.omega) for one in _placed(at, *_circle_polished(sweep.boundary, group)))
+        return [Rough(*one, -1 / turn(*one)) for one in exact if one is not None]
 
     @lru_cache(2)
     def delayed(rest: float) -> Sweep:
@@ -262,6 +257,25 @@ def delays(sweep: Sweep) -> Family:
         lambda found: later(found.at).mode(found.omega, found.value),
         lambda low, high: _told_apart(sweep, height, at, low, high),
     )
+
+
+def exact_delay(lag: Callable[[float, float], tuple[float, float]], delay: float, omega: float) -> tuple[float, float] | None:
+    """The delay [s] more of a sampled loop, about `delay`, at which a locus passes −1 about `omega` [rad/s], and where; None: it is lost.
+
+    lag   (delay, ω) → the lag [rad] at which the locus about ω passes −1 with that delay, and its ω; NaN where it is lost
+
+    A share of a tick is nearly, not quite, a phase; beside a resonance far from it: secants.
+    """
+    before = None
+    for _ in range(SEARCH.tries):
+        left, omega = lag(delay, omega)
+        if abs(left) <= SEARCH.exact_lag:
+            return delay + left / omega, omega
+        slope = -omega if before is None or before[0] == delay else (left - before[1]) / (delay - before[0])
+        before, delay = (delay, left), delay - left / slope if slope else math.nan
+        if not delay >= 0:  # NaN where the locus is lost
+            return None
+    return None
 
 
 def _on_circle(sweep: Sweep, count: Callable[[float], int], at: "At", nearest: Callable[[float], Rough]) -> Family:

@@ -21,9 +21,8 @@ NEAREST_FACTORS = 10.0  # of the factors that are searched first on coupled loop
 FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
 NEAR_TOP = 0.8  # of the upper end of an interval between crossings
-ANYWHERE = np.array([1.0, 30.0])  # rad/s: a loop that is 0 there is so everywhere
 NEAR_AXIS = Reach(LOCI.highest, 0.05)
-"""What a factor on all gains needs."""
+"""Samples about the negative real axis: all that a factor on all gains needs."""
 INSIDE = 1e-3  # of a factor at which roots cross: how far below it a stable one is looked for, and as near as certificates count
 JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at which roots are counted beside those between crossings
 
@@ -47,7 +46,7 @@ def gain_limit(loop: Loop) -> GainLimit:
 
 def sampled_limit(loop: Loop) -> GainLimit | None:
     """gain_limit of several joints from the core's samples, with roots counted on both sides; None where something is not confirmed."""
-    sampled = SampledLoop.of(loop) if np.any(loop.response(ANYWHERE)) else None
+    sampled = SampledLoop.of(loop) if loop.acts else None
     seen = None if sampled is None else sampled.look(NEAR_AXIS, smooth=False)
     if sampled is None or seen is None or not seen.followed or seen.unstable < 0:
         return None

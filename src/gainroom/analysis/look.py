@@ -53,7 +53,7 @@ class Reach:
 
 
 WHOLE = Reach(100.0, math.pi, ((1.0, 0.0, 0.5),))
-"""Every margin that people are told."""
+"""Every margin that a search for gains reports on its way."""
 
 
 @dataclass(frozen=True)

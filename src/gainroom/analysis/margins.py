@@ -22,7 +22,7 @@ NOTHING, _, HALVED, ENDLESS, FAILED = range(5)  # of Found in scalar_delay_margi
 
 
 def margins(loop: Loop) -> Margins:
-    """All margins of a loop of n >= 1 joints: for one joint from the certified scan, else from the characteristic loci.
+    """All margins of a loop of n >= 1 joints: for one joint from the certified scan, else by boundary.py.
 
     The delay margin of a sampled loop that was built from its parts is exact for any fraction of a tick; that of a sampled LTI system,
     and those listed with the crossings, count a fraction of a tick as the phase that it costs. Each joint's largest gains are not among

@@ -39,8 +39,8 @@ from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.linear.state_space import StateSpace, split_delay
 from ..system.loop import Loop
 from ..system.measured_response import measured_state
-from .first_crossing import SEARCH, Certificate
-from .margin_record import GainLimit, Margins, OneLoop, PathMargins
+from .first_crossing import SEARCH, Certificate, End
+from .margin_record import GainLimit, Margins, OneLoop, PathMargins, interval
 from .peak_gain import peak_gain, scaled_peak_gain, without
 
 ROUNDING = 1e-12  # of a common period: events closer than that are at the same time
@@ -56,12 +56,12 @@ MOST_LATER = 300
 MOST_HOLDS = 1500
 """Holds of all joints' torques in a period up to which σ_max of S is worked out: a matrix of that size takes a second."""
 BULGE = 0.25
-"""Of a step of an eigenvalue: how far its path may lie beside the straight line."""
+"""Part of an eigenvalue's step by which its path may lie beside the straight line."""
 ACCURACY = 1e-13
 RESTING = 1e-5
-"""How near to 1 round-off leaves the eigenvalue of a drift, twice of what no gain acts on, and to the circle one that no gain moves."""
+"""Distance by which round-off moves eigenvalues: those of a drift, two where no gain acts, off 1, one that no gain moves off the circle."""
 STILL = 1e-11
-"""How little an eigenvalue on the circle moves with all gains where none acts on it: round-off. One that grows moves by more."""
+"""Distance by which an eigenvalue on the circle moves with all gains where none acts on it: round-off. One that grows moves by more."""
 
 Spectrum = Callable[[float], Complexes]
 
@@ -85,7 +85,7 @@ class _Path:
         return int(self.late.max()) + 1
 
     def delayed(self, delays: Floats) -> "_Path":
-        """The same with these delays [s]."""
+        """The path with these delays [s]."""
         whole, fraction = split_delay(delays, self.step)
         return replace(self, late=whole, rest=fraction * self.step)
 
@@ -139,19 +139,19 @@ class Lifted:
         return [_of_position(controller_state(law, self.size, step), self.size, step) for law, step in zip(laws, self._steps, strict=True)]
 
     def regained(self, controller: Controller) -> "Lifted":
-        """The same with other gains, none of which was 0 or is."""
+        """The lifted system with other gains, none of which was 0 or is."""
         found = copy(self)
         found._paths = [replace(path, law=law) for path, law in zip(self._paths, self._laws(controller), strict=True)]
         return found
 
     def later(self, others: float, kd: float) -> "Lifted":
-        """The same with more delay [s] on either path."""
+        """The lifted system with more delay [s] on either path."""
         found = copy(self)
         found._lay_out([path.delayed(own + more) for path, own, more in zip(self._paths, self._delays, (others, kd), strict=True)])
         return found
 
     def _lay_out(self, paths: list[_Path]) -> None:
-        """Where the parts of the state are, and what happens from one sample of the faster path to the next.
+        """Places of the parts of the state, and events from one sample of the faster path to the next.
 
         First what the faster path alone changes: the plant's state, torques at work, its memory, torques on their way; then the slower
         path's memory and torques on their way.
@@ -170,7 +170,7 @@ class Lifted:
         self._strides = self._what_happens(order)
 
     def _what_happens(self, order: tuple[int, int]) -> list[tuple[_Event, ...]]:
-        """In the order of time, cut where the faster path samples."""
+        """Events of a period in the order of time, cut where the faster path samples."""
         found: list[tuple[float, int, bool, Integers]] = []
         for which in order:
             path = self._paths[which]
@@ -187,7 +187,7 @@ class Lifted:
         return [tuple(stride) for stride in strides]
 
     def _over(self, ticks: int) -> tuple[Floats, Floats]:
-        """What that time makes of the plant's state and of held torques; computed once for times that are the same."""
+        """Matrices by which that time moves the plant's state, and held torques push it; computed once for times that are the same."""
         from scipy.linalg import expm
 
         if ticks not in self._flows:
@@ -204,7 +204,7 @@ class Lifted:
             self._move(event, y, 0.0)
 
     def _torques(self, event: _Event, y: Any, factors: list[Any]) -> None:
-        """What is asked for at this event, and what arrives."""
+        """Torques that are asked for at this event, and those that arrive."""
         path, lines, acting = self._paths[event.path], y[self._lines[event.path]], y[self._acting[event.path]]
         if event.samples:
             memory, measured = y[self._memory[event.path]], factors[event.path][:, None] * (self._plant.c @ y[self._x])
@@ -287,7 +287,7 @@ class Lifted:
         return abs(angle + 2 * np.pi * float(turns[strongest])) / self.period
 
     def vibration(self, others: Any = 1.0, kd: Any = 1.0) -> tuple[float, Complexes]:
-        """Of the eigenvalue furthest out: the frequency [rad/s] at which its mode moves most, with its sign, and that part of it (n,).
+        """The frequency [rad/s], with its sign, at which the mode of the eigenvalue furthest out moves most, and that part of it (n,).
 
         A mode of a periodic system holds a frequency and its aliases; seen at the faster path's samples the largest one is told from them.
         """
@@ -357,7 +357,7 @@ class Multirate:
         return _outside(self.values())
 
     def limit(self) -> GainLimit:
-        """Of the common factor on all gains, as gain_limit has it. Raises GainroomError where it cannot be certified."""
+        """The limit of the common factor on all gains, as gain_limit has it. Raises GainroomError where it cannot be certified."""
 
         def spectrum(factor: float) -> Complexes:
             return self.values(factor, factor)
@@ -376,15 +376,14 @@ class Multirate:
         for end in (upper, lower):
             if end is not None and not end.certificate.holds:
                 raise GainroomError("gain_limit: the eigenvalues of two paths could not be followed to a certified limit")
-        below = (0.0, None, math.nan) if lower is None else (lower.at, lower.certificate, self._seen(lower.at, lower.at)[0])
-        if upper is None:
-            return GainLimit(stable, math.inf, below[0], math.nan, np.ones(self.loop.size, dtype=complex), None, below[1], below[2])
-        omega, mode = self._seen(upper.at, upper.at)
-        return GainLimit(stable, upper.at, below[0], omega, mode, upper.certificate, below[1], below[2])
+        return interval(self.loop, *map(self._end, (upper, lower)), stable=stable)
 
-    def _seen(self, others: object, kd: object) -> tuple[float, Complexes]:
-        omega, mode = self.lifted.vibration(others, kd)
-        return abs(omega), mode
+    def _end(self, lost: "Lost | None") -> End | None:
+        """The end of a stable interval of a factor on all gains."""
+        if lost is None:
+            return None
+        omega, mode = self.lifted.vibration(lost.at, lost.at)
+        return End(lost.at, abs(omega), mode, lost.certificate)
 
     def margins(self, largest: bool = False) -> Margins:
         """All of them; also `largest` gains of each of several joints."""
@@ -443,7 +442,7 @@ class Multirate:
         return None if found is None else replace(found, at=found.at * period), farthest == 1.0
 
     def delay_of_others(self) -> float:
-        """See delay_of_others."""
+        """The function delay_of_others below."""
         assert self.loop.parts is not None
         own = max(drive.delay for drive in self.loop.parts.drives)
         found, searched = self._more_delay(0.0)
@@ -459,7 +458,7 @@ class Multirate:
         return PathMargins(others, lower_others, kd, lower_kd, all(end is None or end.certificate.holds for end in ends))
 
     def _one_loop(self, limit: GainLimit, phase: Lost | None, paths: PathMargins, largest: bool) -> OneLoop:
-        """What each joint measures, the others' as they are."""
+        """Margins of what each joint measures, the others' as they are."""
         size = self.loop.size
         if size == 1:
             alone = limit.gain, limit.lower_gain, math.inf if phase is None else abs(phase.at), limit.certified
@@ -586,7 +585,7 @@ def _drifts(loop: Loop) -> int:
 
 
 def path_margins(loop: Loop) -> PathMargins:
-    """Of a stable loop whose kd closes on a path of its own: factors on the gains of one path alone."""
+    """Factors on the gains of one path alone, of a stable loop whose kd closes on a path of its own."""
     return Multirate(loop).paths()
 
 

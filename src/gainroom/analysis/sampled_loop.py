@@ -12,9 +12,9 @@ from .look import Directed, Reach, Seen, directed_loop, joint_loops, lag_about, 
 from .stability_boundary import LOCI, Boundary
 
 EVERY_PHASE = Reach(LOCI.highest, math.pi, ((1.0, 0.0, 0.5),))
-"""All that is reported of coupled loops."""
+"""Every phase, factors up to 1000 and all peaks: what is reported of coupled loops."""
 NEAR_BY = Reach(1.05, 0.05)
-"""What counting unstable roots needs."""
+"""Loci about −1 alone: all that a count of unstable roots needs."""
 SAME = 1e-11  # of the largest entry: how far gains along directions may be off
 
 

@@ -15,24 +15,13 @@ from ..analysis.proved_limit import proved_limit
 from ..analysis.stability import has_growing_root, unstable_roots
 from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError
-from ..system.loop import Loop, build_loop
+from ..system.loop import Loop
 from ..system.system import StateCase
 
-ANYWHERE = np.array([0.7, 1.3, 2.1])
-"""Frequencies [rad/s] at one of which a loop that acts on any motion is not 0."""
 FAR_BELOW = 0.01
 """Of gains that are not stable themselves: there the proof of their limit begins, if it can."""
 LATE = 1.5
 """Times what is required: a delay margin below that is certified."""
-
-
-def moves(loop: Loop) -> bool:
-    """Whether the gains act on any motion."""
-    if loop.kd_path is not None:  # which they act on is the same at any rate
-        parts = loop.parts
-        assert parts is not None
-        loop = build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, loop.kd_path.sample_time)
-    return bool(np.any(loop.response(ANYWHERE)))
 
 
 def margins_of(loop: Loop, largest: bool = False) -> Margins:

@@ -18,7 +18,7 @@ from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS
 from .analysis import Analysis, analyzed
 from .joint import study_joint
-from .loop_numbers import margins_of, moves
+from .loop_numbers import margins_of
 from .oscillation import Oscillation, oscillation_in, torque_ripple_of
 from .progress import Progress, quiet
 from .state import state_of
@@ -232,7 +232,7 @@ def simulate_study(
     if not len(run.time):
         raise GainroomError("the first torques are not finite: the gains are too large to compute with")
     loop = spec.loop(gain)
-    margins = margins_of(loop) if moves(loop) else None
+    margins = margins_of(loop) if loop.acts else None
     oscillation, noise_motion = oscillation_in(spec, gain, run, None if margins is None else margins.limit)
     torque, nothing = run.actual_torque, np.zeros(len(run.joint_names))
     return Outcome(

@@ -21,7 +21,7 @@ from ..system.linear.arrays import Complexes, Floats, Integers, rank
 from ..system.loop import Loop, build_loop
 from ..system.plant import Compliance, Plant
 from ..system.system import StateCase, System
-from .loop_numbers import extra_delay, limit_of, margins_of, moves
+from .loop_numbers import extra_delay, limit_of, margins_of
 from .over_uncertainty import ExtraDelays, Worst, uncertain_cases
 from .sway import Sway, sway_of, without_sway
 from .worst_place import try_places
@@ -144,7 +144,7 @@ class State:
     @cached_property
     def moves(self) -> bool:
         """Whether the gains act on any motion: not where contacts lock all their joints."""
-        return moves(self.loop)
+        return self.loop.acts
 
     @property
     def reason(self) -> str:

@@ -16,7 +16,7 @@ from ..system.requirement import Requirement
 from ..system.requirements import Requirements
 from ..system.system import StateCase
 from .analysis import KEYS, Analysis, found_missed, found_unstable, read_as, rests_on
-from .loop_numbers import margins_of, moves, with_certified_delay
+from .loop_numbers import margins_of, with_certified_delay
 from .progress import Progress, quiet
 from .state import State, state_of
 from .sway import without_sway
@@ -204,7 +204,7 @@ def _looked_at(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPostu
         system = one.system(plan)
         try:
             model = system.source.linearize(one.name, contact)
-            if moves(system.loop(model)):
+            if system.loop(model).acts:
                 case = StateCase(one.name, contact, "", system, model)
                 yield one, without_sway(case, with_certified_delay(case))
         except GainroomError:

@@ -25,7 +25,6 @@ from ..system.linear.arrays import Floats
 from ..system.loop import Loop
 from ..system.requirement import enough
 from ..system.system import System
-from .loop_numbers import moves
 from .progress import Progress, quiet
 
 TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
@@ -173,7 +172,7 @@ def _jobs(system: System, warnings: list[str]) -> Iterator[Job]:
 def _states(system: System) -> list[tuple[str, str, Loop]]:
     """Posture, contact state and loop of what is simulated."""
     loops = [(posture, contact, system.loop(system.source.linearize(posture, contact))) for posture, contact in system.source.states]
-    loops = [state for state in loops if moves(state[2])]
+    loops = [state for state in loops if state[2].acts]
     if len(loops) <= MOST_VERIFIED_STATES:
         return loops
     tightest: dict[str, tuple[float, tuple[str, str, Loop]]] = {}

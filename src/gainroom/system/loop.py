@@ -32,6 +32,7 @@ EXACT_MODES = 1e-12  # relative: a sum over modes that is off by no more has all
 ABOUT_AXIS = 1e-7  # |Re s| of Im s up to which sums over modes serve
 FAR_APART = 1e5
 """Units of joints whose gains act on each other. Up to there limits of random robots were off by 3e-10 at most, beyond by up to a fifth."""
+ANYWHERE = np.array([0.7, 1.3, 2.1])  # [rad/s]: a loop that acts on any motion is not 0 at all of them
 NO_GAIN = 1e-11  # of the largest gain of matrices: less is what round-off leaves of none, and spoils eigenvectors
 
 
@@ -264,6 +265,14 @@ class Loop:
     def response(self, omega: ArrayLike) -> Complexes:
         """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""
         return self.at(1j * np.atleast_1d(np.asarray(omega, dtype=float)))
+
+    @property
+    def acts(self) -> bool:
+        """The gains act on some motion."""
+        parts, path = self.parts, self.kd_path
+        if parts is not None and path is not None:  # which they act on is the same at any rate
+            return build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, path.sample_time).acts
+        return bool(np.any(self.response(ANYWHERE)))
 
     def scaled(self, factor: float) -> "Loop":
         """The same loop with every controller gain multiplied by `factor`."""
