@@ -74,7 +74,7 @@ def _row(name: str, key: str, results: list[tuple[Errors, float]]) -> dict[str, 
 
 
 def _fits(log: Record, simulated: Any, truth: dict[str, Any]) -> dict[str, Any]:
-    """What is to be run on this log, by name."""
+    """Fits to be timed on this log, by name."""
     return {
         "gainroom": lambda: _ours(log),
         "sysid, true states": lambda: _elastic(_true_states(log, simulated, truth), SPREAD, truth),

@@ -60,7 +60,7 @@ def run(seed: int) -> Table:
 
 
 def _peers(loop: gr.Loop, exact: gr.Margins) -> dict[str, Callable[[], tuple]]:
-    """The same zeros, poles and delay handed to python-control in its own types; only the margins are timed, with the Padé step."""
+    """Margins of python-control from equal zeros, poles and delay in its own types; only the margins are timed, with the Padé step."""
     system = loop.scalar
     assert system is not None
     places = [c.omega for c in (*exact.phase_crossings, *exact.gain_crossings) if c.omega > 0]

@@ -19,7 +19,7 @@ ROUNDS = 5
 
 @dataclass(frozen=True)
 class Spread:
-    """How long one piece of work took, again and again [s]."""
+    """Repeated durations of one piece of work [s]."""
 
     taken: np.ndarray
 
@@ -64,12 +64,12 @@ def in_turns(works: dict[str, Callable[[], object]], budget: float = 0.6) -> dic
 
 
 def spread(work: Callable[[], object], budget: float = 0.6) -> Spread:
-    """Of one piece of work alone."""
+    """Durations of one piece of work alone."""
     return in_turns({"": work}, budget)[""]
 
 
 def once(work: Callable[[], object]) -> Spread:
-    """Of work too long to be repeated."""
+    """Duration of work that is too long to be repeated."""
     start = time.perf_counter()
     work()
     return Spread(np.array([time.perf_counter() - start]))
@@ -87,7 +87,7 @@ def no_collection() -> Iterator[None]:
 
 
 def waited(lengths: np.ndarray) -> np.ndarray:
-    """What waits of `lengths` [s], doing nothing but looking at the clock, take [s]: longer by what the machine adds to any work."""
+    """Durations [s] of busy waits of `lengths` [s]: the excess is what the machine adds to any work."""
     taken = np.empty_like(lengths)
     with no_collection():
         for k, length in enumerate(lengths.tolist()):

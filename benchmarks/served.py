@@ -42,7 +42,7 @@ def serve(file: Path | None, port: int = 0, *options: str, **more: Any) -> Serve
 
 @contextlib.contextmanager
 def serving(file: Path | None, *options: str, **more: Any) -> Iterator[Served]:
-    """The same, ended behind the block."""
+    """Served application, as `serve`, which ends with the block."""
     served = serve(file, 0, *options, **more)
     try:
         yield served

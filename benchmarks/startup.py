@@ -1,4 +1,4 @@
-"""How long commands take, as a user meets them: whole processes with processor time and peak memory, the first one with empty caches."""
+"""Start-up times of commands as a user meets them: whole processes with processor time and peak memory, the first with empty caches."""
 
 import math
 import os

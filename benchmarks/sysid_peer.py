@@ -44,7 +44,7 @@ Intervals = dict[str, tuple[float, float, float]]
 
 @dataclass(frozen=True)
 class Given:
-    """What the fit is given of a log of k ticks, SI.
+    """Data of a log of k ticks for the fit, SI.
 
     tick       [s]
     torque     (k,) mean over the tick that begins at each row

@@ -20,7 +20,7 @@ from benchmarks.served import ANSWERED, CERTIFIED, browser_path, serving  # noqa
 TARGET = ROOT / "docs" / "images" / "app.webp"
 SIZE, SHOWN = {"width": 1240, "height": 800}, (930, 600)
 PATH = [(0.45, 0.42), (0.42, 0.6), (0.4, 0.78), (0.38, 0.92), (0.4, 0.7), (0.3, 0.42), (0.24, 0.33)]
-"""Of the dot, across and up, as parts of the map."""
+"""Path of the dot, across and up, as shares of the map's size."""
 
 
 def main() -> None:

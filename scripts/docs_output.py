@@ -77,7 +77,7 @@ def renewed(text: str, images: Path | None = None, fresh: bool = False) -> str:
 
 
 def _alike(old: str, new: str, percent: int) -> bool:
-    """Whether two texts have the same words, however they are laid out, and numbers that differ by no more than `percent` of them."""
+    """True if two texts have the same words, in any layout, and numbers that differ by no more than `percent` of them."""
     numbers, words = zip(*(_parted(text) for text in (old, new)), strict=True)
     near = (abs(one - other) <= percent / 100 * abs(one) for one, other in zip(*numbers, strict=False))
     return words[0] == words[1] and all(near)
@@ -124,7 +124,7 @@ def _warm() -> Path:
 
 
 def _printed(code: str, namespace: dict[str, object], folder: str) -> str:
-    """What `code` prints when run in `namespace` with `folder` as the current one."""
+    """Output of `code` run in `namespace` with `folder` as the current one."""
     stream = io.StringIO()
     with contextlib.chdir(folder), contextlib.redirect_stdout(stream):
         exec(compile(code, "<documentation>", "exec"), namespace)

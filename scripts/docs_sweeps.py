@@ -201,11 +201,11 @@ CASES = {
 
 
 Swept = tuple[SweepSummary, Any]
-"""What `gainroom sweep` makes its answer of, and the labelled arrays that it keeps."""
+"""Summary of a sweep, as `gainroom sweep` prints it, and the labelled arrays that it stores."""
 
 
 def swept(case: Case, delay: float, folder: Path, samples: int = SAMPLES) -> Swept:
-    """As `gainroom sweep` does, without the local search that it ends with."""
+    """Sweep as `gainroom sweep` runs it, without the local search at its end."""
     file = folder / f"robot_{delay:g}.yaml"
     file.write_text(case.text(delay), "utf-8")
     plan = sweep_plan(load_robot_system(file), SweepOptions(samples, ranges=case.ranges))
@@ -218,7 +218,7 @@ def swept(case: Case, delay: float, folder: Path, samples: int = SAMPLES) -> Swe
 
 
 def rows(delay: float, found: SweepSummary) -> list[str]:
-    """Of the table: one for each contact state."""
+    """Rows of the table: one for each contact state."""
     names = found.plan.robot.joint_names
     return [
         f"| {delay:g} | {one.name} | {decibels(one.worst[0].gain)} | {decibels(one.quantile(0.5))} | {percent(one.short, one.count)} | "

@@ -45,7 +45,7 @@ def serve(path: str) -> None:
 
 
 def load() -> None:
-    """What any command imports, except what only runs on other processes."""
+    """Imports all modules that any command imports, except those that only run in other processes."""
     import importlib
     import pkgutil
 

@@ -28,7 +28,7 @@ QUANTITIES = {
     "resonance": (1 / (2 * math.pi), "Hz"),
     "damping_ratio": (100.0, "% of critical"),
 }
-"""What may be uncertain of joint and drive, by its field's name: the factor from SI to the unit that a person reads, and that unit."""
+"""Quantities of joint and drive that may be uncertain, by field name: factor from SI to the displayed unit, and that unit."""
 
 
 THIN_SPACES = "\u2009\u202f"
@@ -75,7 +75,7 @@ def _four_digits(value: float) -> str:
 
 
 def nearest(name: str, names: Sequence[str], kind: str) -> str:
-    """What may have been meant, and what there is: the end of a message about an unknown name."""
+    """End of a message about an unknown name: the nearest known name, and the known names."""
     close = difflib.get_close_matches(name, names, 1, cutoff=0.5)
     hint = f"; did you mean {close[0]!r}?" if close else ""
     return f"{hint} ({kind}{'es' if kind.endswith('s') else 's'}: {first_of_many(names) or 'none'})"
@@ -127,7 +127,7 @@ def frequency_text(omega: float) -> str:
 
 
 def at_frequency(omega: float, before: str = " at ", text: Callable[[float], str] = frequency_text) -> str:
-    """The same behind what is said there: " at 3.2 Hz"; "" where there is no frequency. `text`: what makes text of it."""
+    """Frequency as the end of a phrase, " at 3.2 Hz"; "" if it is not finite. `text` formats it."""
     return f"{before}{text(omega)}" if math.isfinite(omega) else ""
 
 
@@ -158,18 +158,18 @@ def shown_problems(problems: Sequence[str]) -> list[str]:
 
 
 class UnjudgedError(Exception):
-    """What is asked for is itself wrong, which is said elsewhere: nothing that depends on it can be judged."""
+    """Result that cannot be computed because an input of it is wrong, which another error reports."""
 
 
 class Step(Generic[Made]):
-    """What a step of Together has made; called, it gives that, or raises UnjudgedError where the step has failed."""
+    """Result of a step of Together: calling it returns the value, or raises UnjudgedError if the step has failed."""
 
     def __init__(self, *made: Made) -> None:
         self._made = made
 
     @property
     def is_made(self) -> bool:
-        """Whether the step has not failed."""
+        """True if the step has succeeded."""
         return bool(self._made)
 
     def otherwise(self, other: "Step[Made]") -> "Step[Made]":
@@ -194,14 +194,14 @@ class Together:
 
     @property
     def failed(self) -> bool:
-        """Whether a step has failed so far."""
+        """True if a step has failed so far."""
         return bool(self._errors)
 
     def __enter__(self) -> "Together":
         return self
 
     def step(self, make: Callable[[], Made]) -> Step[Made]:
-        """What `make` gives, to be called for; its problems are kept."""
+        """Result of `make()`; its problems are collected."""
         try:
             return Step(make())
         except GainroomError as error:
@@ -227,7 +227,7 @@ class Together:
 
 
 def all_of(makes: Iterable[Callable[[], Made]]) -> list[Made]:
-    """What each of them gives. Raises GainroomError with the problems of all of them."""
+    """Results of all calls. Raises GainroomError with the problems of all of them."""
     with Together() as together:
         found = [together.step(make) for make in makes]
         return [each() for each in found]

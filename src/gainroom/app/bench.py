@@ -1,4 +1,4 @@
-"""What the page works on, one joint or a robot: the protocol, and what both have."""
+"""Protocol of what the page works on, one joint or a robot, and the parts that both share."""
 
 import hashlib
 import math
@@ -47,11 +47,11 @@ class Opened:
 
     @property
     def stored(self) -> str:
-        """What the file holds, as far as is known here."""
+        """Content of the file on disk, as far as it is known here."""
         return self.text if self.saved is None else self.saved
 
     def call(self, kind: str) -> str:
-        """What gives the same numbers in a terminal; `kind`: joint or robot."""
+        """Command that gives the same numbers in a terminal; `kind`: joint or robot."""
         return self.command or f"gainroom {kind} {shlex.quote(self.source)}"
 
     def save(self, text: str, digest: str) -> None:
@@ -98,7 +98,7 @@ class Remembered(OrderedDict[str, Value]):
 
 
 def digest_of(text: str) -> str:
-    """What tells one text from another."""
+    """SHA-256 of a text, in hexadecimal digits."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -110,19 +110,19 @@ class Bench(Protocol):
     def __init__(self, opened: Opened) -> None: ...
 
     def opening(self) -> dict[str, Any]:
-        """What does not change while the page is open."""
+        """Parts that stay the same while the page is open."""
         ...
 
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
-        """What follows a gesture, the quickest first; `known`: the map that the page has."""
+        """Parts computed at every gesture, the quickest first; `known`: key of the map that the page already has."""
         ...
 
     def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, progress: Progress = quiet) -> Iterator[Part]:
-        """What follows a gesture a little later; `final`: it has ended, so there is time for more."""
+        """Parts computed shortly after a gesture; `final`: the gesture has ended, so there is time for more."""
         ...
 
     def full(self, view: View, window: tuple[float, float] | None, progress: Progress) -> Iterator[Part]:
-        """What the command line would print for the same gains, certified as it is there."""
+        """Parts that the command line would print for the same gains, certified in the same way."""
         ...
 
     def recommended(self, view: View, progress: Progress) -> Iterator[Part]:
@@ -130,7 +130,7 @@ class Bench(Protocol):
         ...
 
     def plant(self, view: View) -> str:
-        """What tells views with other recommended gains from each other."""
+        """Key of the plant: views with equal keys have the same recommended gains."""
         ...
 
     def shaken(self, view: View, progress: Progress) -> Iterator[Part]:

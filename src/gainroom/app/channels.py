@@ -1,4 +1,4 @@
-"""What is dragged of a robot: its joints, or the directions of its tasks, each with a controller of its own, as a view has them."""
+"""Channels of a robot whose gains the page drags: its joints, or the directions of its tasks, each with a controller of its own."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -27,17 +27,17 @@ class Channel:
 
     @property
     def point(self) -> tuple[float, float]:
-        """Of the gain map."""
+        """Point of these gains in the gain map."""
         return self.own.plane_gains()
 
     @property
     def held(self) -> Controller:
-        """What stays the same all over its map."""
+        """Controller with the gains that are constant over the map."""
         return self.own.from_plane(1.0, 1.0)
 
 
 class Channels:
-    """Of one file."""
+    """Channels of one file."""
 
     def __init__(self, system: System) -> None:
         control, source = system.control, system.source
@@ -69,7 +69,7 @@ class Channels:
         }
 
     def disturbance(self, system: System, k: int) -> tuple[str, str, float]:
-        """What is added for the second step, the unit in which it is shown how far that moves, and how many of it are one m or rad."""
+        """Step added in the second response: its text, the unit of the response, and the number of these units per m or rad."""
         if not self.of_tasks:
             load, unit = (
                 ("1 N added to the force command", "µm") if system.source.prismatic[k] else ("1 N·m added to the torque command", "µrad")
@@ -88,13 +88,13 @@ class Channels:
         return {name: {gain: float(value) for gain, value, _ in own_gains(one)} for name, one in zip(self.names, own, strict=False)}
 
     def place(self, view: View) -> int:
-        """Of the view's channel. Raises GainroomError for none of this robot's."""
+        """Index of the view's channel. Raises GainroomError for a channel that this robot does not have."""
         if view.joint is not None and view.joint not in self.names:
             raise GainroomError(f"joint {view.joint[:60]!r} is not one of this robot's")
         return 0 if view.joint is None else self.names.index(view.joint)
 
     def gains(self, view: View) -> tuple[Controller, ...]:
-        """Of every channel: the file's, then the view's, then the point."""
+        """Controller of every channel: the file's gains, replaced by the view's, and those by the view's point."""
         own = list(self._file)
         for name, given in view.gains.items():
             if name not in self.names or not isinstance(given, Mapping):
@@ -124,7 +124,7 @@ class Channels:
         return replace(system, source=replace(source, stack=stack))
 
     def changes(self, view: View) -> dict[Keys, Any]:
-        """What the view's gains change in the file."""
+        """Changes of the file's gains by the view, by key."""
         own, found = self.gains(view), {}
         if not self.of_tasks:
             for key, values in _changed(own, self._file):

@@ -1,4 +1,4 @@
-"""What a view changes in a file's delay and sample rate, where ranges are widened to hold a new value; and gains for other files."""
+"""Edits of a file by a view: its delay and sample rate, ranges widened to hold a new value, and gains for other files."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,11 +17,11 @@ from .bench import rounded
 from .messages import View
 
 NO_GAINS = ("delay_ms", "stiffness", "link_inertia", "sample_rate_hz", "payload", "payload_at")
-"""What of a view is a value of the file's, but no gain."""
+"""Fields of a view that change values of the file other than gains."""
 
 
 def timing(data: Mapping[str, Any], delay: float, view: View) -> dict[Keys, Any]:
-    """Of the `data` of a joint.yaml or robot.yaml, whose delay is `delay` [s].
+    """Changes of delay and sample rate in the `data` of a joint.yaml or robot.yaml, whose delay is `delay` [s].
 
     Raises GainroomError for a delay in ticks without a rate.
     """

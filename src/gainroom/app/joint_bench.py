@@ -32,7 +32,7 @@ from .messages import View
 from .shaken import shaken
 
 SAME_IN_A_PLANE = ("recommended", "exact", "at_usual_rate", "uncertainty_cost")
-"""Of a JointStudy: what does not depend on where in their plane its gains are."""
+"""Fields of a JointStudy that are the same for all gains in their plane."""
 
 
 class JointBench:
@@ -101,11 +101,11 @@ class JointBench:
         return joint_page(JointPresentation(self._study(view), call=call), call)
 
     def system(self, view: View) -> System:
-        """As the command line would read the edited file."""
+        """System of the edited file, as the command line would read it."""
         return parse_joint(self.text(view), self.opened.source)
 
     def _followed(self, view: View) -> System:
-        """The same while gains are dragged: a file is edited and read again only where something else changes."""
+        """System while gains are dragged: a file is edited and read again only if something else changes."""
         key = repr(view.model_copy(update={"gains": {}, "point": None}))
         return self._others.of(key, lambda: self.system(view)).with_controller(self._controller(view))
 
@@ -184,7 +184,7 @@ class JointBench:
             return study
 
     def plant(self, view: View) -> str:
-        """What tells one map from another: all but the gains in the plane."""
+        """Key of the gain map: everything except the gains in its plane."""
         controller = self._controller(view)
         held = controller.from_plane(1.0, 1.0) if controller.has_plane else controller
         return repr((view.delay_ms, view.stiffness, view.link_inertia, view.sample_rate_hz, held))
@@ -199,7 +199,7 @@ class JointBench:
         return controller if view.point is None or not own.has_plane else at_point(controller, view.point)
 
     def _values(self, view: View) -> Mapping[Keys, Any]:
-        """What the view changes in the file, by key."""
+        """Changes of the file by the view, by key."""
         data, changes = self._data, timing(self._data, self._system.delay, view)
         for name, value, _ in own_gains(self._controller(view)):
             if data["control"].get(name) != value:
@@ -219,7 +219,7 @@ def _nominal(system: System) -> JointStudy:
 
 
 def _verdict(study: JointStudy, basis: str) -> dict[str, Any]:
-    """What stands first, as terminal and report have it; `basis`: certified, or nominal where ranges have not been examined."""
+    """Verdict part of the page, first as in terminal and report; `basis`: certified, or nominal where ranges were not examined."""
     best = None if study.recommended is None else study.recommended.worst
     margins = {"numbers": study.margins, "worst": study.in_range.margins}
     return {"basis": basis, **verdict_facts(study, sentence(study), best)} | {

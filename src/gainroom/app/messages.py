@@ -1,4 +1,4 @@
-"""What the page may ask for, each message with its bounds: it comes from outside."""
+"""Messages that the page may send, each with its bounds: they come from outside."""
 
 import json
 from typing import Annotated, Literal
@@ -17,7 +17,7 @@ Form = Literal["yaml", "mjcf", "ros2_control"]
 
 
 class View(Section):
-    """What is looked at; what is None is as the file has it.
+    """Selection and edits that the page shows; None: as in the file.
 
     gains        of a joint by name, of a robot as name of joint → {kp, kd}, or what its controller has
     point        of the plane of the gain map, of the joint that it shows; it goes before gains

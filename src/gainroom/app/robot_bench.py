@@ -329,7 +329,7 @@ class RobotBench:
             yield study if known is None else replace(study, recommended=known.recommended, exact=known.exact)
 
     def plant(self, view: View) -> str:
-        """What recommended gains depend on: not on the file's, but for the proportions of P/PI tasks."""
+        """Key of the recommended gains, which depend on the file's gains only for the ratios of P/PI tasks."""
         held = [one.from_plane(1.0, 1.0) for one in self._channels.gains(view)] if self._channels.of_tasks else []
         place = view.posture if view.angles else None
         return repr((view.model_copy(update={"joint": None, "point": None, "posture": place, "contact": None, "gains": {}}), held))
@@ -347,7 +347,7 @@ class RobotBench:
         }
 
     def _where(self, study: RobotStudy, row: dict[str, Any]) -> dict[str, str]:
-        """Where to look for a row's worst: posture, contact state, and the joint that misses what is required there."""
+        """Place of a row's worst value: posture, contact state, and the joint that misses its requirement there."""
         state = study.worst[row["name"]]
         place = {"posture": state.posture, "contact": state.contact}
         missing = deciding_joints_in(state, row["name"])[:1] if row["met"] is False and study.stable_in_range else ()
@@ -365,7 +365,7 @@ class RobotBench:
         return own if all(type(one) is type(now) for one, now in zip(own, present, strict=False)) else ()
 
     def _starred(self, view: View, gains: dict[str, dict[str, float]], progress: Progress) -> str:
-        """What is certified of recommended gains as they are typed, by a study of their own: their search does not hold it."""
+        """Certified verdict on recommended gains as rounded for typing, from a study of their own: their search does not include it."""
         there = view.model_copy(update={"gains": gains, "point": None, "joint": None, "contact": None})
         key = repr(there)
         if key not in self._stars:

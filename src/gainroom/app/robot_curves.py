@@ -1,4 +1,4 @@
-"""What the page draws of a robot: one channel's plane and return ratio with all others closed, the mode, and the heat map."""
+"""Curves of a robot on the page: one channel's plane and return ratio with the other loops closed, the mode, and the heat map."""
 
 import contextlib
 import math
@@ -42,7 +42,7 @@ EDGE_COLUMNS = 80
 
 
 def stand(source: Robot) -> list[dict[str, Any]]:
-    """Of each joint its limits, and where it stands in each posture."""
+    """Limits of each joint and its position in each posture."""
     body = source.body
     angles = {name: stance.body.angles(stance.body.configuration(dict(stance.angles))) for name, stance in source.postures.items()}
     return [
@@ -58,7 +58,7 @@ def stand(source: Robot) -> list[dict[str, Any]]:
 
 
 def keyframe_angles(source: Robot) -> dict[str, dict[str, float]]:
-    """Of an MJCF's keyframes, by joint; none where they cannot be read."""
+    """Joint positions of an MJCF's keyframes, by keyframe and joint; empty if they cannot be read."""
     with contextlib.suppress(GainroomError):
         frames = model_keyframes(Path(source.body.source))
         return {name: {joint: one.angles[joint] for joint in source.joint_names if joint in one.angles} for name, one in frames.items()}
@@ -73,7 +73,7 @@ def span_of(system: System) -> tuple[float, float]:
 
 
 def part_of(state: State, channel: Channel) -> LoopPart:
-    """What the channel is of the state's controller."""
+    """Part of the state's loop that belongs to the channel."""
     system, k = state.system, channel.place
     if system.control.space == "joint":
         return LoopPart.of_joint(state.loop, k)
@@ -172,7 +172,7 @@ def _drawn(omega: Floats, value: Complexes) -> Integers:
 
 
 def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane: PartPlane | None = None) -> dict[str, Any]:
-    """Of one state, certified: stable or not, and where all gains together vibrate. Of the channel by itself, from samples: phase, Ms."""
+    """Verdict on one state: stability and the limit of all gains together, certified; phase margin and Ms of the channel, from samples."""
     if limit is None:
         text = f"In {state.title} {state.reason}."
         return {"basis": "quick", "sentence": text, "tone": "warn", "rows": [], "stable": None, "met": None}
@@ -212,7 +212,7 @@ def _row(name: str, title: str, value: str, asked: Any, met: bool | None) -> dic
 
 
 def mode(state: State, limit: GainLimit) -> dict[str, Any]:
-    """How the joints move in the vibration at the limit; no parts where there is none."""
+    """Mode shape of the vibration at the limit; its parts are empty if there is no limit."""
     known = math.isfinite(limit.frequency)
     return {
         "hz": limit.frequency / (2 * math.pi) if known else None,

@@ -20,7 +20,7 @@ from ..system.linear.arrays import Complexes, Floats
 from .bench import rounded
 
 MOST_BYTES = 30 << 20
-"""Of a mesh file."""
+"""Maximum size of a mesh file [bytes]."""
 MOST_CORNERS, MOST_SHAPES = 60_000, 400
 MOST_FILES = 50
 """That an MJCF includes."""
@@ -28,7 +28,7 @@ MESHES = (".stl", ".obj", ".dae")
 PACKAGE_DEPTH = 4
 """Folders above the model among which a package is looked for."""
 PICTURES = 150
-"""Of a run."""
+"""Maximum number of pictures of a run."""
 SMALL = 1e-4
 """Part of a mode by which the robot is moved for its derivative."""
 
@@ -57,7 +57,7 @@ class Shape:
 
 
 def shapes_of(body: RigidBody) -> tuple[Shape, ...]:
-    """Of a URDF or MJCF; none where it has none, or they cannot be read: then the page draws its own."""
+    """Shapes of a URDF or MJCF; empty if it has none, or they cannot be read: then the page draws its own."""
     path = Path(body.source)
     with contextlib.suppress(GainroomError, OSError, ValueError, RuntimeError):
         root = read_xml(path)
@@ -149,7 +149,7 @@ def _mesh(path: Path, name: str, scale: tuple[float, ...]) -> tuple[Floats, Any]
 
 
 def _is_all_inside(root: Element, path: Path) -> bool:
-    """Whether every file that an MJCF names, and those that it includes, lies in the model's folder, links followed.
+    """True if every file that an MJCF names, and those that it includes, lies in the model's folder after following links.
 
     Raises GainroomError where an included file cannot be read.
     """
@@ -172,7 +172,7 @@ def _is_all_inside(root: Element, path: Path) -> bool:
 
 
 def _of_mjcf(root: Element, path: Path) -> list[Shape]:
-    """As MuJoCo compiles it, where every file that it names lies in the model's folder."""
+    """Shapes of an MJCF compiled by MuJoCo; empty unless every file that it names lies in the model's folder."""
     if not _is_all_inside(root, path):
         return []
     model = library("mujoco", "MuJoCo").MjModel.from_xml_path(str(path))
@@ -212,7 +212,7 @@ def described(shapes: tuple[Shape, ...]) -> list[dict[str, Any]]:
 
 
 def pose(model: RobotModel, shapes: tuple[Shape, ...], mode: Complexes | None) -> dict[str, Any]:
-    """Where joints and frames are, and how each moves in the mode: position + Re(moves e^{jωt}), all else following on its contacts."""
+    """Positions of joints and frames, and their motion in the mode, position + Re(moves e^{jωt}); contacts carry all else along."""
     body, q = model.body, model.q
     frames = sorted({shape.frame for shape in shapes})
     skeleton = body.skeleton(q)
@@ -243,7 +243,9 @@ def pose(model: RobotModel, shapes: tuple[Shape, ...], mode: Complexes | None) -
 
 
 def film(run: RobotRun, shapes: tuple[Shape, ...]) -> dict[str, Any]:
-    """Where joints and frames are at the start of a run, as `rest` of a pose, and by how much they have moved at PICTURES moments of it.
+    """Positions of joints and frames at the start of a run, as `rest` of a pose, and their displacements at PICTURES moments of it.
+
+    Displacements are separate so that small motions keep their digits and can be drawn enlarged.
 
     Apart, so that small motions keep their digits and can be drawn larger than they are.
     """

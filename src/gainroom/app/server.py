@@ -87,7 +87,7 @@ class _Newest:
         self._bench, self._lock = bench, threading.Lock()
 
     def bench(self) -> Bench:
-        """Where what was saved cannot be opened the one of before."""
+        """Bench of the saved file; the previous one if the saved file cannot be opened."""
         with self._lock:
             opened = self._bench.opened
             if opened.stored != opened.text:
@@ -139,7 +139,7 @@ def serve(bench: Bench, host: str, port: int, ready: Callable[[str], None], exam
 
 
 def configured(app: App) -> uvicorn.Config:
-    """How the application is served."""
+    """Configuration of uvicorn for the application."""
     return uvicorn.Config(
         app,
         http=PatientProtocol,

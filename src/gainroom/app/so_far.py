@@ -18,7 +18,9 @@ class SoFar:
         self._last: tuple[str, RobotStudy] | None = None
 
     def studies(self, key: str, system: System, shown: tuple[str, str], progress: Progress) -> Iterator[RobotStudy]:
-        """Of the state `shown`, of all so far wherever one more is unstable, and last of every state; `key`: tells systems from each other.
+        """Studies of the state `shown`, of all states so far whenever another is unstable, and finally of every state.
+
+        `key` differs between different systems. The states with the least headroom before come first.
 
         Next come the states that had least headroom before.
         """
@@ -38,7 +40,7 @@ class SoFar:
 
 
 def tone_so_far(study: RobotStudy) -> str:
-    """How its verdict looks on the page; "good" of all states alone."""
+    """Tone of the verdict on the page; "good" only after all states."""
     found = tone(study.verdict)
     return "wait" if study.examined and found == "good" else found
 

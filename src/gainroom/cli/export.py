@@ -70,7 +70,7 @@ def export(
 
 
 def _difference(made: "Export", target: Path | None, onto: Path | None) -> str:
-    """As `diff -u` has it, against what stands in the target."""
+    """Unified diff between the target's present content and the new one, as `diff -u`."""
     import difflib
 
     from ..io.bounded_text import bounded_text

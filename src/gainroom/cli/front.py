@@ -1,4 +1,4 @@
-"""What `gainroom` takes: its commands, one file each, and the front door without one."""
+"""Front door of `gainroom` and the list of its commands, one file each."""
 
 from collections.abc import Callable
 from functools import cache

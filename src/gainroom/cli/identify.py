@@ -279,7 +279,7 @@ def _joint_yaml(fit: "JointFit", logged: "LoggedJoint", drive: "Drive | None") -
 
 
 def _drive(delay_ms: Number, bandwidth: Number) -> "Drive | None":
-    """What is known beforehand. Raises GainroomError."""
+    """Drive that is known beforehand; None if neither option was given. Raises GainroomError."""
     if delay_ms is None and bandwidth is None:
         return None
     from ..system.drive import Drive

@@ -49,7 +49,7 @@ class LogCall:
     joint: Annotated[list[str] | None, typer.Option("--joint", metavar="NAME", help="A joint, or a pattern; may be given again.")] = None
 
     def options(self) -> "LogOptions":
-        """What the options say; they overrule a file given as --columns. Raises GainroomError."""
+        """Log options; flags overrule a file given as --columns. Raises GainroomError."""
         from ..errors import GainroomError, named
         from ..files.logs import LogOptions, load_options
         from ..files.logs.options import assignments

@@ -1,4 +1,4 @@
-"""What `audit` is asked about a model and the gains it runs with, for every command that takes a model."""
+"""Options of `audit` about a model and the gains it runs with, for every command that takes a model."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ModelCall:
-    """What is said of a model, as it is typed."""
+    """Options about a model, as typed."""
 
     gains: Annotated[
         Path | None,

@@ -32,7 +32,7 @@ def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
 
 
 def joints_option(flag: str, unit: str, text: str) -> Any:
-    """The same of all joints, or JOINT=NUMBER of those that match a pattern; it is kept as it is typed, and may be repeated."""
+    """Option for one number for all joints, or JOINT=NUMBER for those that match a pattern; it stays text and may be repeated."""
 
     def parse(value: str) -> str:
         _number(value.rpartition("=")[2], flag, unit)
@@ -56,7 +56,7 @@ def exit_status(verdict: "Verdict", exit_zero: bool) -> int:
 
 @contextlib.contextmanager
 def text_output(path: Path | None, what: str, other: Path | None = None, yaml_of: str = "") -> Iterator[StringIO | None]:
-    """What takes a text (`what`: a report), or None when none is asked for; it is written when the block ends well, over an older one.
+    """Stream for a text (`what`: a report), or None if `path` is None; the file is replaced if the block ends without an error.
 
     A path that cannot be written, or that would take the place of anything read so far or of `other`, is refused before the work. The
     answer is printed inside the block, so that it is there even if the text cannot be. `yaml_of`: the option whose file must be YAML.
@@ -82,11 +82,11 @@ def text_output(path: Path | None, what: str, other: Path | None = None, yaml_of
 
 
 OTHER_PAGES = (".pdf", ".png", ".svg", ".jpg", ".docx", ".md")
-"""Of which a reader might think that --report writes them."""
+"""Endings of documents and pictures that users may expect --report to write."""
 
 
 def report_stream(report: Path | None, other: Path | None = None) -> "contextlib.AbstractContextManager[StringIO | None]":
-    """What takes the page. Raises GainroomError for the name of a document or picture of another kind."""
+    """Stream for the page. Raises GainroomError for the name of a document or picture of another kind."""
     from ..errors import GainroomError
 
     if report is not None and report.suffix.lower() in OTHER_PAGES:
@@ -160,7 +160,7 @@ def with_options(command: Command) -> Command:
 
 
 def kind_of(file: Path) -> Literal["joint", "robot"]:
-    """By its sections; what cannot be told is refused as a joint's. Raises GainroomError where it cannot be read, or is a model."""
+    """Kind of a file by its sections; joint if they do not decide. Raises GainroomError if it cannot be read, or is a model."""
     from ..files.file_types import kind_of_file, wrong_kind
 
     found = kind_of_file(file)

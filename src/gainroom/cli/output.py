@@ -1,4 +1,4 @@
-"""What every command prints with: strict JSON, numbers for people, tables, one-line messages."""
+"""Output of every command: strict JSON, numbers for people, tables, one-line messages."""
 
 import json
 import os

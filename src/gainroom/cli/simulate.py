@@ -75,7 +75,7 @@ def simulate(
 
 
 def _load(file: Path, feedforward: Path | None) -> "SimulationSpec":
-    """What the file describes."""
+    """Simulation that the file describes."""
     if kind_of(file) == "robot":
         if feedforward is not None:
             from ..errors import GainroomError

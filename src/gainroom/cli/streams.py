@@ -37,7 +37,7 @@ def say(line: str) -> None:
 
 
 def give_up(stream: "TextIO | None") -> None:
-    """What is still buffered for `stream` would fail again at exit: it goes to the null device."""
+    """Redirects `stream` to the null device: the rest of its buffer would fail again at exit."""
     if stream is None:
         return
     with contextlib.suppress(OSError):

@@ -125,7 +125,7 @@ def sweep(
 
 @contextlib.contextmanager
 def _store(output: Path | None, plan: "SweepPlan") -> "Iterator[Store]":
-    """Where results go; without a name for the length of the call."""
+    """Store of the results; without an output path a temporary one, which lasts as long as the block."""
     from ..studies.sweep.store import Store
 
     if output is not None:
@@ -139,7 +139,7 @@ def _store(output: Path | None, plan: "SweepPlan") -> "Iterator[Store]":
 
 
 def _run(store: "Store", workers: int | None, scheduler: str, output: Path | None) -> list[str]:
-    """What was damaged and made again. Raises Stopped where a signal asks for it, which says how far it came."""
+    """Texts about damaged chunks that were computed again. Raises Stopped on a signal, with the progress made."""
     from ..studies.sweep.checksums import damaged
     from ..studies.sweep.run import run
 

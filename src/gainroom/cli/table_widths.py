@@ -1,4 +1,4 @@
-"""How the columns of a table share the width of a terminal: words give way, numbers stay whole."""
+"""Widths of a table's columns in a terminal: columns of words wrap, numbers stay whole."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ SHORT_WORD = 8
 _NUMBER = re.compile(r"\W*\d")
 _BEHIND_SLASH = re.compile(r"( +|(?<=\w{3}/)(?=\w{3}))")  # between posture and contact; not inside a unit
 Columns = Sequence[Sequence[str]]
-"""Of each column the heading and the cells."""
+"""Heading and cells of each column."""
 NARROW = 80
 """On fewer columns some are left out before a text is broken into lines: such lines would be hard to read."""
 

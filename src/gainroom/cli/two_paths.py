@@ -1,4 +1,4 @@
-"""What `gainroom joint` and `gainroom robot` print where kd closes on a path of its own."""
+"""Output of `gainroom joint` and `gainroom robot` where kd is closed on a path of its own."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -51,7 +51,7 @@ def verify(
 
 
 def _load(file: Path) -> "tuple[System, tuple[str, ...]]":
-    """What the file describes, and the names of its scenario's effects."""
+    """System that the file describes, and the names of its scenario's effects."""
     if kind_of(file) == "robot":
         from ..files.robot_yaml import load_robot_system
         from ..simulation.robot_simulation import require_sampled, scenario_effects

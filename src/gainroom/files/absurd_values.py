@@ -1,4 +1,4 @@
-"""What no robot has and no computation would finish with: refused once a description is read, whatever it was read from."""
+"""Plausibility limits of a system: values that no robot has, or that no computation would finish with, are refused after reading."""
 
 import math
 from collections.abc import Sequence
@@ -14,11 +14,11 @@ from .system_sections import refuse_long_delay
 MOST_LAG = 1e4
 """[rad] of phase that a loop's crossover has in its delay: a stable one has about 1."""
 MOST_TICKS = 600
-"""Of delay, all joints together: half a minute on two joints; 50 joints may have 12 each."""
+"""Maximum of the delays of all joints added up [ticks]: half a minute of computing on two joints; 50 joints may have 12 each."""
 
 
 def examined(system: System) -> System:
-    """The same with warnings for what lies far outside the usual. Raises GainroomError for what no robot has."""
+    """The system with warnings for values far outside the usual range added. Raises GainroomError for values that no robot has."""
     _refuse_absurd(system)
     return replace(system, warnings=(*system.warnings, *unusual_values(system)))
 

@@ -1,4 +1,4 @@
-"""What `gainroom audit` is asked, without a configuration file: a model, the gains it runs with, and a few numbers.
+"""Options of `gainroom audit`, which needs no configuration file: a model, the gains it runs with, and a few numbers.
 
 They are put into the sections that a robot.yaml has and read as one, so both mean the same and are refused alike; messages name options.
 """
@@ -50,7 +50,7 @@ KEYS = {
     "base": ("model", "base"),
     "contact": ("contacts", "contact"),
 }
-"""Where an option stands in a robot.yaml."""
+"""Path of each option's key in a robot.yaml."""
 PATHS = {
     "drive": {
         "delay_ms": ("drive", "command_delay_ms"),
@@ -59,11 +59,11 @@ PATHS = {
     },
     "split": {"drive_delay_ms": ("control", "kd_path", "delay_ms"), "drive_rate_hz": ("control", "kd_path", "sample_rate_hz")},
 }
-"""Where they stand instead, by --gains-run."""
+"""Paths that replace those of KEYS, by the value of --gains-run."""
 GIVEN = "given"
 """The name of a posture whose angles are typed."""
 SLIGHT_DAMPING = 0.01
-"""Of kd: the joints' own damping, where it is less, is reported among what is assumed."""
+"""Share of kd below which the joints' own damping is only reported among the assumptions."""
 HELD_SHOWN = 3
 """Joints without gains that a warning names: the rest are counted, so that the answer fits on a terminal's first screen."""
 DESCRIPTIONS = (".yaml", ".yml", ".json")
@@ -71,7 +71,9 @@ DESCRIPTIONS = (".yaml", ".yml", ".json")
 
 @dataclass(frozen=True)
 class AuditOptions:
-    """As they are typed: ms, Hz, otherwise SI; None: not given. `contacts` are frames on the ground, all at once.
+    """Options of an audit in the units of the command line: ms, Hz, otherwise SI; None: not given.
+
+    `contacts` are frames on the ground, all at once.
 
     balance         who damps sway: "joints" or "controller"; None: not said
     posture         JOINT=ANGLE (a name or pattern; rad, m if prismatic), or the name of an MJCF's keyframe; later ones win
@@ -124,7 +126,7 @@ class AuditOptions:
             yield "--gearbox: ranges are not known with --gains-run split; give --stiffness and --damping"
 
     def _drive_checks(self) -> list[Callable[[], None]]:
-        """What raises GainroomError where a loop on the drive is described by half, or described and not there."""
+        """Checks that raise GainroomError where a loop on the drive is described incompletely, or is described but does not exist."""
         place = partial(require_one_of, f"--gains-run {self.gains_run}", self.gains_run, GAINS_RUN)
         known = self.gains_run is None or self.gains_run in GAINS_RUN
         return [place, *([lambda: refuse_all(self._drive_problems())] if known else [])]
@@ -141,22 +143,22 @@ class AuditOptions:
 
     @property
     def on_drive(self) -> bool:
-        """Whether kd, at least, runs on the drive."""
+        """True if at least kd runs on the drive."""
         return self.gains_run in ("drive", "split")
 
     @property
     def keys(self) -> dict[str, tuple[str, ...]]:
-        """Where each option stands in a robot.yaml."""
+        """Path of each option's key in a robot.yaml, for this value of --gains-run."""
         return KEYS | PATHS.get(self.gains_run or "", {})
 
     @property
     def is_elastic(self) -> bool:
-        """Whether any gearbox is said to be elastic."""
+        """True if an option makes any gearbox elastic."""
         said = [self.stiffness, *(value for key, _, value in self.of_joints if key == "stiffness")]
         return any(value is not None and math.isfinite(value) for value in said)
 
     def base_of(self, path: Path, system: Mapping[str, Any]) -> Base | None:
-        """As it is typed, else as it goes along with the gains, else as the model has it."""
+        """Base of the robot: the option --base, else the base stored with the gains, else the one of the model file."""
         stands = bool(self.contacts) or any((system.get("contacts") or {}).values())
         return base_of(self.base or (system.get("model") or {}).get("base"), path, stands)[0]
 
@@ -203,7 +205,10 @@ class AuditOptions:
         return data
 
     def _along(self, data: dict[str, Any], system: Mapping[str, Any], given: Sequence[str], idle: Sequence[str]) -> None:
-        """What goes along with the gains into the sections, where nobody typed another; joints with gains, and those without."""
+        """Adds the system that is stored with the gains to the sections `data`, except where an option gives another value.
+
+        `given` are the joints with gains, `idle` those without.
+        """
         joints = data["joints"]
         for name in given:
             own = (system.get("joints") or {}).get(name) or {}
@@ -244,7 +249,7 @@ class AuditOptions:
         return {key: each for key, each in (system.get("uncertainty") or {}).items() if key not in typed and holds(key, each)}
 
     def _same_delay(self, system: Mapping[str, Any]) -> bool:
-        """Whether the delay that is typed is that of the slowest joint of those that go along."""
+        """True if --delay-ms equals the largest joint delay that is stored with the gains."""
         delays = [own["delay_ms"] for name, own in (system.get("joints") or {}).items() if isinstance(own, dict) and "delay_ms" in own]
         return bool(delays) and math.isclose(max(delays), self.delay_ms, rel_tol=1e-12)
 
@@ -256,7 +261,7 @@ class AuditOptions:
         return f"kp and kd run on the {'drives' if self.on_drive else 'host'}"
 
     def path_assumption(self) -> str:
-        """What is assumed of the delay."""
+        """Assumption about the delay, as text."""
         delay = f"{self.delay_ms:g} ms"
         if self.on_drive:
             there = f"at {self.drive_rate_hz:g} Hz, {self.drive_delay_ms:g} ms from measurement to torque"
@@ -270,7 +275,7 @@ class AuditOptions:
 
 @dataclass(frozen=True)
 class Audited:
-    """What an audit looks at.
+    """Robot and gains of an audit.
 
     system     the robot with the gains it has
     sections   the robot.yaml that says the same, without requirements; the model's file as it was found
@@ -410,7 +415,7 @@ def _as_the_file_says(options: AuditOptions, found: JointGains, source: Path) ->
 
 
 def _slight_damping(body: RigidBody, found: JointGains, options: AuditOptions) -> str:
-    """What is said of the joints' own damping where it is too little beside kd to decide anything; "" where it is not, or was asked for."""
+    """Note that the joints' own damping is too small beside kd to decide anything; "" if it is larger, or if --joint-damping was given."""
     own = padded(body.damping, len(found.kd))
     ratio = float(np.max(own / np.maximum(found.kd, 1e-300), initial=0.0, where=found.given))
     if options.joint_damping is not None or not ratio < SLIGHT_DAMPING:
@@ -419,7 +424,7 @@ def _slight_damping(body: RigidBody, found: JointGains, options: AuditOptions) -
 
 
 def _damping_asked(warnings: Sequence[str], options: AuditOptions) -> list[str]:
-    """What is said of the joints' own damping: asked for where nothing was said, told where it counts."""
+    """Warnings about the joints' own damping, each with what the damping counts as, or with the option to give where nothing was given."""
     meant = {
         "controller": "the joints' own damping in the model file counts as a part of the controller's kd",
         "friction": "the joints' own damping in the model file counts as friction of the links",
@@ -492,7 +497,7 @@ def _require_model(path: Path) -> None:
 
 
 def _assumptions(body: RigidBody, options: AuditOptions, rigid: Sequence[str], count: int, system: Mapping[str, Any]) -> tuple[str, ...]:
-    """What is assumed where nothing was said, each with how to say it.
+    """Assumptions made where nothing was given, each with the option that replaces it.
 
     rigid   gearboxes, of `count`, of which nobody says how stiff
     system  what goes along with the gains

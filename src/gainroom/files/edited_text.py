@@ -70,7 +70,7 @@ def _with(text: str, source: str, path: Keys, value: str) -> str:
 
 
 def _end(node: yaml.Node) -> int:
-    """Where a value ends: a block's mark stands behind the comments that follow it."""
+    """Index of the end of a value in the text. A block's end mark lies behind the comments that follow it, so its last value decides."""
     if isinstance(node, yaml.ScalarNode) or getattr(node, "flow_style", False) or not node.value:
         return node.end_mark.index
     last = node.value[-1]

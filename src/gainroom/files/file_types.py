@@ -15,16 +15,16 @@ PLACES = {
     "model": "it is a robot's model (URDF or MJCF), which a robot.yaml names, model: {{file: {0}}}; to judge gains on it, and to write a "
     "robot.yaml with --write-robot robot.yaml: gainroom audit {0} --delay-ms 2{1}",
 }
-"""What a file is, and the call that takes it: with the file's name, and options."""
+"""Descriptions of the kinds of file with the command that takes each, as format strings: {0} the file's name, {1} further options."""
 
 
 def is_xml(text: str) -> bool:
-    """Whether a text is meant as XML."""
+    """True if a text is XML, well-formed or not."""
     return re.match(r"\s*<[?!A-Za-z]", text) is not None
 
 
 def kind_of(data: Any) -> Kind:
-    """What the parsed content of a YAML file describes, by its sections."""
+    """Kind of the parsed content of a YAML file, by the names of its sections."""
     if not isinstance(data, dict):
         return "other"
     joint, robot = "joint" in data, not data.keys().isdisjoint(("model", "joints"))
@@ -32,7 +32,7 @@ def kind_of(data: Any) -> Kind:
 
 
 def kind_of_file(path: Path) -> Kind:
-    """As kind_of, for a file. Raises GainroomError where it cannot be read."""
+    """Kind of a file. Raises GainroomError if it cannot be read."""
     text = read_text(path)
     return "model" if is_xml(text) else kind_of(parse_yaml(text, str(path)))
 

@@ -33,7 +33,7 @@ PARTS = {
     "effort_limit": ("limits of the torque", ""),
     "link_viscous": ("the links' friction", ""),
 }
-"""What a file may say of an actuator, and the option of audit for it; "": there is none."""
+"""Properties of an actuator that a file of gains may hold: title and option of `gainroom audit`; "": no option has it."""
 WITHOUT_OPTION = {"effort_limit": "no margin depends on them, set them there", "link_viscous": "only yaml holds it"}
 MOST_IN_PATTERN = 150
 """Characters of the names in one pattern."""
@@ -211,7 +211,7 @@ def _refuse_integral(gains: Mapping[str, Gain], form: str, kind: Form) -> None:
 
 
 def _header(file: GainFile, version: str, today: datetime.date) -> list[str]:
-    """What is known of the gains, a line each; the first begins as the exports' readers know it, the others with two spaces."""
+    """Header lines with the origin of the gains; the first begins as the readers of exports expect it, the others with two spaces."""
     origin = file.origin
     lines = [f"gains by gainroom {version}, {today.isoformat()}, from {file.source} ({file.form})"]
     if origin.robot:
@@ -223,7 +223,7 @@ def _header(file: GainFile, version: str, today: datetime.date) -> list[str]:
 
 
 def _not_held(found: GainFile, goal: Carried, form: str) -> tuple[list[str], list[str]]:
-    """Of what was written and is read back as `found`: the flags with which audit gets the rest, and what is to be said of it."""
+    """Flags with which audit gets the part of `goal` that the written file, read back as `found`, does not hold; and notes about it."""
     back = _back(found, goal.gains)
     flags: list[str] = []
     missing: list[str] = []
@@ -277,7 +277,7 @@ def _not_held(found: GainFile, goal: Carried, form: str) -> tuple[list[str], lis
 
 
 def _damping_notes(text: str, form: str, onto: Path | None, goal: Carried) -> list[str]:
-    """Of gains whose kd has the joints' own damping in it already: that it must not count beside them, where it still would."""
+    """Note for gains whose kd includes the joints' own damping: where the target would count this damping a second time."""
     if goal.origin.joint_damping != "controller" or form == "yaml":
         return []
     counted = "kd has the joints' own damping of the model in it already"
@@ -288,7 +288,7 @@ def _damping_notes(text: str, form: str, onto: Path | None, goal: Carried) -> li
 
 
 def _same(one: float, other: float | None) -> bool:
-    """Whether two numbers are the same, as gains must be."""
+    """True if two gains agree to AGREEMENT."""
     return other is not None and (one == other or abs(one - other) <= AGREEMENT * abs(one))
 
 
@@ -309,7 +309,7 @@ def _flags(option: str, values: Mapping[str, float], every: Collection[str] = ()
 
 
 def _typed(value: float) -> str:
-    """As an option takes it."""
+    """Number as text for a command-line option."""
     return "inf" if math.isinf(value) else written(value)
 
 

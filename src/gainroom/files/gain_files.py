@@ -93,7 +93,11 @@ def read_gains(path: Path, contact: str = "", to_use: bool = False) -> GainFile:
 
 
 def parse_file(text: str, path: Path, contact: str = "", to_use: bool = False) -> GainFile:
-    """As read_gains, for the text of a file that messages call `path`; "" of an MJCF: it is read from there."""
+    """Gains in the text of a file.
+
+    `path` names the file in messages and decides its format by its ending; an MJCF is read from there if the text is "". Otherwise as
+    read_gains.
+    """
     ending = path.suffix.lower()
     if ending in XML:
         return read_mjcf(path, text)
@@ -117,7 +121,7 @@ def _as_yaml(text: str, source: str) -> str:
 
 
 def parse_gains(text: str, source: str, chosen: str = "") -> GainFile:
-    """As read_gains, for YAML or JSON in a file that messages call `source`."""
+    """Gains in YAML or JSON text, which messages call `source`; otherwise as read_gains."""
     with Together() as together:
         data = parse_yaml(text, source, of_others=True, together=together)
         if not isinstance(data, dict):
@@ -156,7 +160,7 @@ def gains_of(file: GainFile, joint_names: Sequence[str]) -> JointGains:
 
 
 def _begins(data: dict[str, Any]) -> str:
-    """What a file without known gains holds first: the end of a message."""
+    """End of a message about a file without known gains: its first entry."""
     path, value = (), data
     while isinstance(value, dict) and value:
         key, value = next(iter(value.items()))

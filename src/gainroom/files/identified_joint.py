@@ -73,7 +73,7 @@ def _ranges(fit: JointFit) -> dict[str, Estimate]:
 def _lines(
     fit: JointFit, log: Path, drive: Drive, ranges: Mapping[str, Estimate], gains: Mapping[str, float], made: tuple[str, str], met: bool
 ) -> list[str]:
-    """Of the file, top to bottom."""
+    """Lines of the joint.yaml, top to bottom."""
     date, version = made
     rigid = "stiffness" not in ranges
     delay = ranges["delay"].value if "delay" in ranges else drive.delay
@@ -119,7 +119,7 @@ def _identified(fit: JointFit, log: Path, date: str, version: str) -> dict[str, 
 
 
 def _quoted(text: str) -> str:
-    """As a YAML string between single quotes; what is not printable as in a message."""
+    """YAML string between single quotes; unprintable characters are escaped as in messages."""
     return "'" + (text if text.isprintable() else shown(text)).replace("'", "''") + "'"
 
 

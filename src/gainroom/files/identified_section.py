@@ -11,7 +11,7 @@ from ..io.yaml_text import shown
 from ..system.linear.arrays import Floats
 
 ROUND_OFF = 1e-6
-"""Of a correlation: what the digits that are written leave of symmetry and of an eigenvalue that is 0."""
+"""Tolerance of a correlation: the written digits change its symmetry, and an eigenvalue of 0, by less than this."""
 
 
 def _finite(value: object) -> float:
@@ -27,7 +27,7 @@ Signed = Annotated[float, BeforeValidator(_finite)]
 
 
 class IdentifiedSection(Section):
-    """Where the file's numbers come from. Units are SI on the joint side, the delay in s."""
+    """Section `identified`: origin of the file's numbers. Units are SI on the joint side, the delay in s."""
 
     log: Name = Field(description="the log's name")
     date: Name = Field(description="when it was identified")
@@ -68,7 +68,7 @@ class IdentifiedSection(Section):
 
 
 def problem_of(covariance: Floats) -> str:
-    """What keeps a matrix (p, p) from being a covariance; empty where nothing does."""
+    """Reason why a matrix (p, p) is not a covariance; "" if it is one."""
     variances = np.diag(covariance)
     if np.any(variances < 0):
         return f"variance {variances.min():g} must be >= 0"

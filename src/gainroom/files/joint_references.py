@@ -19,11 +19,11 @@ from ..system.system import System
 from ..system.uncertainty import Uncertainty
 
 IN_ACTUATORS = ("delay", "stiffness", "motor_inertia", "damping")
-"""What of a joint's uncertainty a robot's may hold."""
+"""Quantities of a joint's uncertainty that a robot's actuators may have."""
 
 
 def entry_of_file(name: str, folder: Path, owner: str) -> ActuatorEntry:
-    """What the joint.yaml `name` in `folder` says, with its intervals. Raises GainroomError that names `owner`, or the file."""
+    """Actuator entry with intervals from the joint.yaml `name` in `folder`. Raises GainroomError that names `owner`, or the file."""
     from .joint_yaml import load_joint  # few robots refer to one
 
     path = folder / name

@@ -49,7 +49,7 @@ def _as_typed(section: Section, key: str, omega: float) -> str:
 
 
 class ReferenceSection(FrequencySection):
-    """What every reference has."""
+    """Base class of the sections of references."""
 
     base: Angle = 0.0
 
@@ -171,7 +171,7 @@ class FrictionSection(Section):
             yield from (refusal(text.removeprefix("friction: ")) for text in error.problems)
 
     def friction(self) -> Friction:
-        """As the testbed takes it."""
+        """Friction parameters for the simulated testbed."""
         return Friction(**self.model_dump())
 
 
@@ -213,7 +213,7 @@ class ScenarioSection(Section):
             yield refusal(f"{start:g} s must be before the run ends: scenario.duration is {self.duration:g} s", key=f"{name}.start")
 
     def under(self, torque: Path) -> "ScenarioSection":
-        """The same joint held at 0, under the torque of a file, for as long as that lasts."""
+        """Scenario of the joint held at 0 under the torque in a file, for that file's duration."""
         others = self.model_dump(exclude_unset=True, exclude={"duration", "reference"})
         return ScenarioSection.model_validate(others | {"feedforward": str(torque.absolute())})
 
@@ -289,7 +289,7 @@ UNITS = {
     "bristle_stiffness": "N·m/rad",
     "jitter_ms": "ms",
 }
-"""Of the scenario's keys, as people read them."""
+"""Units of the scenario's keys, as shown to users."""
 
 
 def _with_unit(name: str, key: str, value: Any) -> str:

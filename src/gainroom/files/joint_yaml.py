@@ -51,13 +51,13 @@ def load_joint(path: Path, two_paths: bool = False) -> System:
 
 
 def parse_joint(text: str, source: str, two_paths: bool = False) -> System:
-    """As load_joint, for the text of a file that messages call `source`."""
+    """System in the text of a joint.yaml, which messages call `source`; otherwise as load_joint."""
     with named(source), Together() as together:
         return _file(text, source, two_paths, together).spec()
 
 
 def load_simulation(path: Path, feedforward: Path | None = None) -> "JointSimulation":
-    """As load_joint: the joint with its scenario, the usual one where the file has none.
+    """Joint with its scenario, or with the default scenario if the file has none; otherwise as load_joint.
 
     feedforward   a log: the joint is held at 0 under its target_torque, for as long as that lasts
     """
@@ -65,7 +65,7 @@ def load_simulation(path: Path, feedforward: Path | None = None) -> "JointSimula
 
 
 def parse_simulation(text: str, source: str, feedforward: Path | None = None) -> "JointSimulation":
-    """As load_simulation, for the text of a file that messages call `source`."""
+    """Joint and scenario in the text of a joint.yaml, which messages call `source`; otherwise as load_simulation."""
     from ..simulation.simulation_spec import NO_RATE
 
     with named(source), Together() as together:
@@ -80,7 +80,7 @@ def parse_simulation(text: str, source: str, feedforward: Path | None = None) ->
 
 
 def _file(text: str, source: str, two_paths: bool, together: Together) -> "JointFile":
-    """As far as it is right; the rest goes to `together`."""
+    """Joint file as far as it is valid; the problems are added to `together`."""
     file = partly(JointFile, parse_as("joint", text, source, "testbed", together), source, together)
     together.step(lambda: refuse_two_paths(file.control, two_paths))
     return file
@@ -107,7 +107,7 @@ class JointSection(GearboxSection):
     stiffness: Stiffness = Field(description="the stiffness of the gearbox [N·m/rad], a number > 0, or rigid where it does not give way")
 
     def inertia(self) -> float:
-        """Of the motor on the joint side [kg m²]. Raises GainroomError where it is not described, or in two ways."""
+        """Inertia of the motor on the joint side [kg m²]. Raises GainroomError if it is not described, or in two ways."""
         inertia = ActuatorEntry(**self.model_dump(include={*MOTOR})).reflected("joint")
         if inertia is None:
             raise GainroomError(

@@ -20,7 +20,7 @@ class Keyframe(NamedTuple):
 
 
 def model_keyframes(path: Path) -> dict[str, Keyframe]:
-    """By name, the model's own first; of a URDF none. Raises GainroomError where the model's cannot be read."""
+    """Keyframes by name, the model's own first; a URDF has none. Raises GainroomError if the model's cannot be read."""
     found = {name: Keyframe(path, angles) for name, angles in keyframes(path).items()}
     for scene in sorted(path.parent.glob("*scene*.xml"))[:MOST_SCENES]:
         with contextlib.suppress(GainroomError):  # another robot's scene may be anything

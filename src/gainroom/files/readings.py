@@ -1,4 +1,4 @@
-"""What a model and its gains leave open, and may be read in two ways: each reading is the same robot with an option that nobody typed.
+"""Ambiguities of a model and its gains: each reading is the same robot with an option that nobody gave.
 
 - Actuators without velocity feedback (MJCF: kv = 0) on joints with damping of their own: that damping is the controller's kd in some
   training models, friction of the joint in others.
@@ -67,7 +67,7 @@ FAMILIES = (
 HOST = ("--gains-run host", "the program computes the torques and sends them")
 """The reading of which the audit is, where nobody has said where kp and kd run."""
 DRIVE_RATE_HZ, DRIVE_DELAY_MS = 1000.0, 1.0
-"""Of a drive's own loop where nobody has said it: slower than any that is published (30 kHz of moteus, 40 kHz of the Mini Cheetah)."""
+"""Rate [Hz] and delay [ms] assumed for a drive's own loop: slower than any published (30 kHz of moteus, 40 kHz of the Mini Cheetah)."""
 
 
 def damping_readings(model: str, gains: Path | None, found: Audited) -> tuple[Reading, ...]:

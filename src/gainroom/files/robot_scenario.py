@@ -88,7 +88,7 @@ class GroundSection(Section):
 
 
 class RobotScenarioSection(Section):
-    """What `gainroom simulate` simulates."""
+    """Section `scenario`: the simulation of `gainroom simulate`."""
 
     posture: Name | None = None
     contact: Name | None = None
@@ -100,7 +100,7 @@ class RobotScenarioSection(Section):
     ground: Annotated[GroundSection | None, BeforeValidator(_ground)] = None
 
     def refuse_unknown(self, postures: Sequence[str], contacts: Sequence[str], tasks: Sequence[str]) -> Refusals:
-        """Of names that the file does not have."""
+        """Refusals of names that the file does not have."""
         known = {"posture": postures, "contact": contacts, "move.task": tasks}
         asked = {name: getattr(self, name) for name in ("posture", "contact") if self.is_right(name)}
         if self.is_right("move") and self.move is not None and self.move.is_right("task"):
@@ -110,7 +110,7 @@ class RobotScenarioSection(Section):
                 yield refusal(f"{shown(name)} is none of the file's{nearest(name, known[key], key)}", key=f"scenario.{key}")
 
     def refuse_other_space(self, space: str) -> Refusals:
-        """Of a move of what another control.space moves."""
+        """Refusals of a move in a space other than control.space."""
         if self.move is None:
             return
         other = "task" if space == "joint" else "joint"

@@ -36,14 +36,14 @@ MOST_NAMES = 50
 
 
 class PayloadSection(Section):
-    """What the robot carries: a point mass."""
+    """Payload of the robot: a point mass."""
 
     frame: Name = Field(description="the name of the frame at whose origin it is")
     mass: Annotated[float, number(least=0, most=1e5, unit="kg")] = Field(description="its mass [kg], a number >= 0")
 
 
 class ModelSection(Section):
-    """Where the links come from."""
+    """Section `model`: file of the links."""
 
     file: Name = Field(description="the URDF or MJCF, beside this file, or in package")
     package: Name | None = Field(None, description="an installed Python package that has the file")
@@ -53,7 +53,7 @@ class ModelSection(Section):
 
 
 class ActuatorSection(GearboxSection):
-    """What one pattern says of its joints: motor and gearbox, and where its drive differs from the others; or a joint.yaml that does."""
+    """Actuator of the joints of one pattern: motor, gearbox, and a drive that differs from the others; or a reference to a joint.yaml."""
 
     file: Name | None = None
     stiffness: Stiffness | None = None
@@ -82,7 +82,7 @@ class ActuatorSection(GearboxSection):
                 yield refusal(f"has no meaning beside {key}: a type is a range of both; give either", key="gearbox")
 
     def entry(self, folder: Path, owner: str) -> ActuatorEntry:  # type: ignore[override] - a robot's may name a file
-        """What is given, in SI; a file is in `folder`. Raises GainroomError where that cannot be read."""
+        """Actuator entry in SI; a referenced file is in `folder`. Raises GainroomError if it cannot be read."""
         if self.file is not None:
             return entry_of_file(self.file, folder, f"{owner}.file")
         return super().entry() if self.delay_ms is None else replace(super().entry(), delay=1e-3 * self.delay_ms)

@@ -49,7 +49,7 @@ def load_robot(path: Path | str) -> Robot:
 
 
 def load_robot_system(path: Path, two_paths: bool = False) -> System:
-    """As load_robot: everything in the file; `two_paths`: kd may have a path of its own."""
+    """System of a robot.yaml with all sections; `two_paths`: kd may have a path of its own. Otherwise as load_robot."""
     return parse_robot(read_text(path), str(path), path.parent, two_paths)
 
 
@@ -60,7 +60,7 @@ def robot_sections(path: Path) -> dict[str, Any]:
 
 
 def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool = False) -> System:
-    """As load_robot_system, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
+    """System in the text of a robot.yaml, which messages call `source`; a model's path is relative to `folder`."""
     with named(source), Together() as together:
         file = partly(RobotFile, parse_as("robot", text, source, "biped", together), source, together)
         together.step(lambda: refuse_two_paths(file.control, two_paths))
@@ -138,7 +138,7 @@ def _links(file: RobotFile, path: Path, base: Base | None, known_body: RigidBody
 
 
 def _entries(file: RobotFile, folder: Path, body: RigidBody) -> tuple[ActuatorEntry, ...]:
-    """What is said of each joint."""
+    """Actuator entry of each joint."""
     with Together() as together:
         given = {
             key: together.step(lambda key=key, section=section: section.entry(folder, f"joints.{dotted(key)}"))
@@ -148,7 +148,7 @@ def _entries(file: RobotFile, folder: Path, body: RigidBody) -> tuple[ActuatorEn
 
 
 def _postures(file: RobotFile, path: Path, base: Base | None, body: RigidBody) -> dict[str, Posture]:
-    """By name."""
+    """Postures by name."""
     with Together() as together:
         found = {
             name: together.step(lambda name=name, patterns=patterns: _posture(name, known(patterns), path, base, file, body))
@@ -158,7 +158,7 @@ def _postures(file: RobotFile, path: Path, base: Base | None, body: RigidBody) -
 
 
 def _contact_states(file: RobotFile, body: RigidBody) -> dict[str, tuple[Contact, ...]]:
-    """By name."""
+    """Contact states by name."""
     with Together() as together:
         found = {
             name: together.step(lambda name=name, sections=sections: _contacts(name, known(sections), body))
@@ -174,7 +174,7 @@ def _refuse_many(postures: Sized, contacts: Sized) -> None:
 
 
 def _model_path(section: ModelSection, folder: Path) -> Path:
-    """Where the model is: beside the file that names it, in a package, or in the catalogue of robots."""
+    """Path of the model: beside the file that names it, in a package, or in the catalogue of robots."""
     if section.package is not None:
         return locate({"package": section.package, "file": section.file})
     path = folder / section.file

@@ -1,4 +1,4 @@
-"""What `gainroom audit` is told of the simulator that trains a policy, and what the model's file says of it."""
+"""Options of `gainroom audit` for the simulator that trains a policy, completed from the model's file."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -23,7 +23,7 @@ OF_PROGRAM = "a program computes the torques from kp and kd: or give --pd"
 
 @dataclass(frozen=True)
 class SimulatorOptions:
-    """As they are typed; None: not given. timestep [s]."""
+    """Simulator options as typed; None: not given. timestep [s]."""
 
     simulator: str | None = None
     timestep: float | None = None

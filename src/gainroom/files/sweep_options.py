@@ -28,7 +28,7 @@ POSITIONS = ("link_position", "motor_position")
 
 @dataclass(frozen=True)
 class SweepOptions:
-    """As typed.
+    """Options of `gainroom sweep` as typed.
 
     samples      None: the default, where nothing else is asked for
     grid         JOINT=LOW:HIGH:POINTS each, ranges JOINT=LOW:HIGH; JOINT is a name or a pattern
@@ -69,7 +69,7 @@ def sweep_plan(system: System, options: SweepOptions) -> SweepPlan:
 
 
 def _contradictions(options: SweepOptions, robot: Robot, contacts: Sequence[str]) -> Iterator[str]:
-    """What does not go together in the options, or is not the robot's."""
+    """Messages about options that exclude each other, or that name what the robot does not have."""
     ways = {"--samples": options.samples is not None, "--grid": bool(options.grid), "--trajectory": options.trajectory is not None}
     asked = [name for name, given in ways.items() if given]
     if len(asked) > 1:
@@ -121,7 +121,7 @@ def standing(robot: Robot, posture: str = "") -> Floats:
 
 
 def _positions(log: "Log", path: Path) -> dict[str, Floats]:
-    """By joint the positions (k,) in a log [rad; m if prismatic]. Raises GainroomError where there are none."""
+    """Positions (k,) by joint in a log [rad; m if prismatic]. Raises GainroomError if there are none."""
     found: dict[str, Floats] = {}
     for joint, channels in log.joints.items():
         for name in POSITIONS:

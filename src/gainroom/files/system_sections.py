@@ -44,7 +44,7 @@ SampleRate = Annotated[float, number(least=1, most=1e6, unit="Hz")]
 DelayMs = Annotated[float, DELAY_MS]
 DelayTicks = Annotated[float, DELAY_TICKS]
 Bandwidth = Annotated[float, number(above=0, most=1e6, infinite=True, unit="rad/s")]
-"""Of a current loop: the quickest have 1e5 rad/s; what is far quicker than that is ideal, .inf."""
+"""Bandwidth of a current loop [rad/s]: the fastest have 1e5; a far faster one is ideal, .inf."""
 DampingRatio = Annotated[float, number(above=0, most=100)]
 Stiffness = Annotated[PositiveOrInfinite, BeforeValidator(lambda value: math.inf if value == "rigid" else value)]
 
@@ -84,7 +84,7 @@ class GearboxSection(Section):
     link_viscous: NotNegative = 0.0
 
     def entry(self) -> ActuatorEntry:
-        """What is given, in SI."""
+        """Actuator entry in SI with the given values."""
         values = self.model_dump(include=set(ActuatorEntry.__dataclass_fields__), exclude_unset=True)
         return ActuatorEntry(**values)
 
@@ -112,7 +112,7 @@ class DriveSection(Section):
 
     @property
     def delay_key(self) -> str:
-        """By which the delay is given."""
+        """Key that gives the delay."""
         return "drive.delay_ticks" if self.delay_ms is None else "drive.delay_ms"
 
     def drive(self, tick: float | None) -> Drive:
@@ -200,7 +200,7 @@ class NotchSection(FrequencySection):
 
 
 class GainPathSection(Section):
-    """Where kd closes when not with the other gains: on the drive."""
+    """Section `kd_path`: loop of kd on the drive, if it is not closed with the other gains."""
 
     delay_ms: DelayMs = Field(description="the delay of kd's own loop, measurement to torque [ms], a number >= 0")
     sample_rate_hz: SampleRate = Field(description="the rate at which kd runs [Hz], a number >= 1")
@@ -214,7 +214,7 @@ class ControlSection(Section):
     """The controller: its type, the side of its encoders, its filters; `control_section` adds the gains of all types."""
 
     ALLOWED: ClassVar[str] = ""
-    """What a gain may be, for messages."""
+    """Allowed values of a gain, for messages."""
 
     type: str = Field(description="the kind of controller")
     feedback: Literal["motor", "link"] = Field(description="the side of the gearbox that the encoder is on, motor or link")
@@ -260,7 +260,7 @@ class ControlSection(Section):
             yield refusal(f"has no meaning for type {self.type}, which has no kd", key="kd_path")
 
     def gain_path(self) -> GainPath | None:
-        """Of kd. Raises GainroomError where its rate and the other gains' cannot be followed together, and for too long a delay."""
+        """Path of kd. Raises GainroomError if the two sample rates have no short common period, or for too long a delay."""
         if self.kd_path is None or self.sample_rate_hz is None:
             return None
         path = self.kd_path.path()
@@ -272,18 +272,18 @@ class ControlSection(Section):
         return path
 
     def filters(self) -> dict[str, Any]:
-        """What every controller's constructor takes beside the gains."""
+        """Filter arguments of every controller's constructor."""
         low_pass = None if self.velocity_filter is None else self.velocity_filter.low_pass()
         return {"velocity_filter": low_pass, "notches": tuple(section.notch() for section in self.notches)}
 
     @classmethod
     def gain_type(cls, keys: Sequence[GainKey]) -> Any:
-        """What a file may have for a gain that some types call so."""
+        """Type annotation of the field of a gain, whose meaning may differ between controllers."""
         raise NotImplementedError
 
     @classmethod
     def may_not_be_zero(cls, key: GainKey) -> bool:
-        """Whether a gain has to be > 0."""
+        """True if a gain must be > 0."""
         return key.positive
 
     @classmethod
@@ -404,7 +404,7 @@ Ranges = TypeVar("Ranges", bound=UncertaintySection)
 
 
 class SystemFile(Section, Generic[Control, Ranges]):
-    """What describes a system in a file, one joint or a robot."""
+    """File that describes a system, one joint or a robot."""
 
     drive: DriveSection = Field(description="the section of current loop and delay, such as {bandwidth: 4000, delay_ms: 2}")
     control: Control = Field(description="the section of the controller: type, feedback, its gains, and sample_rate_hz")
@@ -420,7 +420,7 @@ class SystemFile(Section, Generic[Control, Ranges]):
         return None if rate is None else 1 / rate
 
     def sample_time(self) -> float | None:
-        """Of the controller [s]; None: continuous. Raises GainroomError for a filter above half the sample rate."""
+        """Sample time of the controller [s]; None: continuous. Raises GainroomError for a filter above half the sample rate."""
         if self.control.sample_rate_hz is None:
             return None
         with Together() as together:
@@ -441,7 +441,7 @@ class SystemFile(Section, Generic[Control, Ranges]):
             raise GainroomError("drive.clock: must be left out with control.sample_rate_hz: a loop with a rate is not continuous")
 
     def requirements(self) -> Requirements:
-        """As given, or the usual ones."""
+        """Requirements of the file, or the usual ones if it has none."""
         if self.limits is None:
             return Requirements.usual()
         given = {one.name: (one, getattr(self.limits, one.key)) for one in REQUIREMENTS.values()}

@@ -1,4 +1,4 @@
-"""What is typed to an audit and what its file of gains says: what is typed wins, or the two contradict each other, which is an error."""
+"""Precedence between the options of an audit and its file of gains: options win, or the two contradict each other, which is an error."""
 
 import math
 from collections.abc import Sequence
@@ -17,11 +17,11 @@ from ..system.linear.arrays import Floats
 from .gain_files import JointGains
 
 JOINT_VALUES = ("stiffness", "damping", "motor_inertia")
-"""What may be typed of all joints, or of some."""
+"""Quantities that an option may give for all joints, or for some."""
 
 
 class Typed(Protocol):
-    """What AuditOptions has of this."""
+    """Fields of AuditOptions that this module reads."""
 
     @property
     def gearboxes(self) -> tuple[str, ...]: ...
@@ -85,7 +85,7 @@ def _of(pattern: str, names: Sequence[str], given: Sequence[int]) -> list[int]:
 
 
 def with_joint_damping(typed: str | None, found: JointGains, body: RigidBody, source: Path) -> tuple[str | None, JointGains, list[str]]:
-    """What the joints' own damping is, counted once: as it is `typed`, or in the gains of a file that says so; and what is said of it.
+    """Meaning of the joints' own damping, counted once: from the option `typed`, or from a file of gains that includes it; and notes.
 
     Raises GainroomError where the two contradict each other.
     """

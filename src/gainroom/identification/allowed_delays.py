@@ -51,14 +51,14 @@ def allowed_delays(likelihood: ArrivalLikelihood, tops: list[Fit]) -> Allowed:
 
 
 def gaussian(fit: Fit) -> Allowed:
-    """What a fit allows by its standard error alone."""
+    """Delays that a fit allows by its standard error alone."""
     places = np.linspace(-3.5, 3.5, 57)
     errors = np.array([fit.error(fit.slopes[which]) for which in (0, 1)])
     return Allowed(fit.means[:2] + places[:, None] * errors, fit.evidence + places**2, np.full(len(places), 0.125 * fit.sharp[0, 0] ** 0.5))
 
 
 def temper(fit: Fit) -> float:
-    """How much less the log knows of the delay than if the noise were as modelled."""
+    """Factor by which the variance of the delay exceeds that of noise as modelled, at least 1."""
     return max((fit.error(fit.slopes[0]) ** 2) / float(fit.slopes[0] @ fit.sharp @ fit.slopes[0]), 1.0)
 
 

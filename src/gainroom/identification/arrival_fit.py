@@ -59,7 +59,10 @@ class Fit:
 
 
 class ArrivalLikelihood:
-    """Of the measured torque, under one law of arrivals; parameters (7,): the law's two, log ω_c T_s, log ζ, gain, offset and log noise."""
+    """Likelihood of the measured torque under one law of arrivals.
+
+    Parameters (7,): the law's two, log ω_c T_s, log ζ, gain, offset and log noise.
+    """
 
     def __init__(self, data: Data, law: Law, used: Booleans) -> None:
         """`data` has the measured torque, the law the commands; `used` (m,) counts: the same rows for all fits that are compared."""
@@ -81,7 +84,7 @@ class ArrivalLikelihood:
         return free
 
     def uneven(self, point: Floats) -> float:
-        """As Fit.uneven."""
+        """Unevenness at `point`, as Fit.uneven."""
         errors, variances = self.predict(point)
         return _uneven(self.law.known(point[:2]).changes, errors**2 / variances, self.used)
 
@@ -153,7 +156,7 @@ class ArrivalLikelihood:
         return found.parameters, found.cost * float(self.used.sum()) + beside + self._sharpness(found.information)
 
     def _sharpness(self, information: Floats) -> float:
-        """What the evidence adds to the cost; the noise is known equally well everywhere."""
+        """Contribution of the evidence to the cost; the noise is left out, as it is known equally well everywhere."""
         known = self.prior[1, self.prior[1] > 0]
         return float(np.linalg.slogdet((information + np.diag(self.prior[1]))[1:-1, 1:-1])[1] - np.log(known).sum())
 

@@ -30,7 +30,7 @@ ROOT = 3**0.5  # half-width of an even law over its deviation
 
 @dataclass(frozen=True)
 class Known:
-    """What is known in every row: the command that acts at its grid point, and changes (m, q) of it by kind of arrival."""
+    """Known values of every row: the command that acts at its grid point, and changes (m, q) of it by kind of arrival."""
 
     data: Data
     changes: Floats
@@ -97,7 +97,7 @@ def _even(low: float, high: float) -> tuple[Floats, Floats]:
 
 
 def _half(point: Floats, stillest: float) -> float:
-    """Of the width of an even law [ticks], from its log deviation."""
+    """Half the width of an even law [ticks], from its log deviation."""
     return float(min(ROOT * np.exp(np.clip(point[1], stillest, 1)), WIDEST))
 
 
@@ -218,7 +218,7 @@ class Spread(_Seen):
         return np.array([0.0, np.log(np.clip(width, *START))])
 
     def _ends(self, point: Floats) -> tuple[float, float]:
-        """How much of the first and of the last tick the law covers."""
+        """Shares of the first and of the last tick that the law covers."""
         ends = self.shares[[0, -1]] / (self.shares[0] + self.shares[-1])
         width = float(np.exp(np.clip(point[1], -9, 3)))
         outer = max(width - self.between, 1e-3)

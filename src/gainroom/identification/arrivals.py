@@ -20,7 +20,7 @@ RARE = 0.005  # of the arrivals: later ones are repeated values taken for each o
 
 @dataclass(frozen=True)
 class Arrivals:
-    """What the demand shows.
+    """Arrivals of changes of the target torque in the demand torque.
 
     row       (e,) the row at which a change of the target leaves
     ticks     (e,) from then to the row in which the demand shows it, or a newer one: X rounded up
@@ -64,7 +64,7 @@ class Arrivals:
 
     @property
     def mean(self) -> float:
-        """Of D rounded up [ticks]."""
+        """Mean of D rounded up [ticks]."""
         return float(self.values @ self.probability)
 
     @property
@@ -89,7 +89,7 @@ def arrivals(record: Record, longest: int) -> Arrivals | None:
 
 
 def arrivals_of_ages(record: Record, age: Integers) -> Arrivals | None:
-    """The same where the age (m,) [ticks] of the command that acts in each row is known; None where too little arrives."""
+    """Arrivals from the age (m,) [ticks] of the command that acts in each row; None if too few changes arrive."""
     target = record.channels["target_torque"]
     starts = _changes(target, 1e-6 * float(np.ptp(target)) + 1e-12) & ~record.fresh
     newest = np.maximum(np.arange(len(age)) - age, 0)

@@ -31,7 +31,7 @@ LEAST_STEPS = 4.0  # of the encoder that the joint moves in a run: at rest a tor
 
 @dataclass(frozen=True)
 class Limited:
-    """Where a torque was limited.
+    """Rows in which a torque was limited.
 
     channel    whose rows these are
     rows       (m,) True where it was
@@ -112,7 +112,7 @@ def _runs(values: Floats) -> tuple[list[tuple[int, int]], float]:
 
 
 def _bends(values: Floats, first: int, last: int, step: float) -> bool:
-    """Whether `values` (m,) enter or leave the run more steeply than a smooth extremum would."""
+    """True if `values` (m,) enter or leave the run more steeply than a smooth extremum would."""
     length = last - first
     part = values[first:last]
     span = max(float(np.ptp(part)), step)
@@ -154,7 +154,7 @@ def _at_bound(values: Floats, moved: Floats) -> tuple[Booleans, float]:
 
 
 def _at_top(values: Floats) -> tuple[Booleans, float]:
-    """The same for runs too short to be looked at by themselves, of a fast vibration: many rows are exactly at the largest value.
+    """Rows at the largest value, and that value, of a fast vibration, whose runs are too short to be judged by themselves.
 
     A smooth signal has more rows just below its largest value than at it, and one of few steps is at any value often.
     """

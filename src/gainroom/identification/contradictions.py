@@ -60,7 +60,7 @@ def _require_order(record: Record) -> None:
 
 
 def _slope(values: Floats, of: Floats) -> float | None:
-    """Of `values` over `of`; None where they do not go together."""
+    """Slope of `values` over `of`; None if they are not proportional."""
     alike, slope = _together(values, of)
     return slope if abs(alike) > ALIKE else None
 
@@ -75,7 +75,7 @@ def _together(values: Floats, of: Floats) -> tuple[float, float]:
 
 
 def _named(slope: float) -> str:
-    """What commonly makes that factor."""
+    """Name of a common cause of this factor, in parentheses; "" if there is none."""
     size = max(abs(slope), 1 / abs(slope))
     return next((f" ({name})" for factor, name in FACTORS.items() if abs(size / factor - 1) < SAME), "")
 

@@ -33,12 +33,12 @@ class Response:
         return int(min(np.ceil(max(self.delay, 0.0) + SETTLED / slowest) + 2, LONGEST_TAIL))
 
     def kernel(self) -> Floats:
-        """What a unit change does l ticks later (l,)."""
+        """Response l ticks after a unit change (l,)."""
         return np.where((lags := np.arange(self.tail()) - self.delay) > 0, held(self.speed, self.damping, np.maximum(lags, 0.0))[0], 0.0)
 
 
 def held(speed: float, damping: float, ticks: Floats | float) -> tuple[Floats, Floats, Floats]:
-    """What a unit command does that has been there for `ticks`, any shape: c, ċ/ω_c, c̈/ω_c², by its closed form."""
+    """Response to a unit command after `ticks`, any shape: c, ċ/ω_c, c̈/ω_c², in closed form."""
     root = np.sqrt(complex(damping**2 - 1))
     if abs(root) < 1e-5:
         root = 1e-5 + 0j  # two poles as one: the differences below keep eleven digits
@@ -100,7 +100,7 @@ def _starts(data: Data, lowest: float, highest: float) -> list[Response]:
 
 
 def _lagged_cost(data: Data, lag: int) -> float:
-    """What is left of the torque when it is the command `lag` ticks ago, as a share."""
+    """Share of the torque's power that the command `lag` ticks before does not explain."""
     rows = np.flatnonzero(data.usable(lag))
     x, y = data.command[rows - lag], data.torque[rows]
     x, y = x - x.mean(), y - y.mean()

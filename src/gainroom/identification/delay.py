@@ -49,7 +49,7 @@ UNEVEN = 2.0  # times the expected error where the target changes most: there is
 
 @dataclass(frozen=True)
 class Jitter:
-    """How much the delays of single commands differ.
+    """Spread of the delays of single commands.
 
     deviation     standard deviation [s]; NaN where the log does not say
     ticks, probability   (l,) the law of the delay rounded up to ticks; empty without a demand torque
@@ -62,7 +62,7 @@ class Jitter:
 
 @dataclass(frozen=True)
 class TorqueDelay:
-    """What the torques say.
+    """Delay and current loop identified from the torques.
 
     delay           T, from target to demand torque, mean over commands [s]
     ticks           the same in ticks
@@ -189,13 +189,13 @@ class _Found:
     seen: Arrivals | None = None
 
     def fast(self) -> FastLoop | None:
-        """What the log allows whatever current loops usually are, where that may be more than the fit does."""
+        """Delays allowed for a current loop of any speed; None if they do not exceed the fit's interval."""
         sharp = self.allowed is None
         return None if sharp and self.fit.speed < FAST else fast_loop(self.likelihood, self.fit, sharp)
 
 
 def _with_arrivals(record: Record, seen: Arrivals, data: Data, used: Booleans | None = None) -> list[_Found]:
-    """By each law that arrivals which are seen to the tick may follow; data.command is what acts."""
+    """Fits under each law for arrivals that are known to the tick; data.command is the command that acts."""
     target, rough = record.channels["target_torque"], rough_response(data, -1.0, 0.0)
     start = replace(rough, delay=seen.mean + rough.delay)
     used = data.run_length >= SETTLED if used is None else used
@@ -305,7 +305,7 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
 
 
 def _speeds(fit: Fit, error: float, fast: list[FastLoop]) -> Estimate:
-    """Of ω_c T_s; high inf where the log does not bound it."""
+    """Estimate of ω_c T_s; high is inf if the log does not bound it."""
     usual = log_interval(fit.speed, math.hypot(error, LOOP_FLOOR), FREEDOM)
     if not fast:
         return usual

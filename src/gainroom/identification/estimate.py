@@ -28,11 +28,11 @@ class Estimate:
 
     @property
     def half_width(self) -> float:
-        """Of the interval."""
+        """Half the width of the interval."""
         return (self.high - self.low) / 2
 
     def scaled(self, factor: float) -> "Estimate":
-        """The same in another unit, factor > 0."""
+        """Estimate in another unit, factor > 0."""
         return Estimate(factor * self.value, factor * self.low, factor * self.high, factor * self.standard_error)
 
 
@@ -43,13 +43,13 @@ def interval(value: float, standard_error: float, freedom: float = math.inf) -> 
 
 
 def log_interval(value: float, standard_error: float, freedom: float = math.inf) -> Estimate:
-    """The same for a quantity > 0 whose logarithm has the `standard_error`: low and high are factors away."""
+    """Estimate of a quantity > 0 whose logarithm has the `standard_error`: low and high are factors away from the value."""
     factor = math.exp(min(quantile(freedom) * standard_error, 700.0))
     return Estimate(float(value), float(value / factor), float(value * factor), float(value * standard_error))
 
 
 def quantile(freedom: float) -> float:
-    """Of Student's t, two-sided, at CONFIDENCE."""
+    """Quantile of Student's t, two-sided, at CONFIDENCE."""
     from scipy.special import ndtri, stdtrit  # scipy.stats, which calls these, takes half a second to load
 
     tail = (1 + CONFIDENCE) / 2

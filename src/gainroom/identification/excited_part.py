@@ -44,7 +44,7 @@ def most_excited(record: Record, rows: int) -> Record:
 
 @dataclass
 class MostExcited:
-    """The same of a log that comes in blocks, to a block: at most two windows of `rows` rows and a block are kept.
+    """Search for the most excited part of a log that comes in blocks, to within a block; memory: two windows of `rows` rows and a block.
 
     seen   rows that were given
     """

@@ -34,12 +34,12 @@ DRIFT, TURNING = 1e-3, 0.3  # of the torque noise and of friction: random walk p
 SETTLED = 5  # iterations from the true point, after which the noise is that of the record
 LEAST_NOISE = 1e-6  # of the torque: a record without any is none
 NAMES = ("motor_inertia", "link_inertia", "stiffness", "damping", "resonance", "antiresonance", "delay")
-"""What is promised. Not friction: how well that is known hangs on how far its law is from Coulomb's."""
+"""Parameters whose accuracy is predicted. Friction is left out: its accuracy depends on how far its law is from Coulomb's."""
 
 
 @dataclass(frozen=True)
 class Hardware:
-    """What stands between a joint and its log.
+    """Hardware between a joint and its log: friction, encoder and torque sensor.
 
     friction        Coulomb's, on the motor [N m]
     encoder_step    [rad] on the joint side

@@ -34,7 +34,7 @@ AGREED = 0.25  # of a standard error: where this and the fit are that near, the 
 
 @dataclass(frozen=True)
 class FastLoop:
-    """What is allowed of the delay, by (2,) mean of D and mean age of the command that comes to act [ticks].
+    """Delays that the log allows, as (2,) mean of D and mean age of the command that acts [ticks].
 
     mean, low, high   (2,)
     lag        low and high of D + 2ζ/ω [ticks]
@@ -59,7 +59,7 @@ class _Place:
 
 
 def fast_loop(likelihood: ArrivalLikelihood, top: Fit, sharp: bool) -> FastLoop | None:
-    """What is allowed near `top`; None where its own interval, that of a `sharp` fit or not, says it as well."""
+    """Delays allowed near `top`; None if its own interval, of a `sharp` fit or not, covers them."""
     spread, edges = temper(top), likelihood.law.edges(top.point)
     bound, rough = UNLIKELY * spread, likelihood.of_any_speed(LAW)  # a loop of any speed has three parameters less than one that is fitted
     if not edges:
@@ -106,7 +106,7 @@ def _of_any_speed(free: ArrivalLikelihood, starts: list[_Place], limits: list[_P
 
 
 def _whole_tick(free: ArrivalLikelihood, top: Fit, highest: float) -> FastLoop | None:
-    """Of a law whose place within the ticks only a loop tells that is not fast: all of a tick, where one of any speed is likely enough."""
+    """Delays of a whole tick, for a law whose place within the ticks only a slow loop tells; None if a loop of any speed is unlikely."""
     found = _Place(*free.maximum(top.point, (2, math.log(LIMIT)), ITERATIONS))
     if found.cost > highest:
         return None

@@ -65,18 +65,18 @@ class FrequencyResponse:
 
     @property
     def frequencies(self) -> int:
-        """How many frequencies are excited."""
+        """Number of excited frequencies."""
         return int(np.count_nonzero(self.excited)) // self.alike
 
     @property
     def lines(self) -> int:
-        """The same, the strongest of them not a hundred times as strongly."""
+        """Number of excited frequencies whose power is at least a share LEAST_POWER of the strongest."""
         power = self.strength[self.excited]
         return int(np.count_nonzero(power >= LEAST_POWER * power.max(initial=0.0))) // self.alike
 
 
 def given_torque(torque: Floats, position: Floats) -> Floats:
-    """What of the torque (m,) [N m] no law of the last positions (m,) [rad] makes: from set-points, or added to the controller's.
+    """Part of the torque (m,) [N m] that no law of the last positions (m,) [rad] explains: from set-points, or added to the controller's.
 
     The law is that of least squares between both differenced twice: slow motion, which follows its set-point, would hide it.
     """
@@ -88,7 +88,10 @@ def given_torque(torque: Floats, position: Floats) -> Floats:
 
 
 def frequency_response(torque: Floats, position: Floats, sample_time: float, instrument: Floats | None = None) -> FrequencyResponse:
-    """By Welch's method (scipy.signal) of torque (m,) [N m] and position (m,) [rad]; `instrument` (m,): what both are correlated with."""
+    """Frequency response by Welch's method (scipy.signal) from torque (m,) [N m] to position (m,) [rad].
+
+    Both are correlated with `instrument` (m,), if given.
+    """
     from scipy.signal import csd, welch
 
     acceleration = np.diff(position, 2) / sample_time**2
@@ -108,7 +111,7 @@ def frequency_response(torque: Floats, position: Floats, sample_time: float, ins
 
 
 def fine_response(torque: Floats, position: Floats, sample_time: float, instrument: Floats | None = None) -> FrequencyResponse:
-    """The same by the local polynomial method, of all of a log's lines."""
+    """Frequency response by the local polynomial method, at all lines of the log; arguments as frequency_response."""
     signals = [np.diff(position, 2) / sample_time**2, torque[1:-1], *([] if instrument is None else [instrument[1:-1]])]
     count, width = len(signals[0]), 2 * BESIDE + 1
     spectra = np.array([np.fft.rfft(signal - signal.mean()) for signal in signals])
@@ -170,7 +173,7 @@ def differenced_response(joint: ElasticJoint, omega: Floats, sample_time: float)
 
 
 def fitted_response(omega: Floats, joint: ElasticJoint, drive: Drive, sample_time: float, commanded: bool) -> Complexes:
-    """The same, `commanded`: from the target torque, with hold, current loop and delay; else from the torque itself."""
+    """Response of the fitted joint, if `commanded` from the target torque, with hold, current loop and delay; else from the torque."""
     from ..system.assembly import current_loop
 
     plant = differenced_response(joint, omega, sample_time)
@@ -216,7 +219,7 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
         return np.minimum(np.abs(rest - scale) ** 2, 0.5) @ weight, scale[..., 0]
 
     def shape(resonance: float, ratio: float, damping: float) -> Complexes:
-        """Of a joint with J_M = 1."""
+        """Response of a joint with J_M = 1."""
         if not elastic:
             return differenced_response(ElasticJoint(0.5, 0.5), omega, sample_time)
         stiffness = resonance**2 / (1 + 1 / ratio)

@@ -1,4 +1,6 @@
-"""What friction does to a joint's estimates: it may come out below 0, and it hides the damping.
+"""Effect of friction on a joint's estimates: viscous friction may be estimated below 0, and the damping is masked.
+
+Friction opposes the motion, so that no part of its law is below 0, but a fitted part may be.
 
 It opposes the motion, so that no part of its law is below 0, but a fitted one may be.
 

@@ -50,7 +50,7 @@ class UnitError:
 
 @dataclass(frozen=True)
 class GainsFit:
-    """What the firmware does.
+    """Control law identified from the firmware's torque.
 
     kp, kd          [N m/rad], [N m s/rad] on the joint side
     lag             of the torque behind the positions [s]
@@ -296,7 +296,7 @@ def _result(spectra: _Spectra, best: _Fit, name: str, asked: tuple[float | None,
 
 
 def factors(gear_ratio: float | None) -> dict[str, float]:
-    """What gains are commonly off by: applied/asked, by its name."""
+    """Common unit mistakes: the factor applied/asked by its name."""
     known = {
         "2π: revolutions taken for radians": 2 * math.pi,
         "1/2π: radians taken for revolutions": 1 / (2 * math.pi),

@@ -174,7 +174,7 @@ def _source(record: Record, drive: Drive | None, warnings: list[str]) -> _Source
 
 
 def _torques(record: Record, limited: Limited, warnings: list[str]) -> TorqueDelay | None:
-    """What the torques say of the delay, of the command as far as it was not cut; None where they say nothing, with a warning."""
+    """Delay from the torques, with the command clipped at its limits; None if they do not tell it, with a warning."""
     low, high = (bound if math.isfinite(bound) else far for bound, far in ((limited.low, -math.inf), (limited.high, math.inf)))
     target = np.clip(record.channels["target_torque"], low, high)
     try:
@@ -196,7 +196,7 @@ def _drive_of(torques: TorqueDelay) -> Drive:
 
 
 def _differs(record: Record) -> bool:
-    """Whether actual_torque is another torque than any delay and filter of gain 1 make of target_torque, by more than white noise."""
+    """True if actual_torque differs from every delayed and filtered target_torque, with gain 1, by more than white noise."""
     target, actual = record.channels["target_torque"], record.channels["actual_torque"]
     taps = min(math.ceil(SETTLES / record.sample_time), MOST_TAPS)
     columns = np.column_stack([np.lib.stride_tricks.sliding_window_view(target, taps), np.ones(len(target) - taps + 1)])
@@ -272,7 +272,7 @@ def _selected(record: Record, source: _Source, measured: FrequencyResponse, seen
 
 
 def _unknown(fit: Maximum) -> bool:
-    """Whether a fit of two masses leaves the stiffness open."""
+    """True if a fit of two masses leaves the stiffness undetermined."""
     return bool(fit.variance[2, 2] ** 0.5 > MOST_RELATIVE)
 
 
@@ -394,7 +394,7 @@ class _Fitting:
         )  # fmt: skip
 
     def _not_ahead(self, best: Maximum) -> Maximum:
-        """Where the best delay is below 0, as no less than 0 can be predicted with, that at 0 with what more of it would change."""
+        """Maximum with the delay fixed at 0 if the best delay is slightly below 0, which cannot be simulated; else `best`."""
         if "delay" not in self.model.names:
             return best
         place = self.model.names.index("delay")

@@ -16,8 +16,8 @@ Prior = tuple[Floats, Floats]
 """Mean and information (p,) of what is known beforehand."""
 LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
 LAW_DAMPING, LAW_OTHER, LAW_OWN, LAW_COMMON, LAW_DELAY = 40.0, 0.08, 0.07, 0.7, 5.0
-"""How much more of the damping than of the stiffness a wrong law of friction takes, how much of the motor's it lays to the link, how far
-the motor's own is off, how much of its variance is common to inertias and stiffness, and how much more of a phase it is."""
+"""Errors that a wrong law of friction causes, in this order: ratio of the damping's to the stiffness's; share of the motor's friction that
+is assigned to the link; relative error of the motor's friction; share of the variance common to inertias and stiffness; ratio of the phase's."""
 BEFOREHAND = {
     "viscous": (0.0, 0.3),
     "coulomb": (0.0, 0.5),
@@ -34,8 +34,8 @@ BEFOREHAND = {
 }
 """Mean and deviation, of what is a torque in units of the torque, of log ω_c T: they decide only where the log says nothing."""
 WEIGHT, WEIGHT_ALONE = {"motor_inertia": -0.2, "link_inertia": -1.9, "stiffness": -0.9}, 0.4
-"""What the logarithms change by per W/K of a weight that is not in the model, as simulated joints of 8 to 26 Hz did, and what of the
-stiffness changes by itself."""
+"""Change of the logarithms per W/K of a weight that is not in the model, measured on simulated joints of 8 to 26 Hz;
+and the part of the stiffness's change that is independent of the inertias."""
 TELLS, MOST_WEIGHT = 0.1, 0.02  # [rad] deviation of the angle from which on a weight's change is told; of W/K: more would be seen
 DAMPING_DEVIATION, READING_DEVIATION = 2.0, 1.5  # of the logarithms, about their start
 
@@ -112,7 +112,7 @@ class JointModel:
         return np.array([values[name] for name in self.names])
 
     def prior(self, start: Floats, delay: tuple[float, float] | None) -> Prior:
-        """What is known beforehand, of the `delay` its mean and deviation [ticks]."""
+        """Prior of the parameters; that of the `delay` has the given mean and deviation [ticks]."""
         mean, deviation = np.array(start), np.full(len(start), math.inf)
         for k, name in enumerate(self.names):
             if name in BEFOREHAND:

@@ -26,7 +26,7 @@ DAMPING = 1e-3
 
 @dataclass(frozen=True)
 class Maximum:
-    """Where the likelihood is largest.
+    """Maximum of the likelihood.
 
     parameters     (p,)
     variance       (p, p) of their errors, from the scores' sums over blocks of time (estimate.py)

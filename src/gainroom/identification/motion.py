@@ -22,7 +22,7 @@ PADDING = 4096  # rows over which a signal returns to its start
 
 @dataclass(frozen=True)
 class Motion:
-    """What friction acts along.
+    """Motion that friction depends on.
 
     along     (m, 5) over each tick: which way motor and link move, −1 to 1, the motor's velocity [rad/s], sine and cosine of the link's
               angle, without fast motion where that is reckoned from the motor's

@@ -47,7 +47,7 @@ STRIDES = (1, 4, 16, 64, 256)  # ticks whose mean is taken
 
 @dataclass(frozen=True)
 class Search:
-    """What was found in a record.
+    """Result of the search for an oscillation in a record.
 
     oscillation   None where nothing oscillates
     driven        frequency of a motion that the set-point itself contains [rad/s]; NaN: none
@@ -93,7 +93,7 @@ def _search(record: Record) -> Search:
 
 
 def _at_steady(record: Record, side: str, reference: Floats | None, pieces: Sequence[slice], step: float) -> Search:
-    """Where the set-point rests or moves steadily: in the last long piece that shows something."""
+    """Search where the set-point rests or moves steadily: in the last long piece in which a motion is detected."""
     longest = max(len(record.time[rows]) for rows in pieces)
     long = [rows for rows in pieces if len(record.time[rows]) >= 0.5 * longest]
     deviation = record.channels[side] if reference is None else record.channels[side] - reference
@@ -114,7 +114,7 @@ def _turning(record: Record, reference: Floats, deviation: Floats, pieces: Seque
 
 
 def _in_piece(record: Record, side: str, reference: Floats | None, rows: slice, deviation: Floats, step: float) -> Search | None:
-    """What is found in one piece; None: nothing."""
+    """Search in one piece; None if it shows neither a vibration nor a departure."""
     found, tick = _found(deviation[rows], record.sample_time), record.sample_time
     ramp = reference is not None and float(np.ptp(reference[rows])) > 0
     away = departure(deviation[rows], tick, step) if reference is not None and side in POSITIONS and rows.stop == len(deviation) else None
@@ -160,7 +160,7 @@ def _of_outer_loop(record: Record, side: str, reference: Floats, step: float) ->
 
 
 def _in_motion(record: Record, side: str, reference: Floats, step: float) -> Search:
-    """Where the set-point moves all the time: in successive windows, above its own frequencies."""
+    """Search where the set-point moves all the time: in successive windows, above its own frequencies."""
     values = record.channels[side]
     deviation = values - reference
     driven, line, fastest = set_point(reference, record.sample_time)
@@ -184,7 +184,7 @@ def _in_motion(record: Record, side: str, reference: Floats, step: float) -> Sea
 
 
 def _counts(found: Vibration, record: Record, rows: slice, step: float, ramp: bool) -> bool:
-    """Whether an oscillation at a steady set-point is large enough, in encoder steps and where it was largest."""
+    """True if an oscillation at a steady set-point is large enough, in encoder steps and at its largest."""
     count = len(record.time[rows])
     change = math.exp(found.growth_rate * min(count, MOST_SAMPLES) * record.sample_time)
     decays = found.growth_rate * LOOKED_AT * 2 * math.pi / found.frequency < math.log(1 - UNCHANGED)
@@ -193,7 +193,9 @@ def _counts(found: Vibration, record: Record, rows: slice, step: float, ramp: bo
 
 
 def _encoder_step(values: Floats) -> float:
-    """Of a position (m,): what nearly all its changes are multiples of, also of fast motion, in which no reading comes twice; 0: nothing.
+    """Resolution of a position (m,): the step of which nearly all its changes are multiples; 0 if none is found.
+
+    Fast motion in which no reading repeats is included. Rows interpolated for want of a reading lie on no step.
 
     Rows that were made of their neighbours, for want of a reading, are on no step.
     """
@@ -248,7 +250,7 @@ def _unsettled(values: Floats, tick: float, above: float) -> Vibration | None:
 
 
 def _means(values: Floats, stride: int) -> Floats:
-    """Of neighbouring rows, from the end."""
+    """Means of neighbouring rows, counted from the end."""
     if stride == 1:
         return values
     rows = len(values) // stride

@@ -16,7 +16,7 @@ from ..system.linear.arrays import Booleans, Floats
 from .record import Record
 
 MEASURED = ("motor_position", "link_position", "motor_velocity", "link_velocity", "actual_torque", "joint_torque", "current")
-"""By a sensor."""
+"""Signals that a sensor measures."""
 POSITIONS = ("motor_position", "link_position")
 TORQUES = ("actual_torque", "joint_torque", "current")
 COMMANDED = ("target_torque", "demand_torque")
@@ -172,7 +172,7 @@ def outlying(values: Floats, excused: Booleans | None = None) -> Booleans:
 
 
 def _off(values: Floats, width: int) -> tuple[Floats, Floats]:
-    """By how much the nearest of `width` rows lies off the line between the rows beside them, and by how much these differ."""
+    """Distance of the nearest of `width` rows from the line between the rows beside them, and the difference of these two."""
     before, behind = values[: -width - 1], values[width + 1 :]
     off = np.full(len(before), np.inf)
     for k in range(1, width + 1):
@@ -182,7 +182,7 @@ def _off(values: Floats, width: int) -> tuple[Floats, Floats]:
 
 
 def _usual_change(change: Floats, first: int, last: int) -> float:
-    """Of neighbouring rows round those from `first` to before `last`, the largest few apart."""
+    """Largest usual change of neighbouring rows around those from `first` to before `last`; the few largest are ignored."""
     near = change[max(first - NEARBY, 0) : last + NEARBY]
     return float(np.partition(near, -PASSED_OVER)[-PASSED_OVER]) if len(near) > PASSED_OVER else float(near.max(initial=0.0))
 

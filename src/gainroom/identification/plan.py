@@ -1,4 +1,4 @@
-"""What to run on a joint so that identification tells its numbers: a torque within bounds, and the accuracy to expect from its log.
+"""Experiment for identifying a joint: a torque within bounds, and the accuracy to expect from its log.
 
 The motion is predicted by the sampled linear loop at rough values and at every corner of their intervals; friction is left out there, so
 that the motion is an upper bound. As motion is proportional to torque, one run per corner says how large the torque may be.
@@ -37,7 +37,7 @@ NAMES = ("torque", "speed", "travel")
 
 @dataclass(frozen=True)
 class Bounds:
-    """What the joint may do: torque [N m], speed [rad/s], travel to either side [rad], of motor and link; inf: not bounded.
+    """Bounds of the experiment: torque [N m], speed [rad/s], travel to either side [rad], of motor and link; inf: not bounded.
 
     Raises GainroomError for values that are not > 0, and where nothing is bounded.
     """

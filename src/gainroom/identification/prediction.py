@@ -50,13 +50,13 @@ class Noise:
 
     @property
     def key(self) -> tuple[float, ...]:
-        """The same as a tuple, readings last."""
+        """Noise parameters as a tuple, readings last."""
         return (self.torque, self.drift, self.turning, *self.readings.tolist())
 
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """What is known of a log without gaps.
+    """Signals of a log without gaps.
 
     torque        (m,) the torque's command, or the torque itself where `sampled`
     sampled       True: `torque` is what acts at the ticks, and goes straight from one to the next
@@ -108,7 +108,7 @@ class Signals:
 
 @dataclass(frozen=True)
 class Between:
-    """What a sampled torque does between its samples, beside a line from one to the next.
+    """Course of a sampled torque between its samples, relative to a straight line from one to the next.
 
     early    ticks by which it acts before it is logged; its measurement may be late, and what a current loop does within a tick looks so
     curved   share of its second difference; −1/12 gives back the (ωT)²/12 that a line loses of what is at ω

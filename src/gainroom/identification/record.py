@@ -1,4 +1,4 @@
-"""What identification starts from: signals of one joint, tick by tick."""
+"""Record of one joint's signals, tick by tick, from which identification starts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ SIGNALS = {
     "reference_velocity": "velocity set-point",
     "current": "motor current, torque-producing",
 }
-"""What a log may hold of a joint, by name: torques [N m], positions [rad], velocities [rad/s] on the joint side, and a current [A]."""
+"""Signals of a joint in a log: torques [N m], positions [rad], velocities [rad/s] on the joint side, and a current [A]."""
 SLOW_TICK = 1.25e-3  # [s] between rows from which on the controller may well run faster than its log
 SHORTEST = 50  # ticks: less is not a log
 

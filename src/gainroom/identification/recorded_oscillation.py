@@ -1,4 +1,4 @@
-"""What can be measured without a model of an oscillation in a joint's record: growth, amplitude, harmonics, a torque at its limit."""
+"""Properties of an oscillation in a joint's record, measured without a model: growth, amplitude, harmonics, torque at its limit."""
 
 import math
 from collections.abc import Mapping
@@ -73,7 +73,7 @@ class RecordedOscillation:
 
     @property
     def vibrates(self) -> bool:
-        """It grows or is sustained, or rings for long."""
+        """True if the oscillation grows, is sustained, or decays slowly."""
         return self.state != "decaying" or self.vibration.damping_ratio < RINGING
 
     @property
@@ -86,7 +86,7 @@ class RecordedOscillation:
 def measured(
     record: Record, side: str, rows: slice, found: Vibration, deviation: Floats, step: float, irregular: bool = False
 ) -> RecordedOscillation:
-    """What a vibration looks like over its last periods."""
+    """Properties of a vibration over its last periods."""
     tick, values = record.sample_time, deviation[rows]
     period = 2 * math.pi / found.frequency / tick
     if not irregular:
@@ -192,7 +192,7 @@ def _noise(values: Floats) -> float:
 
 
 def _began_small(values: Floats) -> bool:
-    """Whether the oscillation grew from a twentieth of its size or less."""
+    """True if the oscillation grew from a twentieth of its size or less."""
     sizes = np.array([float(np.std(np.diff(part))) for part in np.array_split(values, 12)])
     last = int(np.argmax(sizes))
     return bool(last >= 2 and sizes[:last].min() < 0.05 * sizes[last] and np.all(np.diff(sizes[: last + 1]) > -0.3 * sizes[:last]))

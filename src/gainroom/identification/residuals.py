@@ -1,4 +1,4 @@
-"""What is left of a fit, and whether it says that the model is wrong."""
+"""Residuals of a fit, and the decision if they show the model to be wrong."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ MOST_LEFT, LITTLE_LEFT = 0.012, 0.006
 
 @dataclass(frozen=True)
 class Residuals:
-    """Of the motor's (or the only measured) position, one step ahead, in units of their expected deviation; and of the torque.
+    """Residuals of the motor's (or the only measured) position, one step ahead, in units of their expected deviation; and of the torque.
 
     values            (m,)
     autocorrelation   (l,) at lags 1, 2, … ticks; of white noise within ± `chance`
@@ -77,7 +77,7 @@ def residual_tests(errors: Floats, variances: Floats, signals: Signals, measured
 
 
 def _copied(position: Floats) -> bool:
-    """Whether (m,) `position` stands still at every second, …, or tenth row while it moves at the others."""
+    """True if `position` (m,) stands still at every second, …, or tenth row while it moves at the others."""
     steps = np.abs(np.diff(position))
     for period in range(2, LONGEST_COPIES + 1):
         sizes = steps[: len(steps) // period * period].reshape(-1, period).mean(axis=0)

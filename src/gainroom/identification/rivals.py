@@ -57,7 +57,7 @@ class Rival:
 
     @property
     def text(self) -> str:
-        """What it is, for a sentence."""
+        """Description of the rival with its values, for a sentence."""
         v = self.values
         if self.name == "backlash":
             return f"backlash of about ± {1e3 * v['gap']:.2g} mrad"
@@ -104,7 +104,7 @@ class _Log:
         return np.linalg.lstsq(rows / scale, np.append((weight * wanted).real, (weight * wanted).imag), rcond=1e-9)[0] / scale
 
     def fitted(self, columns: Floats, point: tuple[float, ...], torque: Floats | None = None) -> _Found:
-        """What `columns` (c, m) beside the motor's explain of the log's torque, or another (m,): Σ n log(share left) per line."""
+        """Fit of the log's torque, or of another torque (m,), by the motor's columns and `columns` (c, m): Σ n log(share left) per line."""
         wanted = self.spectra.seen(self.torque if torque is None else torque)
         matrix = np.vstack([self.fixed, self.spectra.seen(columns)]).T
         factors, powers = np.zeros(matrix.shape[1]), np.ones(len(self.counts))
@@ -171,7 +171,7 @@ def rivals_of(spectra: Spectra, torque: Floats, commanded: Callable[[Floats], Fl
 
 
 def rivals_text(rivals: Sequence[Rival]) -> str:
-    """What explains a log better, for a warning; "" where nothing that is known does."""
+    """Models that explain a log better, for a warning; "" if none of the known ones does."""
     if not rivals:
         return ""
     less = 100 * (1 - rivals[0].left)

@@ -1,4 +1,4 @@
-"""Whether a joint runs away from its set-point to the end of a record: in swings that become larger, or without any.
+"""Detection of a joint that runs away from its set-point to the end of a record: in growing swings, or in one direction.
 
 A swing that grows so fast that the log holds a few of them has no frequency that a spectrum shows, and one whose torque is limited becomes
 slower as it grows.
@@ -30,7 +30,7 @@ class Departure:
 
 
 def departure(values: Floats, tick: float, step: float) -> Departure | None:
-    """Of deviations (m,) from a set-point that rests or moves steadily; None where the joint stays with it."""
+    """Departure from deviations (m,) from a set-point that rests or moves steadily; None if the joint stays with it."""
     size = np.abs(values)
     crossings = np.flatnonzero(values[1:] * values[:-1] < 0) + 1
     edges = [0, *crossings.tolist(), len(values)]

@@ -47,7 +47,7 @@ EITHER_LAW = "the log does not tell whether kd acts on the velocity or on that o
 
 @dataclass(frozen=True)
 class SetpointDelay:
-    """What set-point and position say.
+    """Delays and position loop identified from set-point and position.
 
     command, loop   T_c and T_l [s], each at least 0
     total           T_c + T_l [s], from set-point to torque
@@ -186,7 +186,7 @@ class _Simulation:
         return maximize(self._errors, start, self.used, np.stack([mean, deviation**-2.0]), ITERATIONS)
 
     def likely(self, other: "_Simulation") -> bool:
-        """Whether another law is not much less likely, where the noise is as coloured as it is."""
+        """True if another law is not much less likely, with noise as coloured as it is."""
         return self._likely(self.found, other.found)
 
     def _likely(self, best: Maximum, other: Maximum) -> bool:

@@ -1,4 +1,4 @@
-"""Whether a set-point that swings is made of the joint's own position: by an outer loop, as of a policy or of an admittance.
+"""Detection of a swinging set-point that is made of the joint's own position by an outer loop, such as a policy or an admittance.
 
 A swing that is commanded is known beforehand: it goes on as its own past, or its harmonics, say. The set-point of an outer loop is a law of
 the last positions, with all their noise and steps, and that law leaves far less of it than its own past does. It is looked for as a bent
@@ -25,7 +25,7 @@ MOST_HARMONICS = 6
 
 
 def follows_position(reference: Floats, position: Floats, period: float) -> bool:
-    """Whether `reference` (m,), of `period` [rows], is a law of past values of `position` (m,), all the time or in a half."""
+    """True if `reference` (m,), of `period` [rows], is a law of past values of `position` (m,), all the time or in a half."""
     half = len(reference) // 2
     return any(_made(reference[part], position[part], period) for part in (slice(None), slice(half), slice(half, None)))
 

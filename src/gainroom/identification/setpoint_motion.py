@@ -1,4 +1,4 @@
-"""How the set-point of a record moves: where it rests or moves steadily, its own frequencies, and what it may have made of a motion."""
+"""Motion of a record's set-point: pieces at rest or steady speed, its own frequencies, and the motion that it may have commanded."""
 
 import math
 from itertools import pairwise
@@ -54,7 +54,7 @@ def _straight(reference: Floats, bend: float, near: float) -> list[slice]:
 
 
 def set_point(reference: Floats, tick: float) -> tuple[float, float, float]:
-    """Of its motion: frequency of the largest line, again where that is all there is, else 0, and where 99 % of the power end [rad/s]."""
+    """Frequencies of a set-point [rad/s]: of the largest line; the same if it is the only line, else 0; and of 99 % of the power."""
     moved = reference - np.linspace(reference[0], reference[-1], len(reference))
     power = np.abs(np.fft.rfft(moved * np.hanning(len(moved)))) ** 2
     omega = 2 * math.pi * np.fft.rfftfreq(len(moved), tick)
@@ -65,19 +65,22 @@ def set_point(reference: Floats, tick: float) -> tuple[float, float, float]:
 
 
 def follows(reference: Floats, deviation: Floats, tick: float, found: Vibration) -> bool:
-    """Whether the set-point itself contains the oscillation."""
+    """True if the set-point itself contains the oscillation."""
     parts = np.abs(parts_in(np.column_stack([reference, deviation]), tick, found))
     return bool(parts[0] > FOLLOWS * parts[1])
 
 
 def is_harmonic(omega: float, line: float) -> bool:
-    """Whether friction makes this frequency of an oscillating set-point: an odd multiple of it."""
+    """True if friction makes this frequency from an oscillating set-point: an odd multiple of its line."""
     order = omega / line if line else 0.0
     return 0 < order < MOST_HARMONICS and abs((order - 1) / 2 - round((order - 1) / 2)) * 2 < NEAR_HARMONIC
 
 
 def as_commanded(seen: RecordedOscillation, values: Floats, tick: float) -> bool:
-    """Whether a set-point that is not in the log may well make this motion: slow, large, or of a frequency that changes all the time.
+    """True if a set-point that is not in the log may have made this motion: slow, large, or of a steadily changing frequency.
+
+    A vibration of the loop itself grows until something bounds it: a limited torque, friction or a gap, both of which are small. Its
+    frequency changes with its amplitude alone.
 
     What vibrates of itself grows until something bounds it: a limited torque, friction or a gap, both of which are small. The frequency of
     a loop changes with its amplitude alone.
@@ -90,7 +93,7 @@ def as_commanded(seen: RecordedOscillation, values: Floats, tick: float) -> bool
 
 
 def _sweeps(values: Floats, tick: float, frequency: float) -> bool:
-    """Whether the times from one crossing of the mean to the next become longer or shorter all the time."""
+    """True if the times between crossings of the mean grow, or shrink, all the time."""
     period = 2 * math.pi / frequency / tick
     smooth = np.convolve(values, np.ones(max(1, round(period / 12))) / max(1, round(period / 12)), mode="valid")
     smooth = smooth - np.linspace(smooth[: round(period)].mean(), smooth[-round(period) :].mean(), len(smooth))

@@ -1,4 +1,4 @@
-"""Whether a vibration comes with the joint's turning: so many periods per turn at every speed, as torque ripple, cogging or teeth make.
+"""Detection of vibrations at a fixed number of periods per turn, at every speed, as torque ripple, cogging or teeth make.
 
 Where the set-point moves steadily each piece of it has a speed. From the piece in which a vibration was found its frequency is carried over
 to the others in proportion to their speeds, and as it is: the power at either says which it keeps to. At one speed alone the periods per
@@ -25,7 +25,7 @@ LEAST_SHARE, TIMES_FIXED = (
 
 @dataclass(frozen=True)
 class Turning:
-    """How frequency and speed go together.
+    """Relation of frequency and speed.
 
     order    periods per radian of the joint; NaN: it does not turn
     speeds   pieces at speeds of their own in which that can be seen, beside the one of the vibration
@@ -40,13 +40,13 @@ class Turning:
 
     @property
     def scales(self) -> bool:
-        """Whether the frequency goes with the speed."""
+        """True if the frequency is proportional to the speed."""
         clear = LEAST_SHARE if self.scaled < TIMES_FIXED * self.fixed else LEAST_SHARE / 6
         return self.speeds > 0 and self.scaled > max(clear, self.fixed)
 
 
 def turning(reference: Floats, deviation: Floats, tick: float, pieces: Sequence[slice], rows: slice, frequency: float) -> Turning:
-    """Of a vibration [rad/s] in `rows`, one of the `pieces` in which the set-point `reference` (m,) moves steadily."""
+    """Relation of a vibration [rad/s] in `rows` to speed; the set-point `reference` (m,) moves steadily in each of the `pieces`."""
     own = _speed(reference[rows], tick)
     shares = []
     for piece in pieces:
@@ -69,7 +69,7 @@ def _speed(reference: Floats, tick: float) -> float:
 
 
 def _share(values: Floats, tick: float, omega: float, above: float) -> float:
-    """Of the power of `values` (k,) beyond the frequency `above` that lies near `omega`; NaN where too few lines are below that."""
+    """Share of the power of `values` (k,) above the frequency `above` that lies near `omega`; NaN if too few lines lie below `omega`."""
     line = np.linspace(-1, 1, len(values))
     rest = values - np.polyval(np.polyfit(line, values, 1), line)
     power = np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) ** 2

@@ -161,7 +161,7 @@ def _fitted(deflection: Floats, torque: Floats, direction: Floats, rows: Floats)
 
 
 def _hardening(x: Floats, direction: Floats, torque: Floats) -> tuple[Estimate, bool]:
-    """Of a cubic fit over −1 <= x <= 1: the slope 1 + 3c x² against its middle, with its interval, and whether it is beyond chance."""
+    """Slope 1 + 3c x² at the ends of a cubic fit over −1 <= x <= 1 relative to the middle: estimate, and True if it is beyond chance."""
     columns = np.column_stack([x, x**3, x**2, direction, np.ones(len(x))])
     solution, *_ = np.linalg.lstsq(columns, torque, rcond=None)
     influence = (torque - columns @ solution)[:, None] * (columns @ np.linalg.pinv(columns.T @ columns))

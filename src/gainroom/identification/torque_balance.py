@@ -34,7 +34,7 @@ SURE = 3.0  # standard errors of a band's noise power, which is that of as many 
 
 @dataclass(frozen=True)
 class Balance:
-    """What is left, by bands.
+    """Shares of the torque that the fitted joint's motion does not explain, by bands.
 
     edges   (b, 2) lowest and highest frequency [rad/s]
     left    (b,) share of the torque's power, without what the encoder's noise and an unknown law of friction make; may be above 1
@@ -126,7 +126,7 @@ def acting_torque(signals: Signals, drive: Drive, between: Between) -> Floats:
 
 
 def torque_balance(spectra: Spectra, joint: ElasticJoint, drive: Drive, between: Between, noise: Noise, coulomb: Floats) -> Balance:
-    """What `joint` leaves of the torque; `coulomb` (2,): fitted torques on motor and link."""
+    """Balance between the torque and the motion of `joint`; `coulomb` (2,): fitted torques on motor and link."""
     omega, along = 1j * spectra.omega, spectra.signals.motion.along
     passed, columns = np.ones(len(omega), dtype=complex), []
     if np.isfinite(joint.stiffness):
@@ -148,7 +148,7 @@ def torque_balance(spectra: Spectra, joint: ElasticJoint, drive: Drive, between:
 
 
 def balance_of(spectra: Spectra, rest: Complexes, torque: Complexes, noise: Floats, dry: Complexes) -> Balance:
-    """By bands, of what is left (k,) of the torque (k,), with the power of noise (k,) and dry friction (k,)."""
+    """Balance by bands from the unexplained part `rest` (k,) of the torque (k,), with the power of noise (k,) and dry friction (k,)."""
     starts = spectra.bands[:-1]
     powers = np.add.reduceat(np.abs(torque) ** 2, starts)
     scatter = 1 + SURE / np.sqrt(np.diff(spectra.bands))

@@ -1,4 +1,4 @@
-"""Whether the torque of a record is itself an excitation, such as a multisine beside the controller's: what it moves is no vibration.
+"""Detection of an excitation in a record's torque, such as a multisine beside the controller's: the motion it makes is no vibration.
 
 A vibration goes round the loop, so that the controller's law makes its torque of the position; and it is a line of the spectrum that stands
 out, with its harmonics. An excitation over a band is neither. The law is that of least squares between torque and motion, both differenced
@@ -46,7 +46,7 @@ def excited_band(record: Record, side: str, rows: slice, frequency: float) -> tu
 
 
 def _given(torque: Floats, position: Floats, reference: Floats | None) -> Floats:
-    """What of the torque (m,) no linear law of the last positions and set-points makes, without the first rows."""
+    """Part of the torque (m,) that no linear law of the last positions and set-points explains, without the first rows."""
     error, columns = position, [_latest(position)]
     if reference is not None and np.ptp(reference) > 0:
         error = position - reference

@@ -60,7 +60,7 @@ def number(
 
 
 def _number_hint(text: str) -> str:
-    """What probably was meant by text in a number's place."""
+    """Hint for text in the place of a number, the end of a message."""
     if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", text):
         return f": the decimal sign is a point, {text.replace(',', '.')}"
     if re.fullmatch(r"[-+]?[0-9.]+([eE][-+]?[0-9]+)?", text):
@@ -151,7 +151,7 @@ class Section(BaseModel):
 
     @classmethod
     def allowed(cls) -> str:
-        """What stands in a section's place."""
+        """Allowed content of a section, for messages."""
         return f"must be a section with keys among {', '.join(cls.model_fields)}"
 
     @field_validator("*", mode="wrap")
@@ -198,7 +198,7 @@ class Section(BaseModel):
 
     @classmethod
     def _meant(cls, key: str) -> str:
-        """What an unknown key probably stands for; "" where nobody knows."""
+        """Known key that an unknown key probably means; "" if there is none."""
         return cls.MEANT.get(key) or "".join(difflib.get_close_matches(key, cls.model_fields, 1, cutoff=0.5))
 
     @classmethod
@@ -206,7 +206,7 @@ class Section(BaseModel):
         return f"unknown key{f'; did you mean {meant}?' if meant else ''} (allowed: {', '.join(cls.model_fields)})"
 
     def _contradicted(self) -> Iterator[Problem]:
-        """What is wrong with keys beside each other."""
+        """Problems with keys that contradict each other."""
         for check in _relations_of(type(self)):
             try:
                 for error in check(self):
@@ -224,16 +224,16 @@ class Section(BaseModel):
             raise UnjudgedError
 
     def is_right(self, name: str) -> bool:
-        """Whether the value of a field is not wrong."""
+        """True if the value of a field is valid."""
         return name in self.__dict__
 
     def is_given(self, name: str) -> bool:
-        """Whether a field has a value, right or wrong."""
+        """True if a field has a value, valid or not."""
         return self.__dict__.get(name, Wrong) is not None
 
     @property
     def is_section(self) -> bool:
-        """Whether something of it is right: a section stood there."""
+        """True if at least one field is valid: a section was given."""
         return bool(self.__dict__)
 
     def problems(self) -> Iterator[Problem]:
@@ -244,7 +244,7 @@ class Section(BaseModel):
         yield from self._contradictions
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
-        """As pydantic has it. Raises UnjudgedError where something of it is wrong."""
+        """Values of the fields, as pydantic's model_dump. Raises UnjudgedError if one of them is not valid."""
         asked = set(options.get("include") or type(self).model_fields) - set(options.get("exclude") or ())
         if asked & type(self).model_fields.keys() - self.__dict__.keys():
             raise UnjudgedError
@@ -266,7 +266,7 @@ def _relations_of(kind: type[Section]) -> list[Callable[[Any], Refusals]]:
 
 
 def _within(value: Any) -> Iterator[Problem]:
-    """What is wrong in the sections that a value holds."""
+    """Problems of the sections inside a value."""
     if isinstance(value, Section):
         yield from value.problems()
     elif isinstance(value, Wrong):
@@ -303,7 +303,7 @@ def _as_wrong(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
 
 
 KEPT = WrapValidator(_as_wrong)
-"""Of values that a field holds several of: one that is wrong is Wrong, and hides no fault of the others. To be read as `known`."""
+"""Validator for one of several values of a field: an invalid one becomes Wrong and hides no problem of the others; see `known`."""
 
 
 EXPECTED = {
@@ -314,7 +314,7 @@ EXPECTED = {
     "string_too_long": "a name of at most 200 characters",
     "too_short": "one entry or more; leave the section out where there is none",
 }
-"""What a value must be, by the type of pydantic's error."""
+"""Expected value by the type of pydantic's error."""
 
 AnySection = TypeVar("AnySection", bound=Section)
 
@@ -329,7 +329,7 @@ def validate(model: type[AnySection], data: object, source: str, within: str = "
 
 
 def partly(model: type[AnySection], data: object, source: str, together: Together, within: str = "") -> AnySection:
-    """As `validate`, with what is right of `data`, whose other keys raise UnjudgedError; the problems go to `together`."""
+    """Section made of the valid part of `data`; other keys raise UnjudgedError. The problems go to `together`. Otherwise as `validate`."""
     found = model.model_validate(data, context=TOGETHER)
     problems = dict.fromkeys(_said_of(_joined(within, path), message) for path, message in found.problems())
     if problems:
@@ -374,7 +374,7 @@ def _problem(error: PydanticCustomError) -> Problem:
 
 
 def _problems_of(error: ValidationError, value: object) -> list[Problem]:
-    """What is wrong with `value`: of a place that may hold several kinds what is said of the first, or of what stands deeper."""
+    """Problems with `value`; where several types are allowed, those of the first type, or those that lie deeper in the value."""
     found: dict[str, str] = {}
     for each in error.errors(include_url=False, include_input=True):
         if not isinstance(each["input"], Wrong):
@@ -383,12 +383,12 @@ def _problems_of(error: ValidationError, value: object) -> list[Problem]:
 
 
 def _leads_to(path: str, other: str) -> bool:
-    """Whether what stands at `other` stands in what stands at `path`."""
+    """True if the place `other` lies inside the place `path`."""
     return other != path and other.startswith(path) and (not path or other[len(path)] in ".[")
 
 
 def _message(error: Any) -> str:
-    """What is wrong with a value, and what is allowed, of one of pydantic's errors."""
+    """Message for one of pydantic's errors: the problem, and the allowed values."""
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     if kind == "refused":
         return context["message"]

@@ -33,7 +33,7 @@ PLAIN = {
     "'\\t' that cannot start": "a tab: indent with spaces",
     "could not find expected ':'": "a ':' is missing behind the key before this",
 }
-"""What PyYAML says of malformed text, in plain words."""
+"""Plain texts for PyYAML's messages about malformed text."""
 LONGEST = 60
 """Characters of a value in a message."""
 
@@ -211,7 +211,7 @@ class _OfOthers(_Loader):
     def __init__(self, text: str) -> None:
         super().__init__(text)
         self._sizes: dict[str, tuple[int, int]] = {}
-        """By anchor, of a value that has ended: how many values it holds, and how deep they are nested."""
+        """Number of values and depth of nesting of a finished value, by anchor."""
         self._deepest = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:

@@ -1,7 +1,7 @@
-"""What bindings/ brings into Python.
+"""Functions and classes of the C++ core, bound in bindings/.
 
 Arrays that are read are copied unless they are contiguous and of doubles (integers: int64); those that are written have to be.
-Shapes that do not fit raise ValueError. What the functions compute is said in include/gainroom/*.hpp.
+Shapes that do not fit raise ValueError. The headers include/gainroom/*.hpp document what the functions compute.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ def response_and_slope(
     """The value at s = jω (k,) and its derivative by ω."""
 
 def sample(zeros: Complexes, poles: Complexes, gain: float, sample_time: float, fraction: float) -> tuple[Complexes, Complexes, float]:
-    """As sampling.hpp: zeros, poles and gain in δ; no poles where the numbers are too far apart."""
+    """Sampled system of sampling.hpp: zeros, poles and gain in δ; no poles if the numbers are too far apart in size."""
 
 def delay_margin(
     zeros: Complexes,
@@ -47,7 +47,7 @@ def delay_margin(
     unstable_poles: int,
     crossings: Floats,
 ) -> tuple[int, float, float]:
-    """As scalar_delay_margin.hpp: what was found (its enum's number), the extra delay [s] and its ω; crossings (k, 2)."""
+    """Delay margin of scalar_delay_margin.hpp: outcome (the number of its enum), extra delay [s] and ω [rad/s]; crossings (k, 2)."""
 
 def split_delays(delays: Floats, sample_time: float) -> Floats:
     """(k, 2) whole ticks and the rest as a fraction of a tick, of delays (k,) [s]."""
@@ -61,7 +61,7 @@ def paired(before: Complexes, after: Complexes) -> Integers:
     """(k, n) which eigenvalue `after` (k, n) continues each one `before`, as in locus_step.hpp; ValueError where they are not finite."""
 
 class ModalLoop:
-    """As in modal_loop.hpp; rigid (n, n), real unless `twofold`; shapes (m, n), poles (m,), partners (m,) or (0,)."""
+    """Loop of modal_loop.hpp; rigid (n, n), real unless `twofold`; shapes (m, n), poles (m,), partners (m,) or (0,)."""
 
     def __init__(
         self,
@@ -86,7 +86,7 @@ class ModalLoop:
         """P (k, n²) at s (k,), |Re s| < 1e-6 Im s; sampled: behind hold, current loop and the fraction of a tick."""
 
     def bends(self, omega: Floats) -> tuple[Floats, Floats]:
-        """What interpolation from each ω to the next may miss at most of `responses`: (k − 1, 1 + m), (k − 1, n)."""
+        """Bounds of the interpolation error of `responses` from each ω to the next: (k − 1, 1 + m), (k − 1, n)."""
 
     def limit(
         self,
@@ -99,7 +99,10 @@ class ModalLoop:
         counting: bool,
         bases: Complexes,
     ) -> tuple[bool, Floats, Complexes, Floats, tuple[float, float, float]]:
-        """As in coupled_limit.hpp, for factors from `start` to `stop`; bases (k − 1, n, n) or (0, n, n).
+        """Limit of coupled_limit.hpp for factors from `start` to `stop`; bases (k − 1, n, n) or (0, n, n).
+
+        Returns: proved or not; (k, 3) ω, gain and growth rate of crossings; their vectors (k, n); (k, 2) undecided intervals; turned, tail
+        and end.
 
         Whether it is proved; (k, 3) ω, gain and growth of crossings; their vectors (k, n); (k, 2) undecided; turned, tail and end.
         """
@@ -110,20 +113,22 @@ class ModalLoop:
     def excluded(
         self, low: float, high: float, start: float, gain: float, basis: Complexes, floor: float, most: int, counting: bool
     ) -> tuple[bool, float]:
-        """Whether no factor from `start` to `gain` puts a root in [low, high], in coordinates of `basis` (n, n), vectors in rows.
+        """Proof that no factor from `start` to `gain` puts a root in [low, high], in coordinates of `basis` (n, n), vectors in rows.
+
+        Returns: proved or not, and the change of arg det F on the interval.
 
         And by what arg det F turns there.
         """
 
 class PostureLimits:
-    """As in posture_limits.hpp: a loop's laws behind other modes, one posture after the other."""
+    """Limits of posture_limits.hpp: a loop's laws with the modes of one posture after the other."""
 
     def __init__(self, loop: ModalLoop, slow: float, fast: float, highest: list[float], passive: bool) -> None: ...
     def run(self, rigid: Floats, shapes: Floats, poles: Complexes, partners: Complexes, inexact: Floats) -> tuple[Integers, Floats]:
         """ModeStacks of k postures: (k, 1) 1 where the limit is proved; (k, 3) gain, ω and the number of the joint that moves most."""
 
 class Body:
-    """As in motion.hpp; positions, rates, entries (2, m)."""
+    """Joint of motion.hpp; positions, rates, entries (2, m)."""
 
     def __init__(
         self, system: Floats, positions: Floats, rates: Floats, entries: Floats, current: Floats, ideal: bool, coordinates: int
@@ -136,12 +141,12 @@ class Body:
     def coordinates(self) -> int: ...
 
 class Control:
-    """As in testbed.hpp."""
+    """Control law of testbed.hpp."""
 
     def __init__(self, a: Floats, b: Floats, c: Floats, d: Floats, side: int) -> None: ...
 
 class Hardware:
-    """As in testbed.hpp; laws (2, 5), gravity (2,), resolution (2,)."""
+    """Hardware of testbed.hpp; laws (2, 5), gravity (2,), resolution (2,)."""
 
     def __init__(
         self, tick: float, cells: int, laws: Floats, gravity: Floats, torque_limit: float, resolution: Floats, position_limit: float
@@ -169,7 +174,7 @@ def recur(transposed: Floats, forcing: Floats, states: Floats, limit: float) -> 
 def recur_late(
     transposed: Floats, forcing: Floats, rows: Floats, before: Floats, after: Floats, whole: Integers, part: Floats, states: Floats
 ) -> int:
-    """The same less what the outputs `rows` (n, m) of its states do that come back `whole` + `part` (n,) steps late."""
+    """Recurrence as `recur`, less the outputs `rows` (n, m) of its states, which return `whole` + `part` (n,) steps late."""
 
 def predict_torque(
     command: Floats,
@@ -221,7 +226,7 @@ def link_inverse_inertia(mass: Floats, rows: Floats, joints: int) -> Floats:
     """W (n, n) of link_inertia.hpp."""
 
 class GainTracker:
-    """As in tracker.hpp; joints (n, 10) in the order of JointData, sample_time 0: continuous. For one thread at a time.
+    """Tracker of tracker.hpp; joints (n, 10) in the order of JointData, sample_time 0: continuous. For one thread at a time.
 
     Answers are gain, frequency, certified, age, safe gain and flag of a Limit. A negative contact is an unknown one.
     """
@@ -243,7 +248,7 @@ class GainTracker:
         rotors: bool,
         movable: float,
     ) -> None:
-        """Of tasks of `sizes` directions each, with K'p and K'v `gains` (2, m); those of `joints` do not count."""
+        """Tracker with tasks of `sizes` directions each, with K'p and K'v `gains` (2, m); the gains of `joints` are ignored."""
 
     def update(
         self, mass: Floats, jacobians: list[Floats], contact: int, tasks: list[Floats] = ...
@@ -251,13 +256,13 @@ class GainTracker:
         """`tasks`: their Jacobians, m rows in all."""
 
     def settle(self, mass: Floats, jacobians: list[Floats], contact: int, tasks: list[Floats], gain: float) -> tuple[bool, float]:
-        """Whether such ticks lead to the limit `gain`, and to which they lead."""
+        """Decision if such ticks lead to the limit `gain`, and the limit that they lead to."""
 
     def set_body(self, tree: RigidTree, contacts: list[tuple[Floats, Floats]], switches: list[int], tasks: Floats) -> None:
         """For update_posture: frames (c, 13) and held (c, 6) of each contact state; those that are kept ready; tasks (k, 14)."""
 
     def update_posture(self, q: Floats, contact: int) -> tuple[float, float, bool, int, float, int]:
-        """As update, of a posture (nq,), and prepares other contact states in turn."""
+        """Limit at a posture (nq,), as update; other contact states are prepared in turn."""
 
     def replay(self, q: Floats, contacts: list[int]) -> Floats:
         """(T, 7) what update_posture answers at each of q (T, nq) and contacts (T,), and how long it took [s]."""
@@ -281,13 +286,13 @@ def eigenvalues(matrices: Complexes) -> Complexes:
     """(k, n) of matrices (k, n, n), as eigenvalues.hpp finds them; NaN where they do not settle."""
 
 def symmetric_eigenvalues(matrices: Complexes, error: float) -> Complexes:
-    """The same of those that are symmetric in some units; NaN where they are not, or may be off by more than `error`."""
+    """Eigenvalues of matrices that are symmetric in some units; NaN for others, or where they may be off by more than `error`."""
 
 def inverses(matrices: Complexes) -> Complexes:
     """(k, n n) of matrices (k, n, n). Raises ValueError for a singular one."""
 
 class DirectedLoop:
-    """As in directed_loop.hpp: a loop without its gains. torque (n, m), jacobian (m, n), both (0, 0) where directions are joints.
+    """Loop of directed_loop.hpp without its gains. torque (n, m), jacobian (m, n), both (0, 0) if the directions are the joints.
 
     For one thread at a time. joints (5, n): motor inertia, stiffness, damping, viscous friction of motor and link; contacts (2, c):
     stiffness and damping; drives (3, n): bandwidth, damping ratio, delay.
@@ -338,7 +343,7 @@ class DirectedLoop:
         """E P C e^{−sT} X (k, m²) at ω (k,)."""
 
 class Look:
-    """As in loop_samples.hpp and loop_curves.hpp; gains (3, m). Margins come as columns (c, 1), with their changes (c, 2 m)."""
+    """Sampled loop of loop_samples.hpp and loop_curves.hpp; gains (3, m). Margins are columns (c, 1), with their derivatives (c, 2 m)."""
 
     def __init__(
         self, loop: DirectedLoop, gains: Floats, factor: float, phase: float, peak: float, between: bool, smooth: bool
@@ -355,7 +360,7 @@ class Look:
         """More samples where loci that nearly meet may cross with a lesser factor > 1 on the gains, or phase [rad]."""
 
     def least(self, apart: bool = True) -> tuple[float, float, float, float, float, float]:
-        """As loop_curves.hpp; `apart`: with more samples where loci that nearly meet may cross with less."""
+        """Least margins of loop_curves.hpp; `apart`: with more samples where loci that nearly meet may cross with less."""
 
     def peak(self, slope: float, offset: float) -> tuple[float, float]: ...
     def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float, until: float = ...) -> tuple[Floats, Floats]:
@@ -402,10 +407,10 @@ def from_below(matrix: Complexes, enough: float) -> tuple[float, Complexes]:
     """The largest |eigenvalue| found of M diag(q), and q (n, 1); the search ends at `enough`."""
 
 def disk_peak(omega: Floats, samples: Complexes, response: Callable[[float], Complexes]) -> tuple[float, float, Floats]:
-    """As disk_peak.hpp, from samples (k, n, n) of S − T at omega (k,), rising: σ_max, its ω, and x (n, 1)."""
+    """Peak of disk_peak.hpp, from samples (k, n, n) of S − T at rising omega (k,): σ_max, its ω, and x (n, 1)."""
 
 class DiskModes:
-    """As disk_modes.hpp: poles (m,), into (m, n), out (m, n), delays and share (n,), step [s]."""
+    """Modes of disk_modes.hpp: poles (m,), into (m, n), out (m, n), delays and share (n,), step [s]."""
 
     def __init__(self, poles: Complexes, into: Complexes, out: Complexes, delays: Floats, share: Floats, step: float) -> None: ...
     def matrices(self, omega: Floats) -> Complexes:
@@ -415,7 +420,7 @@ class DiskModes:
         """(k, m) the least |v − p| for ω in [low, high] (k,)."""
 
     def bounds(self, low: Floats, high: Floats, x: Floats, enough: float) -> tuple[Complexes, Floats]:
-        """Of intervals (k,) with x (k, n): M0, M1, M2 (k, 3 n²); what σ_max stays below, and the remainder (k, 2)."""
+        """Bounds on intervals (k,) with x (k, n): M0, M1, M2 (k, 3 n²); upper bound of σ_max and the remainder (k, 2)."""
 
     def end(self, height: float) -> float: ...
     def search(self, omega: Floats, most: int) -> tuple[tuple[float, float, Floats], float]:
@@ -425,7 +430,7 @@ class DiskModes:
         """
 
 class RigidTree:
-    """As in rigid_tree.hpp. A pose is a rotation's rows, then the origin (12,).
+    """Rigid-body tree of rigid_tree.hpp. A pose is a rotation's rows, then the origin (12,).
 
     joints   (n, 17): parent link, place (12) on it, axis (3), kind: 0 a hinge, 1 prismatic, 2 continuous
     masses   (n + 1, 13): mass, centre and inertia about it (3, 3) of the base and of each joint's link
@@ -439,7 +444,7 @@ class RigidTree:
         """Mass matrix (N, N); the rows that frames (c, 13) hold, held (c, 6); those of tasks (k, 14), world axes."""
 
 class PostureEstimate:
-    """As in posture_estimate.hpp: frames (c, 13) on a link, in a pose; held (c, 6) not 0 where a direction is held."""
+    """Posture estimate of posture_estimate.hpp: frames (c, 13) on a link, in a pose; held (c, 6) not 0 in directions that are held."""
 
     def __init__(self, tree: RigidTree, frames: Floats, held: Floats, start: Floats) -> None: ...
     def renew(self, back: Floats, counted: Floats | None) -> None: ...
@@ -447,7 +452,7 @@ class PostureEstimate:
         """The posture (nq,) of the encoders' joints (n,)."""
 
 class TaskValues:
-    """As in posture_estimate.hpp: tasks (k, 14): 0 centre of mass, 1 posture, 2 position, 3 orientation; then its frame (13)."""
+    """Task values of posture_estimate.hpp: tasks (k, 14): 0 centre of mass, 1 posture, 2 position, 3 orientation; then its frame (13)."""
 
     def __init__(self, tree: RigidTree, tasks: Floats, start: Floats) -> None: ...
     def read(self, q: Floats) -> Floats: ...
@@ -469,7 +474,7 @@ def task_motion(
 MOST_ALIASES: int
 
 class BoxLoop:
-    """As in box_loop.hpp; values (7,): its five quantities, then friction of motor and link; columns (5,)."""
+    """Loop of box_loop.hpp; values (7,): its five quantities, then friction of motor and link; columns (5,)."""
 
     def __init__(
         self,

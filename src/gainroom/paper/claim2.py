@@ -36,7 +36,7 @@ def rows() -> Iterator[Row]:
 
 
 def biped_rows() -> Iterator[Row]:
-    """The same gains on every joint of the biped by itself, with its own load: the spread over the twelve joints."""
+    """Rows for equal gains on every joint of the biped by itself, with its own load: the spread over the twelve joints."""
     for contact, support in SUPPORTS.items():
         loads = free_loads(contact)
         found = [to_db(limit_with_load(load).gain) for load in loads.tolist()]

@@ -15,7 +15,7 @@ JOINT = joint_with_load(RATIO)
 
 
 def rows() -> Iterator[Row]:
-    """Where the exact response has its dip and its peak, against the closed forms of the undamped joint."""
+    """Rows for dip and peak of the exact response, against the closed forms of the undamped joint."""
     response = torque_to_position(JOINT).scalar
     assert response is not None
     reduced = JOINT.motor_inertia * JOINT.link_inertia / (JOINT.motor_inertia + JOINT.link_inertia)

@@ -45,7 +45,7 @@ def rows() -> Iterator[Row]:
 
 
 def _identified_rows() -> Iterator[Row]:
-    """What identification makes of the same log."""
+    """Rows for the identification of the same log."""
     found = identified()
     known = "From target, demand and noisy actual torque of the virtual testbed's log, written to a file and read from it."
     assert found.bandwidth is not None

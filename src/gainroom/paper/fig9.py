@@ -69,7 +69,7 @@ def _margins(case: str) -> Margins:
 
 
 def _gain_margin(case: str) -> float:
-    """Of one case [dB]."""
+    """Gain margin of one case [dB]."""
     return to_db(_margins(case).gain_margin)
 
 

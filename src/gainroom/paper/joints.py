@@ -42,7 +42,7 @@ def joint_with_load(ratio: float) -> ElasticJoint:
 
 
 def rigid(joint: ElasticJoint) -> ElasticJoint:
-    """The same two inertias without elasticity, eq. (1)."""
+    """Rigid joint with the same two inertias, eq. (1)."""
     return ElasticJoint(joint.motor_inertia, joint.link_inertia)
 
 

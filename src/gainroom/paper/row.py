@@ -75,7 +75,7 @@ BRACKETS = "In brackets: not printed in the paper; the note says what it is."
 
 
 def summary(rows: Iterable[Row]) -> str:
-    """How many rows agree."""
+    """Numbers of rows that agree, as a sentence."""
     agree, printed, hold, further = counts(rows)
     return f"{agree} of {printed} numbers of the paper agree; {hold} of {further} further checks hold."
 
@@ -92,7 +92,7 @@ def claims(rows: Iterable[Row]) -> list[tuple[str, str]]:
 
 
 def interval(row: Row) -> str:
-    """Of a number that is identified from a log; "" of others."""
+    """95 % interval of a number that is identified from a log, as text; "" for other numbers."""
     return "" if row.low is None or row.high is None else f"95 % interval {digits(row.low)} to {digits(row.high, row.unit)}"
 
 

@@ -123,7 +123,7 @@ def ratios(account: Account) -> dict[str, Floats]:
 
 
 def typical_factor(account: Account) -> float:
-    """By what factor computed and printed differ: e to the root mean square of the 24 logarithms of their ratios."""
+    """Factor between computed and printed gains: e to the root mean square of the 24 logarithms of their ratios."""
     logarithms = np.log(np.concatenate([*ratios(account).values()]))
     return float(np.exp(np.sqrt(np.mean(logarithms**2))))
 
@@ -146,7 +146,7 @@ def _shares(account: Account) -> Floats:
 
 
 def unsettled(account: Account) -> float:
-    """By what share of itself the row that moves most moves when one assumption changes: why no row can be asked for more."""
+    """Largest relative change of a row when one assumption changes: the accuracy that can be asked of any row."""
     changed, main = gains(account), gains(LEAN)
     return max(float(np.abs(changed[gain] / main[gain] - 1).max()) for gain in UNITS)
 

@@ -29,7 +29,7 @@ EFFORT_LIMITS = ("effort_limit", "actuator_effort_limit", "joint_effort_limit", 
 GROUPS = ("actuators", "articulation", "base_cfg")
 POSTURE = "joint_pos"
 GUARDED = (*TARGETS, *EFFORT_LIMITS, *GROUPS, "stiffness", "damping", "armature", POSTURE, "default_joint_angles")
-"""What must not be changed where it is not followed."""
+"""Fields that decide gains: a file that changes one of them in a way that is not followed is refused."""
 WITHOUT_GAINS = {
     "ActuatorNetMLPCfg": "a network",
     "ActuatorNetLSTMCfg": "a network",
@@ -145,12 +145,12 @@ def read_actuator_configs(text: str, source: str, chosen: str = "", folder: Path
 
 
 def has_groups(data: Mapping[str, Any]) -> bool:
-    """Whether a mapping of a YAML file holds actuators, as Isaac Lab and mjlab write what they were trained with."""
+    """True if a mapping of a YAML file holds actuators, as Isaac Lab and mjlab write their training configuration."""
     return any(isinstance(each, dict) and any(key in each for key in (*TARGETS, "base_cfg")) for _, each in _written(data))
 
 
 def _written(data: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """What stands in the place of actuators in a mapping of a YAML file, by where it stands."""
+    """Actuator entries of a mapping of a YAML file, each with its path."""
     held = data.get("articulation", data)
     held = held.get("actuators", data if held is data else {}) if isinstance(held, dict) else held
     pairs = held.items() if isinstance(held, dict) else enumerate(held) if isinstance(held, list) else ()
@@ -184,7 +184,7 @@ def _written_record(name: str, data: Mapping[str, Any], source: str) -> Record:
 
 
 def _no_gains(notes: Sequence[str], source: str, name: str) -> GainroomError:
-    """Of a robot all of whose actuators are left out: why, and what to do."""
+    """Error for a robot without an actuator whose gains are known: the reason, and the remedy."""
     owner = f"{source}: {name}" if name else source
     if not notes:
         return GainroomError(f"{owner}: has no actuators")
@@ -226,7 +226,7 @@ def _is_array(fields: Mapping[str, Any]) -> bool:
 
 
 def _is_built_on(value: Any) -> bool:
-    """Whether a value is a copy of a configuration in another file."""
+    """True if a value is a copy of a configuration in another file."""
     return isinstance(value, Unknown) and value.path.rpartition(".")[2] in COPIES and not value.kind
 
 
@@ -313,7 +313,7 @@ def _understood(value: Any, source: str, name: str) -> Record:
 
 @contextlib.contextmanager
 def _each_cause_once() -> Iterator[None]:
-    """Of what is not understood in one line, and stands in several quantities, the first is said."""
+    """Reduces the problems of the block to one for each cause: one line that is not understood may spoil several quantities."""
     try:
         yield
     except GainroomError as error:
@@ -323,12 +323,14 @@ def _each_cause_once() -> Iterator[None]:
 
 
 def _understood_group(value: Any, source: str, name: str, notes: list[str]) -> Group | None:
-    """What stands in an actuator's place as _group has it."""
+    """Actuator group in a value; as _group otherwise. Raises GainroomError if the value is not understood."""
     return _group(_understood(value, source, name), source, notes)
 
 
 def _robots(values: PythonValues) -> dict[str, Any]:
-    """By the name that holds it, what holds the actuators of each robot; "" of those that stand by themselves.
+    """Robots of the file: the objects that hold actuators, by name; "" for actuators outside any robot.
+
+    An object inside another robot is not a robot of its own; of robots with the same actuators in the same posture only the first counts.
 
     What stands in another one is no robot of its own; of those that hold the same actuators in the same posture the first counts.
     """
@@ -357,12 +359,12 @@ def _robots(values: PythonValues) -> dict[str, Any]:
 
 
 def _records_with(value: Any, key: str) -> bool:
-    """Whether a configuration with a field of this name stands in a value."""
+    """True if a value holds a configuration with a field of this name."""
     return any(isinstance(each, Record) and key in each.fields for each in parts(value))
 
 
 def _candidates(names: Mapping[str, Any]) -> dict[str, Any]:
-    """By name what may be a robot: configurations and collections of actuators, also those in a dictionary of them."""
+    """Possible robots by name: configurations and collections of actuators, also those in a dictionary of them."""
     result: dict[str, Any] = {}
     for name, value in names.items():
         if not isinstance(value, dict | list | tuple) or any(map(_is_actuator, contents(value))):
@@ -375,7 +377,7 @@ def _candidates(names: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _made_by_functions(values: PythonValues) -> dict[str, Any]:
-    """What the functions of the file return that need no arguments, as far as it holds actuators."""
+    """Return values that hold actuators, by name of the function; only functions that need no arguments are called."""
     functions = {name: each for name, each in values.names.items() if isinstance(each, Function) and not _needed(each)}
     made = {name: values.call(each) for name, each in functions.items()}
     return {name: (each,) if _is_actuator(each) else each for name, each in made.items() if _actuators(each)}
@@ -387,7 +389,7 @@ def _needed(function: Function) -> bool:
 
 
 def _named(values: PythonValues, chosen: str) -> Any:
-    """What a name of the file holds, and a name in it behind a point; of a function without arguments what it returns."""
+    """Value of a name of the file, or of a dotted name within it; for a function without required arguments its return value."""
     first, *rest = chosen.split(".")
     value = values.names.get(first)
     for name in rest:
@@ -398,14 +400,14 @@ def _named(values: PythonValues, chosen: str) -> Any:
 
 
 def _identity(value: Any, alike: Alike) -> tuple[Any, ...]:
-    """What two copies of an actuator have in common, as long as nothing that matters was changed in one."""
+    """Key that is equal for two copies of an actuator unless one of the guarded fields was changed in one of them."""
     if not isinstance(value, Record):
         return (str(value),) if isinstance(value, Unknown) else (id(value),)
     return (value.source, value.line, *(alike.number(value.fields.get(key)) for key in GUARDED))
 
 
 def _with_objects(values: PythonValues) -> PythonValues:
-    """The same, with an object in the place of each class that changes its fields when one is made: what the class says is not all."""
+    """Values of the file with an instance in the place of each class whose constructor changes its fields."""
     names = dict(values.names)
     for name, each in values.names.items():
         changes = isinstance(each, Record) and each.is_class and any(each.inherited(made) for made in ("__init__", "__post_init__"))
@@ -426,7 +428,7 @@ def _foreign_class(values: PythonValues) -> str:
 
 
 def _inside_functions(values: PythonValues) -> str:
-    """Where actuators stand that are not read: the end of a message."""
+    """End of a message about actuators inside functions that need arguments, which are not read: their line."""
     for function in values.names.values():
         for node in ast.walk(function.node) if isinstance(function, Function) else []:
             if isinstance(node, ast.keyword) and node.arg in TARGETS:
@@ -468,7 +470,7 @@ def _group(record: Record, source: str, notes: list[str]) -> Group | None:
 
 
 def _gain(fields: Mapping[str, Any], key: str, owner: str) -> float | Mapping[str, float]:
-    """As _quantity, which must be there."""
+    """Quantity of a field, which must be present; otherwise as _quantity."""
     found = _quantity(fields, key, owner, NOT_NEGATIVE)
     if found is None:
         written = "is None: the value stands in the robot's file" if key in fields else "is missing, and a default is not known"

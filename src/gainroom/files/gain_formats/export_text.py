@@ -15,13 +15,13 @@ from ...errors import GainroomError, printable
 from .gain_record import Gain, Origin
 
 WORDS = {"true", "false", "null", "yes", "no", "on", "off", "y", "n", "default"}
-"""What some YAML reader, or ours, does not take for a name."""
+"""Words that some YAML reader, or ours, does not read as a name."""
 CONTROLLER = "effort_joint_trajectory_controller"
 
 
 @dataclass(frozen=True)
 class Carried:
-    """What goes into a file: gains by joint, what is said of where they come from, and angles by joint, of those that stand not at 0."""
+    """Content of a file to be written: gains by joint, their origin, and the joint angles that are not 0, by joint."""
 
     gains: Mapping[str, Gain]
     origin: Origin = field(default=Origin())
@@ -170,7 +170,7 @@ def _fields(gain: Gain, effort: str) -> str:
 
 
 def copied_gains(gains: Mapping[str, Gain], form: str, margins: str, rate: float | None) -> str:
-    """Of named joints, to be pasted: `yaml` (which `gainroom audit --gains` reads), `ros2_control` or `mjcf` (an `<actuator>` section).
+    """Text of gains to be pasted: `yaml` (read by `gainroom audit --gains`), `ros2_control` or `mjcf` (an `<actuator>` section).
 
     margins   what they keep, as a comment
     rate      of the controller [Hz]; None: continuous

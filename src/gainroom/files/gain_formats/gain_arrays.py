@@ -22,9 +22,9 @@ INDICES = ("joint2motor_idx", "leg_joint2motor_idx")
 """Places of an array's numbers. (joint_ids_map of unitree_rl_lab is none: its stiffness and damping are in the motors' order already.)"""
 MOST_JOINTS = 500
 NO_GAINS = re.compile(r"rand|rang|scal|nois|ratio|factor|mult|limit|min|max|delta")
-"""What a name beside kp's has that is none of gains: stiffness_range, rand_kp."""
+"""Parts of names that begin like kp's but hold no gains: stiffness_range, rand_kp."""
 ENDING = re.compile(r"_?(joint|motor|dof)$")
-"""What the names of an order may have or lack at their end."""
+"""Endings in which a name of the order and a joint's name may differ."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,10 @@ class ArrayNames:
 
     @classmethod
     def of(cls, data: Mapping[str, Any], enumerated: Mapping[int, tuple[str, ...]]) -> "ArrayNames":
-        """As a file's keys say it; `enumerated`: names by number, as an enumeration has them. Places count where there is one per gain."""
+        """Joint order in a file's keys; `enumerated` are joint names by number, as an enumeration has them.
+
+        Places count only if there is one for each gain.
+        """
         count = next((len(value) for key, value in data.items() if is_gain_array(key) and isinstance(value, list | tuple)), 0)
         for key, value in data.items():
             if key.lower() in ORDERS and isinstance(value, list | tuple) and value and all(isinstance(each, str) for each in value):
@@ -60,7 +63,7 @@ class OrderedGains(GainFile):
     what: str = ""
     of_model: tuple[str, ...] = ()
     others: tuple["OrderedGains", ...] = ()
-    """Of other parts of the robot, whose joints are named."""
+    """Arrays of the other parts of the robot, whose joints are named."""
 
     def in_order(self, order: Sequence[str]) -> "OrderedGains":
         return replace(self, of_model=tuple(order), others=tuple(each.in_order(order) for each in self.others))
@@ -84,7 +87,7 @@ class OrderedGains(GainFile):
         return result
 
     def is_beyond(self, joint_names: Sequence[str]) -> bool:
-        """Whether a model has none of these joints, as it is of another part of the robot."""
+        """True if a model has none of these joints, because the arrays belong to another part of the robot."""
         if self.order.places:
             return min(self.order.places) >= len(joint_names)
         keys = set(map(_key, joint_names))
@@ -121,7 +124,7 @@ class OrderedGains(GainFile):
         return [joint_names.index(order[place]) for place in places] if len(order) == len(joint_names) else places
 
     def _place(self, names: Sequence[str], joint_names: Sequence[str]) -> int:
-        """Of the joint with one of these names, else of the one joint that is nearly called so: hip_pitch, HipPitch, hip_pitch_joint."""
+        """Index of the joint with one of these names, else of the only joint with a similar name: hip_pitch, HipPitch, hip_pitch_joint."""
         for name in names:
             if name in joint_names:
                 return joint_names.index(name)
@@ -140,12 +143,12 @@ def _key(name: str) -> str:
 
 
 def is_gain_array(name: object) -> bool:
-    """Whether a name is one of those that arrays of kp have."""
+    """True if a name is one of those that arrays of kp have."""
     return isinstance(name, str) and name.lower() in KP
 
 
 def has_arrays(data: Mapping[str, Any]) -> bool:
-    """Whether a file's data hold arrays of kp."""
+    """True if a file's data hold arrays of kp."""
     return any(is_gain_array(key) and isinstance(value, list | tuple) for key, value in data.items())
 
 
@@ -174,7 +177,7 @@ def _pair(data: Mapping[str, Any], keys: Sequence[str], order: ArrayNames, sourc
 
 
 def part_of(name: str) -> tuple[str, str] | None:
-    """What a name of an array is of: the part of the robot ("": of all of it) and kp, kd or joints; None of something else."""
+    """Part of the robot ("" for all of it) and kind of an array by its name: kp, kd or joints; None for any other name."""
     word = name.lower()[:200]
     found = None if word in (*KP, *KD, *ORDERS) else _PART.fullmatch(word)
     key = found["what"] if found else word
@@ -189,7 +192,7 @@ _PART = re.compile(
 
 
 def _other_parts(data: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """By part of the robot kp's key and kd's, of arrays beside those of all of it: arm_kps, kp_arm."""
+    """Keys of kp and kd for each named part of the robot: arm_kps, kp_arm. Arrays of the whole robot are not among them."""
     parts: dict[str, dict[str, str]] = {}
     for key, value in data.items():
         found = part_of(key)

@@ -1,4 +1,4 @@
-"""What every format of gains yields: gains by joint name or pattern, in SI on the joint side."""
+"""Record that every reader of a gain format returns: gains by joint name or pattern, in SI on the joint side."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -17,9 +17,9 @@ NOT_NEGATIVE = number(least=0)
 ANGLE = number(least=-1e4, most=1e4)
 GAINS_RUN = ("host", "drive", "split")
 JOINT_DAMPING = ("controller", "friction")
-"""What a model's own damping of its joints may be: a part of kd, or friction of the links."""
+"""Meanings of the joint damping in a model file: a part of the controller's kd, or friction of the links."""
 ACTUATOR = ("motor_inertia", "effort_limit", "stiffness", "damping", "link_viscous")
-"""What a file of gains may say of a joint's actuator, by its key in a robot.yaml."""
+"""Properties of a joint's actuator that a file of gains may hold, by their keys in a robot.yaml."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Gain:
 
 
 class GainSection(Section):
-    """What a plain file says of a joint or pattern."""
+    """Entry of a plain file for one joint or pattern."""
 
     MEANT: ClassVar[Mapping[str, str]] = {"kv": "kd (kv is a gain of P/PI control)", "p": "kp", "d": "kd", "i": "ki"}
 
@@ -70,7 +70,7 @@ AnyGain = Annotated[GainSection, BeforeValidator(_pair), KEPT]
 
 @dataclass(frozen=True)
 class Origin:
-    """Where gains come from, as far as their file says.
+    """Origin of gains, as far as their file tells it.
 
     robot            its file
     delay_ms         the largest of its drives; of gains that run on the drive that of set-points
@@ -124,7 +124,7 @@ class GainFile:
         return names if len(names) == len(self.gains) and not any(re.search(r"[^\w\- ./:]|\.[*+?]", name) for name in names) else ()
 
     def in_order(self, order: Sequence[str]) -> "GainFile":
-        """The same on a model whose file has its joints in this `order`, which counts where gains go by places; (): in the model's own."""
+        """These gains for a model whose file has its joints in this `order`; it matters for gains in arrays. (): the model's own order."""
         return self
 
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
@@ -137,7 +137,7 @@ class GainFile:
         return {title: angles for title, angles in found.items() if angles}
 
     def notes_for(self, joint_names: Sequence[str]) -> tuple[str, ...]:
-        """What is to be said of these gains on this model."""
+        """Notes about these gains on a model with these joints."""
         notes = []
         for title, angles in self.postures.items():
             _, others = _angles_of(angles, joint_names, f"{self.source}: {title}")
@@ -148,7 +148,7 @@ class GainFile:
 
 
 def postures_of(system: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Of what goes along: its postures by name, and the rest, which still has them where there are several."""
+    """Postures by name in the context of gains, and the other sections, which keep the postures if there are several."""
     postures = dict(system.get("postures") or {})
     rest = {key: value for key, value in system.items() if key != "postures" or len(postures) > 1}
     return {name: angles for name, angles in postures.items() if len(postures) > 1 or any(angles.values())}, rest

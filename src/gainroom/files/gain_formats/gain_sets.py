@@ -21,7 +21,7 @@ from .ros2_control import MANAGER, TERMS, read_ros2_control
 
 OF_GAINS = {*KP, *KD, *TARGETS, "gains", "actuators", "moteus"}
 VALUES = {*KP, *KD, *ORDERS, *INDICES, *TARGETS, *TERMS, "ki", "armature"}
-"""What gains are made of, at any depth: a value behind a tag is not passed over there, nor one in which OF_GAINS stand."""
+"""Keys that gains consist of, at any depth: a value behind a tag is not skipped there, nor is one that contains OF_GAINS."""
 
 Path = tuple[str, ...]
 
@@ -41,7 +41,7 @@ class GainSet:
 
     @property
     def name(self) -> str:
-        """As it is chosen by."""
+        """Name by which the set is chosen."""
         return ".".join(self.path) or "."
 
 

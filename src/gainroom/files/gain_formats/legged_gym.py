@@ -48,7 +48,7 @@ class LeggedGymGains(GainFile):
 
 
 def legged_gym_robots(values: PythonValues) -> dict[str, Record]:
-    """By name the classes whose `control` has gains of its own; of those that hold the same gains the first."""
+    """Classes whose `control` has gains of its own, by name; of classes with equal gains only the first."""
     found: dict[str, Record] = {}
     for name, value in values.names.items():
         if isinstance(value, Record) and value.is_class:
@@ -75,7 +75,7 @@ def _names_gains(node: ast.AST) -> bool:
 
 
 def _same(one: Record, other: Record) -> bool:
-    """Whether two classes have the same gains and angles, as where one inherits from the other."""
+    """True if two classes have the same gains and angles, as a class and its subclass may."""
     alike = Alike()
     pairs = [(_section(one, name).get(key), _section(other, name).get(key)) for name, key in _READ]
     return all(alike.number(first) == alike.number(second) for first, second in pairs)
@@ -112,7 +112,7 @@ def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, note
 
 
 def has_parts(data: Mapping[str, Any], key: str) -> bool:
-    """Whether a mapping of a YAML file, behind a `key`, has stiffness and damping by part of joints' names, or for all under `control`."""
+    """True if a mapping has stiffness and damping by part of joints' names, or one of each for all joints under the key `control`."""
     pair = [data.get(name) for name in GAINS]
     parts = [each for each in pair if isinstance(each, dict)]
     if len(parts) == len(pair):  # ranges of a randomisation are none

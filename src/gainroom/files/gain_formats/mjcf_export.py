@@ -243,7 +243,7 @@ def _inserted(places: _Places, missing: Sequence[str], gains: Mapping[str, Gain]
 
 
 def _end_of_tag(content: bytes, start: int) -> int:
-    """Where the start tag at `start` ends: behind the first > that stands in no quotes."""
+    """Index behind the start tag at `start`: one past its first > outside quotes."""
     quote = 0
     for place in range(start, len(content)):
         byte = content[place]

@@ -28,7 +28,7 @@ class MoteusFile(Section):
 
 
 def is_dump(text: str) -> bool:
-    """Whether a text is what a moteus controller says of its configuration."""
+    """True if a text is a configuration dump of a moteus controller."""
     return TERM.search(text) is not None
 
 

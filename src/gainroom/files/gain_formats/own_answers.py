@@ -1,4 +1,4 @@
-"""What `gainroom robot --json` and `gainroom audit --json` wrote: gains that are recommended, audited, or to be used instead."""
+"""Reader of the answers of `gainroom robot --json` and `gainroom audit --json`: recommended, audited or proposed gains."""
 
 import json
 import math
@@ -20,7 +20,7 @@ EVERYWHERE = "everywhere"
 AUDITED = "audited"
 """The name of an audit's posture."""
 PATH = {"rate_hz": "sample_rate_hz", "delay_ms": "delay_ms"}
-"""Of a kd_path, by an option's name behind drive_."""
+"""Keys of a kd_path by the second half of the option's name, drive_…."""
 MOST_BYTES = 16 << 20
 NUMBER = number()
 MARGINS = {
@@ -125,7 +125,7 @@ def _number(data: Mapping[str, Any], key: str, owner: str) -> float | None:
 
 
 def _place(data: Mapping[str, Any], delay: float | None, source: str) -> dict[str, Any]:
-    """Where gains run, with rates and delays, as Origin has them; what an answer does not say of it, its numbers tell."""
+    """Location of the gains with rates and delays, as fields of Origin; where the answer does not name it, its numbers do."""
     rate, command = _number(data, "sample_rate_hz", source), _number(data, "command_delay_ms", source)
     path = data.get("kd_path")
     told = "split" if isinstance(path, dict) else "drive" if command else None
@@ -183,7 +183,7 @@ def _required(data: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _required_text(data: Mapping[str, Any]) -> str:
-    """What an audit required, as text."""
+    """Requirements of an audit, as text."""
     required = data.get("required")
     found = required if isinstance(required, dict) else {}
     parts = [text.format(found[key]) for key, text in MARGINS.items() if isinstance(found.get(key), int | float)]
@@ -221,7 +221,7 @@ def _recommended(data: Mapping[str, Any], source: str, contact: str) -> tuple[di
 
 
 def _weight_text(one: Mapping[str, Any]) -> str:
-    """What the margins of a set leave out: the weight of a robot that stands."""
+    """Restriction of a set's margins, as text: the weight of a standing robot is left out."""
     if one.get("without_weight") is not True:
         return ""
     topples, text = one.get("topples"), " without the robot's weight"

@@ -51,13 +51,13 @@ class PlainFile(Section):
 
 
 def is_plain(data: dict[str, Any]) -> bool:
-    """Whether a file's data look like plain gains."""
+    """True if a file's data look like plain gains."""
     section = data.get("gains", data)
     return isinstance(section, dict) and any(_is_gain(value) for value in section.values())
 
 
 def is_plain_gain(data: dict[str, Any]) -> bool:
-    """Whether a mapping is plain gains wherever it stands: a pair of numbers alone says too little, but under `gains`."""
+    """True if a mapping is plain gains at any place of a file. A pair of numbers counts only under the key `gains`."""
     section = data.get("gains", data)
     values = list(section.values()) if isinstance(section, dict) else []
     if section is not data and values and all(isinstance(each, list) and _is_gain(each) for each in values):
@@ -67,7 +67,7 @@ def is_plain_gain(data: dict[str, Any]) -> bool:
 
 
 def _is_gain(value: object) -> bool:
-    """Whether `value` looks like plain gains: a list of numbers, or a section with one of their keys."""
+    """True if `value` looks like plain gains: a list of numbers, or a section with the key kp or kd."""
     if isinstance(value, list):
         return bool(value) and all(isinstance(item, int | float) for item in value)
     return isinstance(value, dict) and ("kp" in value or "kd" in value)

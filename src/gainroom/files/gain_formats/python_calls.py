@@ -79,7 +79,7 @@ HARMLESS_CALLS = (
     "validate",
     "test",
 )
-"""How the names of functions begin that leave alone what they are given."""
+"""Beginnings of the names of functions that do not change their arguments."""
 
 
 class Return(Exception):  # noqa: N818 - how a function ends
@@ -91,7 +91,7 @@ class Return(Exception):  # noqa: N818 - how a function ends
 
 
 class Calls(Interpreter):
-    """What calls are; `discarded` is one whose value nobody takes."""
+    """Interpreter of calls; `discarded` is a call whose value is not used."""
 
     discarded: ast.AST | None = None
 
@@ -157,7 +157,7 @@ class Calls(Interpreter):
     def _not_followed(
         self, node: ast.AST, function: Any, given: list[Any], named: dict[str, Any], because: Unknown | None = None
     ) -> Unknown:
-        """What a call is that is not followed. Functions of the file, and methods, may change what they are given."""
+        """Value of a call that is not followed. Functions of the file, and methods, may change their arguments, which become unknown."""
         values = [*given, *named.values()]
         because = because or next((each for each in values if isinstance(each, Unknown)), None)
         if isinstance(function, Unknown):
@@ -339,7 +339,7 @@ class Calls(Interpreter):
         return list(rows)
 
     def _default(self, node: ast.AST, named: dict[str, Any]) -> Any:
-        """What dataclasses.field stands for."""
+        """Default value in a call of dataclasses.field. Raises NotKnown if it has none."""
         if "default" in named:
             return named["default"]
         if "default_factory" in named:
@@ -506,7 +506,7 @@ class Calls(Interpreter):
         raise NotKnown(next((each for each in given if isinstance(each, Unknown)), None))
 
     def kept(self, node: ast.AST, value: Once) -> Any:
-        """What a generator, zip, map, … is once it has a name: it is gone through later, when other things may stand in it."""
+        """Value of a name that stores a generator, zip, map, …: unknown, because it is iterated later, when its items may have changed."""
         return self.unknown(node, *value.left, why="is gone through later, which is not followed: write list(…)")
 
     def set_field(self, node: ast.AST, record: Record, name: str, value: Any) -> None:
@@ -552,14 +552,14 @@ class Calls(Interpreter):
         return [items[k] for k in order]
 
     def items(self, node: ast.AST, value: Any, taken: bool = True) -> list[Any]:
-        """What a value holds that can be gone through. Raises NotKnown."""
+        """Items of a value that can be iterated. Raises NotKnown."""
         found = self.iterated(node, value if taken or not isinstance(value, Once) else None)
         if found is None:
             raise NotKnown(value if isinstance(value, Unknown) else None)
         return list(found)
 
     def in_order(self, node: ast.AST, value: Any) -> list[Any]:
-        """As items, of what has an order. Raises NotKnown."""
+        """Items of a value whose order is defined. Raises NotKnown."""
         if isinstance(value, Unordered) and len(value) > 1:
             raise NotKnown
         return self.items(node, value)
@@ -624,7 +624,7 @@ def _typed(text: str, kind: Callable[[str], float]) -> float:
 
 
 def _shown_path(function: Any) -> str:
-    """How a message calls a function."""
+    """Name of a function, for messages."""
     if isinstance(function, Unknown):
         return function.path.rpartition(".")[2] or function.text
     return getattr(function, "name", "")

@@ -1,4 +1,4 @@
-"""What an expression of a Python file is, as far as it can be told without running anything; the work is bounded."""
+"""Evaluation of the expressions of a Python file as far as their values are known without running anything; the work is bounded."""
 
 import ast
 import itertools

@@ -67,14 +67,17 @@ SEQUENCES = ("array", "asarray", "tensor", "as_tensor")
 
 
 def _two_stage_planetary(rotor_inertia: Any, gear_ratio: Any) -> float:
-    """As mjlab has it: three rotors, of which the first turns through both stages and the second through the last one."""
+    """Reflected inertia of a two-stage planetary gearbox, as in mjlab.
+
+    Of the three rotors the first turns through both stages, the second through the last one.
+    """
     first, second, third = rotor_inertia
     _, one, two = gear_ratio
     return first * (one * two) ** 2 + second * two**2 + third
 
 
 def _to_linear(armature_rotary: float, velocity_limit_rotary: float, effort_limit_rotary: float, transmission_ratio: float) -> Named:
-    """As mjlab has it: a motor behind a crank or a screw of so many metres per radian, along the line."""
+    """Linear armature, velocity limit and effort limit of a motor behind a crank or screw of so many metres per radian, as in mjlab."""
     values = (armature_rotary / transmission_ratio**2, velocity_limit_rotary * transmission_ratio, effort_limit_rotary / transmission_ratio)
     return Named(values, ("armature", "velocity_limit", "effort_limit"))
 
@@ -103,7 +106,7 @@ OF_BITS: dict[str, Callable[[Any, Any], Any]] = {
     "BitXor": operator.xor,
 }
 MOST_BITS = 900
-"""Of a whole number: as many as a double's range."""
+"""Maximum length of an integer [bits]: as many as a double's range."""
 ORDER: dict[str, Callable[[Any, Any], bool]] = {"Lt": operator.lt, "LtE": operator.le, "Gt": operator.gt, "GtE": operator.ge}
 TYPES: dict[str, type | tuple[type, ...]] = {
     "dict": dict,

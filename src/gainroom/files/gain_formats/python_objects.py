@@ -57,21 +57,21 @@ class Record:
     """Names of a class that begin with two underscores, which another class's are not."""
     is_enumeration: bool = False
     made: "list[Record]" = field(default_factory=list)
-    """Of a class whose names are no fields: its objects, which see what becomes of it."""
+    """Instances of a class whose names are not fields; they see later changes of the class."""
     foreign: tuple[str, ...] = ()
-    """Of a class: dotted names of classes in files that are not read, from which it inherits."""
+    """Dotted names of the base classes that are defined in files that are not read."""
     is_plain: bool = False
-    """Of a class: without a decorator or a base that makes fields of its names."""
+    """True for a class without a decorator or base that turns its names into fields."""
 
     def __repr__(self) -> str:
         return f"{self.name}(…)"
 
     def method(self, name: str) -> Any:
-        """What the object's class in this file has under a name; None without one."""
+        """Attribute `name` of the object's class in this file; None if it has no such class."""
         return self.owner.inherited(name) if self.owner is not None else None
 
     def inherited(self, name: str) -> Any:
-        """What a class or the first in its lineage that has it has under a name."""
+        """Attribute `name` of the class, from the first class of its lineage that defines it; None if none does."""
         return next((each.fields[name] for each in self.lineage if name in each.fields), None)
 
     @property
@@ -82,7 +82,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Unknown:
-    """What is not understood, and where: harmless until somebody asks for its value.
+    """Value that is not understood, with its place. It is an error only if the value is needed.
 
     why      follows the text in messages
     kind     "import": what comes from another file, of which `path` is the dotted name; "many": any number of items of a list
@@ -102,7 +102,7 @@ class Unknown:
         return f"{f'{self.source}: line {self.line}: ' if self.source else ''}{shown(self.text)} {self.why}"
 
     def held(self) -> "Unknown":
-        """The same, of which objects of this file may be parts."""
+        """Copy of this value that may contain objects of this file."""
         return replace(self, is_free=False, kind="")
 
     def many(self) -> "Unknown":
@@ -186,7 +186,7 @@ class Method:
 
 @dataclass(eq=False, repr=False)
 class Partial:
-    """What functools.partial makes."""
+    """Result of functools.partial."""
 
     function: Any
     given: tuple[Any, ...]
@@ -238,7 +238,7 @@ class Member:
 
 
 class Named(tuple):  # type: ignore[type-arg]
-    """What a NamedTuple of a library's holds, each with its name."""
+    """Instance of a library's NamedTuple: values with their names."""
 
     names: tuple[str, ...]
 
@@ -271,7 +271,7 @@ def linear(bases: Sequence[Record]) -> tuple[Record, ...] | None:
 
 
 def contents(value: Any) -> list[Any]:
-    """What stands in a value, one level down."""
+    """Values directly inside a value, one level down."""
     if isinstance(value, Record):
         return list(value.fields.values())
     if isinstance(value, View):
@@ -304,7 +304,7 @@ def parts(value: Any, closed: Callable[[Record], bool] = lambda record: False) -
 
 
 def has_record(value: Any) -> bool:
-    """Whether a configuration may stand in a value."""
+    """True if a value may contain a configuration."""
     return any(isinstance(each, Record) or (isinstance(each, Unknown) and not each.is_free) for each in parts(value))
 
 
@@ -328,7 +328,7 @@ class Alike:
     def __init__(self) -> None:
         self._numbers: dict[Any, int] = {}
         self._seen: dict[int, tuple[Any, int]] = {}
-        """By id: the object, which so keeps it, and its number."""
+        """Object and number by id; the entry keeps the object alive, so that its id stays unique."""
 
     def number(self, value: Any, depth: int = 0) -> int:
         if id(value) in self._seen:
@@ -347,12 +347,12 @@ class Alike:
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a number of usable size."""
+    """True if a value is a number below 1e300 in size."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 def is_plain(value: Any) -> bool:
-    """Whether a value is numbers, text, None, and collections of them, all of them known, and few enough to compare."""
+    """True if a value consists of known numbers, text, None and collections of them, few enough to compare."""
     waiting, seen = [value], 0
     while waiting:
         each = waiting.pop()
@@ -374,19 +374,19 @@ def is_plain(value: Any) -> bool:
 
 
 def is_open(value: Any) -> bool:
-    """Whether a collection may hold more than what is known of it."""
+    """True if a collection may hold more items than are known."""
     if isinstance(value, dict):
         return REST in value
     return isinstance(value, list | tuple) and any(isinstance(each, Unknown) and each.kind == "many" for each in value)
 
 
 def is_key(value: Any) -> bool:
-    """Whether a value can be known as the key of a dictionary."""
+    """True if a value can be a known key of a dictionary."""
     return is_plain(value) and isinstance(value, Hashable)
 
 
 def truth(value: Any) -> bool | None:
-    """Whether a value counts as true; None where that cannot be known."""
+    """Truth value of a value; None if it is not known."""
     if value is None or isinstance(value, str | int | float | bool):
         return bool(value)
     if isinstance(value, dict):

@@ -16,7 +16,7 @@ from .python_objects import REST, Function, Method, Record, Scope, Unknown, has_
 MOST_STEPS = 250_000
 """Expressions that are evaluated of one file, and of those beside it that it names; an item that is made counts an eighth."""
 MOST_OF_ONE = 40_000
-"""Of one statement, which is undecided afterwards."""
+"""Maximum number of steps for one statement, which is undecided afterwards."""
 MOST_CALLS = 20
 """Functions that call each other."""
 COPIES = ("copy", "replace")
@@ -113,7 +113,7 @@ class Interpreter:
             self.scope, self.source = outer
 
     def holds_record(self, node: ast.AST, *values: Any) -> bool:
-        """Whether a configuration may stand in one of the values."""
+        """True if one of the values may contain a configuration."""
         for value in values:
             for number, _ in enumerate(parts(value)):
                 if number % 8 == 7:
@@ -121,14 +121,14 @@ class Interpreter:
         return any(map(has_record, values))
 
     def unknown(self, node: ast.AST, *inner: Any, why: str = "") -> Unknown:
-        """What a node is; of what is inside it, if that was unknown."""
+        """Unknown value of a node; if a value inside it is unknown, that one names the cause."""
         first = next((each for each in inner if isinstance(each, Unknown)), None)
         if first is None or why:
             first = Unknown(getattr(node, "lineno", 0), text_of(node), why or "is not understood", source=self.told)
         return first.held() if self.holds_record(node, *inner) else first
 
     def undecided(self, node: ast.AST, body: Iterable[ast.AST], why: str = NO_RUN) -> Unknown:
-        """What a node is whose `body` may be run or not: afterwards all that it may change is unknown."""
+        """Unknown value of a node whose `body` may run or not: all that the body may change becomes unknown."""
         unknown = Unknown(getattr(node, "lineno", 0), text_of(node), why, is_free=False, source=self.told)
         self.spoil_by(body, unknown)
         return unknown

@@ -1,4 +1,4 @@
-"""What the names of a Python file hold, from its syntax tree: the file is read as text, never imported, compiled or run.
+"""Values of the names of a Python file, from its syntax tree: the file is read as text, never imported, compiled or run.
 
 Statements are followed in their order, as Python would run them, as long as every turn is known. What is not known becomes Unknown,
 with its line, and is an error only where somebody asks for it; names from other files are read from files beside, where they lie there.
@@ -124,7 +124,7 @@ class _Beside:
         self._names: dict[Path, dict[str, Any] | str] = {}
 
     def names(self, module: str, level: int, source: str) -> tuple[dict[str, Any] | str, str]:
-        """What the names of a module hold, or why they are not known; and the file's name."""
+        """Names of a module with their values, or the reason why they are not known; and the file's name."""
         path = self._path(module, level, source)
         if path is None:
             return "and other files are not read, unless they lie beside this one", ""
@@ -553,7 +553,7 @@ class _Reader(Expressions):
         return self._decorated(node, record)
 
     def _may_run_at_any_time(self, function: Function) -> None:
-        """What a special method may change is unknown from here on: == and len() run one, and so does much else."""
+        """Makes unknown, from here on, all that a special method may change: ==, len() and many other operations may run it at any time."""
         told = Unknown(
             function.node.lineno, f"def {function.name}", "may be run at any time, and change it", is_free=False, source=self.told
         )
@@ -602,7 +602,7 @@ class _Reader(Expressions):
 
 
 def _swallows(node: ast.expr) -> bool:
-    """Whether a context goes on after an error in it, so that it may have been left anywhere."""
+    """True if a context manager suppresses errors, so that its block may have ended at any statement."""
     return last_name(node.func if isinstance(node, ast.Call) else node) in ("suppress", "raises", "ExitStack")
 
 
@@ -618,7 +618,7 @@ def _stored(body: list[ast.stmt]) -> list[str]:
 
 
 def _imported_name(statement: ast.stmt, name: str) -> str | None:
-    """What a name that an import stores is called where it comes from; None of any other statement."""
+    """Original name of an imported name; None if the statement imports no such name."""
     if not isinstance(statement, ast.Import | ast.ImportFrom):
         return None
     return next((each.name.rpartition(".")[2] for each in statement.names if (each.asname or each.name).partition(".")[0] == name), None)
@@ -631,7 +631,7 @@ def _dataclass_names(node: ast.ClassDef) -> list[str]:
 
 
 def _has_place(node: ast.AnnAssign) -> bool:
-    """Whether no field(init=False) or field(kw_only=True) says that a name takes no place."""
+    """False if field(init=False) or field(kw_only=True) takes the name out of the positional parameters."""
     keywords = node.value.keywords if isinstance(node.value, ast.Call) else []
     return not any(each.arg in ("init", "kw_only") for each in keywords)
 

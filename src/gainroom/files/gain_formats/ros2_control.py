@@ -23,7 +23,7 @@ TERMS = {"p": "kp", "i": "ki", "d": "kd"}
 WRAPPERS = ("gains", "pid", "pid_gains", "ros__parameters")
 """Keys between a controller and its joints that name neither."""
 HOLDERS = ("gains", "pid", "pid_gains")
-"""Of them, those that hold gains and nothing else."""
+"""Keys among them that hold nothing but gains."""
 BESIDE = (
     *(
         "i_clamp",
@@ -39,7 +39,7 @@ BESIDE = (
     *("u_clamp_max", "u_clamp_min", "u_max", "u_min", "saturation", "ff_velocity_scale", "feedforward_gain", "angle_wraparound"),
     *("normalize_error", "save_i_term", "save_iterm", "publish_state", "activate_state_publisher", "type", "joint"),
 )
-"""What ros2_control has beside p, i and d, and what no margin depends on."""
+"""Parameters of ros2_control beside p, i and d, on which no margin depends."""
 LONGEST_SLIP = 3
 HEADER = re.compile(r"\A(?:# gains by gainroom\b[^\n]*\n)(?:# {2}[^\n]*\n)*")
 MANAGER = "controller_manager"
@@ -152,7 +152,7 @@ def _no_torque(data: dict[str, Any], path: Sequence[str], types: Mapping[str, An
 
 
 def _without_terms(path: Sequence[str], node: Mapping[str, Any]) -> list[str]:
-    """What stands in the place of gains and has none of them."""
+    """Messages for the places of gains in which no gains are."""
     found = []
     if path and any(key in HOLDERS for key in path) and not any(isinstance(value, dict) for value in node.values()):
         found.append(f"{dotted(*path)}: must hold p, i and d{_found(node)}")
@@ -164,7 +164,7 @@ def _without_terms(path: Sequence[str], node: Mapping[str, Any]) -> list[str]:
 
 
 def _found(node: Mapping[str, Any]) -> str:
-    """What a section holds in their place: the end of a message."""
+    """End of a message: the keys that a section holds instead."""
     return f", and holds {first_of_many([dotted(key) for key in node])}" if node else ""
 
 

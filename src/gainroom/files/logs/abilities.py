@@ -1,4 +1,6 @@
-"""What a log may tell: which questions it has the channels and rows for, and what is missing for the others.
+"""Questions that a log can answer: those for which it has the channels and rows, and what is missing for the others.
+
+Only the presence of motion is checked here; each identification itself decides if the motion suffices.
 
 Whether what moves is enough each identification says itself; here it is only looked whether anything does.
 """
@@ -19,14 +21,14 @@ QUESTIONS: dict[str, tuple[Way, ...]] = {
     "identify stiffness": ((TORQUES, ("motor_position",)),),
     "diagnose": ((("motor_position", "link_position", "motor_velocity", "link_velocity", *TORQUES, "joint_torque", "current"),),),
 }
-"""By question the ways to answer it, the better one first. Without torque the command's delay and the loop's can seldom be separated."""
+"""Channels that answer each question, the better way first. Without torque, command delay and loop delay can seldom be separated."""
 MAY_REST = {"identify gains": ("reference",)}
 """Channels that need not change: a controller acts on what differs from its set-point."""
 
 
 @dataclass(frozen=True)
 class Ability:
-    """Whether a log of some channels answers a question.
+    """Answer to one question about a log: possible or not with its channels.
 
     channels   those that answer it; empty where it cannot
     missing    groups of which one channel each would be needed beside what there is; empty where it can
@@ -44,7 +46,7 @@ class Ability:
 
     @property
     def possible(self) -> bool:
-        """Whether nothing is missing."""
+        """True if nothing is missing."""
         return not self.missing and not self.too_few
 
 

@@ -1,4 +1,4 @@
-"""What the names of a file say together: which readings of its columns stand, which are given up, and what the user is asked.
+"""Assignment of a file's columns to channels from all their names together: columns used, columns dropped, questions to the user.
 
 A column is never guessed where its name leaves open what it is, and a joint is never made of words that are not known: such columns are
 left out, with the option that decides.
@@ -15,7 +15,7 @@ from .table import TIME, Column
 
 NUMBERED = re.compile(r"(?:joint|j|q|dof|motor|m|axis)_?([0-9]+)")
 MOTION = {"motor_position": "link_position", "motor_velocity": "link_velocity"}
-"""What is measured of a motion; the same on the other side of the gearbox."""
+"""Channels of motion on the motor side, each with its channel on the link side."""
 POSITIONS = ("motor_position", "link_position")
 LONG = 6
 """Entries of an array from which on it is that of a robot."""
@@ -73,7 +73,7 @@ def arrange(claims: Iterable[Claim]) -> Arranged:
 
 
 def flag(channel: str, claim: Claim) -> str:
-    """What to type so that a column, and those of other joints that are called like it, is a channel."""
+    """Option that assigns a column, and the columns of other joints with the same name pattern, to a channel."""
     name, joint = claim.column.name, claim.joint
     name = name.replace(joint, "{joint}") if joint else name
     return f"--columns {shlex.quote(f'{channel}={name}')}"
@@ -84,7 +84,10 @@ def _other_side(channel: str) -> str:
 
 
 def _asked(claims: Sequence[Claim], why: str, joints: set[str]) -> str:
-    """What was not used, and what to type to have the first of it; of the only joint, where its own is none of `joints`."""
+    """Note about unused columns with the option that would use the first of them.
+
+    The joint is left out of the option if it is none of `joints`.
+    """
     names = [claim.column.name for claim in claims]
     first = claims[0] if claims[0].joint in joints else replace(claims[0], joint="")
     verb = "columns" if len(names) > 1 else "column"
@@ -108,7 +111,7 @@ def _one_name(claims: list[Claim]) -> list[Claim]:
 
 
 def _outputs(claims: list[Claim]) -> list[Claim]:
-    """What is the gearbox's output beside what is the motor's: of an encoder of its own, or computed from the motor's."""
+    """Claims, with doubt added to columns of the gearbox's output beside columns of the motor: measured on their own, or computed."""
     motors = {(claim.joint, KIND[claim.channel]) for claim in claims if claim.channel in KIND and claim.side == "motor" and not claim.given}
     return [
         replace(claim, doubt=OUTPUT_DOUBT) if claim.side == "output" and (claim.joint, KIND.get(claim.channel)) in motors else claim
@@ -179,7 +182,7 @@ def _joints_that_are_none(claims: list[Claim]) -> tuple[list[Claim], list[tuple[
 
 
 def _holds_another(joint: str, channels: Mapping[str, set[str]]) -> bool:
-    """Whether a joint's name is another's and more, with fewer channels: `hip_left` beside `hip`."""
+    """True if a joint's name extends another's and has fewer channels: `hip_left` beside `hip`."""
     parts = re.split(r"([_\W]+)", joint)
     shorter = {"".join(parts[first:last]) for first in range(0, len(parts), 2) for last in range(first + 1, len(parts) + 1, 2)}
     return any(channels[joint] < channels[other] for other in shorter - {joint, ""} if other in channels)

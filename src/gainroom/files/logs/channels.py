@@ -42,4 +42,4 @@ _ALL = (
     Channel("current", "current", _CURRENT),
 )
 CHANNELS: Mapping[str, Channel] = {channel.name: channel for channel in _ALL}
-"""By name, in the order of a log's columns."""
+"""Channels by name, in the order of a log's columns."""

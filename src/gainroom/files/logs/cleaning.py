@@ -70,7 +70,7 @@ class Cleaner:
 
     @property
     def quality(self) -> Quality:
-        """Of the rows so far."""
+        """Quality of the rows so far."""
         return self._clock.quality(
             Quality(
                 rows=self._rows,
@@ -114,7 +114,7 @@ def ahead(stamps: Floats) -> Booleans:
 
 
 class _Clock:
-    """How even the time stamps of the good rows are; block by block, each with the last row of the one before."""
+    """Statistics of the time stamps of the good rows, block by block, each with the last row of the one before."""
 
     def __init__(self) -> None:
         self._waiting: list[Floats] = []
@@ -129,7 +129,7 @@ class _Clock:
             self._waiting = [stamps[-1:]]
 
     def _with(self, stamps: Floats) -> "tuple[_Counted, float]":
-        """What is counted with further stamps, and their tick."""
+        """Statistics with further stamps, and their tick."""
         if len(stamps) < 2:
             return self._found, self._tick
         tick = tick_of(stamps) if len(stamps) >= LEAST_ROWS or not self._tick else self._tick

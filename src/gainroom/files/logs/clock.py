@@ -56,7 +56,7 @@ def tick_of(time: Floats) -> float:
 
 
 def ticks_of(time: Floats, tick: float) -> Ticks:
-    """Of stamps (m,) rising; pauses part them, as a clock may begin anew behind one."""
+    """Ticks of rising stamps (m,); pauses separate them into parts, as a clock may restart after a pause."""
     edges = [0, *(np.flatnonzero(np.diff(time) > PAUSE * tick) + 1).tolist(), len(time)]
     parts = [_without_pause(time[first:last], tick) for first, last in pairwise(edges)]
     numbers, end = [], 0

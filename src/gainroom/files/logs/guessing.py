@@ -38,7 +38,7 @@ from .vocabulary import (
 )
 
 COMMAND_OF = {"motor_position": REFERENCE_SIGNAL, "motor_velocity": "reference_velocity", "actual_torque": "target_torque"}
-"""What a channel is beside a word for commands: `/joint_commands` has an `effort`, as `/joint_states` has."""
+"""Command channel by measured channel: next to a word for commands a name means the command, as `/joint_commands` has an `effort`."""
 LESS_SURE = 100
 """Ranks that a name found so is behind one that says it itself."""
 BARE, LOCAL, QUALIFIED = 20, 10, 40
@@ -50,7 +50,7 @@ SAYING = COMMANDING | MEASURING | FEEDFORWARD | OTHER | FILLERS | LOCALLY_COMMAN
 LETTERS = {"p": "position", "v": "velocity", "t": "torque"}
 """Quantities of motor protocols: `p_des`, `v_fb`."""
 MOST_LETTERS = 300
-"""Of a name that is read; longer ones are no names."""
+"""Maximum length of a name; longer texts are no names."""
 MOST_KEPT = 1 << 14
 """Parts of names whose words are kept: those of one file, again and again."""
 COORDINATES = frozenset(("q", "theta", "encoder", "enc", "angle"))
@@ -66,7 +66,7 @@ ROLE_DOUBT = "a command or a measurement: the name says both"
 
 @dataclass(frozen=True)
 class Guess:
-    """What a column's name says.
+    """Meaning of a column's name.
 
     channel   one of CHANNELS
     joint     "" where it names none
@@ -86,7 +86,7 @@ class Guess:
 
 @dataclass(frozen=True)
 class Naming:
-    """What the names of a file say together.
+    """Conventions that the names of a file follow together.
 
     sided      `theta_m` stands beside `theta_l`: the motor's and the link's, not a left joint's
     lettered   `p_des` stands beside `v_des`, and no column says position in full
@@ -140,7 +140,7 @@ def _spellings() -> dict[tuple[str, ...], tuple[str, int]]:
 
 
 def channel_of(text: str, whole: bool = False, commanded: bool = False, naming: Naming = Naming()) -> Guess | None:
-    """What a column called `text` holds; None where the name says nothing.
+    """Channel, joint and unit in a column's name `text`; None if it names no channel.
 
     whole       the joint is known otherwise: what stands before the channel's name is no joint's, and nothing may stand behind it
     commanded   it stands among commands
@@ -163,7 +163,7 @@ def channel_of(text: str, whole: bool = False, commanded: bool = False, naming: 
 
 
 def is_commanding(path: str, otherwise: bool = False) -> bool:
-    """Whether a path, as of a topic, is that of commands: its last part that says so decides."""
+    """True if a path, such as a topic, holds commands: the last of its parts with a known word decides."""
     for part in reversed(re.split(r"[/.]", path[-MOST_LETTERS:])):
         said = {_plain(word[0].lower()) for word in WORD.finditer(part)}
         if said & COMMANDING:
@@ -337,7 +337,7 @@ class _Parse:
         return Guess(channel, name, self._unit, rank, side, next((text for text, holds in doubts.items() if holds), ""))
 
     def _is_both(self, command: bool | None, roles: set[str], above: list[str]) -> bool:
-        """Whether words say both: in one part (`reference_encoder`), or as those of `servo_control.torque` may."""
+        """True if words name both command and measurement: in one part (`reference_encoder`), or possibly, as in `servo_control.torque`."""
         if command is None:
             return bool(above) and [word.plain for word in _words(above[-1])][-1:] == ["control"]
         measured = bool(roles & MEASURING - {"state"}) or bool({word.plain for word in self._words} & ENCODERS)
@@ -415,7 +415,7 @@ class _Parse:
         return Guess("target_torque", name, "", BARE, doubt=COMMAND_DOUBT)
 
     def _matched(self) -> bool:
-        """Whether the part has words for quantities: two of them, since one would have been taken."""
+        """True if the part has words for two or more quantities; a single one would have been used."""
         return any((word.plain,) in _spellings() for word in self._words)
 
 
@@ -437,7 +437,7 @@ ONE_WORD = MEASURABLE | BESIDE | OTHER | CONTAINERS
 
 
 def _is_command(quantity: str, roles: set[str], letter: bool) -> bool | None:
-    """Whether the words beside a quantity make it a command; None where they say neither."""
+    """True if the words beside a quantity make it a command, False for a measurement, None if undecided."""
     if letter or roles & FEEDFORWARD or roles & (COMMANDING if quantity == "torque" else COMMANDING - {"computed"}):
         return True
     if roles & MEASURING:
@@ -460,7 +460,7 @@ def _channel(quantity: str, commanded: bool, side: str, spelled: str, roles: set
 
 
 def _elsewhere(above: Iterable[str]) -> bool:
-    """Whether a path is of something that is no joint, as an inertial sensor."""
+    """True if a path belongs to something other than a joint, such as an inertial sensor."""
     said = [{word.plain for word in _words(part)} for part in above]
     return any(words & ELSEWHERE and not words & (COMMANDING | MEASURING) for words in said)
 

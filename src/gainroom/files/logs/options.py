@@ -1,4 +1,4 @@
-"""What a user says about a log: which column is what, in which unit, and which part of it is wanted. By flags or in a small YAML file."""
+"""Options for reading a log: columns, units and the part of the log that is wanted, from flags or from a small YAML file."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ from .units import factor
 
 @dataclass(frozen=True)
 class LogOptions:
-    """How to read a log.
+    """Options for reading a log.
 
     columns       the file's column by channel, or by channel.joint; `{joint}` in it stands for every joint's name
     units         by channel: a unit, or a number to multiply by; a minus before it turns the sign round
@@ -64,14 +64,14 @@ class LogOptions:
             raise GainroomError(f"log: end {self.end:g} s must be > start {begin:g} s")
 
     def scale(self, channel: str, unit: str, owner: str) -> float:
-        """What turns the file's numbers into SI, joint side, where its `unit` is known. Raises GainroomError."""
+        """Factor from the file's numbers in `unit` to SI on the joint side. Raises GainroomError if the unit is not known."""
         value = factor(self.units.get(channel, unit), CHANNELS[channel].dimension, owner)
         if channel not in self.rotor_side:
             return value
         return value * self.gear_ratio if CHANNELS[channel].dimension == "torque" else value / self.gear_ratio
 
     def wants(self, joint: str) -> bool:
-        """Whether a joint is among those asked for."""
+        """True if a joint is among those asked for."""
         return not self.joints or any(joint == pattern or re.fullmatch(pattern, joint) for pattern in self.joints)
 
 

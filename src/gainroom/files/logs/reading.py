@@ -25,7 +25,7 @@ from .table import TIME, Table, bounded, guarded
 from .units import SI, UNITS
 
 MOST_BYTES = 1 << 31
-"""Of a log that is read as a whole: 2 GiB are 4 h of 8 channels at 2 kHz. Longer ones are read in blocks or in part."""
+"""Maximum size of a log that is read as a whole: 2 GiB are 4 h of 8 channels at 2 kHz. Longer ones are read in blocks or in part."""
 EPOCH = 1e6
 """[s] A log that begins later than 11 days after its clock's zero counts from an epoch; it then begins at 0, with all its digits."""
 RATES = (9.0, 2e5)
@@ -66,7 +66,7 @@ class LogReader:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was left out, and why, as far as reading has come: texts."""
+        """Notes about what was left out of the part read so far, with the reasons."""
         return (*self._own_notes, *self._table.notes)
 
     def blocks(self) -> Iterator[Log]:
@@ -123,7 +123,7 @@ class LogReader:
         return self._log(time.values, [column.values for column in columns], quality, began)
 
     def most_excited(self) -> Log:
-        """Of one joint the part that identification learns most from, all of a short log; memory does not grow with the file."""
+        """Part of a single joint's log with the most excitation, all of a short log; memory does not grow with the file."""
         best, first, last = MostExcited(), 0.0, 0.0
         quality, began = Quality(), 0.0
         for part in self.blocks():
@@ -177,7 +177,7 @@ class _Stamps:
 
     @classmethod
     def of(cls, origin: Origin | None, stamps: Floats | None, rate: float | None, taken_off: Mapping[str, float]) -> "_Stamps":
-        """Of a log whose first rows have these stamps; of one that comes at a `rate` [Hz] where it has none."""
+        """Time base of a log with these first stamps; of a log without stamps at a `rate` [Hz]."""
         if origin is None or stamps is None:
             return cls(rate or 1.0, 0.0, 0.0)
         finite = stamps[np.isfinite(stamps)]

@@ -1,4 +1,4 @@
-"""What was read of a log: channels in SI, joint side, where each came from, and what had to be done to the rows."""
+"""Record of a log: channels in SI on the joint side, the origin of each, and the corrections of the rows."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +16,7 @@ from .clock import Ticks, ticks_of
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a channel came from.
+    """Origin of a channel.
 
     channel, joint   of the log; the joint "" for time
     column           as the file calls it
@@ -38,7 +38,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class Quality:
-    """What had to be done to the rows of a log, and how even their time stamps are.
+    """Corrections of the rows of a log, and evenness of their time stamps.
 
     rows             in the file, within the window asked for
     not_finite       rows cut since a number was missing or not finite; `missing`: how often by column
@@ -110,7 +110,7 @@ class JointLog:
         return replace(self, time=stamps[0] + self.sample_time * count, channels=channels)
 
     def record(self) -> Record:
-        """What identification starts from: the even parts on one grid of ticks, a gap between two. Raises GainroomError where too short."""
+        """Record for identification: the even parts on one grid of ticks, with gaps between. Raises GainroomError if too short."""
         parts = self.even_parts()
         if sum(len(part.time) for part in parts) < SHORTEST:
             raise GainroomError(f"{len(self.time)} rows are too few to identify anything; at least {SHORTEST} are needed")
@@ -138,7 +138,7 @@ def aligned(time: Floats, stamps: Floats, values: Floats, held: bool) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """What a log holds.
+    """Content of a log.
 
     time          (k,) rising [s]
     joints        by joint and channel (one of SIGNALS), (k,) each

@@ -10,7 +10,7 @@ from .record import Log
 
 @dataclass(frozen=True)
 class Survey:
-    """What a pass over a log has found.
+    """Findings of one pass over a log.
 
     last         the reader's last block: origins, quality, notes, and the joints by name with their channels
     duration     [s] between first and last row
@@ -46,7 +46,7 @@ class Survey:
         return 1 / self.last.sample_time if self.last.sample_time else 0.0
 
     def abilities(self) -> tuple[Ability, ...]:
-        """Of the joint that has the most channels that change."""
+        """Answerable questions for the joint with the most changing channels."""
         changing = {
             joint: [name for name in channels if (span := self.ranges.get((joint, name))) is not None and span[0] < span[1]]
             for joint, channels in self.last.joints.items()

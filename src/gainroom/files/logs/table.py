@@ -1,4 +1,4 @@
-"""What a file format gives: named columns of numbers, block by block, and the bounds within which files are read."""
+"""Table that every file format yields: named columns of numbers, block by block; and the limits of file sizes."""
 
 import contextlib
 import errno
@@ -49,7 +49,7 @@ class Column:
 
     @property
     def text(self) -> str:
-        """What its channel is guessed from."""
+        """Text from which the column's channel is guessed."""
         return self.label or self.name
 
 
@@ -82,7 +82,7 @@ TIME = "time"
 MOST_EXACT = 1 << 53
 """Whole numbers beyond are not all floats."""
 FULL_SECONDS = 1 << 30
-"""What is taken off is a multiple of this, about a second in ns: a float, and no other number than the one that was meant."""
+"""Step of the offset that is subtracted from time stamps: about a second in ns, so that the offset is an exact float."""
 
 
 class Sink(Protocol):

@@ -13,13 +13,13 @@ UNITS: dict[str, dict[str, float]] = {
     "torque": {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2, "kNm": 1e3, "N": 1.0, "kN": 1e3},
     "current": {"A": 1.0, "mA": 1e-3},
 }
-"""By dimension; lengths and forces are those of prismatic joints."""
+"""Factors to SI by dimension and unit; lengths and forces are those of prismatic joints."""
 SI = {"time": "s", "angle": "rad", "speed": "rad/s", "torque": "Nm", "current": "A"}
 """The unit of numbers that none is stated of."""
 TICKS = {"angle": re.compile(r"ticks/([0-9.eE+]{1,20})"), "speed": re.compile(r"ticks/([0-9.eE+]{1,20})/s")}
 """Encoder steps: how many of them are one revolution."""
 MOST_LETTERS = 40
-"""Of a unit."""
+"""Maximum length of a unit's name."""
 SPELLINGS = {
     spelling: unit
     for unit, spellings in {
@@ -37,7 +37,7 @@ SPELLINGS = {
     }.items()
     for spelling in spellings.split()
 }
-"""What else a unit is written as."""
+"""Alternative spellings of units."""
 
 
 def known_unit(text: str, dimension: str) -> str | None:
@@ -60,7 +60,7 @@ def _known(text: str, dimension: str) -> str | None:
 
 
 def factor(text: str, dimension: str, owner: str) -> float:
-    """What turns a number in the unit `text`, or a bare number that is the factor itself, into SI.
+    """Factor to SI from the unit `text`, or from a bare number that is the factor itself.
 
     A minus before either turns the sign round. Raises GainroomError that begins with `owner`.
     """

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 
 def words(text: str) -> tuple[str, ...]:
-    """As a list of them."""
+    """Words of a text."""
     return tuple(text.split())
 
 
@@ -56,9 +56,9 @@ COMMANDING = frozenset(
         output_effort"""
     )
 )
-"""What they stand beside, and what is below them in a path, is a command."""
+"""Words that make a quantity beside them, or below them in a path, a command."""
 LOCALLY_COMMANDING = frozenset(words("control controlled input in_cmd trajectory traj planned plan nominal pd policy ctrl"))
-"""The same of words that stand beside the quantity itself; in a path they say whose it is."""
+"""Words that make a command of a quantity right beside them; in a path they name the owner only."""
 MEASURING = frozenset(
     words(
         """state hat ist fdb feedback fb fbk measured meas mes actual act status present estimate estimated est applied sensed real response
@@ -67,7 +67,7 @@ MEASURING = frozenset(
     )
 )
 DEMAND = frozenset(words("demand demanded dem"))
-"""Of a torque: what has arrived at the drive."""
+"""Words for a torque that has arrived at the drive."""
 FEEDFORWARD = frozenset(words("ff feedforward feed_forward fwd"))
 BARE_POSITION = frozenset(words("setpoint set_point goal reference"))
 """Commands that are positions where no quantity is said."""
@@ -78,7 +78,7 @@ LINK = frozenset(words("link load"))
 OUTPUT = frozenset(words("output out"))
 """The gearbox's; also what a controller puts out."""
 NEUTRAL = frozenset(words("joint j dof actuator axis_angle jnt"))
-"""Of the joint, whichever side."""
+"""Words for the joint without a side of the gearbox."""
 SENSOR = frozenset(words("sensor ts"))
 FILLERS = frozenset(words("value data signal raw filtered filt lpf smoothed smooth internal reading now"))
 """Words that change nothing in what is held."""
