@@ -246,8 +246,6 @@ def film(run: RobotRun, shapes: tuple[Shape, ...]) -> dict[str, Any]:
     """Positions of joints and frames at the start of a run, as `rest` of a pose, and their displacements at PICTURES moments of it.
 
     Displacements are separate so that small motions keep their digits and can be drawn enlarged.
-
-    Apart, so that small motions keep their digits and can be drawn larger than they are.
     """
     frames = sorted({shape.frame for shape in shapes})
     rows = np.unique(np.linspace(0, len(run.time) - 1, PICTURES).astype(int)).tolist()

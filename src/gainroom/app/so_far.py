@@ -21,8 +21,6 @@ class SoFar:
         """Studies of the state `shown`, of all states so far whenever another is unstable, and finally of every state.
 
         `key` differs between different systems. The states with the least headroom before come first.
-
-        Next come the states that had least headroom before.
         """
         last = self._last
         if last is None or last[0] != key:

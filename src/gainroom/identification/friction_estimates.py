@@ -2,8 +2,6 @@
 
 Friction opposes the motion, so that no part of its law is below 0, but a fitted part may be.
 
-It opposes the motion, so that no part of its law is below 0, but a fitted one may be.
-
 Friction that is larger near rest (Stribeck 1902; Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994, 1083–1138) falls with
 the speed. Coulomb and viscous friction, which are fitted to it, then come to a larger Coulomb torque and a viscous friction below 0: the
 slope of the law over the speeds of the log.

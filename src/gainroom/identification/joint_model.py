@@ -17,7 +17,8 @@ Prior = tuple[Floats, Floats]
 LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
 LAW_DAMPING, LAW_OTHER, LAW_OWN, LAW_COMMON, LAW_DELAY = 40.0, 0.08, 0.07, 0.7, 5.0
 """Errors that a wrong law of friction causes, in this order: ratio of the damping's to the stiffness's; share of the motor's friction that
-is assigned to the link; relative error of the motor's friction; share of the variance common to inertias and stiffness; ratio of the phase's."""
+is assigned to the link; relative error of the motor's friction; share of the variance that inertias and stiffness have in common; ratio of
+the phase's error to the stiffness's."""
 BEFOREHAND = {
     "viscous": (0.0, 0.3),
     "coulomb": (0.0, 0.5),

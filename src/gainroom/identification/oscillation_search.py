@@ -196,8 +196,6 @@ def _encoder_step(values: Floats) -> float:
     """Resolution of a position (m,): the step of which nearly all its changes are multiples; 0 if none is found.
 
     Fast motion in which no reading repeats is included. Rows interpolated for want of a reading lie on no step.
-
-    Rows that were made of their neighbours, for want of a reading, are on no step.
     """
     changes = np.abs(np.diff(values[-MOST_SAMPLES:]))
     changes = changes[changes > 1e-12]

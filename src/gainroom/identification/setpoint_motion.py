@@ -81,9 +81,6 @@ def as_commanded(seen: RecordedOscillation, values: Floats, tick: float) -> bool
 
     A vibration of the loop itself grows until something bounds it: a limited torque, friction or a gap, both of which are small. Its
     frequency changes with its amplitude alone.
-
-    What vibrates of itself grows until something bounds it: a limited torque, friction or a gap, both of which are small. The frequency of
-    a loop changes with its amplitude alone.
     """
     if seen.irregular or seen.clipped > CLIPPED:
         return False

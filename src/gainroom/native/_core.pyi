@@ -103,8 +103,6 @@ class ModalLoop:
 
         Returns: proved or not; (k, 3) ω, gain and growth rate of crossings; their vectors (k, n); (k, 2) undecided intervals; turned, tail
         and end.
-
-        Whether it is proved; (k, 3) ω, gain and growth of crossings; their vectors (k, n); (k, 2) undecided; turned, tail and end.
         """
 
     def searched(self, low: float, high: float, gain: float, passive: bool) -> Floats:
@@ -116,8 +114,6 @@ class ModalLoop:
         """Proof that no factor from `start` to `gain` puts a root in [low, high], in coordinates of `basis` (n, n), vectors in rows.
 
         Returns: proved or not, and the change of arg det F on the interval.
-
-        And by what arg det F turns there.
         """
 
 class PostureLimits:

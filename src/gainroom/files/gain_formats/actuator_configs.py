@@ -331,8 +331,6 @@ def _robots(values: PythonValues) -> dict[str, Any]:
     """Robots of the file: the objects that hold actuators, by name; "" for actuators outside any robot.
 
     An object inside another robot is not a robot of its own; of robots with the same actuators in the same posture only the first counts.
-
-    What stands in another one is no robot of its own; of those that hold the same actuators in the same posture the first counts.
     """
     alone = [each for each in values.names.values() if isinstance(each, Record) and _is_actuator(each) and not each.is_class]
     held = {name: each for name, each in _candidates(values.names).items() if _actuators(each)}

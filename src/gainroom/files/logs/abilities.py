@@ -1,8 +1,6 @@
 """Questions that a log can answer: those for which it has the channels and rows, and what is missing for the others.
 
 Only the presence of motion is checked here; each identification itself decides if the motion suffices.
-
-Whether what moves is enough each identification says itself; here it is only looked whether anything does.
 """
 
 from collections.abc import Iterable
