@@ -1,4 +1,4 @@
-"""What drives the joints: motor inertia, gearbox and friction per joint, and the drives, from entries by joint-name pattern.
+"""Actuators per joint: motor inertia, gearbox, friction and drives, from entries by joint-name pattern.
 
 Entries are merged joint by joint, key by key: `default` first, then every pattern that matches, the later one winning. A motor is given
 either by its inertia on the joint side or by rotor inertia and gear ratio: J_m = J_r N².
@@ -20,7 +20,7 @@ from .name_patterns import assign
 
 NOT_NUMBERS = ("unknown", "uninformed", "gearbox")
 LIKELY = 0.1
-"""Share of the inertia that a motor moves which counts as its own where nobody has given it and its gearbox is elastic.
+"""Assumed motor inertia on an elastic gearbox without data, as a share of the inertia that the motor moves.
 
 Published joints lie between 0.05 (WALK-MAN's hip) and 1, where gear ratios match both inertias (Pasch and Seering 1984); readings
 (studies/readings.py) look at 1, too.
@@ -32,13 +32,13 @@ class Actuators:
     """Motors and gearboxes of n joints, all on the joint side; each (n,).
 
     motor_inertia   reflected: rotor inertia × gear ratio² [kg m²]; 0 only on rigid joints
-    stiffness       of the gearbox [N m/rad], inf: rigid
+    stiffness       of the gearbox [N m/rad]; inf: rigid
     damping         of the gearbox [N m s/rad]
     motor_viscous, link_viscous   viscous friction to ground [N m s/rad]
-    effort_limit    of the torque [N m], inf: not known; no margin depends on it, and it goes along with the gains
-    unknown   (n,) True where nobody has said how stiff the gearbox is: such a one counts as rigid; None: so are all that count as rigid
-    uninformed   (n,) True where nobody has given a motor inertia: it counts as 0, or LIKELY on an elastic gearbox; None: nowhere
-    gearbox   (n,) the type of those of which no more is known: stiffness and damping are one point of its range; "" of others; (): of all
+    effort_limit    of the torque [N m]; inf: not known. No margin depends on it; it is passed on with the gains
+    unknown   (n,) True for a rigid gearbox whose stiffness is not given; None: true of all rigid ones
+    uninformed   (n,) True where no motor inertia is given: 0 is used, or LIKELY on an elastic gearbox; None: nowhere
+    gearbox   (n,) gearbox type where no more is known: stiffness and damping are then one point of its range; "": other joints; (): none
     """
 
     motor_inertia: Floats
@@ -66,35 +66,35 @@ class Actuators:
 
     @property
     def quantities(self) -> dict[str, Floats]:
-        """The numbers that margins depend on, by name, each (n,)."""
+        """Quantities that margins depend on, by name, each (n,)."""
         return {name: value for name, value in vars(self).items() if name not in ("effort_limit", *NOT_NUMBERS)}
 
     @property
     def assumed_rigid(self) -> Booleans:
-        """(n,) the gearboxes that count as rigid because nobody has said how stiff they are."""
+        """(n,) True for gearboxes taken as rigid because their stiffness is not given."""
         rigid = np.isinf(self.stiffness)
         return rigid if self.unknown is None else rigid & self.unknown
 
     @property
     def without_inertia(self) -> Booleans:
-        """(n,) the motors whose inertia nobody has given."""
+        """(n,) True for motors whose inertia is not given."""
         return self.uninformed if self.uninformed is not None else np.zeros(len(self.motor_inertia), dtype=bool)
 
     @property
     def of_a_type(self) -> Booleans:
-        """(n,) the gearboxes of which the type alone is known."""
+        """(n,) True for gearboxes described by their type alone."""
         return np.array([bool(kind) for kind in self.gearbox] or [False] * len(self.stiffness))
 
     @property
     def guessed(self) -> Booleans:
-        """(n,) the motors whose inertia is LIKELY because nobody has given one."""
+        """(n,) True for motors whose inertia is the assumed share LIKELY."""
         return self.without_inertia & (self.motor_inertia > 0)
 
     @property
     def known(self) -> dict[str, Floats]:
-        """Motor inertia, stiffness, damping, link_viscous and effort_limit, (n,) each.
+        """Given motor_inertia, stiffness, damping, link_viscous and effort_limit, (n,) each.
 
-        NaN where an inertia is guessed, a gearbox is rigid or known by its type alone, a link has no friction, and a torque no limit.
+        NaN for an assumed inertia, a gearbox that is rigid or known by type alone, no link friction and no torque limit.
         """
         inertia = np.where(self.guessed, math.nan, self.motor_inertia)
         given = np.isfinite(self.stiffness) & ~self.of_a_type
@@ -108,9 +108,9 @@ class Actuators:
 
 
 def merge_entries(entries: Mapping[str, ActuatorEntry], joint_names: Sequence[str]) -> tuple[ActuatorEntry, ...]:
-    """One entry per joint, merged from those whose pattern matches its name.
+    """Entries merged per joint, one for each name, from all whose pattern matches it.
 
-    Raises GainroomError where a pattern is malformed or matches nothing.
+    Raises GainroomError if a pattern is malformed or matches nothing.
     """
     merged = []
     for matches in assign(entries, joint_names, "joints"):
@@ -127,10 +127,10 @@ def actuators_of(
     armature: Floats,
     moved: Callable[[], Floats],
 ) -> tuple[Actuators, tuple[str, ...]]:
-    """The actuators of merged entries, one per joint, and what had to be assumed.
+    """Actuators from merged entries, one per joint, and the assumptions made.
 
-    armature   (n,) reflected rotor inertia found in the model file, 0 where none [kg m²]: used where an entry names no inertia
-    moved      (n,) the inertia that each motor moves [kg m²], of which LIKELY is used where an elastic joint has no other
+    armature   (n,) reflected rotor inertia of the model file [kg m²], 0 where none: used where an entry gives no inertia
+    moved      (n,) inertia that each motor moves [kg m²]; the share LIKELY is used where an elastic joint has no other value
 
     Raises GainroomError where a joint's motor is half described.
     """
@@ -180,7 +180,7 @@ def actuators_of(
 
 
 def drives_of(entries: Sequence[ActuatorEntry], common: Drive) -> tuple[Drive, ...]:
-    """One drive per joint: `common`, with what its entry overrides."""
+    """Drives per joint: `common`, with the values that the joint's entry overrides."""
     names = ("bandwidth", "damping_ratio", "delay")
     overrides = ({name: getattr(entry, name) for name in names if getattr(entry, name) is not None} for entry in entries)
     return tuple(replace(common, **changes) for changes in overrides)

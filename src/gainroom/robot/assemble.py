@@ -1,4 +1,4 @@
-"""From what a robot file describes to the rigid body that is studied: which joints move, which are held, and whether it makes sense."""
+"""Assembly of a rigid body from a robot file: choice of moving, held and passive joints, and checks of its values."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -22,19 +22,19 @@ MAX_JOINTS = 150
 # Scaled to a unit diagonal, the mass matrices of public robots have eigenvalues above 1e-4; massless links leave round-off, about 1e-16.
 SINGULAR = 1e-12
 MASSLESS = 1e-14
-"""Inertia of a joint [kg m², kg] below which nothing hangs on it: a grain of sand at 1 mm has 1e-12."""
+"""Joint inertia [kg m², kg] below which a joint carries no mass: a grain of sand at 1 mm has 1e-12."""
 
 PART = 0.1
-"""Of the largest share in a motion: less is round-off, or hardly any."""
+"""Least share of a joint in a massless motion, relative to the largest: less is round-off."""
 
 FARTHEST = 1e6
-"""Of a coordinate [m] or an angle [rad]: a robot drawn in mm still fits a thousand times."""
+"""Largest coordinate [m] or angle [rad] of a file: a robot in mm still fits a thousand times."""
 LARGEST = 1e12
-"""Of a mass [kg] or an inertia [kg m²], as in the other files: their products are far from where a double overflows."""
+"""Largest mass [kg] or inertia [kg m²] of a file: products stay far below the overflow of a double."""
 
 LINK = "link:"
 RESERVED = "universe"
-"""Pinocchio's own name for what does not move."""
+"""Pinocchio's name for the fixed world."""
 DAMPING_NOTE = "the joints' own damping in the model file is not counted"
 FRICTION_NOTE = "the joints' own dry friction in the model file is not counted [N m]"
 FOLLOWERS_NOTE = "these joints follow others, which move their inertia, too"
@@ -44,19 +44,19 @@ PASSIVE_NOTE = "passive joints, without a motor"
 RUBBED_NOTE = "damping of passive joints without a spring does not count"
 SPRING_NOTE = "the joints' own springs in the model file count as stiffness beside the gearbox, without the load they carry [N m/rad]"
 ASSUMED = (FOLLOWERS_NOTE, HELD_NOTE, LOOPS_NOTE, PASSIVE_NOTE, RUBBED_NOTE, FRICTION_NOTE, SPRING_NOTE)
-"""How notes begin that say what a model was taken for, where nothing is missing or left to decide."""
+"""Beginnings of notes about how a model was read that leave nothing missing and nothing to decide."""
 
 
 @dataclass(frozen=True)
 class Description:
-    """What a reader found in a file.
+    """Robot description as a file reader returns it.
 
     model   Pinocchio's, with every joint; a floating base, if there is one, is its first. Rotors in `armature`, not in the links
-    held    joints that others, or constraints, hold in their place, and why
+    held    joints that others, or constraints, hold in place, with the reason
     springs, friction   of the joints themselves, by name [N m/rad; N/m if prismatic], [N m; N]
-    linkages   closed loops, and joints that follow others: those of `held` whose leader moves are not held but follow it
-    solids     the links as the file has them
-    actuated   joints with an actuator; None: the format, or this file, has none
+    linkages   closed loops and following joints: a joint of `held` whose leader moves follows it
+    solids     links as given in the file
+    actuated   joints with an actuator; None: the format, or this file, names none
     """
 
     source: str
@@ -81,7 +81,7 @@ def assemble(
     driven: Sequence[str] = (),
     for_names: bool = False,
 ) -> RigidBody:
-    """The body whose joints are the `selected` ones (None: all) without the `locked` and `passive` ones; see load_model.
+    """Rigid body whose actuated joints are the `selected` ones (None: all) without the `locked` and `passive` ones; see load_model.
 
     Raises GainroomError.
     """
@@ -127,7 +127,7 @@ def assemble(
 
 
 def require_movable(body: RigidBody) -> None:
-    """Raise GainroomError, naming joints, for what cannot be moved by motors, one a joint, as it is."""
+    """Raise GainroomError, naming joints, if an actuated joint has more than one degree of freedom or the mass matrix is singular."""
     for name in body.joint_names:
         freedom = body.model.joints[body.model.getJointId(name)].nv
         if freedom != 1:
@@ -136,13 +136,13 @@ def require_movable(body: RigidBody) -> None:
 
 
 def require_at_most(source: str, count: int, what: str, most: int) -> None:
-    """Raise GainroomError for a file that holds too many of something."""
+    """Raise GainroomError if a file holds more than `most` of `what`."""
     if count > most:
         raise GainroomError(f"{source}: has {count} {what} and must have at most {most}")
 
 
 def floats(model: Any) -> bool:
-    """Whether the first joint is a free one."""
+    """True if the first joint of a Pinocchio model is a floating base."""
     return model.njoints > 1 and model.joints[1].nv == 6
 
 
@@ -155,7 +155,7 @@ def _not_actuated(
     motors: frozenset[str],
     locked_key: str,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Joints that do not move, and those that no motor moves, in the model's order; `motors`: the joints that are known to have one."""
+    """Held joints and passive joints, in the model's order; `motors`: joints known to have a motor."""
     source = description.source
     everything = set(range(len(names)))
     chosen = everything if selected is None else set().union(*select_all(selected, names, f"{source}: selected"))
@@ -173,17 +173,17 @@ def _not_actuated(
 
 
 def _named(patterns: Sequence[str], names: Sequence[str], key: str) -> list[set[str]]:
-    """By pattern the names that it matches."""
+    """Joint names that match each pattern."""
     return [{names[index] for index in found} for found in select_all(patterns, names, key)]
 
 
 def _leaders(description: Description) -> dict[str, FollowingJoint]:
-    """By follower."""
+    """Following joints of a description, by the follower's name."""
     return {one.follower: one for one in description.linkages if isinstance(one, FollowingJoint)}
 
 
 def _following(description: Description, free: set[str]) -> set[str]:
-    """The joints that follow one of `free`, at once or one another. Those that move no mass may as well be held."""
+    """Joints with mass that follow one of `free`, directly or through a chain; a massless follower may as well be held."""
     found: set[str] = set()
     leaders = _leaders(description)
     for _ in leaders:  # the longest chain
@@ -198,25 +198,25 @@ def _moves_mass(model: Any, name: str) -> bool:
 
 
 def _looped(description: Description) -> set[str]:
-    """Joints of closed loops."""
+    """Names of the joints in closed loops."""
     model = description.model
     return set().union(*(_on_loop(one, model) for one in description.linkages if isinstance(one, JoinedFrames)))
 
 
 def _geared(description: Description, held: Sequence[str], motors: frozenset[str]) -> set[str]:
-    """Joints with `motors` that follow others, and those that they follow: either's motor moves both."""
+    """Following joints with `motors`, and their leaders: either motor moves both."""
     pairs = [one for one in _leaders(description).values() if one.follower in motors and one.follower not in held]
     return {name for one in pairs for name in (one.follower, one.leader)}
 
 
 def _on_loop(loop: JoinedFrames, model: Any) -> set[str]:
-    """The joints between the two frames; a floating base is no joint."""
+    """Names of the joints between the two frames of a closed loop, without a floating base."""
     first, second = ({*model.supports[model.frames[model.getFrameId(name)].parentJoint]} for name in (loop.first, loop.second))
     return {model.names[index] for index in first ^ second if model.joints[index].nv != 6}
 
 
 def _counts(linkage: Linkage, model: Any, held: Sequence[str]) -> bool:
-    """Whether something can move against it; a joint that is held follows nothing."""
+    """True if a joint can move against the linkage; a held joint follows nothing."""
     if isinstance(linkage, FollowingJoint):
         return linkage.follower not in held
     return not isinstance(linkage, JoinedFrames) or linkage.ties_base or not _on_loop(linkage, model) <= {*held}
@@ -227,7 +227,7 @@ def _damping(model: Any, name: str) -> float:
 
 
 def _positions(description: Description, names: Sequence[str], held: Sequence[str], posture: Mapping[str, float]) -> dict[str, float]:
-    """The posture's positions, checked, and where it does not name them those of held joints that follow others."""
+    """Joint positions of the posture, checked, completed by those of held followers."""
     source, leaders = description.source, _leaders(description)
     for name in posture:
         if name not in names:
@@ -243,9 +243,9 @@ def _positions(description: Description, names: Sequence[str], held: Sequence[st
 
 
 def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float], passive: Sequence[str]) -> tuple[Any, Floats]:
-    """A model in which the held joints are rigid, with rotors of the base and of passive joints alone; and the rotors.
+    """Pinocchio model with `held` joints rigid and rotors of base and passive joints alone; and all rotor inertias of the full model.
 
-    Those are by the full model's velocities.
+    Rotor inertias are indexed by the full model's velocities.
     """
     pin = library("pinocchio", "Pinocchio")
     q = pin.neutral(model)
@@ -266,12 +266,12 @@ def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float], pas
 
 
 def _rotors(model: Any) -> Floats:
-    """The motors' inertias [kg m²] at the joints, by velocities."""
+    """Rotor inertias [kg m²] by velocity index."""
     return np.array(model.armature) + np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
 
 
 def hold(pin: Any, model: Any, joints: list[int], q: Floats) -> Any:
-    """buildReducedModel, which gives up where a joint has the name of a link."""
+    """Pinocchio's buildReducedModel, made to work where a joint has the name of a link."""
     renamed = pin.Model(model)
     mark = LINK
     while any(frame.name.startswith(mark) for frame in model.frames):
@@ -286,7 +286,10 @@ def hold(pin: Any, model: Any, joints: list[int], q: Floats) -> Any:
 
 
 def _bone(model: Any, index: int, first: int) -> Bone:
-    """Joint `index` for a drawing. The end of a chain is its farthest frame, or else as far beyond its centre of mass as that is off."""
+    """Joint `index` for a drawing.
+
+    A chain ends at its farthest frame, or at twice the distance of its centre of mass if that is farther.
+    """
     parent = model.parents[index]
     name_of_parent = model.names[parent] if parent >= first else None
     if index in list(model.parents):
@@ -337,7 +340,7 @@ def _one_dof(model: Any) -> list[str]:
 
 
 def _require_names(source: str, model: Any) -> None:
-    """Raise GainroomError for joints whose names Pinocchio would mix up."""
+    """Raise GainroomError for joint names that Pinocchio would confuse."""
     for name, count in Counter(model.names).items():
         if count > 1:
             what = f"name {RESERVED!r} is taken; rename it" if name == RESERVED else f"{count} joints have this name"
@@ -345,7 +348,7 @@ def _require_names(source: str, model: Any) -> None:
 
 
 def _require_sane(source: str, model: Any) -> None:
-    """Raise GainroomError for numbers that are no robot's: their products would leave the range of a double."""
+    """Raise GainroomError for values so large that their products would overflow a double."""
     rotors = _rotors(model)
     for index in range(model.njoints):
         inertia, placement, joint = model.inertias[index], model.jointPlacements[index], model.joints[index]
@@ -372,7 +375,7 @@ def _absurd(source: str, model: Any, index: int, problem: str) -> GainroomError:
 
 
 def _require_mass(body: RigidBody) -> None:
-    """Raise GainroomError, naming joints, where the mass matrix is singular in every posture."""
+    """Raise GainroomError, naming joints, if the mass matrix is singular in every posture."""
     # A wrist of massless links is singular in a few postures only, one of which may be the neutral one.
     generic = np.sin(1.0 + np.arange(body.nv)) * (np.arange(body.nv) >= body.nv - body.size)
     for q in (body.neutral(), body.integrate(body.neutral(), generic)):
@@ -395,7 +398,7 @@ def _require_mass(body: RigidBody) -> None:
 
 
 def massless(mass_matrix: Floats) -> list[int]:
-    """Degrees of freedom without inertia of their own: those with none at all, or else those that make up a motion that has none."""
+    """Degrees of freedom without inertia: those with a zero diagonal, otherwise those that take part in a motion without inertia."""
     diagonal = np.diag(mass_matrix)
     if np.any(diagonal < MASSLESS):
         return np.flatnonzero(diagonal < MASSLESS).tolist()

@@ -24,7 +24,7 @@ UNLIMITED = 1e300  # Pinocchio writes the largest float where a joint has no lim
 
 
 def library(name: str, title: str) -> Any:
-    """The module `name` of the extra `robot`. Raises GainroomError where it is not installed."""
+    """Module `name` of the extra `robot`. Raises GainroomError if it is not installed or does not load."""
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
@@ -34,12 +34,12 @@ def library(name: str, title: str) -> Any:
 
 
 def is_continuous(joint: Any) -> bool:
-    """Whether a posture holds cosine and sine of this joint of Pinocchio's instead of its angle."""
+    """True if a posture stores cosine and sine of this Pinocchio joint instead of its angle."""
     return joint.nq == 2 and joint.nv == 1
 
 
 def is_prismatic(joint: Any) -> bool:
-    """Whether this joint of Pinocchio's is prismatic."""
+    """True if this Pinocchio joint is prismatic."""
     return joint.shortname().startswith("JointModelP")  # PX, PY, PZ, PrismaticUnaligned
 
 
@@ -57,17 +57,17 @@ class RigidBody:
     joint_names   the n actuated joints, in the model's order
     base          "fixed" | "floating"
     armature      (n,) reflected rotor inertia given in the file, 0 where none [kg m²; kg if prismatic]
-    locked        joints of the file that are held, and at which position [rad; m if prismatic]
-    led           those of them that would follow a joint that moves: they are held where it puts them in the posture
+    locked        joints of the file that are held, with their position [rad; m if prismatic]
+    led           locked joints that would follow a moving joint: they are held where its position in the posture puts them
     notes         warnings about how the file was read
-    doubts        what of its links no robot has (plausible_links.py), so that no verdict about it is one about a robot
+    doubts        implausible link data (plausible_links.py), which makes every verdict doubtful
     bones         joints of the file, parents first, for a drawing
-    springs       of joints that have one of their own, beside the gearbox, by name [N m/rad; N/m if prismatic]
+    springs       stiffness of a joint's own spring, beside the gearbox, by name [N m/rad; N/m if prismatic]
     passive       joints without a motor, in the model's order, of any freedom; their rotors are part of the links
-    linkages      closed loops, and joints that follow others
+    linkages      closed loops and following joints
     passive_springs   stiffness and damping of passive joints with a spring, by name [N m/rad; N m s/rad]
     looped        joints of closed loops, actuated or passive
-    payload       point masses beside the links' own, which `model` holds, by frame [kg]
+    payload       added point masses by frame [kg], already contained in `model`
 
     Postures q (nq,) hold the base's position and quaternion (x, y, z, w) if it floats, then each joint's angle, or cosine and sine of a
     continuous joint's. Make them with `configuration`. All methods raise GainroomError for a q of wrong shape or not finite.
@@ -99,7 +99,7 @@ class RigidBody:
         return len(self.joint_names)
 
     def require_tree(self, owner: str) -> None:
-        """Raise GainroomError, which begins with `owner`, where there are closed loops or passive joints."""
+        """Raise GainroomError, its message beginning with `owner`, if the body has closed loops or passive joints."""
         if self.linkages or self.passive:
             named = {name for name in self.passive if any(repr(name) in linkage.name for linkage in self.linkages)}
             passive = [f"passive joint {name!r}" for name in self.passive if name not in named]
@@ -109,17 +109,17 @@ class RigidBody:
 
     @property
     def every_joint(self) -> tuple[str, ...]:
-        """Names of all joints of the file: the actuated ones, then those that are locked, then passive ones."""
+        """Names of all joints of the file: actuated, locked, passive."""
         return (*self.joint_names, *self.locked, *self.passive)
 
     @property
     def prismatic(self) -> Booleans:
-        """(n,) True where a joint is prismatic: its numbers are in m and N, where those of a hinge are in rad and N m."""
+        """(n,) True where a joint is prismatic: its values are in m and N instead of rad and N m."""
         return np.array([is_prismatic(joint) for joint in self.joints])
 
     @property
     def damping(self) -> Floats:
-        """(n,) the joints' own damping given in the file [N m s/rad; N s/m if prismatic]; it is no part of the links."""
+        """Joint damping (n,) given in the file [N m s/rad; N s/m if prismatic]; it is not part of the links."""
         return np.array([float(self.model.damping[joint.idx_v]) for joint in self.joints])
 
     @property
@@ -129,18 +129,18 @@ class RigidBody:
 
     @property
     def nv(self) -> int:
-        """N, the degrees of freedom: n, those of passive joints, and 6 of a floating base."""
+        """Number N of degrees of freedom: n, those of passive joints, and 6 of a floating base."""
         return self.model.nv
 
     @cached_property
     def total_mass(self) -> float:
-        """Of all moving links [kg]."""
+        """Mass of all moving links [kg]."""
         return float(sum(self.model.inertias[joint].mass for joint in range(1, self.model.njoints)))
 
     def with_payload(self, frame: str, mass: float) -> "RigidBody":
-        """The same robot that carries a point mass [kg] at the origin of a frame, beside what it carries.
+        """Body with an added point mass [kg] at the origin of a frame.
 
-        Raises GainroomError for a frame that is not there, and for one that does not move.
+        Raises GainroomError for an unknown frame, and for one that does not move.
         """
         place = self.model.frames[self.frame_index(frame)]
         if not place.parentJoint:
@@ -151,17 +151,17 @@ class RigidBody:
 
     @property
     def carriers(self) -> tuple[str, ...]:
-        """The frames that move, at which a payload counts."""
+        """Names of the moving frames, at which a payload has an effect."""
         return tuple(name for name, index in self._frames.items() if self.model.frames[index].parentJoint)
 
     @cached_property
     def lower(self) -> Floats:
-        """(n,) lowest positions [rad; m if prismatic], −inf where there is no limit."""
+        """Lower position limits (n,) [rad; m if prismatic]; −inf where there is none."""
         return self._limits(self.model.lowerPositionLimit, -1)
 
     @cached_property
     def upper(self) -> Floats:
-        """(n,) highest positions [rad; m if prismatic], inf where there is no limit."""
+        """Upper position limits (n,) [rad; m if prismatic]; inf where there is none."""
         return self._limits(self.model.upperPositionLimit, 1)
 
     @property
@@ -170,14 +170,18 @@ class RigidBody:
         return tuple(self._frames)
 
     def neutral(self) -> Floats:
-        """(nq,) every joint at 0, a floating base at the identity: where the file puts it, if closed loops tie it to the world."""
+        """Neutral posture (nq,).
+
+        Every joint at 0, a floating base at the identity, or where the file puts it if loops tie it to the world.
+        """
         return self._pinocchio.neutral(self.model)
 
     def configuration(self, angles: Mapping[str, float]) -> Floats:
-        """(nq,) joints at `angles` [rad; m if prismatic], at 0 where not named; a floating base as `neutral` has it.
+        """Posture (nq,) with joints at `angles` [rad; m if prismatic], 0 where not named; a floating base as in `neutral`.
 
-        A locked joint may be named with the position that it is held at. Closed loops are closed: a tied base follows, and passive
-        joints, looked for about where they are named. Raises GainroomError for unknown joints, other positions, and loops that stay open.
+        A locked joint may be named with the position that it is held at. Closed loops are closed: a tied base follows, and passive joints
+        are solved for, starting where they are named. Raises GainroomError for unknown joints, other positions of locked ones, and loops
+        that stay open.
         """
         q = self.neutral()
         moved: dict[str, float] = {}
@@ -195,7 +199,7 @@ class RigidBody:
         return closed(self, self.neutral(), moved)
 
     def place(self, q: Floats, name: str, value: float) -> None:
-        """Write the position of a joint of one degree of freedom, actuated or passive, into `q`. Raises GainroomError for another."""
+        """Write the position of a one-degree-of-freedom joint, actuated or passive, into `q`. Raises GainroomError for another joint."""
         if name not in self.passive and name not in self.joint_names:
             raise GainroomError(f"{self.source}: no joint {name!r}{nearest(name, self.joint_names, 'joint')}")
         joint = self._joint(name)
@@ -204,7 +208,7 @@ class RigidBody:
         put_position(q, joint, value)
 
     def position(self, q: Floats, name: str) -> float:
-        """Of any joint of one degree of freedom [rad; m if prismatic]."""
+        """Position of any one-degree-of-freedom joint in `q` [rad; m if prismatic]."""
         if name in self.locked:
             return float(self.locked[name])
         joint = self._joint(name)
@@ -212,20 +216,20 @@ class RigidBody:
         return float(np.arctan2(q[at + 1], q[at]) if is_continuous(joint) else q[at])
 
     def velocity_of(self, name: str) -> int:
-        """The place of a joint's rate among the N velocities, its first where it has several; −1 where it is locked."""
+        """Index of a joint's rate among the N velocities, the first for several; −1 for a locked joint."""
         return -1 if name in self.locked else int(np.flatnonzero(self._order == self._joint(name).idx_v)[0])
 
     def rate(self, name: str) -> Floats:
-        """(N,) from velocity to the rate of a joint of one degree of freedom; zeros where it is locked."""
+        """Row (N,) from velocity to the rate of a one-degree-of-freedom joint; zeros for a locked one."""
         return (np.arange(self.nv) == self.velocity_of(name)).astype(float)
 
     def angles(self, q: ArrayLike) -> Floats:
-        """(n,) joint positions in posture `q` [rad; m if prismatic]; of a continuous joint within ±π."""
+        """Joint positions (n,) in posture `q` [rad; m if prismatic]; a continuous joint's within ±π."""
         q = self._posture(q)
         return np.array([np.arctan2(q[j.idx_q + 1], q[j.idx_q]) if is_continuous(j) else q[j.idx_q] for j in self.joints])
 
     def beyond_limits(self, q: ArrayLike) -> tuple[str, ...]:
-        """One warning for each joint that stands outside its limits in posture `q`."""
+        """Warnings, one for each joint outside its position limits in posture `q`."""
         return tuple(
             f"joint {name!r} at {angle:.4g} is outside its limits {low:.4g} to {high:.4g} {'m' if is_prismatic(joint) else 'rad'}"
             for name, joint, angle, low, high in zip(self.joint_names, self.joints, self.angles(q), self.lower, self.upper, strict=True)
@@ -233,7 +237,7 @@ class RigidBody:
         )
 
     def integrate(self, q: ArrayLike, displacement: ArrayLike) -> Floats:
-        """(nq,) the posture `displacement` (N,) away from `q`, as after unit time at that velocity."""
+        """Posture (nq,) reached from `q` by the velocity `displacement` (N,) in unit time."""
         moved = require_finite(self.source, "displacement", displacement)
         if moved.shape != (self.nv,):
             raise GainroomError(f"{self.source}: displacement of shape {moved.shape} must be ({self.nv},)")
@@ -242,41 +246,41 @@ class RigidBody:
         return self._pinocchio.integrate(self.model, self._posture(q), in_tree)
 
     def mass_matrix(self, q: ArrayLike) -> Floats:
-        """A (N, N), symmetric: inertia of the links alone, actuated joints' rotors apart [kg m², kg m, kg]."""
+        """Mass matrix A (N, N), symmetric, of the links without the actuated joints' rotors [kg m², kg m, kg]."""
         upper = np.triu(self._pinocchio.crba(self.model, self._data, self._posture(q)))
         return self._ordered(upper + np.triu(upper, 1).T, both=True)
 
     def gravity_torque(self, q: ArrayLike) -> Floats:
-        """g (N,), the torques that balance gravity: A v̇ = Sᵀ τ − g at rest [N m; N if prismatic and for a base's linear part]."""
+        """Gravity torques g (N,) with A v̇ = Sᵀ τ − g at rest [N m; N if prismatic and for a base's linear part]."""
         return self._ordered(self._pinocchio.computeGeneralizedGravity(self.model, self._data, self._posture(q)))
 
     def com(self, q: ArrayLike) -> Floats:
-        """(3,) centre of mass of everything that moves, world axes [m]."""
+        """Centre of mass (3,) of everything that moves, world axes [m]."""
         return self._pinocchio.centerOfMass(self.model, self._data, self._posture(q)).copy()
 
     def com_jacobian(self, q: ArrayLike) -> Floats:
-        """(3, N) from velocity to that of the centre of mass, world axes."""
+        """Jacobian (3, N) of the centre of mass, world axes."""
         jacobian = self._pinocchio.jacobianCenterOfMass(self.model, self._data, self._posture(q))
         return self._ordered(jacobian.reshape(3, self.nv))  # Pinocchio returns a vector for one degree of freedom
 
     def frame_placement(self, q: ArrayLike, frame: str) -> tuple[Floats, Floats]:
-        """(R (3, 3), p (3,)): axes and origin of a frame in world axes [m]. Raises GainroomError for an unknown frame."""
+        """Placement of a frame in world axes: rotation R (3, 3) and origin p (3,) [m]. Raises GainroomError for an unknown frame."""
         return self.frame_placements(q, [frame])[0]
 
     def frame_placements(self, q: ArrayLike, frames: Iterable[str]) -> list[tuple[Floats, Floats]]:
-        """frame_placement of several frames of one posture."""
+        """Placements of several frames in one posture, see frame_placement."""
         data = self._placed(q)
         return [(data.oMf[index].rotation.copy(), data.oMf[index].translation.copy()) for index in map(self.frame_index, frames)]
 
     def frame_jacobian(self, q: ArrayLike, frame: str) -> Floats:
-        """(6, N) from velocity to the frame's: linear, of its origin, then angular; both in the frame's own axes.
+        """Jacobian (6, N) of a frame: linear velocity of its origin, then angular; both in the frame's own axes.
 
         Raises GainroomError for an unknown frame.
         """
         return self._jacobian(q, self.frame_index(frame))
 
     def anchor_jacobian(self, q: ArrayLike, anchor: str) -> Floats:
-        """The same of an anchor of a closed loop."""
+        """Jacobian (6, N) of an anchor of a closed loop, in its own axes."""
         return self._jacobian(q, self._anchor(anchor))
 
     def _jacobian(self, q: ArrayLike, index: int) -> Floats:
@@ -293,11 +297,11 @@ class RigidBody:
         return self.model.getFrameId(name, self._pinocchio.FrameType.SENSOR)
 
     def logarithm(self, placement: Any) -> Floats:
-        """(6,) the twist that leads to a placement in unit time: linear [m], angular [rad]."""
+        """Twist (6,) that reaches a placement in unit time: linear [m], angular [rad]."""
         return np.array(self._pinocchio.log6(placement).vector)
 
     def skeleton(self, q: ArrayLike) -> Skeleton:
-        """Joints and the ends of chains as points, for a drawing of posture `q`."""
+        """Joints and chain ends as points, for a drawing of posture `q`."""
         data = self._placed(q)
         names, positions, parents, joints = ["base"], [data.oMf[self._root].translation.copy()], [-1], [-1]
         node: dict[str | None, int] = {None: 0}
@@ -325,13 +329,13 @@ class RigidBody:
 
     @property
     def _data(self) -> Any:
-        """Pinocchio's workspace, one per thread: costly to make, and written by every call."""
+        """Pinocchio workspace, one per thread: expensive to make, and written by every call."""
         if not hasattr(self._scratch, "data"):
             self._scratch.data = self.model.createData()
         return self._scratch.data
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without modules and workspaces, so that a body can be sent to another process."""
+        """State for pickling without modules and workspaces, so that a body can be sent to another process."""
         return {name: value for name, value in self.__dict__.items() if name not in ("_pinocchio", "_scratch", "joints")}
 
     @cached_property
@@ -344,13 +348,13 @@ class RigidBody:
 
     @cached_property
     def _order(self) -> Integers:
-        """(N,) where in Pinocchio's velocities, which follow the tree, each of ours is."""
+        """Indices (N,) of this body's velocities in Pinocchio's, which follow the tree."""
         parts = [(joint.idx_v, joint.nv) for joint in (*(self._joint(name) for name in self.passive), *self.joints)]
         base = np.arange(self.nv - sum(size for _, size in parts))
         return np.concatenate([base, *(np.arange(start, start + size) for start, size in parts)]).astype(int)
 
     def _ordered(self, values: Floats, both: bool = False) -> Floats:
-        """A copy with its last axis, or `both`, in our order of velocities."""
+        """Copy of `values` with its last axis (`both`: the last two) in this body's order of velocities."""
         if not self.passive:
             return np.array(values)
         return values[np.ix_(self._order, self._order)] if both else values[..., self._order]
@@ -373,7 +377,7 @@ class RigidBody:
         return self._joint_frames[self.model.names[1]] if self.base == "floating" else 0
 
     def frame_index(self, name: str) -> int:
-        """Pinocchio's number of a frame. Raises GainroomError for an unknown one."""
+        """Pinocchio's index of a frame. Raises GainroomError for an unknown one."""
         if name not in self._frames:
             raise GainroomError(f"{self.source}: no frame {name!r}{nearest(name, self.frames, 'frame')}")
         return self._frames[name]

@@ -1,4 +1,4 @@
-"""What holds a robot: contacts, rigid or on springs, closed loops, springs of passive joints; and the motion that remains free.
+"""Constraints of a robot: rigid and compliant contacts, closed loops, springs of passive joints; and the motion that they leave free.
 
 Rigid contact takes motion away. With the links' inertia A (N, N) and the rows J_c of what is held (theory after Park and Khatib 2006,
 and Sentis, Park and Khatib 2010):
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .body import RigidBody
 
 ContactKind = Literal["flat", "line", "point"]
-_ROWS = {"flat": (0, 1, 2, 3, 4, 5), "line": (0, 1, 2, 3, 5), "point": (0, 1, 2)}  # of a twist: linear x y z, angular x y z
+_ROWS = {"flat": (0, 1, 2, 3, 4, 5), "line": (0, 1, 2, 3, 5), "point": (0, 1, 2)}  # rows of a twist: linear x y z, angular x y z
 _LINEAR = 3
 
 # A held direction counts as its own when it moves the links by more than this, relative to the one that moves them most. Redundant rows
@@ -34,13 +34,13 @@ REDUNDANT = 1e-9
 
 @dataclass(frozen=True)
 class Contact:
-    """One frame on the ground.
+    """Contact of one frame with the ground.
 
     frame       on the robot; directions are its own axes, and its origin is the point
     kind        "flat" holds all 6 directions; "line" 5, free to roll about the frame's y axis; "point" the 3 translations
     stiffness   of the ground; None: rigid. A number for every direction, two numbers (translations, rotations), or one for each
                 held direction in the order linear x y z, angular x y z [N/m, N m/rad]; inf: that direction is rigid
-    damping     likewise [N s/m, N m s/rad]; None: 0; only beside stiffness
+    damping     of the ground, in the same forms [N s/m, N m s/rad]; None: 0; only beside stiffness
 
     Raises GainroomError for an unknown kind and for values that are not physical.
     """
@@ -62,17 +62,17 @@ class Contact:
 
     @property
     def rows(self) -> tuple[int, ...]:
-        """The directions held, as rows of the frame's twist (linear x y z, angular x y z)."""
+        """Held directions, as row indices of the frame's twist (linear x y z, angular x y z)."""
         return _ROWS[self.kind]
 
     @property
     def springs(self) -> Floats:
-        """(c,) stiffness of each direction held, inf where rigid [N/m, N m/rad]."""
+        """Stiffness (c,) of each held direction, inf where rigid [N/m, N m/rad]."""
         return np.full(len(self.rows), np.inf) if self.stiffness is None else self._per_row("stiffness", self.stiffness)
 
     @property
     def dampers(self) -> Floats:
-        """(c,) damping of each direction held [N s/m, N m s/rad]."""
+        """Damping (c,) of each held direction [N s/m, N m s/rad]."""
         return np.zeros(len(self.rows)) if self.damping is None else self._per_row("damping", self.damping)
 
     def _per_row(self, name: str, value: Any) -> Floats:
@@ -93,7 +93,7 @@ class Contact:
 
 
 def contact_jacobian(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> Floats:
-    """(c, N): the held directions of all contacts, one below the other, each in its frame's axes.
+    """Contact Jacobian (c, N): held directions of all contacts, one below the other, each in its frame's axes.
 
     Raises GainroomError for a frame that the robot does not have and for a frame used twice.
     """
@@ -105,7 +105,7 @@ def contact_jacobian(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) 
 
 
 class Held(NamedTuple):
-    """The directions that are held: those of contact_jacobian, then closed loops, then springs of passive joints.
+    """Held directions: rows of contact_jacobian, then closed loops, then springs of passive joints.
 
     jacobian           J_c (c, N)
     springs, dampers   (c,) inf where rigid [N/m, N m/rad], [N s/m, N m s/rad]
@@ -122,7 +122,7 @@ class Held(NamedTuple):
 
 
 def held(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> Held:
-    """What holds the robot in posture `q` (nq,) on `contacts`. Raises GainroomError as contact_jacobian."""
+    """Constraints on the robot in posture `q` (nq,) on `contacts`. Raises GainroomError as contact_jacobian."""
     loops = linkage_jacobian(body, q)
     sprung = [body.rate(name)[None] for name in body.passive_springs]
     own = np.array(list(body.passive_springs.values())).reshape(-1, 2)
@@ -134,13 +134,13 @@ def held(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> Held:
 
 
 def free_motion(inertia: Floats, held: Floats) -> Floats:
-    """R (N, r) with P = R Rᵀ: the motion that the rigid contacts leave, its columns of unit kinetic energy (Rᵀ A R = I).
+    """Free motion R (N, r) under rigid constraints, P = R Rᵀ, columns of unit kinetic energy (Rᵀ A R = I).
 
     inertia   A (N, N), symmetric, > 0
     held      J_c (c, N), any rank
 
-    With A = L Lᵀ and X = L⁻¹ J_cᵀ, P = L⁻ᵀ (I − X X⁺) L⁻¹: R is L⁻ᵀ times an orthonormal basis of what X does not reach, so nothing is
-    subtracted and P comes out symmetric and ≥ 0.
+    With A = L Lᵀ and X = L⁻¹ J_cᵀ, P = L⁻ᵀ (I − X X⁺) L⁻¹: R is L⁻ᵀ times an orthonormal basis of the complement of X's range, so nothing
+    is subtracted and P comes out symmetric and ≥ 0.
     """
     unit = np.linalg.inv(np.linalg.cholesky(inertia)).T
     if not len(held):

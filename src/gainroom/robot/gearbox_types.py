@@ -1,7 +1,7 @@
-"""Gearboxes by type: where the stiffness and damping of a joint usually lie when nobody has measured them.
+"""Gearbox types: usual ranges of a joint's stiffness and damping where neither is measured.
 
-Ranges are of what motors feel, so that one serves small and large joints: the resonance Ω = √(K/J) of the motor, J its inertia on the
-joint side, on its gearbox with the output held; and the damping ratio ζ = B/(2 √(K J)). They are part of a system's Uncertainty.
+Ranges are stated in motor quantities, so that one serves small and large joints: the resonance Ω = √(K/J) of the motor, J its inertia on
+the joint side, on its gearbox with the output held; and the damping ratio ζ = B/(2 √(K J)). They are part of a system's Uncertainty.
 """
 
 import itertools
@@ -18,10 +18,10 @@ from .name_patterns import select
 
 @dataclass(frozen=True)
 class GearboxType:
-    """A range, both ends.
+    """Gearbox type with the ranges (low, high) of its values.
 
-    resonance      [rad/s]
-    damping_ratio  of critical
+    resonance      [rad/s], motor on its gearbox, output held
+    damping_ratio  relative to critical damping
     source         of these numbers, in a few words
     """
 
@@ -43,31 +43,31 @@ TYPES: dict[str, GearboxType] = {
         GearboxType("belt", (60.0, 400.0), (0.01, 0.1), GUESS),
     )
 }
-"""By the name that --gearbox takes."""
+"""Gearbox types by the name that --gearbox takes."""
 DIRECT = "direct"
 """The name for joints without a gearbox, which are rigid."""
 
 
 @dataclass(frozen=True)
 class TypedGearboxes:
-    """What options say of gearboxes, joint by joint.
+    """Gearbox types given by options, per joint.
 
-    types   (n,) by name, "" of a joint of which they say nothing, or whose own stiffness is given
-    known   the joints of which they say something, and which keep their own stiffness
+    types   (n,) type name; "" for a joint without one, or with a stiffness of its own
+    known   joints that an option names but that keep their own stiffness
     """
 
     types: tuple[str, ...]
     known: tuple[str, ...] = ()
 
     def without_effect(self, option: str, source: object) -> list[str]:
-        """That `option` changes nothing of what is known, as a warning; [] where nothing is. `source`: of the known stiffness."""
+        """Warning that `option` has no effect on joints whose stiffness is known from `source`; [] where there are none."""
         count = f"{len(self.known)} joints have their stiffness" if len(self.known) > 1 else "one joint has its stiffness"
         advice = "leave the stiffness out there to audit the range"
         return [f"{option} has no effect where {count} from {source}: {first_of_many(self.known)}; {advice}"] * bool(self.known)
 
 
 def typed_gearboxes(typed: Sequence[str], joint_names: Sequence[str], given: Booleans, option: str) -> TypedGearboxes:
-    """What TYPE and PATTERN=TYPE say of joints, the later winning; a joint whose stiffness is `given` (n,) keeps that.
+    """Gearbox types from options TYPE and PATTERN=TYPE, later ones winning; a joint whose stiffness is `given` (n,) keeps it.
 
     Raises GainroomError, which names the `option`, for an unknown type and a pattern that matches nothing.
     """
@@ -83,7 +83,7 @@ def typed_gearboxes(typed: Sequence[str], joint_names: Sequence[str], given: Boo
 
 
 def ranges_of(types: Sequence[str]) -> dict[str, tuple[Floats, Floats]]:
-    """The intervals of an Uncertainty for gearboxes of these types (n,), NaN where the type is ""; {} where all are."""
+    """Intervals of an Uncertainty for gearboxes of `types` (n,), NaN where the type is ""; {} where all are ""."""
     if not any(types):
         return {}
     ends = [(*TYPES[kind].resonance, *TYPES[kind].damping_ratio) if kind else (math.nan,) * 4 for kind in types]
@@ -92,13 +92,13 @@ def ranges_of(types: Sequence[str]) -> dict[str, tuple[Floats, Floats]]:
 
 
 def middle(kind: str, inertia: float) -> tuple[float, float]:
-    """Stiffness and damping in the middle of a type's range, by ratios, for a motor of this inertia [kg m²]."""
+    """Stiffness [N m/rad] and damping [N m s/rad] at the geometric middle of a type's range, for a motor of this inertia [kg m²]."""
     omega, ratio = (math.sqrt(low * high) for low, high in (TYPES[kind].resonance, TYPES[kind].damping_ratio))
     return inertia * omega**2, 2 * ratio * inertia * omega
 
 
 def sources(types: Mapping[str, None]) -> list[str]:
-    """Each type with its range and where that is from, for people."""
+    """Sentences for users: each type with its range and source."""
     found = []
     for one in map(TYPES.__getitem__, types):
         low, high = (f"{omega / (2 * math.pi):.0f}" for omega in one.resonance)

@@ -1,4 +1,4 @@
-"""Ground on which feet may slip and from which they may lift, and the soles that touch it; for simulation."""
+"""Ground for simulation, on which feet may slip and from which they may lift, and the soles that touch it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,12 +12,12 @@ from ..system.linear.arrays import Floats
 from .contact import Contact
 
 LEVEL = 1e-6
-"""Sine of the angle to the vertical below which a line is taken as vertical itself: no ground follows from it."""
+"""Sine of the angle to the vertical below which a line counts as vertical, so that it determines no ground plane."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sole:
-    """The rectangle of a contact frame's x-y plane that touches the ground; a line contact uses its width alone, a point contact none.
+    """Sole: the rectangle of a contact frame's x-y plane that touches the ground; a line contact uses its width alone, a point none.
 
     length, width   along x and y of the frame [m]
     center          of the rectangle in the frame [m]
@@ -34,9 +34,9 @@ class Sole:
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """Ground that the feet stand on and may leave: under each contact frame a plane through it, see `ground_axes`.
+    """Ground on which the feet stand and which they may leave: a plane through each contact frame, see `ground_axes`.
 
-    friction   of Coulomb, between sole and ground
+    friction   Coulomb coefficient between sole and ground
     soles      by frame; a Sole of ordinary size where none is given
     """
 
@@ -48,17 +48,17 @@ class Ground:
 
 
 def upwards(body: Any) -> Floats | None:
-    """(3,) against gravity in world axes; None where a RigidBody's model has none."""
+    """Unit vector (3,) against gravity in world axes; None for a model without gravity."""
     gravity = np.array(body.model.gravity.linear)
     size = float(np.linalg.norm(gravity))
     return -gravity / size if size > 0 else None
 
 
 def ground_axes(contact: Contact, frame: Floats, up: Floats | None) -> Floats:
-    """(3, 3) axes of the ground under a contact frame of axes `frame` (3, 3), in world axes; the last column is its normal.
+    """Axes (3, 3) of the ground under a contact frame with axes `frame` (3, 3), in world axes; the last column is the normal.
 
-    Under a flat contact the ground has the frame's slope. Under a line contact it contains the frame's y axis, under a point contact
-    nothing is given: there it is as level as possible. `up` (3,); None, without gravity: the frame's own axes.
+    Under a flat contact the ground has the frame's slope. Under a line contact it contains the frame's y axis and is otherwise as level as
+    possible, under a point contact it is level. `up` (3,); None, without gravity: the frame's own axes.
     """
     if contact.kind == "flat" or up is None:
         return frame
@@ -72,7 +72,7 @@ def ground_axes(contact: Contact, frame: Floats, up: Floats | None) -> Floats:
 
 
 def _level(frame: Floats, up: Floats) -> Floats:
-    """(3,) of unit length, horizontal: as the frame's y or, where that is steeper, its x."""
+    """Horizontal unit vector (3,) along the frame's y axis, or along x where y is steeper."""
     flat = [axis - up * (axis @ up) for axis in (frame[:, 1], frame[:, 0])]
     best = max(flat, key=lambda axis: float(np.linalg.norm(axis)))
     return best / np.linalg.norm(best)
@@ -80,7 +80,7 @@ def _level(frame: Floats, up: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Footing:
-    """The ground under one contact frame: how high it is [m], and how far its normal is from the vertical [rad]."""
+    """Ground under one contact frame: height [m], and angle of its normal to the vertical [rad]."""
 
     frame: str
     height: float
@@ -88,7 +88,7 @@ class Footing:
 
 
 def footings(body: Any, q: Floats, contacts: Sequence[Contact]) -> tuple[Footing, ...]:
-    """What the rigid ones of `contacts` stand on in posture `q` (nq,); heights from the lowest. Empty where nothing is level."""
+    """Ground under the rigid `contacts` in posture `q` (nq,), heights relative to the lowest; empty without gravity."""
     up, found = upwards(body), []
     if up is None:
         return ()

@@ -1,4 +1,4 @@
-"""Robots for what is carried on a tree of joints alone, as sweeps and simulations: joints that only follow others are held."""
+"""Robots reduced to a tree of joints for sweeps and simulation: joints that only follow others are held."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,7 +11,10 @@ from .robot import Posture, Robot
 
 
 def on_a_tree(system: System) -> System:
-    """The same system with a robot whose followers are held, and a warning that says so; the same where it has none, or more than them."""
+    """System whose robot has its following joints held, with a warning.
+
+    Unchanged if it has none, or other closed loops or passive joints.
+    """
     robot = system.source
     if not isinstance(robot, Robot) or not followers(robot.body):
         return system
@@ -25,13 +28,13 @@ def on_a_tree(system: System) -> System:
 
 
 def followers(body: RigidBody) -> tuple[str, ...]:
-    """The passive joints, where all of them follow others and nothing else keeps the joints from being a tree; else none."""
+    """Passive joints if all of them follow others and nothing else closes a loop; otherwise ()."""
     following = {one.follower for one in body.linkages if isinstance(one, FollowingJoint)}
     return body.passive if len(following) == len(body.linkages) and following == {*body.passive} else ()
 
 
 def with_followers_held(body: RigidBody, angles: Mapping[str, float]) -> RigidBody:
-    """The same body as a tree: its followers held where they stand at `angles` [rad; m if prismatic]."""
+    """Body as a tree: following joints held at their positions for `angles` [rad; m if prismatic]."""
     pin, q, held = library("pinocchio", "Pinocchio"), body.configuration(angles), followers(body)
     model = hold(pin, body.model, [body.model.getJointId(name) for name in held], q)
     places = {name: body.position(q, name) for name in held}

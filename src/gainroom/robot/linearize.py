@@ -1,4 +1,4 @@
-"""From a robot in a posture on its contacts to a plant of n joints: W = S P Sᵀ, compliant contact, gravity stiffness.
+"""Linearisation of a robot in a posture on its contacts to a plant of n joints: W = S P Sᵀ, compliant contact, gravity stiffness.
 
 A floating base and passive joints move with the joints as contacts and closed loops demand. What holds rigidly is projected out
 (contact.py); springs push with f = −(K_c + s B_c) x_c on their own motion x_c, which leaves
@@ -31,7 +31,7 @@ STEP = 1e-5
 
 
 def linearize(body: "RigidBody", actuators: "Actuators", q: Floats, contacts: Sequence[Contact] = (), gravity: bool = False) -> RobotModel:
-    """The robot about posture `q`, standing on `contacts`.
+    """Linear robot model about posture `q`, standing on `contacts`.
 
     body        the links
     actuators   one entry per joint of the body
@@ -67,23 +67,23 @@ def linearize(body: "RigidBody", actuators: "Actuators", q: Floats, contacts: Se
 
 
 def _links(body: "RigidBody", inertia: Floats, holding: Held) -> tuple[Floats, Floats, Floats]:
-    """The free motion R (nv, r), its rows of the joints S R (n, r), and W (n, n) = S R Rᵀ Sᵀ, without springs of contacts."""
+    """Free motion R (nv, r), its joint rows S R (n, r), and W (n, n) = S R Rᵀ Sᵀ, without contact springs."""
     motion = free_motion(inertia, holding.jacobian[holding.rigid])
     joints = motion[body.nv - body.size :]
-    # Where the joints are all that moves, nothing is projected, and W is A⁻¹ to the last bit.
+    # Without base and passive joints nothing is projected, and W is A⁻¹ to the last bit.
     inverse = joints @ joints.T if holding.rigid.any() or body.nv > body.size else np.linalg.inv(inertia)
     return motion, joints, inverse
 
 
 def link_inverse_inertia(body: "RigidBody", q: Floats, contacts: Sequence[Contact] = ()) -> Floats:
-    """W (n, n) without springs of contacts; arguments and errors are those of linearize."""
+    """Inverse link inertia W (n, n) without contact springs; arguments and errors are those of linearize."""
     inertia = body.mass_matrix(q)
     _require_mass(body, inertia)
     return _links(body, inertia, held(body, q, tuple(contacts)))[2]
 
 
 def gravity_stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact] = ()) -> Floats:
-    """G (n, n), symmetric [N m/rad]: the change of the holding joint torque with motion on its rigid contacts.
+    """Gravity stiffness G (n, n), symmetric [N m/rad]: derivative of the holding joint torque by motion on rigid contacts.
 
     Near equilibrium, with torque τ₀ and contact forces f₀ that hold the robot, g = Sᵀ τ₀ + J_cᵀ f₀, the links obey
 
@@ -135,10 +135,9 @@ def gravity_stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact] 
 
 
 def _stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact], gravity: bool) -> Floats | None:
-    """The stiffness on the links beside the gearboxes: gravity where `gravity`, and the joints' own springs; None: none.
+    """Stiffness (n, n) on the links beside the gearboxes, from gravity (if `gravity`) and the joints' own springs; None: none.
 
-    A spring between the two links of joint j turns −k δq_j, a joint torque like those of the gearbox: it adds k to G's diagonal on any
-    contacts.
+    A spring between the two links of joint j gives −k δq_j, a joint torque like the gearbox's: it adds k to G's diagonal on any contacts.
     """
     springs = np.array([body.springs.get(name, 0.0) for name in body.joint_names])
     if not gravity:
@@ -147,7 +146,7 @@ def _stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact], gravit
 
 
 def holds_base(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> bool:
-    """Whether rigid contacts hold a floating base, so that it moves with the joints alone and gravity stiffness is theirs."""
+    """True if rigid contacts hold a floating base, so that it moves with the joints alone and gravity stiffness is defined."""
     if body.base == "fixed" or not contacts:
         return False
     holding = held(body, q, contacts)
@@ -156,13 +155,13 @@ def holds_base(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> boo
 
 
 def _free(motion: Floats, joints: Floats) -> int:
-    """The number of directions in which base and passive joints can move while the joints are immobile."""
+    """Number of directions in which base and passive joints can move while the actuated joints are immobile."""
     sizes = np.linalg.svd(joints, compute_uv=False)
     return motion.shape[1] - int(np.count_nonzero(sizes > REDUNDANT * sizes.max(initial=0.0)))
 
 
 def _compliance(motion: Floats, joints: Floats, holding: Held) -> Compliance | None:
-    """The springs under the feet and in passive joints as the plant wants them; None where all that holds is rigid."""
+    """Compliance of contact springs and passive-joint springs, in the form of Plant; None if all constraints are rigid."""
     soft = ~holding.rigid
     if not soft.any():
         return None
@@ -171,6 +170,6 @@ def _compliance(motion: Floats, joints: Floats, holding: Held) -> Compliance | N
 
 
 def _require_mass(body: "RigidBody", inertia: Floats) -> None:
-    """Raise GainroomError where some motion has no inertia in this posture; loading has only looked at two others."""
+    """Raise GainroomError if some motion has no inertia in this posture; loading checks two other postures only."""
     if massless(inertia):
         raise GainroomError(f"{body.source}: singular mass matrix in this posture: no mass moves with some of its joints")

@@ -1,4 +1,4 @@
-"""What holds two parts of a robot together beside its joints: closed kinematic loops, and joints that follow others.
+"""Linkages: constraints between parts of a robot beside its joints, i.e. closed kinematic loops and following joints.
 
 Each is rows of a Jacobian (r, N) that the motion of the links keeps at zero, as rigid contacts do (contact.py), and a residual (r,) that is
 zero where the loop is closed.
@@ -17,13 +17,13 @@ CLOSED = 1e-9
 """Largest residual of a closed loop [m, rad]; Newton's steps go on to round-off."""
 ROUNDS = 50
 SHARE = 0.1
-"""On the way to a posture loops are closed again each time its joints have moved by so much [rad; m if prismatic]."""
+"""Step of a joint [rad; m if prismatic] on the way to a posture after which loops are closed again."""
 LOOSE = 1e-10
-"""Of the largest singular value: directions in which loops leave the joints that follow free stay where they are."""
+"""Singular values below this share of the largest count as 0: directions that loops leave free are not moved."""
 
 
 class Links(Protocol):
-    """What is asked of a robot's links; members as RigidBody has them."""
+    """Interface to a robot's links that linkages need; members as in RigidBody."""
 
     @property
     def source(self) -> str: ...
@@ -50,17 +50,17 @@ class Links(Protocol):
 
 
 class Linkage(Protocol):
-    """One constraint. `name` as messages call it."""
+    """One constraint; `name` is its name in messages."""
 
     @property
     def name(self) -> str: ...
 
     def residual(self, body: Links, q: Floats) -> Floats:
-        """(r,) [m, rad]: zero where it is closed."""
+        """Residual (r,) [m, rad], zero where the constraint holds."""
         ...
 
     def jacobian(self, body: Links, q: Floats) -> Floats:
-        """(r, N), of a closed loop the residual's."""
+        """Constraint Jacobian (r, N); for a closed loop that of the residual."""
         ...
 
 
@@ -92,7 +92,7 @@ class JoinedFrames:
 
 @dataclass(frozen=True)
 class FollowingJoint:
-    """A joint that stands at Σ c_k x^k where another one stands at x (both from where the file calls them 0)."""
+    """Joint at position Σ c_k x^k, where its leader is at x (both from the file's zero)."""
 
     name: str
     follower: str
@@ -110,20 +110,20 @@ class FollowingJoint:
 
 
 def ties_base(body: Links) -> bool:
-    """Whether a closed loop goes through the world, which holds a floating base in some directions."""
+    """True if a closed loop goes through the world, so that it holds a floating base in some directions."""
     return any(isinstance(linkage, JoinedFrames) and linkage.ties_base for linkage in body.linkages)
 
 
 def linkage_jacobian(body: Links, q: Floats) -> Floats:
-    """(r, N): all rows of the body's linkages."""
+    """Constraint Jacobian (r, N) of all linkages of the body."""
     return np.vstack([np.zeros((0, body.nv)), *(linkage.jacobian(body, q) for linkage in body.linkages)])
 
 
 def closed(body: Links, start: Floats, angles: Mapping[str, float]) -> Floats:
-    """(nq,) the posture in which joints stand at `angles` and every loop is closed, reached from `start` (nq,), which is near closed.
+    """Posture (nq,) with joints at `angles` and every loop closed, reached from `start` (nq,), which is nearly closed.
 
-    Passive joints follow, and a base that loops tie; where those do not close a loop, so do joints that are not named. Angles of passive
-    joints are where they are looked for, not kept. Raises GainroomError where a loop cannot be closed.
+    Passive joints and a base tied by loops follow; where those cannot close a loop, joints without a given angle follow too. Angles of
+    passive joints are starting points. Raises GainroomError if a loop cannot be closed.
     """
     driven = {name: angle for name, angle in angles.items() if name in body.joint_names}
     known = {name: angle for name, angle in angles.items() if name in body.passive}
@@ -149,7 +149,10 @@ def closed(body: Links, start: Floats, angles: Mapping[str, float]) -> Floats:
 
 
 def _closed_about(body: Links, q: Floats, follow: Sequence[str]) -> tuple[Floats, float]:
-    """Newton's method in passive joints, a tied base and the joints of `follow`, least steps; and the largest residual that is left."""
+    """Posture after Newton's method with least steps in passive joints, a tied base and the joints of `follow`.
+
+    And its largest residual.
+    """
     first = 0 if ties_base(body) or body.base == "fixed" else 6
     moving = np.array([*range(first, body.nv - body.size), *map(body.velocity_of, follow)], dtype=int)
     moving = moving[moving >= 0]

@@ -1,4 +1,4 @@
-"""Joints that are images of each other, by their names: left and right ones, and those of several legs."""
+"""Mirror-image joints by name: left and right ones, and those of several legs."""
 
 import re
 from collections.abc import Sequence
@@ -17,13 +17,13 @@ _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^A-Za-z\d]+")
 
 
 def without_side(name: str) -> str:
-    """A joint's name without the words of SIDES: the same for joints that are images of each other."""
+    """Joint name without the words of SIDES, equal for mirror images."""
     words = _WORDS.findall(name)
     return "".join("" if word.lower() in SIDES else word for word in words).strip("_- ./")
 
 
 def image_groups(names: Sequence[str]) -> tuple[int, ...]:
-    """(n,) by joint the place of the first of its images; its own where it has none before it."""
+    """Index (n,) of the first mirror image of each joint; its own index where none comes before it."""
     first: dict[str, int] = {}
     stems = [without_side(name) or name for name in names]
     return tuple(first.setdefault(stem, k) for k, stem in enumerate(stems))

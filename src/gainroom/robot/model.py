@@ -1,4 +1,4 @@
-"""The robot linearised about one posture in one contact state: a plant of n joints, with what the operational space needs."""
+"""Robot linearised about one posture in one contact state: a plant of n joints, with the data of its operational space."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Stance(Protocol):
-    """What a controller's own model of the robot needs of one posture on its contacts; members as RobotModel has them."""
+    """Robot model in one posture on its contacts, as a task controller needs it; members as in RobotModel."""
 
     @property
     def body(self) -> "RigidBody": ...
@@ -34,12 +34,12 @@ class Stance(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class RobotModel(Plant):
-    """A Plant with the robot that it was linearised from.
+    """Plant with the robot state that it was linearised from.
 
     body               the links
     q                  posture, in the body's configuration (nq,)
     inertia            A (N, N) of the links, rotors apart, by the body's velocities [kg m² and so on]
-    held               what holds it: contacts, rigid and compliant, and closed loops
+    held               constraints: contacts, rigid and compliant, and closed loops
     contacts           in the order of `held`
     posture, contact   their names, for tables
     """
@@ -58,21 +58,21 @@ class RobotModel(Plant):
 
     @property
     def selection(self) -> Floats:
-        """S (n, N): the actuated joints among all degrees of freedom, the last."""
+        """Selection matrix S (n, N) of the actuated joints, the last of all degrees of freedom."""
         total = len(self.inertia)
         return np.eye(total)[total - self.size :]
 
     @property
     def rigid(self) -> Booleans:
-        """(c,) which rows of the contact Jacobian are held rigidly; the others are springs and enter as `compliance`."""
+        """(c,) True for rigidly held rows of the contact Jacobian; the others are springs and enter as `compliance`."""
         return self.held.rigid
 
     @property
     def contact_jacobian(self) -> Floats:
-        """J_c (c, N): all rows of `held`."""
+        """Constraint Jacobian J_c (c, N): all rows of `held`."""
         return self.held.jacobian
 
 
 def with_rotors(model: Stance) -> Floats:
-    """(N, N) inertia of the links and of the actuated joints' rotors."""
+    """Inertia (N, N) of the links and the actuated joints' rotors."""
     return model.inertia + model.selection.T @ np.diag(model.motor_inertia) @ model.selection

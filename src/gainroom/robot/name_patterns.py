@@ -1,7 +1,7 @@
-"""Joint names chosen by regular expression: a pattern must match a whole name, or be one, and later patterns win.
+"""Joint selection by regular expression: a pattern matches a whole name, or equals one, and later patterns win.
 
-Patterns come from files, and Python's matcher may try exponentially many ways. They are counted beforehand: the ways of a sequence
-multiply, those of alternatives add up, and what can be matched in several ways must not be repeated.
+Patterns come from files, and Python's matcher may need exponential time. The number of ways is bounded beforehand: the ways of a sequence
+multiply, those of alternatives add up, and a part that can be matched in several ways must not be repeated.
 """
 
 import math
@@ -12,26 +12,26 @@ from typing import TypeVar
 from ..errors import GainroomError, Together, nearest
 
 DEFAULT = "default"
-"""The key that stands for every joint, before all patterns."""
+"""Key that stands for every joint and is applied before all patterns."""
 LONGEST = 200
-"""Characters of a pattern or of a name."""
+"""Most characters of a pattern or of a name."""
 MOST_WAYS = 1e5
-"""Of one pattern, tried in about a millisecond."""
+"""Most ways to match one pattern; the matcher tries so many in about a millisecond."""
 MOST_TRIES = 1e8
-"""Ways of all patterns of one section, times names."""
+"""Most ways of all patterns of one section, times names."""
 TYPICAL = 40
-"""Characters of a name at least, for counting what a repeat may try."""
+"""Least name length that is assumed when the ways of a repeat are counted."""
 _CLASS_OR_ESCAPE = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]", re.DOTALL)
 _OPEN_CLASS = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*", re.DOTALL)
 _NESTED = re.compile(r"\[\^?\[|\[.*(?:--|&&|~~|\|\|)", re.DOTALL)
-"""Classes whose meaning is to change, of which Python warns; its filters of warnings are the whole process's."""
+"""Character classes whose meaning Python is about to change and warns of; warning filters are global to the process."""
 _TOKEN = re.compile(r"\(\?(?:[:=!]|<[=!])|[*+?]\??|\{[0-9]*,?[0-9]*\}\??|.", re.DOTALL)
 
 Value = TypeVar("Value")
 
 
 def compile_pattern(pattern: str, owner: str, length: int = TYPICAL) -> re.Pattern[str]:
-    """`pattern` ready to match names of up to `length` characters, bounded in time. Raises GainroomError that names `owner`."""
+    """Compiled pattern for names of up to `length` characters, bounded in time. Raises GainroomError, naming `owner`."""
     if len(pattern) > LONGEST:
         raise GainroomError(f"{owner}: a pattern of {len(pattern)} characters must have at most {LONGEST}")
     if any(map(_NESTED.match, _OPEN_CLASS.findall(pattern))):
@@ -48,17 +48,17 @@ def compile_pattern(pattern: str, owner: str, length: int = TYPICAL) -> re.Patte
 
 
 def _about(pattern: str, owner: str) -> str:
-    """How a message about a pattern begins; `owner` may be the pattern's own key."""
+    """Beginning of a message about a pattern; `owner` may be the pattern's own key."""
     return owner if owner.endswith(repr(pattern)) else f"{owner}: {pattern!r}"
 
 
 def _bare(pattern: str) -> str:
-    """`pattern` with plain characters for classes and escapes."""
+    """Pattern with plain characters in place of classes and escapes."""
     return _CLASS_OR_ESCAPE.sub("x", pattern)
 
 
 def _ways(pattern: str, length: int) -> float:
-    """In how many ways a matcher may try a well-formed pattern on a name of `length` characters."""
+    """Number of ways in which a matcher may try a well-formed pattern on a name of `length` characters."""
     # for each open group: of finished alternatives, of the sequence so far, of its last part
     groups = [[0.0, 1.0, 1.0]]
     for token in _TOKEN.findall(_bare(pattern)):
@@ -81,9 +81,9 @@ def _ways(pattern: str, length: int) -> float:
 
 
 def select(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
-    """Indices of the joint `names` that `pattern` matches from end to end; a pattern that is itself one of the names means that one.
+    """Indices of the joint `names` that `pattern` matches from end to end; a pattern equal to a name selects that joint.
 
-    Raises GainroomError, naming `owner`, where the pattern is malformed or matches none.
+    Raises GainroomError, naming `owner`, if the pattern is malformed or matches none.
     """
     found = _matches(pattern, names, owner)
     if not found:
@@ -92,7 +92,7 @@ def select(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
 
 
 def _matches(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
-    """As select, and none where it matches none."""
+    """Indices of `names` that `pattern` matches, possibly none; see select."""
     if pattern in names:
         return (names.index(pattern),)
     matcher = compile_pattern(pattern, owner, _length(names))
@@ -102,7 +102,7 @@ def _matches(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
 
 
 def _instead(pattern: str, names: Sequence[str]) -> str:
-    """What may have been meant by a pattern that matches no whole name: a part of names, or a name in other letters."""
+    """Hint for a pattern that matches no whole name: a looser pattern, or a name with similar letters."""
     inner = f"(?:{pattern})" if "|" in pattern else pattern
     loose = f"{'' if inner.startswith('.*') else '.*'}{inner}{'' if inner.endswith('.*') else '.*'}"
     try:
@@ -116,16 +116,18 @@ def _instead(pattern: str, names: Sequence[str]) -> str:
 
 
 def _length(names: Sequence[str]) -> int:
-    """Of the longest name that is matched."""
+    """Length of the longest name that can be matched, at least TYPICAL."""
     return max([TYPICAL, *(min(len(name), LONGEST) for name in names)])
 
 
 def select_all(
     patterns: Iterable[str], names: Sequence[str], owner: str, each: Callable[[str], str] | None = None, all_match: bool = True
 ) -> list[tuple[int, ...]]:
-    """As select, for every pattern; `each` makes the owner of one pattern's message. Raises GainroomError where they would take long.
+    """Indices for every pattern, see select; `each` makes the owner in the message of one pattern.
 
-    all_match   whether every pattern must match; or else one that matches nothing has no index
+    all_match   True: every pattern must match; False: one that matches nothing gets ()
+
+    Raises GainroomError if matching would take too long.
     """
     found, tries, length, chosen = [], 0.0, _length(names), select if all_match else _matches
     with Together() as together:
@@ -138,9 +140,9 @@ def select_all(
 
 
 def assign(values: Mapping[str, Value], names: Sequence[str], owner: str) -> list[list[Value]]:
-    """For each name, the values of the patterns that match it, weakest first: `default`, then in the order given.
+    """Values of the patterns that match each name, weakest first: `default`, then in the order given.
 
-    Raises GainroomError where a pattern is malformed or matches nothing, and where they would take too long to match.
+    Raises GainroomError if a pattern is malformed or matches nothing, or if matching would take too long.
     """
     result: list[list[Value]] = [[values[DEFAULT]] if DEFAULT in values else [] for _ in names]
     patterns = [pattern for pattern in values if pattern != DEFAULT]
@@ -151,5 +153,5 @@ def assign(values: Mapping[str, Value], names: Sequence[str], owner: str) -> lis
 
 
 def strongest(values: Mapping[str, Value], names: Sequence[str], owner: str) -> list[Value | None]:
-    """For each name, the value of the last pattern that matches it, None where none does. Raises GainroomError as assign."""
+    """Value of the last pattern that matches each name; None where none does. Raises GainroomError as assign."""
     return [found[-1] if found else None for found in assign(values, names, owner)]

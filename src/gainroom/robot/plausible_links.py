@@ -1,4 +1,4 @@
-"""Links that no robot has: masses, lengths and inertias held against each other, as nothing else notices a slip of units by a thousand.
+"""Implausible links: masses, lengths and inertias compared with each other to detect slips of units by a thousand.
 
 The borders are physical, or far from all of 69 public URDFs of hands, arms, quadrupeds, humanoids and drones:
 
@@ -24,38 +24,38 @@ from ..system.plausibility import NO_ROBOT, NO_SOLID
 from .body import is_prismatic, library
 
 COUNTS = 0.01
-"""Of the robot's mass: lighter links say nothing, as dummies of sensors and tips have any inertia."""
+"""Least mass of a checked link relative to the robot's: sensor and tip dummies are lighter and have arbitrary inertia."""
 SPREAD = 1.2
-"""Of the robot's size: the largest radius of gyration of a link."""
+"""Largest radius of gyration of a link, relative to the robot's size."""
 SMALL = 0.2
-"""[m] the size that a robot has at least for this."""
+"""Least robot size [m] used in that comparison."""
 POINT = 1e-4
-"""[m] a radius of gyration below which a link was described as a point."""
+"""Radius of gyration [m] below which a link was described as a point."""
 DENSEST = 4e5
-"""[kg/m³] mass over the cube of the radius of gyration, in the mean over the robot's links by mass."""
+"""Largest mass over the cube of the radius of gyration [kg/m³], averaged over the links by mass."""
 DENSE = 5e4
-"""[kg/m³] the same of a robot that is also heavy for its size."""
+"""Largest mass over the cube of the radius of gyration [kg/m³] of a robot that is also heavy for its size."""
 HEAVIEST = 1000.0
-"""[kg/m²] mass over the square of the size of a robot that is heavy for it."""
+"""Mass over the square of the size [kg/m²] above which a robot is heavy for its size."""
 LIGHTEST = 0.5
-"""[kg/m²] mass over the square of the size."""
+"""Mass over the square of the size [kg/m²] below which a robot is light for its size."""
 LONGEST = 60.0
-"""[m]"""
+"""Largest robot size [m]."""
 CENTIMETRES = 250.0
-"""[m] up to which lengths in cm may be what is too long."""
+"""Size [m] up to which lengths in cm may explain a robot that is too large."""
 LEAST = 0.05
-"""[m] a size below which radii are not held against it: a single link that turns about its centre has none."""
+"""Size [m] below which radii are not compared with it: a single link that turns about its centre has size 0."""
 SLACK = 0.01
-"""Of the largest principal inertia: files carry two or three digits."""
+"""Rounding of file values (two or three digits), relative to the largest principal inertia."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """One link as the file has it.
+    """One link as given in the file.
 
     mass     [kg]
-    centre   (3,) in the link's frame [m]
-    moments  (3,) principal ones about the centre, ascending [kg m²]
+    centre   of mass (3,) in the link's frame [m]
+    moments  (3,) principal moments about the centre, ascending [kg m²]
     """
 
     name: str
@@ -65,12 +65,12 @@ class Solid:
 
     @property
     def radius(self) -> float:
-        """Of gyration [m], about the axis of the largest inertia; NaN of a link without mass."""
+        """Radius of gyration [m] about the axis of the largest inertia; NaN for a link without mass."""
         return math.sqrt(max(float(self.moments[2]), 0.0) / self.mass) if self.mass > 0 else math.nan
 
 
 def link_doubts(model: Any, solids: Sequence[Solid]) -> tuple[str, ...]:
-    """What no robot has, each with its link and the unit that may have been meant; `model`: Pinocchio's, with every joint."""
+    """Warnings about implausible links, each with the unit that may have been meant; `model`: Pinocchio's, with every joint."""
     size, steps, turning = _lengths(model, solids)
     total = sum(one.mass for one in solids)
     moving = [one for one in solids if one.name in steps]
@@ -101,7 +101,7 @@ def link_doubts(model: Any, solids: Sequence[Solid]) -> tuple[str, ...]:
 
 
 def impossible_inertias(solids: Sequence[Solid]) -> tuple[str, ...]:
-    """A note about links whose inertia no solid has, as one principal moment is more than the sum of the others; (): none has."""
+    """Note about links with an inertia that no solid has (one principal moment exceeds the sum of the others); (): none."""
     total = sum(one.mass for one in solids)
     counted = [one for one in solids if one.mass >= COUNTS * total and one.radius > POINT]
     found = [
@@ -122,16 +122,16 @@ def _inertia(one: Solid) -> str:
 
 
 def _density(solids: Sequence[Solid]) -> float:
-    """[kg/m³] of a typical link, the mean by mass."""
+    """Density of a typical link [kg/m³], the mean by mass."""
     mass, radius = np.array([one.mass for one in solids]), np.array([one.radius for one in solids])
     share = mass / mass.sum()
     return float(share @ mass / (share @ radius**2) ** 1.5)
 
 
 def _lengths(model: Any, solids: Sequence[Solid]) -> tuple[float, dict[str, float], set[str]]:
-    """The robot's size [m]; by link that moves how far it and its centre are from its joint, and that from the one before; links that turn.
+    """Robot size [m]; reach of each moving link from its joint and the joint before; names of links that turn.
 
-    Where the whole robot stands does not count.
+    The position of the whole robot does not count.
     """
     pin = library("pinocchio", "Pinocchio")
     data = model.createData()

@@ -1,4 +1,4 @@
-"""A body's tree for the native core, which places it at every tick of a controller; its frames, contacts and tasks there."""
+"""Body tree for the native core, which evaluates it at every tick of a controller, with its frames, contacts and tasks."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,15 +13,15 @@ from .contact import Contact
 from .tasks import Task, TaskKind
 
 READINGS: tuple[TaskKind, ...] = ("com", "posture", "position", "orientation")
-"""In the order of the core's numbers."""
+"""Task kinds, in the order of the core's enumeration."""
 
 
 class TreeRows(NamedTuple):
-    """A tree in numbers, as the core's RigidTree takes them; poses are (12,).
+    """Tree as numeric arrays for the core's RigidTree; poses are (12,).
 
-    joints    (n, 17) of each the link that it is on (0: the base, k + 1: what joint k moves), its pose there, its axis, and 1 where it
-              is prismatic, 2 where its posture is cosine and sine
-    masses    (n + 1, 13) of the base, then of what each joint moves: mass, centre, inertia about it
+    joints    (n, 17) per joint: parent link (0: the base, k + 1: that of joint k), pose there, axis, and flags: 1 prismatic, 2 posture
+              stored as cosine and sine
+    masses    (n + 1, 13) of the base, then of each joint's link: mass, centre, inertia about it
     """
 
     floating: bool
@@ -32,12 +32,12 @@ class TreeRows(NamedTuple):
 
 
 def rigid_tree(body: RigidBody) -> RigidTree:
-    """Of Pinocchio's model of a body without closed loops and passive joints (RigidBody.require_tree)."""
+    """Core tree of a body without closed loops and passive joints (RigidBody.require_tree)."""
     return RigidTree(*tree_rows(body))
 
 
 def tree_rows(body: RigidBody) -> TreeRows:
-    """The same in numbers."""
+    """Numeric arrays of the tree of a body, see TreeRows."""
     model, first = body.model, body.model.njoints - body.size  # the world, then a floating base, then the joints
     rows = []
     for index, joint in enumerate(body.joints, start=first):
@@ -55,7 +55,7 @@ def tree_rows(body: RigidBody) -> TreeRows:
 
 
 def tree_frame(body: RigidBody, frame: str) -> Floats:
-    """(13,) the link that a frame is on, and its pose there. Raises GainroomError for an unknown one, and one of the world."""
+    """Link index and pose (13,) of a frame. Raises GainroomError for an unknown frame, and for one fixed in the world."""
     found = body.model.frames[body.frame_index(frame)]
     link = found.parentJoint - (body.model.njoints - body.size) + 1
     if link < 0:
@@ -64,17 +64,17 @@ def tree_frame(body: RigidBody, frame: str) -> Floats:
 
 
 def held_frames(body: RigidBody, contacts: Sequence[Contact]) -> tuple[Floats, Floats]:
-    """(c, 13) frames, (c, 6) which directions of their twists are held, not 0. Raises GainroomError for an unknown frame."""
+    """Contact frames (c, 13), and their held directions (c, 6) as nonzero entries. Raises GainroomError for an unknown frame."""
     frames = np.array([tree_frame(body, contact.frame) for contact in contacts]).reshape(-1, 13)
     return frames, np.array([np.isin(np.arange(6), contact.rows) for contact in contacts], dtype=float).reshape(-1, 6)
 
 
 def tree_tasks(body: RigidBody, stack: Sequence[Task]) -> Floats:
-    """(k, 14) kind and frame of each task. Raises GainroomError for an unknown frame."""
+    """Kind and frame of each task (k, 14). Raises GainroomError for an unknown frame."""
     frames = [np.zeros(13) if task.frame is None else tree_frame(body, task.frame) for task in stack]
     return np.array([[READINGS.index(task.kind), *frame] for task, frame in zip(stack, frames, strict=True)]).reshape(-1, 14)
 
 
 def pose(placement: object) -> Floats:
-    """(12,) of Pinocchio's SE3: the rotation's rows, then the origin."""
+    """Pose (12,) of a Pinocchio SE3: the rotation's rows, then the origin."""
     return np.concatenate([placement.rotation.ravel(), placement.translation])  # pyright: ignore[reportAttributeAccessIssue]

@@ -1,4 +1,4 @@
-"""A robot: its links, actuators, postures, contact states and tasks; a source of plants. SI."""
+"""Robot: links, actuators, postures, contact states and tasks; a source of plants in SI units."""
 
 import math
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Posture:
-    """How the robot stands: angles [rad] by joint name, 0 where not named; `body` has its locked joints at this posture's angles."""
+    """Posture of the robot: angles [rad] by joint name, 0 where not named; `body` has its locked joints at this posture's angles."""
 
     body: "RigidBody"
     angles: Mapping[str, float] = field(default_factory=dict)
@@ -32,7 +32,7 @@ class Posture:
 
 @dataclass(frozen=True)
 class Robot:
-    """A machine: links, actuators, and the postures, contact states and tasks it is looked at in.
+    """Robot: links, actuators, and the postures, contact states and tasks in which it is studied.
 
     postures, contacts   by name, in the file's order
     stack                tasks by falling priority; none: joint space only
@@ -54,12 +54,12 @@ class Robot:
 
     @property
     def body(self) -> "RigidBody":
-        """The links, locked joints as in the first posture."""
+        """Links, with locked joints as in the first posture."""
         return next(iter(self.postures.values())).body
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The actuated joints, in the model's order."""
+        """Names of the actuated joints, in the model's order."""
         return self.body.joint_names
 
     @property
@@ -69,12 +69,12 @@ class Robot:
 
     @property
     def prismatic(self) -> Booleans:
-        """(n,) True where a joint is prismatic: its numbers are in m and N."""
+        """(n,) True where a joint is prismatic: its values are in m and N."""
         return self.body.prismatic
 
     @property
     def unknown(self) -> Mapping[str, tuple[str, ...]]:
-        """Gearboxes and motor inertias that nobody gave, and what of the links no robot has; only what there is."""
+        """Missing gearbox and motor data and implausible links, as names by finding code; codes without names are left out."""
         joints, actuators = np.array(self.joint_names), self.actuators
         found = {
             "gearbox_unknown": tuple(joints[actuators.assumed_rigid].tolist()),
@@ -89,21 +89,21 @@ class Robot:
         return self.actuators.quantities
 
     def with_quantities(self, **values: ArrayLike) -> "Robot":
-        """The same links with other actuators: `values` by name in `quantities`, a number or (n,)."""
+        """Robot with other actuator `values`, by name in `quantities`, each a number or (n,)."""
         each = {name: np.broadcast_to(np.asarray(value, dtype=float), len(self.joint_names)) for name, value in values.items()}
         return replace(self, actuators=replace(self.actuators, **each))
 
     @cached_property
     def moved_inertia(self) -> Floats:
-        """(n,) the inertia that each motor moves, the largest over all states [kg m²]."""
+        """Inertia (n,) that each motor moves, the largest over all states [kg m²]."""
         return moved_inertia(self.postures, self.contacts)
 
     def linearize(self, posture: str | None = None, contact: str | None = None, weight: bool = False) -> "RobotModel":
-        """The plant about one posture in one contact state; without names, the first ones.
+        """Plant about one posture in one contact state; by default the first ones.
 
-        weight   where nothing is said of gravity: with its stiffness if contacts hold a floating base, so that it can be held
+        weight   True: where gravity is not described, include its stiffness if contacts hold a floating base
 
-        Raises GainroomError for a name that the file does not have, and where the robot cannot be linearised there.
+        Raises GainroomError for an unknown name, and where the robot cannot be linearised.
         """
         from .linearize import holds_base, linearize
 
@@ -118,9 +118,9 @@ class Robot:
         return replace(model, posture=posture, contact=contact)
 
     def tasks(self, model: "RobotModel", rotors: bool = False) -> "Tasks":
-        """The operational space of this robot's tasks at a linearised state; `rotors`: the controller's model counts the motors' inertia.
+        """Operational space of this robot's tasks at the linearised state `model`; `rotors`: the controller's model includes motor inertia.
 
-        Raises GainroomError where there are no tasks, or they do not fit the robot.
+        Raises GainroomError if there are no tasks, or they do not fit the robot.
         """
         from .tasks import tasks_of
 
@@ -130,7 +130,7 @@ class Robot:
 
 
 def moved_inertia(postures: Mapping[str, Posture], contacts: "Mapping[str, tuple[Contact, ...]]") -> Floats:
-    """(n,) the inertia that each joint's motor moves, 1/W_ii, the largest over all postures and contact states [kg m²].
+    """Inertia (n,) that each joint's motor moves, 1/W_ii, the largest over all postures and contact states [kg m²].
 
     A joint that cannot move, W_ii = 0, gets the largest of the others, 1 where there is none.
 
@@ -159,12 +159,12 @@ def _known(kind: str, name: str | None, values: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class RobotScenario:
-    """What a simulated robot does: it stands in a posture, and moves a task or joints from rest to rest.
+    """Scenario of a robot simulation: the robot stands in a posture and moves a task or joints from rest to rest.
 
     posture, contact   by name; None: the first
     duration           of the run [s]
-    task, joint        what moves: a task's name, or a pattern of joints; both None: the first task, or in joint space the arm's joints
-    by                 how far [m, rad]: a number for all directions or joints, or one for each; None: a centimetre along x, 0.01 rad
+    task, joint        moved task, or pattern of moved joints; both None: the first task, or in joint space the arm's joints
+    by                 displacement [m, rad], a number for all directions or joints, or one for each; None: a centimetre along x, 0.01 rad
     move_duration      [s]
     coulomb, viscous   (n,) friction on the motors' side [N m], [N m s/rad]
     torque_limit       (n,) of the commands [N m]

@@ -1,4 +1,4 @@
-"""Sway: modes in which a floating base moves on its contacts, held by the joints' position gains alone: they go to 0 Hz with these.
+"""Sway modes: motions of a floating base on its contacts that the joints' position gains alone hold, so their frequency → 0 with Kp.
 
 Slow motion sees each motor's gain and its gearbox in series, K₀ = (Kp⁻¹ + K⁻¹)⁻¹, and the inertia of links and motors together,
 W₀ = (W⁻¹ + J_m)⁻¹. Its modes obey W₀ K₀ φ = ω² φ: every one goes to 0 with Kp, as no resonance of a gearbox does. The links' torques
@@ -17,21 +17,21 @@ from .contact import free_motion
 from .model import RobotModel
 
 BASE = 6
-"""Velocities of a floating base, the first of a body's."""
+"""Number of velocities of a floating base, the first of a body's."""
 OF_BASE = 0.5
-"""Share of the kinetic energy from which a mode is the base's: the larger part moves as the base does."""
+"""Least share of the base in the kinetic energy of a sway mode."""
 NEAR = 1.5
-"""A mode's margins lie within this factor of its frequency: a mode with a damping ratio up to 0.65 has its gain crossover there
-(ω_c²/ω² = 2ζ² + √(4ζ⁴ + 1)), and |S| of one without damping falls to r²/(r² − 1) = 1.8 at r = 1.5."""
+"""Factor around a mode's frequency that contains its margins: with a damping ratio up to 0.65 the gain crossover is within it (ω_c²/ω² =
+2ζ² + √(4ζ⁴ + 1)), and |S| of an undamped mode falls to r²/(r² − 1) = 1.8 at r = 1.5."""
 
 
 @dataclass(frozen=True)
 class SlowMode:
-    """One mode of slow motion.
+    """One slow mode.
 
-    frequency   without damping [rad/s]
+    frequency   undamped [rad/s]
     of_base     the base's share of the kinetic energy, all bodies moving along with it
-    joints      (n,) the joints' part, the largest 1
+    joints      (n,) joint motion, the largest 1
     """
 
     frequency: float
@@ -40,12 +40,12 @@ class SlowMode:
 
     @property
     def sways(self) -> bool:
-        """True where the larger part of the motion is the base's."""
+        """True if the base has at least OF_BASE of the kinetic energy."""
         return self.of_base >= OF_BASE
 
 
 def slow_modes(model: RobotModel, controller: Controller, feedback: Feedback) -> tuple[SlowMode, ...]:
-    """The modes of slow motion of a floating robot on its contacts, by rising frequency; () of a fixed base and in flight."""
+    """Slow modes of a floating robot on its contacts, by rising frequency; () for a fixed base and in flight."""
     if model.body.base == "fixed" or not model.contacts:
         return ()
     size = model.size
@@ -70,7 +70,7 @@ def slow_modes(model: RobotModel, controller: Controller, feedback: Feedback) ->
 
 
 def bands(modes: Sequence[SlowMode], which: Sequence[SlowMode]) -> Floats:
-    """(k, 2) about each mode of `which`, within NEAR of it and not beyond where another kind of mode is nearer [rad/s]."""
+    """Frequency bands (k, 2) [rad/s] of the modes `which`: within a factor NEAR, and up to the geometric mean with other modes."""
     others = np.array([one.frequency for one in modes if not any(one is each for each in which)])
     found = []
     for one in which:

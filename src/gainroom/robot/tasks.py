@@ -1,4 +1,4 @@
-"""Operational space: tasks stacked by strict priority, consistent with the contacts, and the joint gains that they amount to.
+"""Operational space: tasks stacked by strict priority, consistent with the contacts, and the equivalent joint gains.
 
 The controller has its own model of the links, A' (A, or A + Sᵀ J_m S with rotors), and takes every contact as rigid. With P' and W' of
 contact.py from A', a task of Jacobian J (m, N) reaches the joints through the motion that the contacts leave (Khatib 1987; Sentis, Park
@@ -48,13 +48,13 @@ INDEPENDENT = 1e-8
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What one task controls, and its gains per direction, each a number for all directions or one per direction (m,).
+    """One task with its gains per direction, each a number for all directions or one per direction (m,).
 
     name    for tables
     kind    "com": centre of mass, "position" or "orientation" of a frame, all three along x, y, z of the world, whose axes are the base's;
             "posture": every joint's angle
     frame   for position and orientation
-    kp, kd  PD: accelerations asked for per error, K'p [1/s²] and K'v [1/s]
+    kp, kd  PD: accelerations per error, K'p [1/s²] and K'v [1/s]
     ki      not None: P/PI, a = (kd + ki/s)(kp x_e − ẋ): kp [1/s], kd [1/s], ki [1/s²] (Fig. 13 of Jung et al. 2017)
     weight  > 0: of its stiffness when gains are recommended
 
@@ -81,22 +81,22 @@ class Task:
                 require_finite(f"task {self.name!r}", gain, getattr(self, gain))
 
     def directions(self, joint_names: Sequence[str]) -> tuple[str, ...]:
-        """(m,) what it has gains for: x, y and z, or every joint."""
+        """Names (m,) of the directions with gains: x, y and z, or every joint."""
         return tuple(joint_names) if self.kind == "posture" else ("x", "y", "z")
 
     def regained(self, own: Sequence[PD | PPI]) -> "Task":
-        """The same with the gains of a controller per direction, as Tasks.of_direction gives them."""
+        """Task with the gains of `own`, one controller per direction as Tasks.of_direction returns it."""
         columns = {name: tuple(float(getattr(one, name)) for one in own) for name in own[0].gain_names()}
         return replace(self, kp=columns["kp"], kd=columns[own[0].damping_name], ki=columns.get("ki"))
 
     def scaled(self, factor: float) -> "Task":
-        """The task with its torque multiplied by `factor`."""
+        """Task with its torque multiplied by `factor`."""
         if self.ki is None:
             return replace(self, kp=factor * np.asarray(self.kp), kd=factor * np.asarray(self.kd))
         return replace(self, kd=factor * np.asarray(self.kd), ki=factor * np.asarray(self.ki))
 
     def jacobian(self, model: Stance) -> Floats:
-        """J (m, N), in world axes."""
+        """Task Jacobian J (m, N), in world axes."""
         if self.kind == "posture":
             return model.selection
         if self.kind == "com":
@@ -127,23 +127,23 @@ class TaskPPI(PPI):
         return {powers: self.torque @ (gain[:, None] * self.jacobian) for powers, gain in super().terms().items()}
 
     def on_joint(self, k: int, size: int) -> Controller:
-        """Its gains are those of directions: what they make of the joint."""
+        """PID equivalent on joint `k`, made from the gains of all directions."""
         return self.as_pid_on_joint(k, size)
 
 
 @dataclass(frozen=True)
 class Tasks:
-    """A stack of tasks at one posture and contact state, as a controller of n joints; m directions in all.
+    """Stack of tasks at one posture and contact state, as a controller of n joints; m directions in all.
 
     tasks       by falling priority
     directions  (m,) their names, "com x" and so on; a posture's end in the joint's name
     owners      (m,) index of each direction's task
     jacobian    Eᵀ (m, n): joint errors → task errors, the base following the joints
-    torque      X (n, m): accelerations asked for → joint torques; E Λ where tasks do not conflict
-    follow      (N, n) how everything moves with the joints, see `following`
+    torque      X (n, m): commanded accelerations → joint torques; E Λ where tasks do not conflict
+    follow      (N, n) motion of all degrees of freedom by the joints, see `following`
     kp, kd, ki  (m,) the tasks' own gains
-    cascade     (m,) True where they are P/PI
-    warnings    directions that cannot be moved
+    cascade     (m,) True for P/PI
+    warnings    about directions that cannot be moved
     """
 
     tasks: tuple[Task, ...]
@@ -163,50 +163,50 @@ class Tasks:
 
     @property
     def weight(self) -> Floats:
-        """(m,) of every direction: its task's."""
+        """Weight (m,) of every direction, that of its task."""
         return np.array([task.weight for task in self.tasks])[self.owners]
 
     @property
     def movable(self) -> Booleans:
-        """(m,) False where the joints cannot move a direction, or tasks above it take all that could."""
+        """(m,) False where the joints cannot move a direction, or tasks of higher priority use all motions that could."""
         torques = np.linalg.norm(self.torque, axis=0)
         largest = np.array([torques[self.owners == owner].max() for owner in self.owners])
         return torques > ROUND_OFF * largest
 
     @property
     def motions(self) -> int:
-        """How many independent motions of the joints the contacts leave: the rank of W'."""
+        """Number of independent joint motions that the contacts leave: the rank of W'."""
         return int(np.count_nonzero(np.linalg.svd(self.follow, compute_uv=False) > 0.5))  # a projector on the joints: 0, or 1 and more
 
     @property
     def free(self) -> int:
-        """How many of `motions` no task's kp holds: nothing brings them back, however the tasks are damped."""
+        """Number of `motions` that no task's kp holds, so that nothing restores them."""
         columns = self.torque[:, self.movable & (self.kp != 0)]
         sizes = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False)
         return self.motions - int(np.count_nonzero(sizes > INDEPENDENT))
 
     def joint_gains(self, kp: ArrayLike | None = None, kd: ArrayLike | None = None) -> tuple[Floats, Floats]:
-        """Kpq, Kvq (n, n) [N m/rad, N m s/rad] of PD gains, eqs. (9) and (10).
+        """Joint gain matrices Kpq, Kvq (n, n) [N m/rad, N m s/rad] of PD gains, eqs. (9) and (10).
 
         kp, kd   K'p [1/s²], K'v [1/s]: a number or (m,); None: the tasks' own, which must then all be PD
         """
         return self._matrix(self._given("kp", kp)), self._matrix(self._given("kd", kd))
 
     def direction_gains(self, direction: str, kp: ArrayLike | None = None, kd: ArrayLike | None = None) -> tuple[Floats, Floats]:
-        """The share (n, n) of Kpq and Kvq that one of `directions` has, of rank one; the shares add up to joint_gains."""
+        """Contribution (n, n) of one of `directions` to Kpq and to Kvq, each of rank one; contributions add up to joint_gains."""
         only = np.eye(len(self.directions))[self._index(direction)]
         return self._matrix(only * self._given("kp", kp)), self._matrix(only * self._given("kd", kd))
 
     def scaled(self, direction: str, factor: float) -> "Tasks":
-        """The same tasks with all gains of one direction multiplied, PD or P/PI."""
+        """Tasks with all gains of one direction multiplied by `factor`, PD or P/PI."""
         torque = self.torque.copy()
         torque[:, self._index(direction)] *= require_finite("tasks", "factor", factor)
         return replace(self, torque=torque)
 
     def controller(self) -> PD | PPI:
-        """The tasks with their own gains as a controller of n joints: PD, or P/PI where any task is.
+        """Controller of n joints with the tasks' own gains: PD, or P/PI where any task is.
 
-        A PD direction beside P/PI ones is P/PI with ki 0 and kp divided by kd. Raises GainroomError where it has no kd.
+        A PD direction beside P/PI ones becomes P/PI with ki 0 and kp divided by kd. Raises GainroomError where it has no kd.
         """
         if not self.cascade.any():
             return PD(*self.joint_gains())
@@ -217,7 +217,7 @@ class Tasks:
         return TaskPPI(kp=outer, kv=self.kd, ki=self.ki, torque=self.torque, jacobian=self.jacobian)
 
     def of_direction(self, k: int) -> PD | PPI:
-        """The gains of direction `k` by itself, as a controller of one joint: error along it → acceleration asked for."""
+        """Gains of direction `k` alone, as a controller of one joint: error along it → commanded acceleration."""
         kp, kd, ki = (float(gain[k]) for gain in (self.kp, self.kd, self.ki))
         return PPI(kp, kd, ki) if self.cascade[k] else PD(kp, kd)
 
@@ -238,9 +238,9 @@ class Tasks:
 
 
 def tasks_of(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> Tasks:
-    """The stack of `tasks`, first first, on a linearised robot.
+    """Operational space of `tasks`, highest priority first, on a linearised robot.
 
-    rotors   True: the controller's model A' counts the motors' reflected inertia
+    rotors   True: the controller's model A' includes the motors' reflected inertia
 
     Raises GainroomError for no task at all, a name used twice, an unknown frame, and gains that do not match their directions.
     """
@@ -270,19 +270,19 @@ def tasks_of(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> Task
 
 
 def following(inertia: Floats, held: Floats, joints: int) -> Floats:
-    """(N, n) P' Sᵀ W'⁺: how everything moves with the joints, the last n, on contacts `held` (c, N), without the rotors.
+    """Matrix P' Sᵀ W'⁺ (N, n): motion of all degrees of freedom by the joints, the last n, on contacts `held` (c, N), without the rotors.
 
-    Its transpose takes forces on everything to the smallest joint torques that do the same.
+    Its transpose maps forces on all degrees of freedom to the smallest equivalent joint torques.
     """
     motion = free_motion(inertia, held)
     return motion @ _core.pseudo_inverse(motion[len(inertia) - joints :], MOVABLE)
 
 
 def _immovable(tasks: Sequence[Task], sizes: Sequence[int], ranks: Sequence[int], motions: int) -> tuple[str, ...]:
-    """A warning for each task that the joints cannot move in all its directions.
+    """Warnings, one for each task that the joints cannot move in all its directions.
 
-    sizes, ranks   how many each has, and how many can be moved
-    motions        of the joints here; where they are enough for all directions so far, and yet some are missing, the posture is singular
+    sizes, ranks   number of directions of each task, and of movable ones
+    motions        number of joint motions; if it suffices for all directions so far and some are immovable, the posture is singular
     """
     warnings, start = [], 0
     for task, size, rank in zip(tasks, sizes, ranks, strict=True):
@@ -298,7 +298,7 @@ def _immovable(tasks: Sequence[Task], sizes: Sequence[int], ranks: Sequence[int]
 
 
 def _gains(name: str, tasks: Sequence[Task], sizes: Sequence[int]) -> Floats:
-    """One gain of all tasks, (m,); 0 where a task has none."""
+    """One gain of all tasks (m,); 0 where a task has none."""
     given = ((task, getattr(task, name), size) for task, size in zip(tasks, sizes, strict=True))
     return np.concatenate([_per_direction(f"task {task.name!r}", name, 0.0 if gain is None else gain, size) for task, gain, size in given])
 

@@ -1,1 +1,1 @@
-"""What a user describes, and the loop it makes: plant, drive, controller, requirements, uncertainty."""
+"""System description (plant, drives, controller, filters, requirements, uncertainty) and the feedback loop built from it."""

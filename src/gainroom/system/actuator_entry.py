@@ -1,4 +1,4 @@
-"""What a file says of a motor and its gearbox, before it is known which joints it is for."""
+"""Actuator entries of a robot file: motor and gearbox values, before name patterns assign them to joints."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -8,11 +8,12 @@ from ..errors import GainroomError
 
 @dataclass(frozen=True)
 class ActuatorEntry:
-    """What one entry says; None: nothing. Units as Actuators and Drive.
+    """Motor, gearbox and drive values of one file entry, SI units as in Actuators and Drive; None: the entry does not give the value.
 
-    motor_inertia, or rotor_inertia [kg m², motor side] with gear_ratio; bandwidth, damping_ratio, delay override the drive's
-    gearbox  its type (robot/gearbox_types.py), in place of stiffness and damping
-    ranges   (low, high) by name in Uncertainty, of values that this entry gives
+    motor_inertia   [kg m²], joint side; or rotor_inertia [kg m², motor side] with gear_ratio
+    bandwidth, damping_ratio, delay   override the drive's
+    gearbox         gearbox type (robot/gearbox_types.py), in place of stiffness and damping
+    ranges          (low, high) of the given values, by name in Uncertainty
     """
 
     motor_inertia: float | None = None
@@ -30,9 +31,10 @@ class ActuatorEntry:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def over(self, weaker: "ActuatorEntry") -> "ActuatorEntry":
-        """This entry's values where it has any, `weaker`'s elsewhere. A motor inertia replaces a rotor with its gear, and vice versa.
+        """This entry completed by `weaker`: values that this entry does not give are taken from `weaker`.
 
-        Stiffness replaces a type of gearbox, and vice versa. The range of a value that is replaced goes with it.
+        Alternatives replace each other: motor_inertia and the pair rotor_inertia, gear_ratio; stiffness and gearbox type. A replaced value
+        loses its range.
         """
         given = {name: value for name, value in vars(self).items() if value is not None and name != "ranges"}
         if "motor_inertia" in given:
@@ -49,7 +51,10 @@ class ActuatorEntry:
         return replace(weaker, **given, ranges={**ranges, **self.ranges})
 
     def reflected(self, owner: str) -> float | None:
-        """J_m on the joint side, None where nothing is said. Raises GainroomError where only half of it is."""
+        """Motor inertia J_m on the joint side [kg m²]; None where the entry gives none.
+
+        Raises GainroomError where only one of rotor_inertia and gear_ratio is given, or either beside motor_inertia.
+        """
         halves = {"rotor_inertia": self.rotor_inertia, "gear_ratio": self.gear_ratio}
         said = [name for name, value in halves.items() if value is not None]
         if self.motor_inertia is not None and said:

@@ -1,6 +1,6 @@
-"""State spaces of what a loop is made of: current loops and plant, and the controller.
+"""State-space models of a loop's components: current loops with plant, and controller.
 
-Everything that turns parts into matrices starts here, so that roots, margins and simulation are of one and the same system.
+Roots, margins and simulation all start from these matrices, so that they describe one system.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from .linear.transfer_function import Factored, ratio
 from .plant import Plant
 
 Feedback = Literal["motor", "link"]
-SYMMETRIC = 1e-12  # of the largest gain of a matrix: what round-off leaves between its halves
+SYMMETRIC = 1e-12  # relative to the largest gain: asymmetry that is round-off
 
 
 @dataclass(frozen=True)
 class Parts:
-    """What a loop was built from; `kd_path` None: kd closes with all other gains."""
+    """Components of a loop: plant, drives, controller, encoder side, sample time [s]; `kd_path` None: kd closes with all other gains."""
 
     plant: Plant
     drives: tuple[Drive, ...]
@@ -34,20 +34,20 @@ class Parts:
 
     @property
     def delays(self) -> Floats:
-        """(n,) of the drives [s]."""
+        """Drive delays (n,) [s]."""
         return np.array([drive.delay for drive in self.drives])
 
     def topples(self, factor: float) -> bool:
-        """Whether PD gains times `factor` are too soft for the weight, which they hold up alone: stiffness tells. False is no verdict."""
+        """True if PD gains times `factor` are proved too soft to hold the weight; False proves nothing."""
         count = self._toppled(factor) or 0
         return count > 0 if self.sample_time is None else count % 2 == 1  # an odd number cannot leave the real axis in pairs
 
     def stands(self, factor: float) -> bool:
-        """Whether gains times `factor` are known to be stiff enough for the weight, or there is none."""
+        """True if PD gains times `factor` are proved stiff enough to hold the weight, or the plant has no gravity stiffness."""
         return self.plant.gravity_stiffness is None or self._toppled(factor) == 0
 
     def _toppled(self, factor: float) -> int | None:
-        """In how many motions PD gains times `factor` do not hold up the weight; None where stiffness alone does not tell."""
+        """Number of motions in which PD gains times `factor` do not hold the weight; None where static stiffness alone cannot decide."""
         plant, size = self.plant, self.plant.size
         if plant.gravity_stiffness is None or self.kd_path is not None or type(self.controller) is not PD or self.feedback != "motor":
             return None
@@ -58,7 +58,7 @@ class Parts:
 
 
 def actuated_state(plant: Plant, drives: tuple[Drive, ...], twists: bool = False) -> StateSpace:
-    """Current loops and plant, without delays.
+    """Current loops and plant as one state space, without delays.
 
     Inputs (3n): torque into the current loops, then torques that act on the motors and on the links from outside [N m].
     Outputs (5n): motor positions, link positions, their velocities in the same order, torques behind the current loops.
@@ -82,7 +82,7 @@ def actuated_state(plant: Plant, drives: tuple[Drive, ...], twists: bool = False
 
 
 def current_loop(drive: Drive) -> Factored:
-    """C of eq. (3)."""
+    """Current loop C of eq. (3) as a transfer function; 1 for an ideal drive."""
     if drive.is_ideal:
         return ratio([1.0], [1.0])
     w = drive.bandwidth
@@ -120,13 +120,13 @@ def controller_state(controller: Controller, size: int, step: float | None) -> S
 
 
 def _stacked(first: StateSpace, second: StateSpace) -> StateSpace:
-    """Same input to both, outputs stacked."""
+    """Two systems driven by the same input, their outputs stacked."""
     split = StateSpace.gain(np.vstack([np.eye(first.b.shape[1]), np.eye(first.b.shape[1])]))
     return first.beside(second) @ split
 
 
 def _improper(shaping: Factored, sum_of_terms: StateSpace, size: int) -> StateSpace:
-    """A continuous controller with one more zero than poles: a multiple of the velocity plus a proper rest."""
+    """State space of a continuous controller with one more zero than poles: a multiple of the velocity plus a proper remainder."""
     if shaping.relative_degree < -1 or shaping.sample_time is not None or len(sum_of_terms.a):
         raise GainroomError(
             f"controller: {len(shaping.zeros)} zeros and {len(shaping.poles)} poles; at most one zero more than poles is allowed in "

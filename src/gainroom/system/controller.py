@@ -32,18 +32,18 @@ from .linear.transfer_function import Factored, polynomials_times, ratio
 
 Terms = dict[tuple[int, int], Floats]
 """Gains by (power of V, power of I)."""
-ROUND_OFF = 1e-12  # of the largest entry of a gain matrix
+ROUND_OFF = 1e-12  # relative to the largest entry of a gain matrix
 
 
 @dataclass(frozen=True)
 class GainKey:
-    """One gain of a controller, as files, tables and the app have it.
+    """One gain of a controller, as named in files, tables and the app.
 
-    name      the controller's field, and the key of `control` in files
-    unit      of a revolute joint
-    meaning   what it is, for messages: "the gain on position"
-    positive  for one joint it must be > 0, else >= 0; of several joints some may have none
-    of_task   its unit for a direction of a task, where tasks have such a controller
+    name      field of the controller, and key of `control` in files
+    unit      unit for a revolute joint
+    meaning   description in messages: "the gain on position"
+    positive  True: > 0 for a single joint (one of several may have 0); False: >= 0
+    of_task   unit for a direction of a task, where tasks have such a controller
     """
 
     name: str
@@ -55,15 +55,15 @@ class GainKey:
 
 @dataclass(frozen=True)
 class Controller:
-    """A sum of terms with filters; a subclass names its gains and says which terms they make. Analysis and design ask no more of it.
+    """A sum of gain terms with filters; a subclass names its gains and the terms they make. Analysis and design use only this interface.
 
-    kind             its name in reports
-    GAINS            its gains, in the order of the signature
-    of_tasks         directions of tasks may have it
-    plane_names      the axes of its kp–kd plane in its own gains
-    has_plane        its gains can move in a kp–kd plane (plane, plane_gains, from_plane)
-    damping_name     of the gain on velocity; held_ratio: of two gains, constant in that plane; "" where there is none
-    rate_of_error    its velocity is that of the error, so that a moving reference counts; False: of the measured position alone
+    kind             name in reports
+    GAINS            gains, in the order of the signature
+    of_tasks         True: task directions may use it
+    plane_names      axes of its kp–kd plane in its own gains
+    has_plane        True: its gains can move in a kp–kd plane (plane, plane_gains, from_plane)
+    damping_name     gain on velocity; held_ratio: ratio of two gains that stays constant in that plane; "": none
+    rate_of_error    True: velocity of the error, so that a moving reference counts; False: of the measured position alone
     """
 
     kind: ClassVar[str] = "controller"
@@ -97,11 +97,11 @@ class Controller:
 
     @classmethod
     def gain_keys(cls) -> tuple[GainKey, ...]:
-        """The gains; of a controller that lists none their names alone."""
+        """Gain descriptions; names alone for a controller that lists none."""
         return cls.GAINS or tuple(map(GainKey, cls.gain_names()))
 
     def require_size(self, size: int) -> None:
-        """Raise GainroomError, naming the gain, where one does not fit `size` > 1 joints, or is negative on one.
+        """Raise GainroomError, naming the gain, if its shape does not fit `size` > 1 joints, or it has a negative eigenvalue.
 
         Counts of coupled loops rest on L at low frequency, where a negative gain on a motion without other stiffness is not visible.
         """
@@ -118,23 +118,23 @@ class Controller:
         raise NotImplementedError
 
     def velocity(self, sample_time: float | None) -> Ratio:
-        """V in v. Continuous: s F(s), improper where there is no filter."""
+        """Velocity V in v as (numerator, denominator). Continuous: s F(s), improper without a filter."""
         return filtered_velocity(self.velocity_filter, sample_time)
 
     def shaping(self, sample_time: float | None) -> Factored:
-        """N in v: the notches."""
+        """Notch product N in v."""
         return notch_product(self.notches, sample_time)
 
     def transfer(self, sample_time: float | None) -> Factored:
-        """D for one joint (n = 1). Raises GainroomError where a gain is a matrix."""
+        """Transfer function D for one joint (n = 1). Raises GainroomError where a gain is a matrix."""
         return self.combine(self.terms(), sample_time)
 
     def matrix(self, s: Complexes, v: Complexes, size: int, sample_time: float | None) -> Complexes:
-        """D of `size` joints at complex s (k,), with v the same points in this module's variable: (k, n, n)."""
+        """Controller matrix D (k, n, n) of `size` joints at complex s (k,), where v (k,) are the same points in this module's variable."""
         return self._sum(self.matrices(size), (size, size), s, v, sample_time)
 
     def after(self, response: Complexes, s: Complexes, v: Complexes, sample_time: float | None) -> Complexes:
-        """`response` D of what is measured, (k, n, n), at the points of `matrix`."""
+        """Product `response` D (k, n, n): measured response (k, n, n) times controller, at the points of `matrix`."""
         terms = self.matrices(response.shape[-1])
         if all(np.count_nonzero(gain) == np.count_nonzero(np.diagonal(gain)) for gain in terms.values()):
             own = {powers: np.diagonal(gain) for powers, gain in terms.items()}
@@ -142,7 +142,7 @@ class Controller:
         return response @ self._sum(terms, response.shape[1:], s, v, sample_time)
 
     def _sum(self, terms: Terms, shape: tuple[int, ...], s: Complexes, v: Complexes, sample_time: float | None) -> Complexes:
-        """D (k, …), of gains of `shape` (…)."""
+        """Controller values D (k, …) for gains of `shape` (…)."""
         ratios = self.velocity(sample_time), integrator(sample_time)
         signals = [value_of(ratio, v) if any(powers[k] for powers in terms) else None for k, ratio in enumerate(ratios)]
         total = np.zeros((len(v), *shape), dtype=complex)
@@ -153,13 +153,13 @@ class Controller:
         return total if shaping.is_one else (shaping.at(s) * total.T).T
 
     def matrices(self, size: int) -> Terms:
-        """`terms` as (n, n) matrices; cached, as responses are evaluated many times. Raises GainroomError on shapes and powers."""
+        """Gain terms as (n, n) matrices, cached because responses are evaluated many times. Raises GainroomError on shapes and powers."""
         if size not in self._sized:
             self._sized[size] = {powers: gain_matrix(f"gain {powers}", gain, size) for powers, gain in self._known(self.terms()).items()}
         return self._sized[size]
 
     def _known(self, terms: Terms) -> Terms:
-        """The same terms. Raises GainroomError where one has a power of V or I that is neither 0 nor 1."""
+        """`terms` unchanged, once checked. Raises GainroomError for a power of V or I that is neither 0 nor 1."""
         if other := [powers for powers in terms if not set(powers) <= {0, 1}]:
             raise GainroomError(f"{type(self).__name__}: a term with powers {other[0]} of V and I must have powers of 0 or 1")
         return terms
@@ -169,7 +169,7 @@ class Controller:
         return {}
 
     def slowest(self, size: int) -> float:
-        """The lowest frequency [rad/s] at which one term takes over from another on some joint; inf where there is but one."""
+        """Lowest frequency [rad/s] at which one term overtakes another on some joint; inf with a single term."""
         by_order: dict[int, Floats] = {}
         for (power_v, power_i), gain in self.matrices(size).items():
             by_order[power_v - power_i] = by_order.get(power_v - power_i, 0.0) + np.linalg.norm(gain, axis=1)
@@ -182,7 +182,7 @@ class Controller:
         return min((float(corner.min()) for corner in corners), default=math.inf)
 
     def combine(self, terms: Terms, sample_time: float | None) -> Factored:
-        """N · Σ terms, with this controller's filters, for scalar gains."""
+        """Transfer function N · Σ terms with this controller's filters, for scalar gains. Raises GainroomError for matrices."""
         for gain in terms.values():
             if np.size(gain) != 1:
                 raise GainroomError(f"{type(self).__name__}: gains of shape {np.shape(gain)} must be single numbers for one joint")
@@ -192,14 +192,14 @@ class Controller:
         return found if shaping.is_one else shaping * found
 
     def apart(self, terms: Terms, sample_time: float | None) -> list[Factored]:
-        """With this controller's filters, D of each of m channels whose gains are `terms`, each (m,)."""
+        """Transfer functions D of m independent channels whose gains are `terms`, each (m,), with this controller's filters."""
         parts, denominator = self._polynomials(terms, sample_time)
         numerators = sum((np.multiply.outer(gain, part) for gain, part in zip(terms.values(), parts, strict=True)), np.zeros((1, 1)))
         shared = self.shaping(sample_time) * ratio([1.0], denominator, sample_time)
         return polynomials_times(numerators, shared)
 
     def _polynomials(self, terms: Terms, sample_time: float | None) -> tuple[Floats, Floats]:
-        """What each term's gain multiplies in a common numerator (terms, k), highest power first, and the denominator."""
+        """Numerator polynomial (terms, k) that each term's gain multiplies, highest power first, and the common denominator."""
         ratios = self.velocity(sample_time), integrator(sample_time)
         most = [max((powers[k] for powers in self._known(terms)), default=0) for k in (0, 1)]
         parts = [reduce(np.convolve, (ratios[k][0 if powers[k] else 1] for k in (0, 1) if most[k]), np.ones(1)) for powers in terms]
@@ -211,29 +211,29 @@ class Controller:
 
     @property
     def held_gain(self) -> str:
-        """The gain above the line of `held_ratio`; "" where nothing is held."""
+        """Numerator of `held_ratio`, the gain that follows the plane; "" where no ratio is held."""
         return self.held_ratio.partition("/")[0]
 
     @property
     def has_held_gain(self) -> bool:
-        """Whether a gain is held in its plane, so that no point of it is a plain PD."""
+        """True if its kp–kd plane carries a third gain that is not 0, so that no point of the plane is a plain PD."""
         return bool(self.held_gain) and bool(np.any(getattr(self, self.held_gain)))
 
     @property
     def lead_rises(self) -> bool:
-        """arg D(jω) rises with ω on every joint of its own, in continuous time: gains >= 0 without filters put no zero to the right."""
+        """True if arg D(jω) rises with ω on every joint in continuous time: gains >= 0 without filters, no zero in the right half plane."""
         return self.has_plane and self.velocity_filter is None and not self.notches
 
     def on_joint(self, k: int, size: int) -> "Controller":
-        """What it does on joint `k` of `size` alone: the diagonal of its gains."""
+        """Controller of joint `k` of `size` alone: the diagonal of its gains."""
         return replace(self, **{name: own_gain(getattr(self, name), k, size) for name in self.gain_names()})
 
     def units(self) -> "dict[str, Controller]":
-        """By name, the controllers that one diagonal gain, kp or kd, makes by itself when it is 1; empty where gains do not act so."""
+        """Controllers of a single diagonal gain, kp or kd, of value 1, by name; empty where gains do not act independently."""
         return {}
 
     def without_kd(self) -> "Controller":
-        """All gains but kd. Raises GainroomError where the controller has no kd that acts by itself."""
+        """Controller with kd = 0 and all other gains. Raises GainroomError where no kd acts independently."""
         if "kd" not in self.gain_names():
             raise GainroomError(f"kd_path: is for controllers with a kd, PD and PID, not for {self.kind}")
         others = replace(self, kd=0.0, velocity_filter=None)  # type: ignore[call-arg] - it has one
@@ -242,31 +242,31 @@ class Controller:
         return others
 
     def kd_alone(self) -> "Controller":
-        """kd with its filters, no other gain; for controllers that have `without_kd`."""
+        """Controller with kd and its filters alone, every other gain 0; complements `without_kd`."""
         return replace(self, **{name: 0.0 for name in self.gain_names() if name != "kd"})
 
     def scaled(self, factor: float) -> "Controller":
-        """The same controller with its whole output multiplied by `factor`."""
+        """Controller whose whole output is multiplied by `factor`."""
         return replace(self, **{name: factor * getattr(self, name) for name in self.gain_names()})
 
     def plane(self) -> tuple[Terms, Terms]:
-        """What kp and kd each multiply when this controller's gains move in the kp–kd plane, its other ratios held."""
+        """Terms that kp and kd each multiply when the gains move in the kp–kd plane with the held ratio fixed."""
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
 
     def plane_at(self, s: Complexes, v: Complexes, sample_time: float | None) -> Complexes:
-        """The same two (k, 2) at the points of `matrix`, with notches and filters."""
+        """Responses (k, 2) that kp and kd of the plane multiply, at the points of `matrix`, with notches and filters."""
         return np.stack([self._sum(terms, (), s, v, sample_time) for terms in self.plane()], axis=1)
 
     def plane_gains(self) -> tuple[float, float]:
-        """This controller's point in that plane."""
+        """Coordinates (kp, kd) of this controller in its kp–kd plane."""
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
 
     def from_plane(self, kp: float, kd: float) -> "Controller":
-        """The controller at a point of that plane."""
+        """Controller at the point (kp, kd) of its kp–kd plane."""
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
 
     def of_pd(self, kp: float, kd: float) -> "Controller":
-        """The controller of one joint whose loop is that of PD gains: of this kind, without integral, where that can be, else a PD."""
+        """Controller of one joint equivalent to PD gains: of this kind without integral if that exists, otherwise a PD."""
         plain = self.plain_pd(kp, kd)
         if not self.has_plane:
             return plain
@@ -274,7 +274,7 @@ class Controller:
         return own if _same(own.terms(), plain.terms()) else plain
 
     def require_consistent(self) -> None:
-        """Raise GainroomError where `scaled`, `plane` or `from_plane` make another law than `terms`: it would be judged as another one."""
+        """Raise GainroomError if `scaled`, `plane` or `from_plane` give a control law other than `terms`."""
         if not _same(self.scaled(2.0).terms(), _scaled(self.terms(), 2.0)):
             raise GainroomError(f"{type(self).__name__}.scaled: must multiply all terms by the factor")
         own = self.on_joint(
@@ -293,7 +293,7 @@ class Controller:
         return PD(kp, kd, velocity_filter=self.velocity_filter, notches=self.notches)
 
     def in_plane(self, kp: float, kd: float, sample_time: float | None) -> Factored:
-        """D at one point of the plane."""
+        """Transfer function D at the point (kp, kd) of the plane."""
         terms: Terms = {}
         for gain, part in zip((kp, kd), self.plane(), strict=True):
             for powers, share in part.items():
@@ -303,7 +303,7 @@ class Controller:
 
 @dataclass(frozen=True)
 class PD(Controller):
-    """kp [N m/rad], kd [N m s/rad]: numbers, (n,) or (n, n)."""
+    """PD controller: kp [N m/rad], kd [N m s/rad], each a number, (n,) or (n, n)."""
 
     kp: Any
     kd: Any
@@ -332,7 +332,7 @@ class PD(Controller):
 
 @dataclass(frozen=True)
 class PID(Controller):
-    """kp [N m/rad], ki [N m/(rad s)], kd [N m s/rad]: numbers, (n,) or (n, n)."""
+    """PID controller: kp [N m/rad], ki [N m/(rad s)], kd [N m s/rad], each a number, (n,) or (n, n)."""
 
     kp: Any
     ki: Any
@@ -348,7 +348,7 @@ class PID(Controller):
         return {"kp": replace(self, kp=1.0, ki=0.0, kd=0.0), "kd": replace(self, kp=0.0, ki=0.0, kd=1.0)}
 
     def plane(self) -> tuple[Terms, Terms]:
-        """ki/kp is held."""
+        """Terms of kp and kd in the kp–kd plane, with ki/kp held."""
         return _nonzero({(0, 0): 1.0, (0, 1): _ratio("PID", "ki/kp", self.ki, self.kp)}), _nonzero({(1, 0): 1.0})
 
     def plane_gains(self) -> tuple[float, float]:
@@ -382,13 +382,13 @@ class PPI(Controller):
         return _nonzero({(0, 0): outer_kv, (1, 0): self.kv, (0, 1): outer_ki, (1, 1): self.ki})
 
     def on_joint(self, k: int, size: int) -> Controller:
-        """Of matrices, whose products mix joints, the equivalent PID."""
+        """Controller of joint `k` alone; the equivalent PID where gains are matrices, whose products mix joints."""
         if all(np.ndim(getattr(self, name)) < 2 for name in self.gain_names()):
             return super().on_joint(k, size)
         return self.as_pid_on_joint(k, size)
 
     def as_pid_on_joint(self, k: int, size: int) -> PID:
-        """The diagonal of `terms` on joint `k` of `size`: velocity and integral of the same error make its position."""
+        """PID equivalent to the diagonal of `terms` on joint `k` of `size`: velocity times integral of one error is its position."""
         own = {powers: own_gain(gain, k, size) for powers, gain in self.terms().items()}
         kp, ki, kd = own.get((0, 0), 0.0) + own.get((1, 1), 0.0), own.get((0, 1), 0.0), own.get((1, 0), 0.0)
         return PID(kp, ki, kd, velocity_filter=self.velocity_filter, notches=self.notches)
@@ -397,7 +397,7 @@ class PPI(Controller):
         return replace(self, kv=self.kv * factor, ki=self.ki * factor)
 
     def plane(self) -> tuple[Terms, Terms]:
-        """The plane's kp is kv·kp and its kd is kv: the torque per position and per velocity; ki/kv is held."""
+        """Terms of the kp–kd plane: its kp is kv·kp and its kd is kv (torque per position and velocity), with ki/kv held."""
         share = _ratio("PPI", "ki/kv", self.ki, self.kv)
         return _nonzero({(0, 0): 1.0, (0, 1): share}), _nonzero({(1, 0): 1.0, (1, 1): share})
 
@@ -410,7 +410,7 @@ class PPI(Controller):
 
 @dataclass(frozen=True)
 class Compensator(Controller):
-    """Any scalar LTI system as controller, the same on every joint; `system` is any that gainroom.loop_from accepts, no callable."""
+    """Scalar LTI system used as controller on every joint; `system` is any LTI that gainroom.loop_from accepts, except a callable."""
 
     system: Any
     gain: Any = 1.0
@@ -431,11 +431,11 @@ class Compensator(Controller):
 
 
 CONTROLLERS: dict[str, type[Controller]] = {"pd": PD, "pid": PID, "ppi": PPI}
-"""Those that files may have, by `control.type`."""
+"""Controllers that files may name, by `control.type`."""
 
 
 def type_of(controller: Controller) -> str:
-    """Its `control.type` in files; of one that they do not have, the name of its class."""
+    """`control.type` of a controller in files; its class name where files have no such type."""
     known = (name for name, one in CONTROLLERS.items() if type(controller) is one)
     return next(known, type(controller).__name__.lower())
 
@@ -453,7 +453,7 @@ def gain_matrix(name: str, gain: ArrayLike, size: int) -> Floats:
 
 
 def own_gain(gain: ArrayLike, k: int, size: int) -> float:
-    """What a gain does on joint `k` of `size` alone; 0 where matrices of tasks have round-off, on joints that no task moves."""
+    """Diagonal entry of a gain for joint `k` of `size`; 0 where task matrices hold round-off alone, on joints that no task moves."""
     own = float(gain_matrix("gain", gain, size)[k, k])
     return own if np.ndim(gain) < 2 or abs(own) > ROUND_OFF * np.abs(gain).max() else 0.0
 
@@ -482,7 +482,7 @@ def _sum(one: Terms, other: Terms) -> Terms:
 
 
 def _same(one: Terms, other: Terms) -> bool:
-    """Whether two laws are the same but for round-off."""
+    """True if two control laws are equal within round-off."""
     nothing = np.zeros(())
     return all(
         np.allclose(one.get(powers, nothing), other.get(powers, nothing), rtol=1e-12, atol=0.0) for powers in one.keys() | other.keys()

@@ -1,4 +1,4 @@
-"""One elastic joint: a plant of n = 1, and the source of it that a system has."""
+"""One elastic joint: the plant for n = 1, and a source of plants for a System."""
 
 import math
 from collections.abc import Mapping
@@ -72,12 +72,12 @@ class ElasticJoint:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """(1,)."""
+        """Joint name (1,)."""
         return (self.name,)
 
     @property
     def unknown(self) -> Mapping[str, tuple[str, ...]]:
-        """Nothing: a joint is described whole."""
+        """Quantities without data: none, a joint is described completely."""
         return {}
 
     @property
@@ -86,15 +86,15 @@ class ElasticJoint:
         return {name: np.array([value]) for name, value in vars(self).items() if name != "name"}
 
     def with_quantities(self, **values: ArrayLike) -> "ElasticJoint":
-        """The same joint with other values, by name."""
+        """Joint with `values` replaced, by name."""
         return replace(self, **{name: float(np.reshape(value, ())) for name, value in values.items()})
 
     def linearize(self, posture: str | None = None, contact: str | None = None, weight: bool = False) -> Plant:
-        """`plant`, as the source of plants that a system has: one state, without names."""
+        """Plant of this joint; arguments are those of PlantSource, a joint has one state without names."""
         return self.plant()
 
     def tasks(self, model: Plant, rotors: bool = False) -> NoReturn:
-        """Raise GainroomError: there are none."""
+        """Raise GainroomError: a single joint has no tasks."""
         raise GainroomError(f"{self.name}: there are no tasks")
 
     def plant(self) -> Plant:

@@ -1,9 +1,9 @@
-"""Sets around −1 that L(jω) must stay out of: what a requirement excludes, as a figure in the plane of L.
+"""Excluded sets around −1: the sets of the complex plane that a requirement keeps L(jω) out of.
 
-A gain margin g excludes the segment [−g, −1/g], a phase margin φ the arc |L| = 1, |arg(−L)| ≤ φ, a ceiling on |a S + b|, S = 1/(1 + L),
-a disk: around −1 for a peak sensitivity, further left for a peak complementary sensitivity. A set says three things of itself: which kd
-it excludes on lines kp = const (analysis/excluded_region.py), whether it is clear of all that L may be in a box of frequencies and
-parameters (analysis/range_proof.py), and how far it is from a value of L.
+A gain margin g excludes the segment [−g, −1/g], a phase margin φ the arc |L| = 1, |arg(−L)| ≤ φ, a ceiling on |a S + b|, S = 1/(1 + L), a
+disk: around −1 for a peak sensitivity, further left for a peak complementary sensitivity. A set answers three questions: which kd it
+excludes on lines kp = const (analysis/excluded_region.py), whether a box of frequencies and parameters keeps L clear of it
+(analysis/range_proof.py), and how far a value of L is from it.
 """
 
 import cmath
@@ -18,8 +18,11 @@ import numpy as np
 from .linear.arrays import Booleans, Complexes, Floats
 
 ROUND_OFF = 1e-6
-"""Relative: a margin that misses its requirement by no more than this is met. Gains that were set right on a requirement come back with
-the round-off of the search and of dB and degrees, below 1e-8; what this grants beyond, 1e-5 dB or 2e-5° of 30°, nobody can measure."""
+"""Relative tolerance of every comparison with a requirement: a margin short by no more is met.
+
+Gains placed exactly on a requirement return with round-off of the search and of dB and degrees below 1e-8; the tolerance grants 1e-5 dB or
+2e-5° of 30°, which is not measurable.
+"""
 
 
 @dataclass(frozen=True)
@@ -30,28 +33,28 @@ class Branch:
     paired: bool = False  # the equation is quadratic and this is one of two solutions
 
     def __call__(self, kp: Floats, a: Complexes, b: Complexes) -> tuple[Floats, Booleans]:
-        """Arrays of any one shape."""
+        """Solution kd and its validity for arrays kp, A, B of one shape."""
         return self.solve(kp, a, b)
 
 
 class Lines(Protocol):
-    """Lines kp = const in the plane of gains: they turn figures into intervals of kd."""
+    """Lines kp = const in the gain plane, on which a curve or disk in the plane of L becomes intervals of kd."""
 
     def swept(self, branches: Sequence[Branch], ends: Sequence[complex]) -> list[Any]:
-        """Of a curve in the plane of L, whose `ends` L may pass."""
+        """Intervals of kd excluded by a curve in the plane of L, with end points `ends`."""
         ...
 
     def at_ends(self, low: float, high: float) -> list[Any]:
-        """Of the reals from `low` to `high`, where the frequencies end and L is real."""
+        """Intervals of kd for which L is real and in [low, high] at the ends of the frequency range, where L is real."""
         ...
 
     def shadow(self, center: float, radius: float) -> list[Any]:
-        """Of the disk |L − center| < radius."""
+        """Intervals of kd excluded by the disk |L − center| < radius."""
         ...
 
 
 class Boxes(Protocol):
-    """What L can be in n boxes: log|L| in [log_low, log_high], and arg L at least `apart()` from that of −1; arrays (n,)."""
+    """Bounds of L over n boxes: log|L| in [log_low, log_high], arg L at least `apart()` away from arg(−1); arrays (n,)."""
 
     @property
     def log_low(self) -> Floats: ...
@@ -63,29 +66,29 @@ class Boxes(Protocol):
 
 
 class ExcludedSet(ABC):
-    """A set of L that holds −1."""
+    """Set in the plane of L that contains −1 and that L(jω) must avoid."""
 
     @abstractmethod
     def on(self, lines: Lines) -> list[Any]:
-        """The kd that the set excludes, as `lines` collects them."""
+        """Excluded kd, as the intervals that `lines` returns."""
 
     @abstractmethod
     def clear(self, boxes: Boxes) -> Booleans:
-        """(n,) True where nothing in a box is in the set, but for ROUND_OFF."""
+        """(n,) True where a box does not intersect the set, within ROUND_OFF."""
 
     @abstractmethod
     def distance(self, value: Complexes) -> Floats:
-        """How far each L is from the set, in ln L, or of a disk in shares of it; below 0 within a disk."""
+        """Distance of each L from the set in ln L, for a disk relative to its radius; negative inside a disk."""
 
     @property
     def smallest(self) -> float:
-        """|L| below which nothing is in the set."""
+        """Least |L| of the set."""
         return 1.0
 
 
 @dataclass(frozen=True)
 class Segment(ExcludedSet):
-    """[−g, −1/g] for g = `factor`; −1 alone for g = 1."""
+    """Segment [−g, −1/g] for g = `factor`; the point −1 for g = 1."""
 
     factor: float
 
@@ -115,7 +118,7 @@ class Segment(ExcludedSet):
 
 @dataclass(frozen=True)
 class Arc(ExcludedSet):
-    """|L| = 1 and |arg(−L)| ≤ `angle` [rad]."""
+    """Arc |L| = 1, |arg(−L)| ≤ `angle` [rad]."""
 
     angle: float
 
@@ -140,14 +143,14 @@ class Arc(ExcludedSet):
 
 @dataclass(frozen=True)
 class Disk(ExcludedSet):
-    """|L − center| < radius; the center is on the negative real axis."""
+    """Disk |L − center| < radius, center on the negative real axis."""
 
     center: float
     radius: float
 
     @classmethod
     def of_ceiling(cls, ceiling: float, slope: float, offset: float) -> "Disk":
-        """Where |a S + b| > `ceiling`, S = 1/(1 + L), a = `slope`, b = `offset`: a disk for ceilings above |b| (Apollonius)."""
+        """Disk where |a S + b| > `ceiling`, S = 1/(1 + L), a = `slope`, b = `offset`, for ceilings above |b| (Apollonius)."""
         beyond = ceiling - offset**2 / ceiling
         return cls(-(ceiling - offset * (slope + offset) / ceiling) / beyond, abs(slope) / beyond)
 
@@ -170,7 +173,7 @@ class Disk(ExcludedSet):
 
 
 def on_circle(kp: Floats, a: Complexes, b: Complexes, offset: float, radius: float, sign: float) -> tuple[Floats, Booleans]:
-    """The kd, one of two, with |offset + kp A + kd B| = radius, and where it exists."""
+    """One of the two kd with |offset + kp A + kd B| = radius (chosen by `sign`), and where it exists."""
     with np.errstate(invalid="ignore"):  # on a pole of A and B nothing is defined, and nothing exists
         rest = offset + kp * a
         across = rest * b.conj()
@@ -181,6 +184,6 @@ def on_circle(kp: Floats, a: Complexes, b: Complexes, offset: float, radius: flo
 
 
 def _polar(value: Complexes) -> tuple[Floats, Floats]:
-    """|arg(−L)| and |ln|L||."""
+    """Polar coordinates |arg(−L)| and |ln|L|| of L about −1."""
     with np.errstate(all="ignore"):
         return np.abs(np.angle(-value)), np.abs(np.log(np.abs(value)))

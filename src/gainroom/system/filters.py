@@ -17,12 +17,12 @@ Ratio = tuple[Floats, Floats]
 
 
 def value_of(ratio: Ratio, v: Complexes) -> Complexes:
-    """Numerator over denominator at complex v of any shape."""
+    """Ratio of polynomials, numerator over denominator, at complex v of any shape."""
     return _horner(ratio[0], v) / _horner(ratio[1], v)
 
 
 def _horner(coefficients: Floats, v: Complexes) -> Complexes:
-    """np.polyval without its detours, which took a tenth of a response's time."""
+    """Polynomial at v by Horner's rule; np.polyval took a tenth of a response's time."""
     first, *others = coefficients.tolist()
     value = np.full(v.shape, first, dtype=complex)
     for coefficient in others:
@@ -54,7 +54,7 @@ class LowPass:
 
 @dataclass(frozen=True)
 class Notch:
-    """(s² + depth·width·ω s + ω²) / (s² + width·ω s + ω²).
+    """Notch filter (s² + depth·width·ω s + ω²) / (s² + width·ω s + ω²).
 
     frequency   ω, where the notch is deepest [rad/s]
     width       w of a full notch (depth 0), whose half-power points lie at ω (√(1 + (w/2)²) ± w/2); 0.5: about a third of an
@@ -79,7 +79,7 @@ class Notch:
 
 @lru_cache(256)
 def filtered_velocity(velocity_filter: LowPass | None, sample_time: float | None) -> Ratio:
-    """V in v: the backward difference, or s, times the filter."""
+    """Velocity V in v: backward difference (sampled) or s (continuous), times the filter."""
     num, den = (np.ones(1), np.ones(1)) if velocity_filter is None else velocity_filter.polynomials(sample_time)
     difference = np.ones(1) if sample_time is None else np.array([sample_time, 1.0])
     return np.append(num, 0.0), np.convolve(difference, den)
@@ -87,7 +87,7 @@ def filtered_velocity(velocity_filter: LowPass | None, sample_time: float | None
 
 @lru_cache(256)
 def notch_product(notches: tuple[Notch, ...], sample_time: float | None) -> Factored:
-    """N in v."""
+    """Product N of the notches in v."""
     product = ratio([1.0], [1.0], sample_time)
     for notch in notches:
         product = product * ratio(*notch.polynomials(sample_time), sample_time)
@@ -95,7 +95,7 @@ def notch_product(notches: tuple[Notch, ...], sample_time: float | None) -> Fact
 
 
 def integrator(sample_time: float | None) -> Ratio:
-    """I in v: 1/s, or backward Euler (1 + T_s δ)/δ."""
+    """Integrator I in v: 1/s, or backward Euler (1 + T_s δ)/δ."""
     return (np.ones(1) if sample_time is None else np.array([sample_time, 1.0])), np.array([1.0, 0.0])
 
 

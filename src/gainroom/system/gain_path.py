@@ -1,4 +1,4 @@
-"""Where the gains on velocity close when not with the others: on the drive, at its own rate and delay, while kp comes over a bus."""
+"""Separate path of kd: a velocity gain that closes on the drive at its own rate and delay, while the other gains come over a bus."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -6,19 +6,19 @@ from fractions import Fraction
 from ..errors import GainroomError, require_positive
 
 MOST_PARTS = 20
-"""The slower of two rates takes at most this many samples in their common period."""
+"""Most samples of the slower rate in the common period of both."""
 MOST_SAMPLES = 1000
-"""Likewise the faster one: the period is followed sample by sample."""
+"""Most samples of the faster rate in the common period, which is followed sample by sample."""
 EQUAL = 1e-9
 """Relative deviation from a ratio of whole numbers that counts as rounding."""
 
 
 @dataclass(frozen=True)
 class GainPath:
-    """The path of kd from measurement to torque.
+    """Path of kd from measurement to torque.
 
-    delay        [s], in place of the drive's, which is that of all other gains
-    sample_time  [s] likewise, in place of the loop's; the velocity is differenced and filtered at this rate
+    delay        [s], in place of the drive's delay, which applies to all other gains
+    sample_time  [s], in place of the loop's; velocity is differenced and filtered at this rate
     """
 
     delay: float
@@ -30,7 +30,7 @@ class GainPath:
 
 
 def samples_in_common(first: float, second: float) -> tuple[int, int]:
-    """How often two loops with sample times `first` and `second` [s] sample in their common period.
+    """Numbers of samples that loops with sample times `first` and `second` [s] take in their common period.
 
     Raises GainroomError where the ratio of their rates is not one of small whole numbers.
     """

@@ -31,26 +31,27 @@ from .plant import Plant
 EXACT_MODES = 1e-12  # relative: a sum over modes that is off by no more has all digits that polishing and counting need
 ABOUT_AXIS = 1e-7  # |Re s| of Im s up to which sums over modes serve
 FAR_APART = 1e5
-"""Units of joints whose gains act on each other. Up to there limits of random robots were off by 3e-10 at most, beyond by up to a fifth."""
+"""Largest ratio of Plant.units between joints that gain matrices couple: up to it limits of random robots were off by 3e-10 at most, beyond
+it by up to a fifth."""
 ANYWHERE = np.array([0.7, 1.3, 2.1])  # [rad/s]: a loop that acts on any motion is not 0 at all of them
-NO_GAIN = 1e-11  # of the largest gain of matrices: less is what round-off leaves of none, and spoils eigenvectors
+NO_GAIN = 1e-11  # relative to the largest singular value of the gains: less is round-off, and spoils eigenvectors
 
 
 @dataclass(frozen=True)
 class Loop:
-    """A return ratio L and what is known about it.
+    """Return ratio L with the data that analysis needs.
 
     size          n; 1 for a scalar loop
     sample_time   T_s [s]; None: continuous
     actuated      from torque command to measured position, P C e^{−sT}; n = 1 only
     control       D; n = 1 only
-    delays        (n,) [s] what open_loop leaves out
-    given         the state space of a loop that was not built from parts
-    function      for loops given as a callable L(s)
-    unstable_poles   of L; those on the stability boundary are not counted
-    parts         what it was built from, None for loops from elsewhere
+    delays        (n,) [s] of the channels, not contained in open_loop
+    given         state space of a loop that was not built from parts
+    function      callable L(s), for loops given so
+    unstable_poles   number of unstable poles of L; poles on the stability boundary are not counted
+    parts         components that build_loop joined; None for other loops
     gain          common factor on all controller gains
-    unsampled     `actuated` in continuous time, of one joint built from parts
+    unsampled     `actuated` in continuous time, for one joint built from parts
     """
 
     size: int
@@ -73,34 +74,34 @@ class Loop:
         return f"Loop({self.size} joint{'s' * (self.size > 1)}, {time}{made}{scale})"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is worked out on first use: the core's objects do not go to another process."""
+        """State for pickling, without cached values: the core's objects cannot go to another process."""
         return {name: vars(self)[name] for name in self.__dataclass_fields__}
 
     @cached_property
     def measurements(self) -> dict[Any, float]:
-        """What requirements have measured of it, by requirement."""
+        """Cache of values that requirements measured on this loop, by requirement."""
         return {}
 
     @cached_property
     def scalar(self) -> Factored | None:
-        """L of a scalar loop as zeros, poles, gain and delay; None for several joints and for callables."""
+        """Return ratio L of a scalar loop as zeros, poles, gain and delay; None for several joints and for callables."""
         if self.actuated is None or self.control is None:
             return None
         return (self.actuated * self.control).scaled(self.gain)
 
     @property
     def kd_path(self) -> GainPath | None:
-        """The path of kd where that is one of its own; None: all gains close together."""
+        """Separate path of kd; None: all gains close together."""
         return None if self.parts is None else self.parts.kd_path
 
     def require_one_path(self, what: str) -> None:
-        """Raise GainroomError where kd closes on a path of its own, for which `what` is not known."""
+        """Raise GainroomError if kd closes on a separate path, for which `what` is not defined."""
         if self.kd_path is not None:
             raise GainroomError(f"kd_path: {what} is not known where kd closes at another rate or delay than the other gains")
 
     @cached_property
     def open_loop(self) -> StateSpace | None:
-        """From torque command to controller output without `delays` (in sampled time they are states); None for callables."""
+        """State space from torque command to controller output, without `delays` (in sampled time they are states); None for callables."""
         if self.parts is None:
             return self.given
         self.require_one_path("one state space")
@@ -108,7 +109,7 @@ class Loop:
 
     @cached_property
     def corner_frequencies(self) -> Corners:
-        """Of the plant, current loops and filters; of a state space its poles."""
+        """Corner frequencies of plant, current loops and filters; the poles of a loop given as state space."""
         if self.parts is None:
             assert self.given is not None
             poles = np.linalg.eigvals(self.given.a).astype(complex)
@@ -120,7 +121,7 @@ class Loop:
         return Corners(np.concatenate([plant.poles, currents, shaping.poles]), np.concatenate([plant.zeros, shaping.zeros]))
 
     def at(self, s: ArrayLike) -> Complexes:
-        """L at complex s [1/s] (k,); in sampled time at z = e^{s T_s}. Shape (k,) for n = 1, else (k, n, n)."""
+        """Return ratio L at complex s [1/s] (k,), in sampled time at z = e^{s T_s}: shape (k,) for n = 1, else (k, n, n)."""
         self.require_one_path("a frequency response")
         points = np.atleast_1d(np.asarray(s, dtype=complex))
         if self.scalar is not None:
@@ -133,20 +134,20 @@ class Loop:
         return self.parts.controller.after(actuated if self.gain == 1 else self.gain * actuated, points, v, self.sample_time)
 
     def variable(self, s: Complexes) -> Complexes:
-        """v at complex s (k,): s itself, or (e^{s T_s} − 1)/T_s in sampled time."""
+        """Variable v at complex s (k,): s itself, or (e^{s T_s} − 1)/T_s in sampled time."""
         return s if self.sample_time is None else np.expm1(s * self.sample_time) / self.sample_time
 
     def actuated_at(self, s: Complexes) -> Complexes:
-        """P C e^{−sT}, torque command → measured position, (k, n, n) of a loop built with build_loop at complex s (k,) [rad/(N m)]."""
+        """Response P C e^{−sT} from torque command to measured position (k, n, n) [rad/(N m)] at complex s (k,)."""
         self.require_one_path("a frequency response")
         if self.actuated is not None:
             return self.actuated.at(s).reshape(-1, 1, 1)
         return self._actuated_at(s, self.variable(s))
 
     def control_at(self, s: Complexes) -> Complexes:
-        """D with the common factor, position error → torque command, (k, n, n), of a loop from build_loop at complex s (k,).
+        """Controller D times `gain`, position error → torque command (k, n, n), at complex s (k,), for loops from build_loop.
 
-        Raises GainroomError for other loops, and where kd has a path of its own.
+        Raises GainroomError for other loops, and where kd has a separate path.
         """
         self.require_one_path("a frequency response")
         if self.control is not None:
@@ -157,7 +158,7 @@ class Loop:
 
     @cached_property
     def _controlled(self) -> tuple[Floats, Floats] | None:
-        """U (n, r), V (n, r), orthonormal, with every gain matrix = U M Vᵀ and 1 <= r < n; None where the gains reach all n motions."""
+        """Orthonormal U (n, r), V (n, r) with every gain matrix = U M Vᵀ, 1 <= r < n; None where the gains reach all n motions."""
         gains = [] if self.parts is None or self.size == 1 else list(self.parts.controller.matrices(self.size).values())
         if not gains:
             return None
@@ -177,26 +178,29 @@ class Loop:
 
     @property
     def seen(self) -> Floats:
-        """(n, r) orthonormal: the combinations of positions that the gains act on."""
+        """Orthonormal combinations of positions (n, r) that the gains act on."""
         return np.eye(self.size) if self._controlled is None else self._controlled[1]
 
     def core(self, s: Complexes) -> Complexes:
-        """L at complex s (k, r, r) as far as the gains reach: with all eigenvalues of L but those that are 0 as no gain acts there."""
+        """Return ratio (k, r, r) at complex s (k,) on the subspace that the gains reach.
+
+        L without its n − r eigenvalues that are always 0.
+        """
         if self._controlled is None:
             return self.at(s).reshape(len(s), self.size, self.size)
         return self._controlled[1].T @ self._partly(s)
 
     def lifted(self, s: complex, vectors: Complexes) -> Complexes:
-        """The measured positions (n, m) that belong to eigenvectors (r, m) of `core`."""
+        """Measured positions (n, m) that belong to eigenvectors (r, m) of `core`."""
         return vectors if self._controlled is None else self._partly(np.array([s]))[0] @ vectors
 
     def _partly(self, s: Complexes) -> Complexes:
-        """P C e^{−sT} D V (k, n, r)."""
+        """Product P C e^{−sT} D V (k, n, r)."""
         assert self._controlled is not None
         return self.at(s) @ self._controlled[1]
 
     def _actuated_at(self, s: Complexes, v: Complexes) -> Complexes:
-        """P C e^{−sT} (k, n, n) of several joints."""
+        """Response P C e^{−sT} (k, n, n) of several joints."""
         assert self.parts is not None
         quick = self.exact_modes is not None and np.all(np.abs(s.real) < ABOUT_AXIS * s.imag)
         if self.sample_time is not None:
@@ -212,7 +216,7 @@ class Loop:
 
     @cached_property
     def exact_modes(self) -> "_core.ModalLoop | None":
-        """The plant's response as a sum over modes; None where there are none, the sum is not exact enough, or a pole is on the axis."""
+        """Plant response as a sum over modes; None if there is none, it is not exact enough, or a pole is on the imaginary axis."""
         assert self.parts is not None
         known = self.parts.plant.modes
         if known is None or known.inexact > EXACT_MODES:
@@ -221,12 +225,12 @@ class Loop:
         return None if np.any(np.abs(np.real(poles)) <= ABOUT_AXIS * np.abs(poles)) else mode_functions(self.parts)
 
     def _mobility(self, s: Complexes) -> Complexes:
-        """Torque → position (k, n, n) at s (k,) about jω by the modes; sampled: with hold, current loop and the fraction of a tick."""
+        """Response torque → position (k, n, n) by modes, at s (k,) near jω; sampled: with hold, current loop and fractional delay."""
         assert self.exact_modes is not None
         return self.exact_modes.mobility(s).reshape(len(s), self.size, self.size)
 
     def round_off(self, omega: Floats) -> Floats:
-        """(k,) how far, relative to its size, `actuated_at` may be off at jω: most where a sampled mechanism drifts."""
+        """Bound (k,) on the relative round-off of `actuated_at` at jω; largest where a sampled mechanism drifts."""
         if self.sample_time is None or self.size == 1:
             return np.full(len(omega), np.finfo(float).eps)
         held = self.held
@@ -238,14 +242,14 @@ class Loop:
 
     @cached_property
     def ticks(self) -> Integers:
-        """(n,) whole ticks of delay in sampled time."""
+        """Whole ticks of delay (n,) in sampled time."""
         assert self.parts is not None
         assert self.sample_time is not None
         return split_delay(self.parts.delays, self.sample_time)[0]
 
     @cached_property
     def held(self) -> StateSpace:
-        """Torque command → measured positions with hold, current loops and the delays beyond whole ticks."""
+        """State space from torque command to measured positions, with hold, current loops and the fractional part of the delays."""
         assert self.parts is not None
         assert self.sample_time is not None
         self.require_one_path("one sampled plant")
@@ -254,33 +258,33 @@ class Loop:
 
     @cached_property
     def topples(self) -> bool:
-        """Whether its gains are known to be too soft for the weight (Parts.topples)."""
+        """True if its gains are proved too soft to hold the weight (Parts.topples)."""
         return self.parts is not None and self.parts.topples(self.gain)
 
     @property
     def stands(self) -> bool:
-        """Whether its gains are known to be stiff enough for the weight (Parts.stands)."""
+        """True if its gains are proved stiff enough to hold the weight (Parts.stands)."""
         return self.parts is not None and self.parts.stands(self.gain)
 
     def response(self, omega: ArrayLike) -> Complexes:
-        """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""
+        """Frequency response L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): shape (k,) for n = 1, else (k, n, n)."""
         return self.at(1j * np.atleast_1d(np.asarray(omega, dtype=float)))
 
     @property
     def acts(self) -> bool:
-        """The gains act on some motion."""
+        """True if the gains act on some motion."""
         parts, path = self.parts, self.kd_path
         if parts is not None and path is not None:  # which they act on is the same at any rate
             return build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, path.sample_time).acts
         return bool(np.any(self.response(ANYWHERE)))
 
     def scaled(self, factor: float) -> "Loop":
-        """The same loop with every controller gain multiplied by `factor`."""
+        """Loop with every controller gain multiplied by `factor`. Raises GainroomError where it is not finite."""
         require_finite("loop", "factor", factor)
         return replace(self, gain=self.gain * factor)
 
     def regained(self, controller: Any) -> "Loop":
-        """The same plant and drives under a controller that differs in its gains alone: with the same filters, notches and type."""
+        """Loop of the same plant and drives with other gains; `controller` must keep filters, notches and type."""
         assert self.parts is not None
         if self.size == 1:
             return build_loop(self.parts.plant, self.parts.drives, controller, self.parts.feedback, self.sample_time, self.kd_path)
@@ -292,13 +296,13 @@ class Loop:
         return found
 
     def regeared(self, stiffness: Floats, damping: Floats) -> "Loop":
-        """The same loop of parts with other gearboxes, (n,) each."""
+        """Loop with other gearbox stiffness [N m/rad] and damping [N m s/rad], (n,) each; needs `parts`."""
         assert self.parts is not None
         parts, plant = self.parts, self.parts.plant.regeared(stiffness, damping)
         return build_loop(plant, parts.drives, parts.controller, parts.feedback, parts.sample_time, parts.kd_path).scaled(self.gain)
 
     def delayed(self, extra: float) -> "Loop":
-        """The same loop of parts with `extra` [s] more delay in every drive, and on the path of kd."""
+        """Loop with `extra` [s] more delay in every drive, and on the path of kd; needs `parts`."""
         assert self.parts is not None
         path = None if self.kd_path is None else replace(self.kd_path, delay=self.kd_path.delay + extra)
         drives = tuple(replace(drive, delay=drive.delay + extra) for drive in self.parts.drives)
@@ -317,7 +321,7 @@ class Loop:
 
 
 def require_loop(owner: str, given: Any) -> None:
-    """Raise GainroomError, named `owner`, where what was given is no loop."""
+    """Raise GainroomError, its message beginning with `owner`, if `given` is not a Loop."""
     if not isinstance(given, Loop):
         raise GainroomError(f"{owner}: {one_line(repr(given), 60)} must be a Loop, as build_loop and loop_from make it")
 
@@ -337,7 +341,7 @@ def build_loop(
     sample_time: float | None = None,
     kd_path: GainPath | None = None,
 ) -> Loop:
-    """The loop of one joint or of n.
+    """Feedback loop of one joint or of n joints.
 
     joint        ElasticJoint, or a Plant of n joints
     drive        one for all joints, or one per joint
@@ -380,7 +384,7 @@ def build_loop(
 
 
 def _require_alike(plant: Plant, controller: Controller) -> None:
-    """Raise GainroomError where gains couple joints whose units are so far apart that round-off of one hides others."""
+    """Raise GainroomError if gain matrices couple joints whose units differ by more than FAR_APART: round-off of one would hide others."""
     least, most = plant.units.min(), plant.units.max()
     if most > FAR_APART * least and any(np.any(gain != np.diag(np.diagonal(gain))) for gain in controller.matrices(plant.size).values()):
         raise GainroomError(
@@ -390,7 +394,7 @@ def _require_alike(plant: Plant, controller: Controller) -> None:
 
 
 def _two_paths(parts: Parts) -> Loop:
-    """The loop whose kd closes on a path of its own. Raises GainroomError where the two cannot be followed together."""
+    """Loop whose kd closes on a separate path. Raises GainroomError if the ratio of the rates or a filter does not allow it."""
     assert parts.kd_path is not None
     if parts.sample_time is None:
         raise GainroomError("kd_path: needs sample_time, the other gains' own: where kd closes apart, both are sampled")
@@ -401,7 +405,7 @@ def _two_paths(parts: Parts) -> Loop:
 
 
 def _drives(drive: Any, size: int) -> tuple[Drive, ...]:
-    """One drive per joint. Raises GainroomError."""
+    """Drives as a tuple, one per joint. Raises GainroomError for other counts and types."""
     if isinstance(drive, Drive):
         return (drive,) * size
     drives = tuple(drive) if isinstance(drive, Iterable) else (drive,)
@@ -414,7 +418,7 @@ def _drives(drive: Any, size: int) -> tuple[Drive, ...]:
 
 
 def loop_from(lti: Any, delay: float = 0.0, unstable_poles: int | None = None) -> Loop:
-    """A loop around any scalar return ratio.
+    """Loop around a scalar return ratio.
 
     lti             a python-control or scipy.signal LTI, continuous or discrete, or a callable L(s), vectorised over complex s
     delay           [s], exact; in sampled time a whole number of sample times

@@ -1,4 +1,4 @@
-"""One part of a loop's controller: of one joint, or of one direction of a task, all others as they are."""
+"""One channel of a loop's controller, of one joint or one direction of a task, with all other channels closed."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,10 @@ from .loop import Loop
 
 @dataclass(frozen=True)
 class LoopPart:
-    """left (n,) `own` right (n,)ᵀ of the controller of n joints.
+    """Channel left (n,) `own` right (n,)ᵀ of the controller of n joints.
 
-    left    torques that its output makes; right: what it acts on, as a combination of the measured positions
+    left    torques (n,) that one unit of its output makes
+    right   combination (n,) of measured positions that it acts on
     own     its gains, as a controller of one joint
     """
 
@@ -24,7 +25,7 @@ class LoopPart:
 
     @classmethod
     def of_joint(cls, loop: Loop, k: int) -> "LoopPart":
-        """Joint `k`, of gains on the diagonal. Raises GainroomError for a loop without parts."""
+        """Channel of joint `k`, for gains on the diagonal. Raises GainroomError for a loop without parts."""
         if loop.parts is None:
             raise GainroomError("a part of a loop needs one built with build_loop")
         unit = np.eye(loop.size)[k]

@@ -1,22 +1,22 @@
-"""What a requirement may ask of a loop: its margins, and of coupled loops their curves, sampled or as they move with the gains."""
+"""Protocols between requirements and analysis: margins of a loop, sampled coupled loops, and their curves under changes of gains."""
 
 from typing import Any, Protocol
 
 
 class MarginRecord(Protocol):
-    """Margins that requirements are held against (analysis/margin_record.py)."""
+    """Margins that requirements are compared with (analysis/margin_record.py)."""
 
     @property
     def stable(self) -> bool: ...
 
     @property
     def loops(self) -> tuple[Any, ...]:
-        """The loops that they are the margins of, or the worst of; none where one is not known."""
+        """Loops that the margins belong to (the worst of each, for several); empty where one is not known."""
         ...
 
 
 class Curves(Protocol):
-    """Curves of coupled loops, and how they move with the gains (design/margin_slopes.py): what may be asked of them."""
+    """Curves of coupled loops and their derivatives by the gains (design/margin_slopes.py)."""
 
     def at_axis(self, name: str, factor: float) -> Any:
         """Gain margins of about `factor`: loci and return ratios on the negative real axis."""
@@ -35,17 +35,17 @@ class Curves(Protocol):
         ...
 
     def by_differences(self, requirement: Any, needed: float) -> Any:
-        """The margin itself, at gains that are a little larger."""
+        """Margin by finite differences, at gains that are a little larger."""
         ...
 
 
 class Sampled(Protocol):
-    """Coupled loops along the stability boundary (analysis/look.py)."""
+    """Coupled loops sampled along the stability boundary (analysis/look.py)."""
 
     def peak(self, slope: float = 1.0, offset: float = 0.0) -> tuple[float, float]:
-        """The largest |slope S_ii + offset|, and its frequency [rad/s]."""
+        """Largest |slope S_ii + offset|, and its frequency [rad/s]."""
         ...
 
     def delay(self) -> tuple[float, float]:
-        """The least extra delay [s] in all loops with which a locus passes −1, and its frequency [rad/s]."""
+        """Least extra delay [s] in all loops for which a locus passes −1, and its frequency [rad/s]."""
         ...

@@ -1,9 +1,9 @@
-"""Units of margins: as people read them, and in SI."""
+"""Units of margins: display units and SI."""
 
 import math
 
 IN_SI = {"dB": ", a factor: 10**(6 / 20) is 6 dB", "°": " rad: numpy.radians(30) is 30°", "ms": " s: 0.002 is 2 ms"}
-"""How a bound in SI is given, for a message, by the unit that files have."""
+"""Note on the SI value of a bound, for messages, by its unit in files."""
 
 
 def to_db(factor: float) -> float:
@@ -12,5 +12,5 @@ def to_db(factor: float) -> float:
 
 
 def from_db(level: float) -> float:
-    """Decibels as a gain factor."""
+    """Gain factor of `level` [dB]."""
     return 10 ** (level / 20)

@@ -1,4 +1,4 @@
-"""From torque command to measured position: the polynomials of one joint, eq. (2), and the state space of any number of them."""
+"""Response from torque command to measured position: polynomials of one joint, eq. (2), and the state space of n joints."""
 
 from dataclasses import replace
 
@@ -14,9 +14,10 @@ from .plant import Plant
 
 
 def measured_signals(parts: Parts) -> StateSpace:
-    """Torque command (n) → measured positions, then what velocity is made from (2n): velocities, or in sampled time positions again.
+    """State space from torque command (n) to measured positions and the signal that velocity is made from (2n), delays included.
 
-    Sampled exactly, delays included, where there is a sample time.
+    The second signal is velocity in continuous time; in sampled time, exactly sampled, it is position again, which the controller
+    differences.
     """
     if parts.sample_time is None:
         return measured_state(parts, "position", "velocity")
@@ -24,7 +25,7 @@ def measured_signals(parts: Parts) -> StateSpace:
 
 
 def measured_state(parts: Parts, *quantities: str, twists: bool = True) -> StateSpace:
-    """Torque command (n), not delayed → what is measured, "position" or "velocity" (n each); `twists` as plant.mechanism has them."""
+    """State space from undelayed torque command (n) to measured "position" or "velocity" (n each); `twists` as in Plant.mechanism."""
     size = parts.plant.size
     first = {"position": 0, "velocity": 2 * size}
     side = 0 if parts.feedback == "motor" else size
@@ -33,13 +34,13 @@ def measured_state(parts: Parts, *quantities: str, twists: bool = True) -> State
 
 
 def unsampled_scalar(parts: Parts) -> Factored:
-    """P C e^{−sT} of one joint in continuous time, from the exact polynomials of eq. (2)."""
+    """Response P C e^{−sT} of one joint in continuous time, from the exact polynomials of eq. (2)."""
     drive = parts.drives[0]
     return replace(_joint_transfer(parts.plant, parts.feedback) * current_loop(drive), delay=drive.delay)
 
 
 def sampled_scalar(continuous: Factored, sample_time: float | None) -> Factored:
-    """`continuous` with its delay behind a hold, sampled exactly; itself where there is no sample time."""
+    """`continuous` with its delay behind a zero-order hold, sampled exactly; unchanged where `sample_time` is None."""
     if sample_time is None:
         return continuous
     ticks, fraction = split_delay(continuous.delay, sample_time)
@@ -47,7 +48,7 @@ def sampled_scalar(continuous: Factored, sample_time: float | None) -> Factored:
 
 
 def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:
-    """P_M or P_L of one joint: with w = W, eq. (2) in a form that holds for rigid joints (K = ∞) and locked outputs (w = 0)."""
+    """Plant P_M or P_L of one joint by eq. (2) with w = W, a form that holds for rigid joints (K = ∞) and locked outputs (w = 0)."""
     if plant.compliance is not None:
         return _resting_transfer(plant, feedback)
     w, motor = plant.link_inverse_inertia[0, 0], plant.motor_inertia[0]
@@ -68,7 +69,7 @@ def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:
 
 
 def _resting_transfer(plant: Plant, feedback: Feedback) -> Factored:
-    """P_M or P_L of one joint whose links rest on springs, from its state space."""
+    """Plant P_M or P_L of one joint whose links rest on springs, from its state space."""
     system = actuated_state(plant, (Drive(),)).between(np.arange(1), np.array([0 if feedback == "motor" else 1]))
     poles = np.linalg.eigvals(system.a)
     poles[np.abs(poles) < 1e-6 * np.abs(poles).max()] = 0.0  # a joint free to turn: its double integrator comes out to half the digits

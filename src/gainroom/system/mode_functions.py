@@ -1,4 +1,4 @@
-"""The response of a loop's motors in the core, as a sum over the modes of its plant (native/include/gainroom/modal_loop.hpp)."""
+"""Modal response of a loop's motors in the core (native/include/gainroom/modal_loop.hpp)."""
 
 import numpy as np
 
@@ -7,16 +7,17 @@ from .assembly import Parts, current_loop
 from .linear.state_space import split_delay
 from .modes import Modes
 
-APART = 1e-3  # of a current loop's pole: its two, or one of the plant's, that are closer count as one, whose response is another
+APART = 1e-3  # relative distance at which poles of current loop and plant count as equal: a double pole has another response
 INEXACT = 4.0  # times what a sum over modes was seen to be off by
 
 
 def mode_functions(parts: Parts, seen: Modes | None = None, twofold: bool = False) -> "_core.ModalLoop | None":
-    """The functions of frequency of a plant's modes, without laws: sampled, behind hold, current loop and the fraction of a tick of delay.
+    """Modal frequency functions of a plant, without controller; sampled: behind hold, current loop and fractional delay.
 
-    seen   the same modes as directions other than joints have them; twofold: as native/include/gainroom/exclusion.hpp has it
+     seen      modes of the plant in directions other than joints; None: of the joints
+     twofold   form of native/include/gainroom/exclusion.hpp
 
-    None where modes or these functions are not known: encoders on the links, friction to ground, different drives of a sampled loop, equal
+    None where the modes or functions do not exist: encoders on the links, friction to ground, unequal drives of a sampled loop, equal
     poles.
     """
     modes, drives, step = parts.plant.modes, parts.drives, parts.sample_time

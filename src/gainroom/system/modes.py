@@ -14,17 +14,17 @@ import numpy as np
 from .linear.apart import eigensystem
 from .linear.arrays import Complexes, Floats, diagonals
 
-AT_REST = 1e-13  # of the largest squared natural frequency: smaller ones may be motions without a spring, off 0 by round-off
-ALONE = 1e-12  # of the dampers: less coupling between modes is round-off
+AT_REST = 1e-13  # relative to the largest ω²: smaller ones may be motions without a spring, off 0 by round-off
+ALONE = 1e-12  # relative to the largest modal damping: less coupling between modes is round-off
 SHARP = 0.1  # damping ratio of resonances that samples may miss
-SAME = 1e-6  # of a pole: distance to one that is as good as equal
-ROUNDING = 4e-16  # of a matrix that is as good as its entries
+SAME = 1e-6  # relative distance of two poles that count as equal
+ROUNDING = 4e-16  # relative round-off of a matrix with exact entries
 LIGHT = 0.1  # 2ζ: where damping is more, it does not count
-APART = 1e-3  # of a pole, likewise: distance of the two of a mode
+APART = 1e-3  # relative distance of the two poles of one mode that count as equal
 
 
 class Corners(NamedTuple):
-    """Rough corner frequencies of a response, in s: resonances by their upper one, and what is real: for placing samples, not exact."""
+    """Rough corner frequencies of a response in s, for placing samples: each resonance by its upper pole, and real poles."""
 
     poles: Complexes
     zeros: Complexes
@@ -36,7 +36,10 @@ class Corners(NamedTuple):
 
 @dataclass(frozen=True)
 class Modes:
-    """M₀ (n, n), φ (m, n), λ (m,) and μ (m,), or none: then every pole stands alone, and φ is complex. `inexact`: relative."""
+    """Modal form M₀ (n, n), φ (m, n), λ (m,), μ (m,) of a response; μ empty: every pole stands alone and φ is complex.
+
+    `inexact` bounds the relative error of the sum.
+    """
 
     rigid: Floats | Complexes
     shapes: Complexes
@@ -45,27 +48,27 @@ class Modes:
     inexact: float = 0.0
 
     def response(self, s: Complexes) -> Complexes:
-        """P_M (k, n, n) at complex s (k,)."""
+        """Response P_M (k, n, n) at complex s (k,)."""
         away = s[:, None] - self.poles
         terms = 1 / (away * (s[:, None] - self.partners) if len(self.partners) else away)
         return self.rigid / s[:, None, None] ** 2 + (self.shapes.T * terms[:, None]) @ self.shapes
 
     @property
     def at_rest(self) -> Complexes:
-        """(m,) what stands beside φ_k φ_kᵀ at s = 0."""
+        """Coefficients (m,) of φ_k φ_kᵀ at s = 0."""
         return 1 / (self.poles * self.partners) if len(self.partners) else -1 / self.poles
 
     @property
     def compliance(self) -> Floats:
-        """(n, n) P_M at s = 0, of what does not drift."""
+        """Static compliance (n, n): P_M at s = 0 without the rigid-body part M₀/s²."""
         return ((self.shapes.T * self.at_rest) @ self.shapes).real
 
     def along(self, directions: Floats) -> "Modes":
-        """The same of Y P Yᵀ, Y = `directions` (r, n)."""
+        """Modal form of Y P Yᵀ, Y = `directions` (r, n)."""
         return replace(self, rigid=directions @ self.rigid @ directions.T, shapes=self.shapes @ directions.T)
 
     def twofold(self, measured: Floats, torque: Floats) -> "Modes":
-        """The same of [S, jA; −jA, S], S and A the symmetric part of Y P X and the other; Y = `measured` (r, n), X = `torque` (n, r).
+        """Modal form of [S, jA; −jA, S], S and A the symmetric and antisymmetric part of Y P X; Y = `measured` (r, n), X = `torque` (n, r).
 
         With u = Y φ, w = Xᵀ φ, û = (u, −ju) and ŵ = (w, jw) a mode adds ½ (û ŵᵀ + ŵ ûᵀ), which is that of ½ (û + ŵ) and of ½ j (û − ŵ).
         """
@@ -82,9 +85,9 @@ class Modes:
 
 
 def modes_of(mass: Floats, damping: Floats, stiffness: Floats, position: Floats) -> Modes | None:
-    """Of M η̈ + D η̇ + K η = Fᵀ τ, moved by and measured at F η = `position` η (n, m); symmetric, M > 0.
+    """Modal form of M η̈ + D η̇ + K η = Fᵀ τ, with output F η, F = `position` (n, m); matrices symmetric, M > 0.
 
-    None where nothing moves (m = 0), where a motion without a spring is damped, and where a mode has two poles that are as good as one.
+    None for m = 0, where a motion without a spring is damped, and where a mode has two poles that are equal within APART.
     """
     if not len(mass):
         return None
@@ -111,7 +114,7 @@ def modes_of(mass: Floats, damping: Floats, stiffness: Floats, position: Floats)
 
 
 class ModeStacks(NamedTuple):
-    """Modes of one robot in k postures: M₀ (k, n, n), real φ (k, m, n), λ and μ (k, m), and what each sum is off by, relative (k,)."""
+    """Modes of one robot in k postures: M₀ (k, n, n), real φ (k, m, n), λ and μ (k, m), relative error bound of each sum (k,)."""
 
     rigid: Floats
     shapes: Floats
@@ -121,7 +124,9 @@ class ModeStacks(NamedTuple):
 
 
 def posture_modes(inverse_inertia: Floats, motor_inertia: Floats, stiffness: Floats, damping: Floats) -> ModeStacks | None:
-    """Of joints that are all rigid, or all elastic with dampers in one proportion to their springs: W (k, n, n), all else (n,), as Plant.
+    """Modes in k postures of joints all rigid, or all elastic with damping proportional to stiffness.
+
+    W (k, n, n), others (n,), as in Plant.
 
     The gearboxes' twists δ = θ − q obey δ̈ + (W + J⁻¹)(K δ + B δ̇) = J⁻¹ τ. With B = T K and S = K^½ (W + J⁻¹) K^½ = U Λ Uᵀ the motors
     have φ = J⁻¹ K^½ U Λ^(−½), λ and μ are the roots of s² + TΛ s + Λ, and M₀ = W (I + J W)⁻¹. An error dS of S moves the sum by
@@ -154,7 +159,7 @@ def posture_modes(inverse_inertia: Floats, motor_inertia: Floats, stiffness: Flo
 
 
 def undamped(mass: Floats, stiffness: Floats) -> tuple[Floats, Floats]:
-    """ω² (m,), rising, and v (m, m) with K v = ω² M v, vᵀMv = 1, for M > 0 and the symmetric part of K."""
+    """Undamped modes: ω² (m,), rising, and v (m, m) with K v = ω² M v, vᵀMv = 1, for M > 0 and the symmetric part of K."""
     root = np.linalg.cholesky(mass)
     half = np.linalg.solve(root, (stiffness + stiffness.T) / 2)
     squares, vectors = eigensystem(np.linalg.solve(root, half.T))
@@ -162,10 +167,10 @@ def undamped(mass: Floats, stiffness: Floats) -> tuple[Floats, Floats]:
 
 
 def rough_poles(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
-    """Of every mode, as the undamped one with its own damping: −δ + jω where it oscillates, then what is real; none at 0.
+    """Approximate poles: −δ + jω of each oscillating mode with its own damping, then real poles; none at 0.
 
-    Damping that couples two modes moves both, by about c²/(4 |ω − ω'|): between joints of which some hardly damp by more than the width.
-    There those that oscillate are exact, as a sharp resonance might be missed.
+    Damping that couples two modes shifts both by about c²/(4 |ω − ω'|), which between lightly damped joints exceeds the width of a
+    resonance. Then oscillating poles are computed exactly, so that no sharp resonance is missed between samples.
     """
     squares, shapes = undamped(mass, stiffness)
     coupling = shapes.T @ damping @ shapes
@@ -187,7 +192,7 @@ def rough_poles(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
 
 
 def _real_poles(squares: Floats, rate: Floats) -> Floats:
-    """Roots of s² + 2 rate s + squares that are real and not 0: what gravity topples, and what dampers bring to rest."""
+    """Real nonzero roots of s² + 2 rate s + squares: motions that gravity topples, or that dampers bring to rest."""
     rate = np.where(rate > ALONE * rate.max(initial=0.0), rate, 0.0)
     real = squares <= rate**2
     further = -rate[real] - np.sqrt(rate[real] ** 2 - squares[real])  # the other one is their product over this one, to all digits
@@ -197,7 +202,7 @@ def _real_poles(squares: Floats, rate: Floats) -> Floats:
 
 
 def _quadratic(squares: Floats, damping: Floats) -> tuple[Complexes, Complexes]:
-    """λ (2m,) and x (2m, m) with (s² + s D + Ω²)⁻¹ = Σ x xᵀ/(s − λ); vectors of poles that are as good as equal are made orthogonal.
+    """Poles λ (2m,) and vectors x (2m, m) with (s² + s D + Ω²)⁻¹ = Σ x xᵀ/(s − λ); vectors of nearly equal poles are made orthogonal.
 
     Conjugate poles follow each other, with conjugate vectors.
     A z = λ B z with z = (x, λx) and symmetric A and B: zᵀBz = 1 is the scale, zᵀBz' = 0 for another pole.
@@ -207,7 +212,7 @@ def _quadratic(squares: Floats, damping: Floats) -> tuple[Complexes, Complexes]:
     poles: Complexes
     vectors: Complexes
     real = np.linalg.eig(np.block([[none, one], [-np.diag(squares), -damping]]))
-    # Where nothing oscillates all are real, and scales may be roots of negative numbers.
+    # Without an oscillating mode everything is real, but scales may be roots of negative numbers: complex throughout.
     poles, vectors = real.eigenvalues.astype(complex), real.eigenvectors.astype(complex)
     a, b = np.block([[-np.diag(squares), none], [none, one]]), np.block([[damping, one], [one, none]])
     near = np.abs(poles[:, None] - poles) <= SAME * np.abs(poles)
@@ -229,13 +234,13 @@ def _quadratic(squares: Floats, damping: Floats) -> tuple[Complexes, Complexes]:
 
 
 def _polished(squares: Floats, damping: Floats, poles: Complexes, vectors: Complexes) -> tuple[Complexes, Complexes]:
-    """λ (k,) and z (2m, k) of scale 1, after a step of Rayleigh quotient iteration; x = `vectors` (m, k).
+    """Poles λ (k,) and normalised vectors z (2m, k) after one step of Rayleigh quotient iteration from x = `vectors` (m, k).
 
-    Beside modes that are a thousand times faster, a slow swing and a gearbox, eigenvectors are known to 1e-5 of themselves.
+    Before it, eigenvectors beside modes a thousand times faster (a slow swing and a gearbox) are accurate to 1e-5 only.
     """
 
     def slopes(values: Complexes) -> Complexes:
-        """T'(λ) (k, m, m), of T(λ) = λ² + λ D + Ω²."""
+        """Derivative T'(λ) (k, m, m) of T(λ) = λ² + λ D + Ω²."""
         found = np.empty((len(values), *damping.shape), dtype=complex)
         found[:] = damping
         diagonals(found)[:] += 2 * values[:, None]
@@ -252,6 +257,6 @@ def _polished(squares: Floats, damping: Floats, poles: Complexes, vectors: Compl
 
 
 def _scaled(vectors: Complexes, form: Floats) -> Complexes:
-    """Another basis of the span of `vectors`, in which the bilinear form is the identity."""
+    """Basis of the span of `vectors` in which the bilinear form is the identity."""
     values, axes = np.linalg.eig(vectors.T @ form @ vectors)
     return vectors @ (axes / np.sqrt(values)) @ np.linalg.inv(axes)

@@ -23,8 +23,8 @@ from .linear.apart import eigensystem
 from .linear.arrays import Booleans, Complexes, Floats, Integers, diagonals, distinct
 from .modes import AT_REST, Corners, Modes, modes_of, rough_poles, undamped
 
-BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
-NOT_HUNG = 1e-13  # of the largest: round-off of a motion that no spring takes up
+BESIDE = 1.07  # times a natural frequency: there a sum over modes is compared with the response itself
+NOT_HUNG = 1e-13  # relative to the largest singular value: round-off of a motion that no spring resists
 OFF_MODES = 1e-7  # relative: a sum over modes that is further off, as where two modes are as good as one, is not used
 
 
@@ -51,7 +51,7 @@ class Mechanism:
 
 @dataclass(frozen=True)
 class Compliance:
-    """Ground that gives way: c directions in which the links rest on springs and dampers, beside the joints.
+    """Compliant ground: c directions in which the links rest on springs and dampers.
 
     A foot on a soft floor has six such directions x_c (c,): three shifts, three turns. The links alone, base included, obey
     A v̇ = Sᵀ τ_J + J_cᵀ f: A is the mass matrix of all N degrees of freedom v, S (n, N) picks the n joints among them, J_c (c, N) turns v
@@ -85,7 +85,7 @@ class Compliance:
 
 @dataclass(frozen=True)
 class Plant:
-    """n joints and the links that they move, linear about one posture.
+    """Linear model of n joints and the links that they move, about one posture.
 
     link_inverse_inertia   W (n, n), symmetric, ≥ 0 [1/(kg m²)]
     motor_inertia, stiffness, damping, motor_viscous, link_viscous   (n,) or a scalar for all, units as ElasticJoint
@@ -153,19 +153,19 @@ class Plant:
 
     @cached_property
     def units(self) -> Floats:
-        """(n,) [√(kg m²)] in which joints are alike, whatever theirs are: by each motor's inertia, or where it has none by its links'."""
+        """Square root (n,) [√(kg m²)] of each motor's inertia, or the link's where it is 0: units in which joints are comparable."""
         own = np.diagonal(self.link_inverse_inertia)
         links = np.divide(1.0, own, out=np.ones(self.size), where=own > 0)
         return np.sqrt(np.where(self.motor_inertia > 0, self.motor_inertia, links))
 
     def regeared(self, stiffness: Floats, damping: Floats) -> "Plant":
-        """The same links and motors with other gearboxes, (n,) each."""
+        """Plant with other gearbox stiffness [N m/rad] and damping [N m s/rad], (n,) each."""
         found = replace(self, stiffness=stiffness, damping=damping)
         vars(found)["hung"] = self.hung  # of links and contacts alone
         return found
 
     def response(self, s: ArrayLike, side: str) -> Complexes:
-        """P_M (side "motor") or P_L ("link"), torque → position, at complex s (k,): (k, n, n). W and K are not inverted.
+        """Response torque → position (k, n, n) at complex s (k,): P_M (side "motor") or P_L ("link"). W and K are not inverted.
 
         P_M = (1/s²) Z (I + J Z)⁻¹,  P_L = (1/s²) W (I + J Z)⁻¹,  Z = W + s² diag(1/k(s)),  k = K + sB,  J = J_m + D_m/s,
         and with link friction, gravity and springs under contacts W(s) = R (I + Rᵀ (D_l/s + G/s²) R + Hᵀ ((K_c + s B_c)/s²) H)⁻¹ Rᵀ.
@@ -178,7 +178,7 @@ class Plant:
         if self.gravity_stiffness is not None:
             load = load + self.gravity_stiffness / points**2
         if self.compliance is not None or np.any(load):
-            # Where contacts hold motions W is singular, and its round-off times G/s² is not small: R leaves them out.
+            # Contacts that hold motions make W singular, and its round-off times G/s² is not small: R excludes them.
             root, hung = self.hung
             held = np.eye(root.shape[1]) + root.T @ load @ root
             if self.compliance is not None:
@@ -197,7 +197,7 @@ class Plant:
 
     @cached_property
     def _unsprung(self) -> Floats | None:
-        """(n, n) W (I + J_m W)⁻¹ where no spring and no damper acts: rigid joints alone. None elsewhere."""
+        """Matrix W (I + J_m W)⁻¹ (n, n) where no spring and no damper acts (rigid joints alone); None elsewhere."""
         resisted = np.any(self.motor_viscous) or np.any(self.link_viscous) or self.gravity_stiffness is not None
         if np.any(self.elastic) or resisted or self.compliance is not None:
             return None
@@ -206,10 +206,10 @@ class Plant:
 
     @cached_property
     def hung(self) -> tuple[Floats, Floats]:
-        """R (n, r), W = R Rᵀ, and H (c, r), how much of the same motions each spring of a contact takes up; both by r independent ones.
+        """Factor R (n, r) with W = R Rᵀ, and H (c, r): the deflection of each contact spring in the same r independent motions.
 
-        Motions that no spring takes up come last, and are exactly 0 in H: as ω → 0 they are 1/ω² times as large as what springs hold,
-        which drowns wherever the two are subtracted.
+        Motions that no spring resists come last, and are exactly 0 in H: as ω → 0 they exceed spring-held motion by 1/ω², and a difference
+        of the two would lose the latter.
         """
         soft = self.compliance
         if soft is None:
@@ -223,10 +223,10 @@ class Plant:
         return root @ turn.T, hung
 
     def mechanism(self, twists: bool = False) -> Mechanism:
-        """The second-order form, exact for any mixture of rigid and elastic joints and for singular W.
+        """Second-order form, exact for any mixture of rigid and elastic joints and for singular W.
 
-        twists   θ_e − q_e, by which gearboxes are twisted, in place of θ_e: then what moves without a spring is in ξ alone, and columns of
-                 K_η are 0 to the last digit. In θ_e, round-off of K_η is a spring of 1e-16 of the gearboxes', or one that pushes away.
+        twists   True: coordinates θ_e − q_e (gearbox deflections) in place of θ_e. Motions without a spring are then in ξ alone, and their
+                 columns of K_η exactly 0; in θ_e, round-off of K_η acts as a spring of 1e-16 of the gearboxes', of either sign.
         """
         soft, (root, rest) = self.compliance, self.hung
         elastic = np.flatnonzero(self.elastic)
@@ -254,7 +254,7 @@ class Plant:
 
     @cached_property
     def modes(self) -> Modes | None:
-        """The response of the motors as a sum over modes; None where none is known: friction to ground, and what modes_of says."""
+        """Modal form of the motors' response; None with friction to ground, unsymmetric gravity stiffness, and where modes_of has none."""
         gravity = self.gravity_stiffness
         if np.any(self.motor_viscous) or np.any(self.link_viscous) or (gravity is not None and not np.array_equal(gravity, gravity.T)):
             return None
@@ -270,16 +270,18 @@ class Plant:
 
     @cached_property
     def toppling(self) -> int | None:
-        """How many motions the weight topples, one pole each. None for a G that is not symmetric."""
+        """Number of unstable motions of the uncontrolled plant under gravity, one pole each; None if G is not symmetric."""
         return self.toppled(np.zeros((self.size, self.size)))
 
     def toppled(self, held: Floats) -> int | None:
-        """The same where springs `held` (n, n) [N m/rad], symmetric, hold the motors in place: a gain kp, for all that is real and slow.
+        """Number of motions that gravity topples when symmetric springs `held` (n, n) [N m/rad] hold the motors.
 
-        As many as K_η, with them, has negative eigenvalues, since no damper drives anything (Thomson, Tait and Chetaev: Merkin 1997,
-        Introduction to the Theory of Stability, chapter 6). With PD gains as springs that act late these are roots on the positive real
-        axis still: there the symmetric M_η s² + D_η s + K_η + θᵀ d(s) θ, d real, is positive for large s, and each of its eigenvalues that
-        is negative at 0 has passed 0 on the way.
+        None if G is not symmetric.
+
+        A gain kp is such a spring for real, slow roots. The number equals that of the negative eigenvalues of K_η with these springs, since
+        no damper drives anything (Thomson, Tait and Chetaev: Merkin 1997, Introduction to the Theory of Stability, chapter 6). With PD
+        gains as springs that act late these are still roots on the positive real axis: there the symmetric M_η s² + D_η s + K_η + θᵀ d(s)
+        θ, d real, is positive for large s, and each of its eigenvalues that is negative at 0 has passed 0 on the way.
         """
         gravity = self.gravity_stiffness
         if gravity is None:
@@ -291,7 +293,7 @@ class Plant:
         return int(np.count_nonzero(squares < -AT_REST * np.abs(squares).max(initial=0.0)))
 
     def corners(self) -> Corners:
-        """Poles with the motors free, and with the motors held: the zeros of their response."""
+        """Rough poles of the motors' response, and its rough zeros: the poles with the motors held."""
         form = self.mechanism()
         held = np.flatnonzero(~np.any(form.force, axis=1))
 
@@ -312,7 +314,7 @@ _JOINT_FIELDS = (
 
 
 def _per_joint(name: str, value: ArrayLike, size: int) -> Floats:
-    """`value` as one number per joint."""
+    """`value` as (n,) numbers, one per joint. Raises GainroomError for other shapes."""
     try:
         found = np.array(value, dtype=float)
         return found if found.shape == (size,) else np.broadcast_to(found, (size,)).copy()
@@ -321,7 +323,7 @@ def _per_joint(name: str, value: ArrayLike, size: int) -> Floats:
 
 
 def _factor(inverse_inertia: Floats) -> Floats:
-    """R (n, r) of full column rank r with W = R Rᵀ."""
+    """Factor R (n, r) of full column rank r with W = R Rᵀ."""
     values, vectors = eigensystem(inverse_inertia)
     # Round-off of a contact projection leaves eigenvalues of about 1e-16 of the largest; true ones are far above 1e-12 of it.
     keep = values > 1e-12 * max(values[-1], 0.0)

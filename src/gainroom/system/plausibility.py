@@ -1,8 +1,8 @@
-"""Values far outside what actuators have: most often a slip of units, which no check of signs and types can see.
+"""Plausibility ranges: warnings for values far outside the range of real actuators, most often a slip of units.
 
 The ranges are wide: from the joints of small hands to the legs of a humanoid of 500 kg, an order of magnitude beyond public actuators on
-either side. What lies outside is not refused: a warning names it with its unit. Some slips stay inside them and cannot be seen (N m/deg,
-Hz for rad/s).
+either side. A value outside is not refused: a warning names it with its unit. Some slips stay inside and cannot be detected (N m/deg, Hz
+for rad/s).
 """
 
 import math
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
 TURN = 2 * math.pi
 FAR = "far outside the usual"
-"""In every warning here, and in no other."""
+"""Marker text of warnings about implausible values."""
 DEGREES = "were degrees meant?"
-"""At the end of a warning about angles."""
+"""Marker at the end of warnings about angles."""
 NO_ROBOT = "no robot has such a link"
-"""In every warning about the masses, lengths and inertias of links, which makes every number doubtful."""
+"""Marker of warnings about link masses, lengths and inertias that make every number doubtful."""
 NO_SOLID = "no solid has the inertia"
-"""At the beginning of a warning about links."""
+"""Beginning of warnings about link inertias that no solid can have."""
 NO_DATA = "joints without actuator data"
 NO_STIFFNESS = "gearboxes whose stiffness is not given are rigid"
 NO_INERTIA = "motor inertias that are not given are a tenth of what the motor moves"
-"""At the beginning of what is assumed of joints, which decides every number."""
+"""Beginning of the assumption about missing motor inertias, which decides every number."""
 
 
 class Usual(NamedTuple):
-    """What a quantity is usually, `low` to `high` in `unit`, and what else may have been typed. 0 and inf mean "none" and pass."""
+    """Usual range `low` to `high` of a quantity in `unit`, and the likely slips. 0 and inf mean "none" and pass."""
 
     low: float
     high: float
@@ -65,7 +65,7 @@ GIVEN = {
     "phase_margin_deg": Usual(5, 90, "°", "rad?"),
     "peak_sensitivity": Usual(1.1, 5, "", "dB?"),
 }
-"""What is typed."""
+"""Plausible ranges of values that a user enters, by key."""
 FORMED = {
     "resonance": Usual(0.3, 5000, "Hz", "the units of stiffness and inertias", 1 / TURN),
     "swing": Usual(0.7, 1e4, "Hz", "the units of stiffness and link_inertia", 1 / TURN),
@@ -75,7 +75,7 @@ FORMED = {
     "kd over kp": Usual(1e-4, 1000, "s", "the units of kp and kd"),
     "kd over motor_inertia": Usual(0, 2e4, "rad/s", "the units of kd and motor_inertia"),
 }
-"""What follows from it."""
+"""Plausible ranges of quantities derived from entered values."""
 NAMES = {
     "resonance": "the resonance √(K (1/J_M + 1/J_L))",
     "swing": "the swing of the load on the gearbox, √(K/J_L),",
@@ -85,9 +85,9 @@ NAMES = {
 
 
 def unusual(values: Mapping[str, float]) -> dict[str, str]:
-    """By quantity, the warnings about those of `values` (SI, names of GIVEN) that lie far outside the usual, and of what they form.
+    """Warnings about implausible `values` (SI, names of GIVEN) and quantities derived from them, by quantity.
 
-    What is formed is left out where one of the values has a warning itself: it names the slip better.
+    A derived quantity is left out where one of its sources has a warning itself, which names the slip better.
     """
     warnings = {}
     for name, value in values.items():
@@ -102,9 +102,9 @@ def unusual(values: Mapping[str, float]) -> dict[str, str]:
 
 
 def unusual_values(system: System) -> tuple[str, ...]:
-    """What lies far outside what actuators have: warnings for the joints of a system, those of one quantity together.
+    """Warnings about implausible values in a system, those of one quantity on several joints merged.
 
-    The ends of ranges are looked at where the nominal value is usual. Of a prismatic joint, in kg and N, only drive and rate are looked at.
+    Ends of ranges are checked where the nominal value is usual; on a prismatic joint, in kg and N, drive and rate alone are checked.
     """
     source, size = system.source, len(system.drives)
     common = of_control(system.control.controller, system.control.sample_time) | of_limits(system.requirements)
@@ -136,19 +136,19 @@ def unusual_values(system: System) -> tuple[str, ...]:
 
 
 def by_doubt(warnings: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Those about such values or angles, or about data that is not there, which make every number doubtful and stand first; the others."""
+    """Warnings that make every number doubtful (implausible values, angles, missing data), which are shown first; and the others."""
     first = (NO_DATA, NO_STIFFNESS, NO_INERTIA, NO_SOLID)
     doubts = [text for text in warnings if FAR in text or NO_ROBOT in text or text.endswith(DEGREES) or text.startswith(first)]
     return doubts, [text for text in warnings if text not in doubts]
 
 
 def doubts_first(warnings: Sequence[str]) -> list[str]:
-    """The same, in that order."""
+    """All warnings, doubts (see by_doubt) first."""
     return [text for part in by_doubt(warnings) for text in part]
 
 
 def _of_joint(value: Any, joint: int, size: int) -> float:
-    """Of values per joint, or of their matrix."""
+    """Value of joint `joint` out of per-joint values (scalar, (n,) or a matrix's diagonal)."""
     return float(np.diagonal(value)[joint] if np.ndim(value) == 2 else np.broadcast_to(value, size)[joint])
 
 
@@ -180,7 +180,7 @@ def of_limits(requirements: "Requirements | None") -> dict[str, float]:
 
 
 def _formed(values: Mapping[str, float]) -> dict[str, tuple[float, tuple[str, ...]]]:
-    """What `values` form, each with the names of what it is formed from."""
+    """Quantities derived from `values`, each with the names of its sources."""
     formed: dict[str, tuple[float, tuple[str, ...]]] = {}
 
     def form(name: str, sources: tuple[str, ...], formula: Any) -> None:

@@ -1,4 +1,4 @@
-"""A requirement: one object that knows its key in a file, its unit, how it is judged, and what it keeps L(jω) out of."""
+"""Requirement: one object with its key in files, unit, comparison, and excluded set of L(jω)."""
 
 import math
 from dataclasses import dataclass
@@ -14,27 +14,27 @@ from .margin_units import IN_SI
 
 
 def enough(value: float, needed: float) -> bool:
-    """Whether `value` is at least `needed` but for ROUND_OFF; False for NaN."""
+    """True if `value` >= `needed` within ROUND_OFF; False for NaN."""
     return bool(value >= needed * (1 - ROUND_OFF))
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """A bound on one margin. Values are in SI: a factor, rad, s.
+    """Bound on one margin. Values are in SI: a factor, rad, s.
 
-    name     in Python, and the field of Margins that is shown
-    title    for people: "phase margin"
-    key      in files and in JSON, with the unit that people read
-    unit     that unit; `scale` is the factor to it from SI
-    symbol   a short heading; "": the title
-    bounds   the field of Margins that is held against the requirement; "": `name`. Where Margins has no such field: `measured`
-    at_frequency   the field with the frequency that belongs to it [rad/s]; "": there is none
-    at_most  True: the margin may be as large as what is asked for; False: as small
-    low, high   what is asked for lies between these
-    most     what a file may ask for, in `unit`
-    usual    what is asked for where nothing is said; None: nothing
-    meaning  what it is of several coupled loops, in a sentence
-    of_several   its title where there are several loops and it is of all of them together, or of each, by definition; "": the title says it
+    name     name in Python, and displayed field of Margins
+    title    displayed title: "phase margin"
+    key      key in files and JSON, with the displayed unit
+    unit     displayed unit; `scale` is the factor to it from SI
+    symbol   short heading; "": the title
+    bounds   field of Margins that is compared with the requirement; "": `name`. Without such a field: `measured`
+    at_frequency   field with the frequency [rad/s] of the margin; "": none
+    at_most  True: upper bound on the margin; False: lower bound
+    low, high   open interval of admissible bounds
+    most     largest bound that a file may ask for, in `unit`
+    usual    default bound; None: not required by default
+    meaning  explanation for several coupled loops, one sentence
+    of_several   title for several loops, where the margin is by definition of all loops together, or of each; "": the title says it
     """
 
     name: str
@@ -54,14 +54,14 @@ class Requirement:
     of_several: str = ""
 
     def titled(self, found: MarginRecord, several: bool, short: bool = False) -> str:
-        """The title of what `found` has: of which loops it is, where there are several; `short`: the heading where one says enough."""
+        """Title of the margin in `found`, with the loops it belongs to where there are several; `short`: as table heading."""
         if (named := self.named(found)) != self.title:
             return named
         return self.of_several if several and self.of_several else self.heading if short else self.label
 
     @property
     def heading(self) -> str:
-        """The symbol, or the title where there is none."""
+        """Table heading: the symbol, or the title where there is none."""
         return self.symbol or self.title
 
     @property
@@ -71,40 +71,40 @@ class Requirement:
 
     @property
     def sign(self) -> str:
-        """≥ or ≤."""
+        """Comparison sign, ≥ or ≤."""
         return "≤" if self.at_most else "≥"
 
     def in_unit(self, value: float) -> float:
-        """`value`, in SI, in the unit that people read."""
+        """`value` [SI] in the displayed unit."""
         return self.scale * value
 
     def in_si(self, value: float) -> float:
-        """`value`, in the unit that people read, in SI."""
+        """`value` [displayed unit] in SI."""
         return value / self.scale
 
     def text(self, value: float, significant: int = 3) -> str:
-        """As text: "6 dB", "30°", "2"."""
+        """Value with its unit as text: "6 dB", "30°", "2"."""
         if not math.isfinite(value):
             return "not known" if math.isnan(value) else "∞"
         number = f"{self.in_unit(value):.{significant}g}".replace("-", "−")
         return f"{number}{'' if self.unit in ('', '°') else ' '}{self.unit}"
 
     def check(self, value: object) -> None:
-        """Raise GainroomError where `value` cannot be asked for."""
+        """Raise GainroomError if `value` is not an admissible bound."""
         number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
         if not (number and self.low < value < self.high):  # type: ignore[operator]
             below = f" and < {self.high:.4g}" if self.high < math.inf else ""
             raise GainroomError(f"requirements: {self.name} {value!r} must be > {self.low:g}{below}{IN_SI.get(self.unit, '')}")
 
     def measured(self, loop: Any) -> float:
-        """What is held against the requirement, of one stable Loop, SI: for a requirement on what no field of Margins is.
+        """Quantity compared with the requirement, of one stable Loop, SI; for requirements on a quantity that is no field of Margins.
 
-        NaN where it is not known; so is what raises GainroomError. A region of gains asks for loops of one joint without `parts`.
+        NaN where it is not known; a GainroomError counts as NaN. A region of gains calls it with loops of one joint without `parts`.
         """
         raise NotImplementedError(f"{self.name} is no field of Margins, and {type(self).__name__} does not measure it")
 
     def value(self, found: MarginRecord) -> float:
-        """What is held against the requirement: the worst over all loops together and one at a time; NaN where it is not known."""
+        """Quantity compared with the requirement: the worst over all loops together and one at a time; NaN where it is not known."""
         known = getattr(found, self.bounds or self.name, None)
         if known is not None:
             return known
@@ -113,7 +113,7 @@ class Requirement:
         return math.nan if not values or any(map(math.isnan, values)) else worst(values)
 
     def _measured_once(self, loop: Any) -> float:
-        """`measured`, kept by the loop."""
+        """`measured`, cached on the loop; NaN where it raises GainroomError."""
         kept: dict[Requirement, float] = loop.measurements
         if self not in kept:
             try:
@@ -123,27 +123,27 @@ class Requirement:
         return kept[self]
 
     def of_loops(self, found: Any) -> Floats | None:
-        """(n,) the same of one loop at a time, the others as they are; None where it is of all loops together alone, or not known."""
+        """Values (n,) one loop at a time, other loops closed; None where the margin is of all loops together alone, or not known."""
         return None
 
     def named(self, found: MarginRecord) -> str:
-        """What that is: "phase margin of one loop" where it is the lesser."""
+        """Title that tells which loops the margin belongs to: "phase margin of one loop" where that is the lesser."""
         return self.title
 
     def frequency(self, found: MarginRecord) -> float:
-        """The frequency that belongs to it [rad/s]; NaN where there is none."""
+        """Frequency of the margin [rad/s]; NaN where there is none."""
         return getattr(found, self.at_frequency) if self.at_frequency else math.nan
 
     def facts(self, found: MarginRecord) -> dict[str, Any]:
-        """`value`, in JSON."""
+        """JSON entries of `value`."""
         return {self.key: self.in_unit(self.value(found))}
 
     def met(self, needed: float, value: float) -> bool:
-        """Whether `value` keeps what is asked for, but for ROUND_OFF; False for NaN."""
+        """True if `value` meets the bound `needed` within ROUND_OFF; False for NaN."""
         return enough(needed, value) if self.at_most else enough(value, needed)
 
     def shortfall(self, needed: float, value: float) -> float:
-        """By how much `value` misses what is asked for, in ln of it: below 0 where it is met, inf where it is not known."""
+        """Shortfall of `value` against `needed` as a log ratio: negative where the bound is met, inf where the value is not known."""
         if math.isnan(value):
             return math.inf
         if value <= 0:
@@ -151,30 +151,30 @@ class Requirement:
         return (1 if self.at_most else -1) * (math.log(value) - math.log(needed))
 
     def tightened(self, needed: float, share: float) -> float:
-        """A `share` more; what could not be asked for at all (Ms below 1, π of phase): halfway there."""
+        """Bound stricter by `share`, but at most halfway to the end of the admissible interval (Ms 1, phase π)."""
         if self.at_most:
             return max(needed / (1 + share), 0.5 * (self.low + needed))
         return min(needed * (1 + share), 0.5 * (needed + self.high))
 
     def stricter(self, needed: float) -> float:
-        """A level to draw beside what is asked for."""
+        """Stricter level to draw beside the bound `needed`."""
         return self.low + (needed - self.low) / 2 if self.at_most else min(1.5 * needed, 0.5 * (needed + self.high))
 
     def excluded(self, needed: float) -> ExcludedSet | None:
-        """The set that L(jω) of one loop must stay out of, exactly.
+        """Set that L(jω) of one loop must avoid to meet `needed`, exactly.
 
-        None: no such set is given. Then gains are judged by their margins, one by one (PDRegion), and nothing is proved over ranges.
+        None: no such set exists. Gains are then judged by their margins, one by one (PDRegion), and nothing is proved over ranges.
         """
         return None
 
     def reach(self, needed: float) -> float:
-        """The factor on all gains up to which samples of coupled loops have to be fine."""
+        """Factor on all gains up to which coupled loops have to be sampled finely."""
         return 1.0
 
     def sampled(self, seen: Sampled) -> dict[str, float]:
-        """Fields of Margins that samples of coupled loops tell quickly; without them all margins are worked out at every look."""
+        """Fields of Margins that follow quickly from sampled coupled loops; where it is empty all margins are computed at every sample."""
         return {}
 
     def slopes(self, curves: Curves, needed: float) -> Any:
-        """By how much coupled loops miss it, wherever they may, and how that changes with every gain."""
+        """Shortfall of coupled loops at every place where it may occur, and its derivative by every gain."""
         return curves.by_differences(self, needed)

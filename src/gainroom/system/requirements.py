@@ -1,4 +1,4 @@
-"""What a loop must keep: the kinds of requirements, all that may be asked for, and what is asked for of one loop.
+"""Requirements on a loop: the kinds, the register of all, and the set asked for of one loop.
 
 Another one is a subclass or an instance of Requirement and an entry in REQUIREMENTS: files, analysis, recommendations, JSON, terminal and
 pages know it from there (CONTRIBUTING.md, tests/test_extensions.py).
@@ -19,7 +19,7 @@ from .requirement import Requirement
 
 @dataclass(frozen=True)
 class GainMargin(Requirement):
-    """g > 1: any common factor in [1/g, g] on the gains is survived, on all loops or on one."""
+    """Gain margin g > 1: the loop is stable for any common factor in [1/g, g] on all gains, and on those of one loop."""
 
     def in_unit(self, value: float) -> float:
         return to_db(value)
@@ -31,7 +31,7 @@ class GainMargin(Requirement):
         return found.one_loop_gain_margins
 
     def frequency(self, found: Any) -> float:
-        """At the nearer end for all loops together; NaN where one loop by itself has less."""
+        """Frequency at the nearer end for all loops together [rad/s]; NaN where one loop by itself has less margin."""
         least = found.least_gain_margin * (1 + ROUND_OFF)
         if found.gain_margin <= least:
             return found.phase_crossover
@@ -52,7 +52,7 @@ class GainMargin(Requirement):
 
 @dataclass(frozen=True)
 class PhaseMargin(Requirement):
-    """φ [rad]: any phase in [−φ, φ] at any gain crossing is survived, in all loops or in one."""
+    """Phase margin φ [rad]: the loop is stable for any phase in [−φ, φ] in all loops, and in one loop."""
 
     def in_unit(self, value: float) -> float:
         return math.degrees(value)
@@ -73,7 +73,7 @@ class PhaseMargin(Requirement):
         return super().facts(found) | {"phase_margin_is": self.named(found)}
 
     def shortfall(self, needed: float, value: float) -> float:
-        """As part of it."""
+        """Shortfall relative to the required phase; inf where the value is not known."""
         return math.inf if math.isnan(value) else 1 - value / needed
 
     def excluded(self, needed: float) -> ExcludedSet:
@@ -85,7 +85,7 @@ class PhaseMargin(Requirement):
 
 @dataclass(frozen=True)
 class SensitivityBound(Requirement):
-    """M: |a S + b| stays below it, S = 1/(1 + L) of one loop, the other loops closed; a = `slope`, b = `offset`, M > |b|.
+    """Bound M on |a S + b|, S = 1/(1 + L) of one loop, the other loops closed; a = `slope`, b = `offset`, M > |b|.
 
     a = 1, b = 0: peak sensitivity Ms. a = −1, b = 1: peak complementary sensitivity Mt, T = 1 − S.
     """
@@ -111,7 +111,7 @@ class SensitivityBound(Requirement):
 
 @dataclass(frozen=True)
 class DelayMargin(Requirement):
-    """τ [s] > 0: any extra delay up to τ, the same in all loops, is survived."""
+    """Delay margin τ [s] > 0: the loop is stable with any extra delay up to τ, equal in all loops."""
 
     def sampled(self, seen: Sampled) -> dict[str, float]:
         delay, omega = seen.delay()
@@ -122,7 +122,7 @@ class DelayMargin(Requirement):
 
 
 TICKS = 0.01
-"""Of a delay margin: so much more is searched for, as a share of a tick is not quite a phase."""
+"""Search beyond a required delay margin, relative to it, because a fraction of a tick is not exactly a phase."""
 
 REQUIREMENTS: dict[str, Requirement] = {
     one.name: one
@@ -177,26 +177,26 @@ REQUIREMENTS: dict[str, Requirement] = {
         ),
     )
 }
-"""All that may be asked for, by name. The usual values: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), no delay margin."""
+"""All requirements, by name. Defaults: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), no delay margin."""
 
 
 def title_of(name: str) -> str:
-    """The title of a requirement, or `name` itself ("stability")."""
+    """Title of the requirement `name`; `name` itself where there is none ("stability")."""
     return REQUIREMENTS[name].title if name in REQUIREMENTS else name
 
 
 @dataclass(frozen=True, init=False, repr=False)
 class Requirements:
-    """What is asked for of a loop, in SI: a value by the name of each requirement, as an attribute; None: not asked for.
+    """Required margins of a loop in SI, each an attribute by its name; None: not required.
 
-    gain_margin        a factor > 1: 2 is 6.02 dB; files have `gain_margin_db`
-    phase_margin       [rad], > 0 and < π: numpy.radians(30) is 30°; files have `phase_margin_deg`
-    peak_sensitivity   Ms > 1, at most; without a unit
-    delay_margin       [s], > 0; files have `delay_margin_ms`
-    asked_for          those that are, each with its value
+     gain_margin        a factor > 1: 2 is 6.02 dB; files have `gain_margin_db`
+     phase_margin       [rad], > 0 and < π: numpy.radians(30) is 30°; files have `phase_margin_deg`
+     peak_sensitivity   Ms > 1, upper bound; without a unit
+     delay_margin       [s], > 0; files have `delay_margin_ms`
+     asked_for          required ones, each with its value
 
-    Requirements() asks for stability alone, Requirements.usual() for 6 dB, 30° and Ms 2. Raises GainroomError for an unknown name, and for
-    what cannot be asked for.
+    Requirements() requires stability alone, Requirements.usual() 6 dB, 30° and Ms 2. Raises GainroomError for an unknown name and for
+    values that are not admissible.
     """
 
     asked_for: tuple[tuple[Requirement, float], ...]
@@ -219,7 +219,7 @@ class Requirements:
 
     @classmethod
     def usual(cls) -> "Requirements":
-        """The requirements where a file names none: 6 dB, 30° and Ms 2."""
+        """Default requirements, where a file names none: 6 dB, 30° and Ms 2."""
         return cls(**{name: one.usual for name, one in REQUIREMENTS.items()})
 
     def __getattr__(self, name: str) -> float | None:
@@ -231,38 +231,38 @@ class Requirements:
         return f"Requirements({', '.join(f'{name}={value!r}' for name, value in self.needed.items())})"
 
     def __str__(self) -> str:
-        """As text: "gain margin ≥ 6 dB, phase margin ≥ 30°, Ms ≤ 2"."""
+        """Requirements as text: "gain margin ≥ 6 dB, phase margin ≥ 30°, Ms ≤ 2"."""
         return ", ".join(f"{one.heading} {one.sign} {one.text(needed)}" for one, needed in self.asked_for) or "stability alone"
 
     @property
     def needed(self) -> Mapping[str, float]:
-        """What is asked for, by name."""
+        """Required values by name."""
         return {one.name: needed for one, needed in self.asked_for}
 
     @property
     def asked(self) -> tuple[str, ...]:
-        """The names of those that are asked for."""
+        """Names of the requirements asked for."""
         return tuple(self.needed)
 
     def only(self, *names: str) -> "Requirements":
-        """Those of these names alone."""
+        """Requirements restricted to `names`."""
         return Requirements(**{name: needed for name, needed in self.needed.items() if name in names})
 
     def tightened(self, share: float) -> "Requirements":
-        """Each asked for with a `share` of it more."""
+        """Requirements with every bound stricter by `share` of it."""
         return Requirements(**{one.name: one.tightened(needed, share) for one, needed in self.asked_for})
 
     def met(self, name: str, value: float) -> bool | None:
-        """Whether `value` keeps what is asked for under `name`, but for ROUND_OFF; None where nothing is, False for NaN."""
+        """True if `value` meets the requirement `name` within ROUND_OFF; None where it is not asked for, False for NaN."""
         needed = self.needed.get(name)
         return None if needed is None else REQUIREMENTS[name].met(needed, value)
 
     def met_by(self, found: MarginRecord) -> bool:
-        """Whether a stable loop meets everything that is asked for."""
+        """True if the loop of `found` is stable and meets every requirement."""
         return found.stable and all(one.met(needed, one.value(found)) for one, needed in self.asked_for)
 
     def missed(self, found: MarginRecord) -> str:
-        """The name of what is missed most: a requirement's, or "stability"; "" where nothing is."""
+        """Name of the requirement with the largest shortfall, or "stability"; "" where all are met."""
         if not found.stable:
             return "stability"
         short = self.shortfalls(found)
@@ -270,12 +270,12 @@ class Requirements:
         return max(missed, key=lambda name: short[name], default="")
 
     def shortfall(self, found: MarginRecord) -> float:
-        """By how much the requirement that is missed most is missed: in ln of a gain or a sensitivity, or as part of a phase.
+        """Largest shortfall over all requirements: a log ratio of gain or sensitivity, or a share of the phase.
 
-        Negative where all are met; inf where unstable, or where something is not known.
+        Negative where all are met; inf where the loop is unstable or a value is not known.
         """
         return max(self.shortfalls(found).values(), default=-math.inf) if found.stable else math.inf
 
     def shortfalls(self, found: MarginRecord) -> dict[str, float]:
-        """The same of every requirement."""
+        """Shortfall of each requirement, by name; inf where the loop is unstable."""
         return {one.name: one.shortfall(needed, one.value(found)) if found.stable else math.inf for one, needed in self.asked_for}

@@ -1,4 +1,4 @@
-"""What a user describes: a source of plants, drives, control, what is required, and what is not known exactly."""
+"""System: source of plants, drives, control, requirements and uncertainty, as described by a joint or robot file."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -23,23 +23,23 @@ from .uncertainty import NOMINAL, Place, Share, Uncertainty, is_end
 
 Balance = Literal["joints", "controller", ""]
 INSIDE = 8
-"""Places between the corners of an uncertainty, beside its centre: more delay or stiffness may do harm in the middle of a range alone."""
+"""Number of sampled places between the corners of an uncertainty, beside its centre: delay or stiffness may be worst inside a range."""
 SHOWN = 3
-"""Joints whose place in a range is said."""
+"""Number of joints whose place in a range is spelled out."""
 MIXED = 4
-"""Draws of joints that lie each somewhere else in their ranges, beside the two of every other joint low."""
+"""Number of random draws in which each joint has its own place in its ranges, beside the two alternating cases."""
 
 
 class PlantSource(Protocol):
-    """What plants come from: one joint (elastic_joint.py) or a robot (robot/robot.py) in its postures and contact states.
+    """Source of plants: one joint (elastic_joint.py) or a robot (robot/robot.py) in its postures and contact states.
 
     name, joint_names (n,)   for messages and tables
-    prismatic   (n,) True where a joint is prismatic: its numbers are in m and N
-    states      (posture, contact state) by name; of one joint a single one without names
+    prismatic   (n,) True where a joint is prismatic: its values are in m and N
+    states      (posture, contact state) names; a joint has a single state without names
     body        the links; None for one joint
     stack       tasks by falling priority
-    quantities  of the actuators by name in Uncertainty and plausibility.py, each (n,), SI
-    unknown     what decides and nobody gave, by a finding's code (studies/verdict.py): the joints or links that it is of
+    quantities  actuator quantities by name in Uncertainty and plausibility.py, each (n,), SI
+    unknown     missing data that decides results: joints or links, by the code of the finding (studies/verdict.py)
     """
 
     @property
@@ -60,15 +60,15 @@ class PlantSource(Protocol):
     def unknown(self) -> Mapping[str, tuple[str, ...]]: ...
 
     def linearize(self, posture: str | None = None, contact: str | None = None, weight: bool = False) -> Plant:
-        """The plant in one state, without names the first; `weight`: with gravity stiffness where nothing is said of gravity."""
+        """Plant in one state, by default the first; `weight`: with gravity stiffness even where gravity is not described."""
         ...
 
     def tasks(self, model: Any, rotors: bool = False) -> Any:
-        """The operational space at a linearised state."""
+        """Operational space of the tasks at the linearised state `model`."""
         ...
 
     def with_quantities(self, **values: ArrayLike) -> Self:
-        """The same with other actuators: `values` by name in `quantities`, a number or (n,)."""
+        """Source with other actuator `values`, by name in `quantities`, each a number or (n,)."""
         ...
 
 
@@ -77,18 +77,18 @@ Source = TypeVar("Source", bound=PlantSource)
 
 @dataclass(frozen=True)
 class Control:
-    """The controller: gains in joint space, or filters around the tasks' own gains.
+    """Control law: gains in joint space, or filters around the tasks' own gains.
 
     space       "joint" or "task"
     controller  of n joints, with gains () or (n,); None in task space
     feedback    "motor" or "link": the side of the gearbox the encoders are on
     sample_time [s]; None: continuous
-    rotors      the tasks' model of the robot counts the motors' inertia
-    weight      (n,) how much each joint's stiffness counts when gains are recommended
-    kd_path     where kd closes when not with the other gains; None: with them
+    rotors      True: the tasks' model of the robot includes the motors' inertia
+    weight      (n,) weight of each joint's stiffness when gains are recommended
+    kd_path     separate path of kd; None: kd closes with the other gains
     command_delay   [s] of set-points on their way to the controller: it delays the motion, and no margin depends on it
-    sampling_in_delay   the drives' delay contains hold and velocity difference of the loop: continuous time is the loop that runs
-    continuous          the loop is said to have no rate, so that none is missing
+    sampling_in_delay   True: the drives' delay includes hold and velocity difference, so the continuous loop is the one that runs
+    continuous          True: the loop is stated to be continuous, so that no rate is missing
     """
 
     space: str
@@ -107,15 +107,15 @@ class Control:
 
 @dataclass(frozen=True)
 class System(Generic[Source]):
-    """One joint or a whole robot, as a file describes it.
+    """One joint or a whole robot with its control, as a file describes it.
 
-    source        what its plants come from
+    source        source of plants
     drives        one per joint
-    balance       who damps sway of a floating base on its contacts: "joints", by their gains; "controller", one above them; "": not said
-    scenario      what `gainroom simulate` does with it; None where the file has none, or it was not asked for
-    entered       values that a file gives in place of a source's quantities, by key: rotor_inertia, gear_ratio
-    assumptions   what was assumed where nothing was said
-    warnings      what a user should look at
+    balance       which controller damps sway of a floating base: "joints", the joint gains; "controller", one above them; "": not stated
+    scenario      motion that `gainroom simulate` runs; None where the file has none, or it was not asked for
+    entered       values given in place of a source's quantities, by key: rotor_inertia, gear_ratio
+    assumptions   assumptions made where the file gives no value
+    warnings      warnings for the user
     """
 
     source: Source
@@ -141,7 +141,7 @@ class System(Generic[Source]):
         uncertainty: Uncertainty | None = None,
         **others: Any,
     ) -> "System":
-        """One joint with its drive and controller; requirements None: the usual ones; `others`: fields of System."""
+        """System of one joint with its drive and controller; requirements None: the default ones; `others`: fields of System."""
         return cls(
             joint,  # type: ignore[arg-type] - a source like any other
             (drive,),
@@ -156,33 +156,33 @@ class System(Generic[Source]):
 
     @property
     def delay(self) -> float:
-        """The longest of its drives' [s]."""
+        """Longest drive delay [s]."""
         return max(drive.delay for drive in self.drives)
 
     @property
     def lag(self) -> float:
-        """The longest of its drives' delays with their current loops, and a tick of hold and velocity difference [s]."""
+        """Longest drive delay with its current loop's lag, plus one tick for hold and velocity difference [s]."""
         longest = max(drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in self.drives)
         return longest + (self.control.sample_time or 0.0)
 
     @property
     def rate_is_missing(self) -> bool:
-        """Continuous time that nobody asked for, and a delay as only a sampled loop has one, without what sampling adds to it."""
+        """True if no sample rate is given though the drives have a delay: a delay typical of sampled loops, without the lag of sampling."""
         control = self.control
         return control.sample_time is None and self.delay > 0 and not (control.sampling_in_delay or control.continuous)
 
     def controller(self, model: Any) -> Any:
-        """The controller of n joints in one state: the file's own in joint space, that of its tasks in task space."""
+        """Controller of n joints in the state `model`: that of the file in joint space, that of the tasks in task space."""
         if self.control.controller is not None:
             return self.control.controller
         return self.filtered(self.source.tasks(model, self.control.rotors).controller())
 
     def filtered(self, controller: PD) -> PD:
-        """A controller with this system's filters."""
+        """`controller` with this system's velocity filter and notches."""
         return replace(controller, velocity_filter=self.control.velocity_filter, notches=self.control.notches)
 
     def with_controller(self, controller: Any) -> "System":
-        """The same with another controller in joint space."""
+        """System with `controller` in joint space."""
         return replace(self, control=replace(self.control, space="joint", controller=controller))
 
     def scaled(self, factor: float) -> Self:
@@ -192,7 +192,7 @@ class System(Generic[Source]):
         return replace(self, source=replace(self.source, stack=tuple(task.scaled(factor) for task in self.source.stack)))  # type: ignore[type-var]
 
     def loop(self, model: Plant | None = None, controller: Any = None) -> Loop:
-        """The loop of one state, by default the first, with another controller where one is given."""
+        """Loop of one state, by default the first; `controller` None: that of the system."""
         model = self.source.linearize() if model is None else model
         controller = self.controller(model) if controller is None else controller
         control = self.control
@@ -205,9 +205,9 @@ class System(Generic[Source]):
         damping_ratio: ArrayLike | None = None,
         **values: ArrayLike,
     ) -> "System":
-        """The same with other delays [s] and other quantities of the source, each a number or (n,).
+        """System with other drive delays [s] and source quantities, each a number or (n,).
 
-        resonance, damping_ratio   of gearboxes, as Uncertainty has them; NaN where stiffness or damping stay
+        resonance, damping_ratio   of gearboxes, as in Uncertainty; NaN keeps stiffness or damping
         """
         if resonance is not None or damping_ratio is not None:
             known = {**self.source.quantities, **values}
@@ -221,19 +221,19 @@ class System(Generic[Source]):
         return replace(self, source=self.source.with_quantities(**values) if values else self.source, drives=drives)
 
     def at(self, place: Place) -> "System":
-        """The system at a place in its uncertainty; at NOMINAL itself."""
+        """System at a place in its uncertainty; itself at NOMINAL."""
         return self if place == NOMINAL else self.with_values(**self.uncertainty.values(place))
 
     def cases(self, weight: bool = False, inside: bool = False) -> Iterator["StateCase"]:
-        """Every state, nominal and then at every corner of the uncertainty; `weight`: see PlantSource.linearize.
+        """Cases of every state: nominal, then every corner of the uncertainty; `weight`: see PlantSource.linearize.
 
-        inside   at places between the corners, too, and where joints differ
+        inside   True: also at places between the corners, and with joints at different places
         """
         for posture, contact in self.source.states:
             yield from self.cases_of(posture, contact, weight, inside)
 
     def cases_of(self, posture: str, contact: str, weight: bool = False, inside: bool = False) -> Iterator["StateCase"]:
-        """The same of one state."""
+        """Cases of one state: nominal, then every corner of the uncertainty; arguments as `cases`."""
         uncertain, places = self.uncertainty, [NOMINAL]
         if uncertain.names:
             between = [*uncertain.inside(INSIDE), *uncertain.mixed(len(self.source.joint_names), MIXED)] if inside else []
@@ -242,7 +242,7 @@ class System(Generic[Source]):
             yield self.case_at(place, posture, contact, weight)
 
     def case_at(self, place: Place, posture: str, contact: str, weight: bool = False) -> "StateCase":
-        """One state at one place in the uncertainty."""
+        """Case of one state at one place in the uncertainty."""
         moved = self.at(place)
         text, between = _place_text(self.uncertainty, place), any(not is_end(share) for share in place)
         return StateCase(posture, contact, text, moved, moved.source.linearize(posture, contact, weight), between)
@@ -253,8 +253,8 @@ class StateCase:
     """One posture and contact state at one place in the uncertainty.
 
     place          as text; "" for the nominal case
-    system, model  there
-    between        whether it is no corner
+    system, model  system and linearised plant at that place
+    between        True: the place is no corner
     """
 
     posture: str
@@ -266,12 +266,12 @@ class StateCase:
 
     @property
     def title(self) -> str:
-        """For messages."""
+        """Posture, contact state and place, for messages."""
         return f"{self.posture}/{self.contact}" + (f" ({self.place})" if self.place else "")
 
 
 def _place_text(uncertainty: Uncertainty, place: Place) -> str:
-    """Each quantity by its value, or where joints differ by how far up its range it is."""
+    """Place as text: each quantity's value, or its share of the range where joints differ; "" at NOMINAL."""
     if place == NOMINAL:
         return ""
     values = {name: np.atleast_1d(value) for name, value in uncertainty.values(place).items()}
@@ -290,4 +290,4 @@ def _share_text(share: Share) -> str:
 
 
 JointSpec = System.of_joint
-"""The system of one joint, by the name that it had."""
+"""Former name of System.of_joint."""

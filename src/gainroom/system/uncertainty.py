@@ -1,4 +1,4 @@
-"""What is not known exactly about a system: intervals, and the places in them that are looked at."""
+"""Uncertainty of a system: intervals of its quantities, and the places in them at which it is examined."""
 
 import itertools
 import math
@@ -16,26 +16,26 @@ from .linear.arrays import Floats
 Case = tuple[ElasticJoint, Drive]
 Interval = tuple[Any, Any]
 Share = float | tuple[float, ...]
-"""How far up a range, from 0 to 1: a number for all joints, or one for each."""
+"""Position in an interval, from 0 (low) to 1 (high): a number for all joints, or one per joint."""
 Place = tuple[Share, ...]
-"""Where in the uncertainty: one share per uncertain quantity."""
+"""Place in the uncertainty: one share per uncertain quantity."""
 NOMINAL: Place = ()
-"""The place of the nominal values."""
+"""Place of the nominal values."""
 
 
 OF_GEARBOXES = ("resonance", "damping_ratio")
-"""Names of Uncertainty that are no quantities of a source: they make stiffness and damping, with the motor's inertia."""
+"""Names in Uncertainty that are not quantities of a source: with the motor inertia they determine stiffness and damping."""
 
 
 @dataclass(frozen=True)
 class Uncertainty:
     """Intervals (low, high) that contain the true values, SI units; None: known exactly. Both ends numbers, or (n,) arrays, one per joint.
 
-    Joints vary each by itself, but for the delay, which all have from one bus.
+    Joints vary independently, except for the delay, which one bus gives to all.
 
-    delay [s], stiffness [N m/rad], link_inertia and motor_inertia [kg m²], damping [N m s/rad]
-    resonance       √(K/J) [rad/s]: of a motor of inertia J on its gearbox, the output held; NaN where K has no such range
-    damping_ratio   B/(2 √(K J)) of the gearbox; NaN where B has no such range
+     delay [s], stiffness [N m/rad], link_inertia and motor_inertia [kg m²], damping [N m s/rad]
+     resonance       √(K/J) [rad/s] of a motor with inertia J on its gearbox, the output held; NaN where K has no such range
+     damping_ratio   B/(2 √(K J)) of the gearbox; NaN where B has no such range
 
     Raises GainroomError where an interval is not (low, high) with 0 <= low <= high.
     """
@@ -56,35 +56,35 @@ class Uncertainty:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What is uncertain."""
+        """Names of the uncertain quantities."""
         return tuple(name for name in self.__dataclass_fields__ if getattr(self, name) is not None)
 
     @property
     def delay_range(self) -> tuple[float, float] | None:
-        """The ends of the delay [s] where they are the same for all drives; None where they are not, or it is known."""
+        """Ends of the delay [s] where all drives share them; None where they differ or the delay is known."""
         if self.delay is None or any(np.ptp(end) > 0 for end in self.delay):
             return None
         low, high = self.delay
         return float(np.min(low)), float(np.min(high))
 
     def without(self, name: str) -> "Uncertainty":
-        """The same with one quantity known exactly."""
+        """Uncertainty with the quantity `name` known exactly."""
         return replace(self, **{name: None})
 
     def values(self, place: Sequence[Share]) -> dict[str, Floats]:
-        """What is uncertain at `place`, one share per quantity; geometric where low > 0."""
+        """Values of the uncertain quantities at `place`, by name; geometric interpolation where low > 0."""
         return {
             name: between(low, high, share) for name, share in zip(self.names, place, strict=True) for low, high in [getattr(self, name)]
         }
 
     def case(self, joint: ElasticJoint, drive: Drive, place: Sequence[Share]) -> Case:
-        """The joint and drive at `place`."""
+        """Joint and drive at `place`."""
         values = {name: float(value) for name, value in self.values(place).items()}
         delay = values.pop("delay", drive.delay)
         return replace(joint, **values), replace(drive, delay=delay)
 
     def place(self, values: Mapping[str, float]) -> Place:
-        """The place at which `values` of what is uncertain lie, the inverse of `case`; the low end of a range that `values` leaves out."""
+        """Place of given `values`, the inverse of `case`; a quantity that `values` leaves out is at its low end."""
         shares = []
         for name in self.names:
             low, high = getattr(self, name)
@@ -93,19 +93,19 @@ class Uncertainty:
 
     @property
     def corners(self) -> list[Place]:
-        """Every combination of lowest and highest values; NOMINAL where nothing is uncertain."""
+        """Corners of the uncertainty: every combination of low and high ends; NOMINAL alone where nothing is uncertain."""
         return list(itertools.product((0.0, 1.0), repeat=len(self.names)))
 
     def inside(self, count: int) -> list[Place]:
-        """The centre, and `count` places of a Halton sequence, which fill the rest evenly; all joints together."""
+        """Centre and `count` points of a Halton sequence, which fills the interior evenly; all joints at the same shares."""
         bases = (2, 3, 5, 7, 11, 13, 17)[: len(self.names)]
         return [(0.5,) * len(bases), *(tuple(radical_inverse(k, base) for base in bases) for k in range(1, count + 1))]
 
     def mixed(self, joints: int, count: int) -> list[Place]:
-        """Places at which `joints` differ: every other one low, the rest high, the reverse, and `count` draws, the same ones at every call.
+        """Places at which `joints` differ: alternating low and high, the reverse, and `count` random draws (fixed seed).
 
-        None where nothing is uncertain that joints have by themselves. What is in between for all joints together may be safe at both ends
-        of every range, and so may each mix of two: these are samples.
+        Empty for one joint, and where only the delay is uncertain. A case that all joints at one share pass may fail with joints at
+        different shares; these places are samples, no proof.
         """
         own = [name != "delay" for name in self.names]
         if joints < 2 or not any(own):
@@ -120,7 +120,7 @@ class Uncertainty:
 
 
 def radical_inverse(index: int, base: int) -> float:
-    """The digits of `index` in `base` behind the point, mirrored; scipy.stats has it too, and takes half a second to load."""
+    """Van der Corput radical inverse of `index` in `base`; scipy.stats has it too, but takes half a second to load."""
     found, scale = 0.0, 1.0 / base
     while index:
         index, digit = divmod(index, base)
@@ -130,7 +130,7 @@ def radical_inverse(index: int, base: int) -> float:
 
 
 def between(low: Floats | float, high: Floats | float, share: Share) -> Floats:
-    """A point between 0 <= low <= high, geometric where low > 0; a rigid joint's inf stays, and NaN."""
+    """Value at `share` of the interval 0 <= low <= high, geometric where low > 0; inf (a rigid joint) and NaN stay."""
     low, high, share_of_each = np.broadcast_arrays(*(np.asarray(one, dtype=float) for one in (low, high, share)))
     value = low.copy()
     scaled, shifted = (low > 0) & np.isfinite(low), low == 0
@@ -140,12 +140,12 @@ def between(low: Floats | float, high: Floats | float, share: Share) -> Floats:
 
 
 def is_end(share: Share) -> bool:
-    """Whether it is an end of its range for all joints at once."""
+    """True if `share` is an end of the range for all joints at once."""
     return share in (0.0, 1.0)
 
 
 def share_of(low: float, high: float, value: float) -> float:
-    """Where `value` lies between `low` and `high`: the inverse of `between`."""
+    """Share of the interval [low, high] at which `value` lies, clipped to [0, 1]: the inverse of `between`."""
     if low == high:
         return 0.0
     share = math.log(value / low) / math.log(high / low) if low > 0 else value / high
@@ -153,7 +153,7 @@ def share_of(low: float, high: float, value: float) -> float:
 
 
 def _is_interval(value: object) -> bool:
-    """Whether `value` is (low, high), both finite real numbers, or arrays of them, with 0 <= low <= high."""
+    """True if `value` is (low, high), finite real numbers or arrays of them, with 0 <= low <= high."""
     if not isinstance(value, tuple | list) or len(value) != 2 or any(isinstance(end, bool | str) for end in value):
         return False
     try:

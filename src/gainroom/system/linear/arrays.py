@@ -12,23 +12,23 @@ Booleans: TypeAlias = NDArray[Any]
 
 
 def rank(value: float) -> float:
-    """For sorting: numbers that differ by round-off alone, as those of mirrored joints do, are equal, and stay in their order."""
+    """Sort key that rounds to 9 digits: values equal within round-off, as of mirrored joints, keep their order."""
     return float(f"{value:.9g}")
 
 
 def first_least(values: Floats) -> int:
-    """The index of the least of `values` (n,), of those that differ by round-off alone the first; what is not known (NaN) comes last."""
+    """Index of the least of `values` (n,); the first of those equal within round-off. NaN sorts last."""
     return int(np.argmin([rank(value) for value in np.where(np.isnan(values), np.inf, values).tolist()]))
 
 
 def diagonals(matrices: Complexes) -> Complexes:
-    """Those (k, n) of matrices (k, n, n) that lie one after the other in memory: a view, to be written to."""
+    """Diagonals (k, n) of C-contiguous matrices (k, n, n), as a writable view."""
     size = matrices.shape[-1]
     return matrices.reshape(len(matrices), size**2)[:, :: size + 1]
 
 
 def distinct(values: Floats) -> Floats:
-    """The different ones of `values`, sorted: np.unique without numpy.ma, whose import takes as long as half of numpy."""
+    """Distinct entries of `values`, sorted: np.unique without numpy.ma, whose import takes as long as half of numpy."""
     ordered = np.sort(values, axis=None)
     first = np.ones(len(ordered), dtype=bool)
     np.not_equal(ordered[1:], ordered[:-1], out=first[1:])

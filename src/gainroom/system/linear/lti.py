@@ -10,7 +10,7 @@ from .transfer_function import Factored, polynomial_roots
 
 
 def _sample_time_of(system: Any) -> float | None:
-    """T_s [s], or None for continuous time."""
+    """Sample time T_s [s] of a foreign system; None for continuous time. Raises GainroomError for dt=True."""
     step = getattr(system, "dt", None)
     if step is None or (step == 0 and not isinstance(step, bool)):
         return None
@@ -20,7 +20,7 @@ def _sample_time_of(system: Any) -> float | None:
 
 
 def is_lti(system: Any) -> bool:
-    """True for what `factored_from` reads."""
+    """True if `factored_from` can read the system."""
     return isinstance(system, Factored) or any(hasattr(system, name) for name in ("num", "A", "gain"))
 
 
@@ -68,7 +68,7 @@ def _read(system: Any) -> Factored:
 
 
 def _polynomial(value: Any) -> np.ndarray:
-    """One polynomial out of the nested lists of a transfer function."""
+    """Coefficients of one polynomial, from the nested lists of a transfer function."""
     while isinstance(value, list | tuple) and len(value) == 1 and np.ndim(value[0]) > 0:
         value = value[0]
     array = np.squeeze(np.asarray(value, dtype=object if isinstance(value, list) else None))
@@ -79,7 +79,7 @@ def _polynomial(value: Any) -> np.ndarray:
 
 
 def _in_v(zeros: np.ndarray, poles: np.ndarray, gain: float, step: float | None) -> Factored:
-    """Roots and gain in s or z, moved to v."""
+    """Transfer function in v, from roots and gain in s or z."""
     if step is None:
         return Factored(zeros, poles, gain, 0.0, None)
     return Factored((zeros - 1) / step, (poles - 1) / step, gain * step ** (len(zeros) - len(poles)), 0.0, step)

@@ -15,7 +15,7 @@ FASTEST = 50.0  # growth rate of a pole times the tick: e^50 exceeds what a doub
 def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Factored:
     """`system` (continuous, strictly proper, its delay left aside) sampled at T_s [s] with `fraction` in [0, 1) of a tick of delay.
 
-    Raises GainroomError where it topples within a small part of a tick, and where its numbers are too far apart to be sampled.
+    Raises GainroomError if a pole grows by more than e^50 within a tick, or if the coefficients span too many orders of magnitude.
     """
     rate = float(np.max(system.poles.real, initial=0.0))
     if rate * sample_time > FASTEST:

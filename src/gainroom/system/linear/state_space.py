@@ -18,7 +18,7 @@ IN_CACHE = 250_000  # entries of all matrices that are solved at a time: more wo
 
 @dataclass(frozen=True)
 class StateSpace:
-    """v x = a x + b u, y = c x + d u; shapes (m, m), (m, inputs), (outputs, m), (outputs, inputs)."""
+    """State-space system v x = a x + b u, y = c x + d u; shapes (m, m), (m, inputs), (outputs, m), (outputs, inputs)."""
 
     a: Floats
     b: Floats
@@ -27,12 +27,12 @@ class StateSpace:
 
     @classmethod
     def gain(cls, d: Floats) -> "StateSpace":
-        """A system without states."""
+        """Static system y = d u, without states."""
         d = np.atleast_2d(np.asarray(d, dtype=float))
         return cls(np.zeros((0, 0)), np.zeros((0, d.shape[1])), np.zeros((d.shape[0], 0)), d)
 
     def __matmul__(self, first: "StateSpace") -> "StateSpace":
-        """self after `first`."""
+        """Series connection: `first`, then self."""
         return StateSpace(
             np.block([[first.a, np.zeros((len(first.a), len(self.a)))], [self.b @ first.c, self.a]]),
             np.vstack([first.b, self.b @ first.d]),
@@ -41,25 +41,28 @@ class StateSpace:
         )
 
     def __add__(self, other: "StateSpace") -> "StateSpace":
-        """Both fed by the same input, outputs added."""
+        """Parallel connection: one input, outputs added."""
         return StateSpace(_block_diagonal(self.a, other.a), np.vstack([self.b, other.b]), np.hstack([self.c, other.c]), self.d + other.d)
 
     def repeated(self, count: int) -> "StateSpace":
-        """`count` equal copies side by side."""
+        """Block-diagonal system of `count` equal copies."""
         eye = np.eye(count)
         return StateSpace(*(np.kron(eye, part) for part in (self.a, self.b, self.c, self.d)))
 
     def between(self, inputs: Integers, outputs: Integers) -> "StateSpace":
-        """The same system with these inputs and outputs only, in this order."""
+        """System restricted to the given inputs and outputs, in the given order."""
         return StateSpace(self.a, self.b[:, inputs], self.c[outputs], self.d[np.ix_(outputs, inputs)])
 
     def beside(self, other: "StateSpace") -> "StateSpace":
-        """Both side by side: inputs and outputs stacked."""
+        """Block-diagonal system of both, inputs and outputs stacked."""
         return StateSpace(*(_block_diagonal(getattr(self, name), getattr(other, name)) for name in "abcd"))
 
     @cached_property
     def lead(self) -> int:
-        """How many states come first that the others do not act on (current loops before a plant), where that halves the work; or 0."""
+        """Number of leading states that no later state acts on (current loops before a plant).
+
+        0 where splitting would not halve the work.
+        """
         size = len(self.a)
         if size < 2:
             return 0
@@ -69,7 +72,7 @@ class StateSpace:
         return best if best**3 + (size - best) ** 3 < 0.5 * size**3 else 0
 
     def at(self, v: Complexes) -> Complexes:
-        """The transfer matrix at complex v (k,): (k, outputs, inputs)."""
+        """Transfer matrix (k, outputs, inputs) at complex v (k,)."""
         v = np.asarray(v, dtype=complex)
         rows = max(1, IN_CACHE // max(1, len(self.a)) ** 2)
         if len(v) > rows:
@@ -128,7 +131,7 @@ def _quadratics(roots: Complexes) -> list[Floats]:
 
 
 def _section(numerator: Floats, denominator: Floats) -> StateSpace:
-    """numerator/denominator, both monic-denominator polynomials of order ≤ 2, states scaled to the natural frequency."""
+    """State space of numerator/denominator, order ≤ 2 and monic denominator, states scaled to the natural frequency."""
     order = len(denominator) - 1
     num = np.concatenate([np.zeros(order + 1 - len(numerator)), numerator])
     feedthrough = num[0]
@@ -141,9 +144,9 @@ def _section(numerator: Floats, denominator: Floats) -> StateSpace:
 
 
 def split_delay(delays: ArrayLike, sample_time: float) -> tuple[Integers, Floats]:
-    """Whole ticks, and the rest as a fraction of a tick in [0, 1), of delays [s]; shapes as `delays`.
+    """Whole ticks, and the remaining fraction of a tick in [0, 1), of delays [s]; shapes as `delays`.
 
-    Within rounding of a whole number of ticks nothing is left: 4.0 ms / 0.5 ms is not a whole number in floating point.
+    A remainder within rounding of a whole tick is 0: 4.0 ms / 0.5 ms is not a whole number in floating point.
     """
     delays = np.asarray(delays, dtype=float)
     whole, fraction = _core.split_delays(delays.ravel(), sample_time).T.reshape(2, *delays.shape)
@@ -195,9 +198,10 @@ REACH = 5.37  # 1-norm up to which the approximant of order 13 has all digits
 
 
 def grown(matrix: Floats) -> Floats:
-    """e^X − I of X (m, m), every column to its own size: what drifts or hardly slows keeps its digits, which 1 + a small rate has not.
+    """Matrix function e^X − I of X (m, m), accurate relative to each column: slow and drifting states keep digits that I + small loses.
 
-    By Padé's approximant and squarings, 1 + E(2X) = (1 + E(X))², as the exponential itself (Higham, SIAM J. Matrix Anal. Appl. 26, 2005).
+    Padé approximant of order 13 and squaring, 1 + E(2X) = (1 + E(X))², as for the exponential (Higham, SIAM J. Matrix Anal. Appl. 26,
+    2005).
     """
     from scipy.linalg import matrix_balance
 
@@ -220,7 +224,7 @@ def grown(matrix: Floats) -> Floats:
 
 
 def _ticks(count: int, sample_time: float) -> StateSpace:
-    """`count` ticks of delay, each 1/(1 + T_s δ)."""
+    """State space of `count` ticks of delay, each 1/(1 + T_s δ)."""
     if count == 0:
         return StateSpace.gain(np.eye(1))
     a = (np.eye(count, k=-1) - np.eye(count)) / sample_time
@@ -254,7 +258,7 @@ def zeros_of(system: StateSpace) -> Complexes:
 
 
 def factored(system: StateSpace, poles: Complexes, sample_time: float | None) -> Factored:
-    """Zeros, the given poles, and the gain of a scalar system, matched at a point away from both."""
+    """Transfer function of a scalar system: its zeros, the given poles, and a gain matched at a point away from both."""
     zeros = zeros_of(system)
     # Matched where the response is large: far up a roll-off the state space gives it as a small difference of large numbers.
     slowest = np.abs(poles)[poles != 0].min(initial=np.inf)

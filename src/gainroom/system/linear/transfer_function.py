@@ -22,7 +22,7 @@ _NO_ROOTS = np.zeros(0, dtype=complex)
 
 @dataclass(frozen=True)
 class Factored:
-    """One scalar transfer function.
+    """Scalar transfer function.
 
     zeros, poles   complex arrays, closed under conjugation, in v [1/s]
     gain           real
@@ -49,31 +49,31 @@ class Factored:
 
     @property
     def is_one(self) -> bool:
-        """True for the system that passes everything through."""
+        """True for the identity system."""
         return not len(self.zeros) and not len(self.poles) and self.gain == 1 and self.delay == 0
 
     def scaled(self, factor: float) -> "Factored":
-        """The same system with its gain multiplied by `factor`."""
+        """Transfer function with its gain multiplied by `factor`."""
         return Factored(self.zeros, self.poles, self.gain * factor, self.delay, self.sample_time)
 
     def at(self, s: ArrayLike) -> Complexes:
-        """The value at complex s [1/s] (any shape); in sampled time at z = e^{s T_s}."""
+        """Value at complex s [1/s] (any shape); in sampled time at z = e^{s T_s}."""
         s = np.asarray(s, dtype=complex)
         return _core.response(self.zeros, self.poles, self.gain, self.delay, self.sample_time or 0.0, s.ravel()).reshape(s.shape)
 
     def response(self, omega: ArrayLike) -> Complexes:
-        """The value at s = jω, `omega` [rad/s] of any shape, with every digit of the angle to the axis onto which it turns as ω → 0."""
+        """Frequency response at `omega` [rad/s] (any shape); the small angle to the nearest axis as ω → 0 is accurate to all digits."""
         omega = np.asarray(omega, dtype=float)
         return self._turned(omega, self.at(1j * omega))
 
     def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        """The value at s = jω and its derivative by ω, `omega` (k,), as `response`."""
+        """Frequency response at `omega` (k,) and its derivative by ω, accurate as `response`."""
         rough, slope = _core.response_and_slope(self.zeros, self.poles, self.gain, self.delay, self.sample_time or 0.0, omega)
         value = self._turned(omega, rough)
         return value, (slope if value is rough else np.divide(slope * value, rough, out=slope, where=rough != 0))
 
     def _turned(self, omega: Floats, value: Complexes) -> Complexes:
-        """`value` at jω with the phase that real roots and whole pairs of complex ones give it, where ω is far below all pairs.
+        """`value` at jω with its phase recomputed from real roots and conjugate pairs, where ω is far below all complex pairs.
 
         A product of numbers near either axis keeps the digits of their angles to it, however small; with one complex root, whose factor is
         near none, round-off of 1e-16 stays in it. But (v − p)(v − p̄) = |p|² (1 + v (v − 2 Re p)/|p|²).
@@ -94,14 +94,14 @@ class Factored:
 
     @cached_property
     def _pairs(self) -> "tuple[float, list[tuple[complex, int]], Factored]":
-        """ω that is far below all complex pairs, one root of each pair with the power of its factor, and the system without pairs."""
+        """Frequency far below all complex pairs, one root and exponent (±1) per pair, and the system without pairs."""
         pairs = [(root, power) for roots, power in ((self.zeros, 1), (self.poles, -1)) for root in roots[roots.imag > 0].tolist()]
         limit = 0.1 * min((abs(root) for root, _ in pairs), default=0.0)
         return limit, pairs, replace(self, zeros=self.zeros[self.zeros.imag == 0], poles=self.poles[self.poles.imag == 0])
 
     @property
     def reduced(self) -> "Factored":
-        """The same response without the zeros and poles at v = 0 that cancel."""
+        """Transfer function with common zeros and poles at v = 0 cancelled."""
         pairs = min(np.count_nonzero(self.zeros == 0), np.count_nonzero(self.poles == 0))
         if not pairs:
             return self
@@ -110,17 +110,17 @@ class Factored:
 
     @property
     def relative_degree(self) -> int:
-        """Poles minus zeros."""
+        """Relative degree: poles minus zeros."""
         return len(self.poles) - len(self.zeros)
 
     @property
     def unstable_poles(self) -> int:
-        """Poles right of the imaginary axis (outside the unit circle); those on it are not counted."""
+        """Number of poles right of the imaginary axis (outside the unit circle); poles on it are not counted."""
         return int(np.count_nonzero(growth(self.poles, self.sample_time) > 0))
 
 
 def growth(roots: Complexes, sample_time: float | None) -> Floats:
-    """Positive where a root in v grows, negative where it decays, zero on the boundary (within round-off)."""
+    """Growth rate of each root in v: positive where it grows, negative where it decays, 0 on the boundary within round-off."""
     rate = roots.real.copy()
     if sample_time is not None:
         rate += np.abs(roots) ** 2 * sample_time / 2  # (|z|² − 1) / 2 T_s with z = 1 + T_s v, without cancellation
@@ -165,7 +165,7 @@ def _without_leading_zeros(coefficients: ArrayLike) -> list[float]:
 
 
 def _begun(poly: list[float]) -> list[float]:
-    """From the first coefficient on that is not 0."""
+    """Coefficients without leading zeros."""
     if poly and poly[0] != 0:
         return poly
     first = next((k for k, one in enumerate(poly) if one != 0), len(poly))
@@ -179,7 +179,7 @@ def paired(roots: Complexes) -> Complexes:
 
 
 def ratio(numerator: ArrayLike, denominator: ArrayLike, sample_time: float | None = None) -> Factored:
-    """A ratio of polynomials in v, highest power first."""
+    """Transfer function of two polynomials in v, highest power first."""
     num, den = _without_leading_zeros(numerator), _without_leading_zeros(denominator)
     if not len(num):
         return Factored(_NO_ROOTS, _roots(den), 0.0, 0.0, sample_time)
@@ -188,7 +188,7 @@ def ratio(numerator: ArrayLike, denominator: ArrayLike, sample_time: float | Non
 
 
 def polynomials_times(numerators: Floats, shared: Factored) -> list[Factored]:
-    """Each of the polynomials `numerators` (m, k) in v, highest power first, times `shared`, whose poles none of them has to make anew."""
+    """Transfer functions of the polynomials `numerators` (m, k) in v, highest power first, times `shared`, whose poles are reused."""
     found, poles, later = [], shared.poles, shared.zeros
     for num in map(_begun, numerators.tolist()):
         zeros = _roots(num) if num else _NO_ROOTS
