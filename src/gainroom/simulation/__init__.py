@@ -1,4 +1,4 @@
-"""Time domain: the sampled linear loop stepped exactly, and the virtual testbed with friction, limits and encoders.
+"""Time-domain simulation: the sampled linear loop stepped exactly, and a virtual testbed with friction, limits and encoders.
 
 Whole robots in MuJoCo are in robot_setup, robot_run and robot_onset, which load more.
 """

@@ -22,13 +22,13 @@ from ..system.linear.arrays import Floats
 
 @dataclass(frozen=True)
 class Friction:
-    """One contact, on the joint side of the gearbox.
+    """Friction at one contact, on the joint side of the gearbox.
 
     coulomb            F_C, sliding fast [N m]
-    static             F_S ≥ F_C, what breaks it loose; None: as coulomb [N m]
+    static             F_S ≥ F_C, breakaway torque; None: equal to coulomb [N m]
     stribeck_velocity  v_s, over which F_S falls to F_C [rad/s]
-    viscous            [N m s/rad], beside the joint's own
-    bristle_stiffness  σ_0 [N m/rad]; inf: no bristles, it sticks
+    viscous            [N m s/rad], in addition to the joint's own
+    bristle_stiffness  σ_0 [N m/rad]; inf: no bristles, ideal sticking
     bristle_damping    σ_1 [N m s/rad]
 
     Raises GainroomError where a value is not physical.
@@ -57,12 +57,12 @@ class Friction:
 
     @property
     def breakaway(self) -> float:
-        """F_S [N m]."""
+        """Breakaway torque F_S [N m]."""
         return self.coulomb if self.static is None else float(self.static)
 
     @property
     def is_viscous(self) -> bool:
-        """True without stiction: the friction is linear."""
+        """True if there is no stiction: the friction is linear."""
         return self.coulomb == 0  # then F_S and the bristles' torque are 0 too
 
     def torque(self, velocity: ArrayLike) -> Floats:
@@ -72,5 +72,5 @@ class Friction:
         return np.sign(v) * dry + self.viscous * v
 
     def law(self) -> Floats:
-        """(F_C, F_S, v_s, σ_0, σ_1) for the kernel; the viscous part belongs to the plant."""
+        """Parameters (F_C, F_S, v_s, σ_0, σ_1) for the kernel; viscous friction belongs to the plant."""
         return np.array([self.coulomb, self.breakaway, self.stribeck_velocity, self.bristle_stiffness, self.bristle_damping])

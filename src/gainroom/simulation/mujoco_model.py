@@ -25,22 +25,22 @@ from ..robot.ground import Ground, Sole, ground_axes, upwards
 from ..system.linear.arrays import Floats, Integers
 
 HARDEST_CONSTRAINT = 0.9999
-"""MuJoCo's largest constraint impedance: what is left of a motion against a constraint is 1e-4 of what it would be, before feedback."""
+"""MuJoCo's largest constraint impedance: motion against a constraint is reduced to 1e-4 of the free motion, before feedback."""
 HEIGHT = 0.02
-"""Of the boxes under flat feet, and the radius of the cylinders and balls under line and point contacts [m]."""
+"""Height of the boxes under flat feet, and radius of the cylinders and balls under line and point contacts [m]."""
 GROUND_TIME = 2e-3
-"""Time constant of the ground force [s]: as hard as concrete beside the frequencies at which loops vibrate."""
+"""Time constant of the ground force [s]: hard as concrete at the frequencies at which loops vibrate."""
 
 
 @dataclass(frozen=True, eq=False)
 class MujocoRobot:
-    """A robot compiled for MuJoCo, and where its joints are in MuJoCo's arrays.
+    """Robot compiled for MuJoCo, with the addresses of its joints in MuJoCo's arrays.
 
     model        the MjModel; its first n actuators are the motors, in the body's order
     body         the links it was made from
     contacts     its contacts
     motor_q, motor_v     (n,) addresses of the motors in qpos and qvel
-    elastic      (n,) True where there is a gearbox spring
+    elastic      (n,) True for an elastic gearbox
     spring_q, spring_v   addresses of the springs of the elastic joints
     stiffness, damping   of those springs [N m/rad], [N m s/rad]
     """
@@ -57,7 +57,7 @@ class MujocoRobot:
     damping: Floats
 
     def new_data(self, q: ArrayLike, torque: ArrayLike = 0.0) -> Any:
-        """An MjData at rest, links in posture `q` (nq,), gearboxes deflected by joint torque (n,) [N m]: θ = q + τ_J/K."""
+        """MjData at rest, links in posture `q` (nq,), gearboxes deflected by joint torque (n,) [N m]: θ = q + τ_J/K."""
         data = library("mujoco", "MuJoCo").MjData(self.model)
         q = require_finite(self.body.source, "posture", q)
         joint_torque = np.broadcast_to(require_finite(self.body.source, "torque", torque), (self.body.size,))
@@ -70,17 +70,17 @@ class MujocoRobot:
         return data
 
     def motor_position(self, qpos: Floats) -> Floats:
-        """θ (..., n) [rad] in MuJoCo's positions (..., nq)."""
+        """Motor positions θ (..., n) [rad] from MuJoCo's positions (..., nq)."""
         return qpos[..., self.motor_q]
 
     def link_position(self, qpos: Floats) -> Floats:
-        """q (..., n) [rad]."""
+        """Link positions q (..., n) [rad] from MuJoCo's positions (..., nq)."""
         position = qpos[..., self.motor_q]
         position[..., self.elastic] += qpos[..., self.spring_q]
         return position
 
     def joint_torque(self, qpos: Floats, qvel: Floats) -> Floats:
-        """(..., n) τ_J = K (θ − q) + B (θ̇ − q̇) [N m] of elastic joints; NaN of rigid ones, where nothing measures it."""
+        """Joint torques τ_J = K (θ − q) + B (θ̇ − q̇) (..., n) [N m]; NaN for rigid joints, whose torque is not defined."""
         torque = np.full((*qpos.shape[:-1], len(self.elastic)), math.nan)
         torque[..., self.elastic] = -self.stiffness * qpos[..., self.spring_q] - self.damping * qvel[..., self.spring_v]
         return torque
@@ -97,14 +97,14 @@ def build_mujoco(
     gravity: bool = True,
     ground: Ground | None = None,
 ) -> MujocoRobot:
-    """The robot, ready to be simulated from posture `q`.
+    """MuJoCo model of a robot, ready to be simulated from posture `q`.
 
     body, actuators   links and motors; stiffness inf: rigid
     q          (nq,) posture in which contact frames are fixed, or the ground is placed, and springs in the joints are unloaded
     contacts   rigid ones are held by constraints, or stand on the ground; those with stiffness hang on springs and dampers
     timestep   h [s]; stable up to 2/ω of the fastest vibration
     coulomb    (n,) or one for all: Coulomb friction on the motor side [N m]; viscous friction is the actuators' own
-    gravity    False: none acts
+    gravity    False: no gravity
     ground     None: rigid contacts cannot slip or lift
 
     Raises GainroomError for frames that the robot does not have, a contact with rigid and springy directions at once, and friction < 0.
@@ -147,13 +147,13 @@ def _spring(name: str) -> str:
 
 
 def _link_side(body: RigidBody, actuators: Actuators) -> list[str]:
-    """Elastic joints with friction or a spring on the link side, which act on the sum of two of MuJoCo's joints: a tendon."""
+    """Names of elastic joints with friction or a spring on the link side, which act on the sum of two MuJoCo joints: a tendon."""
     elastic = np.isfinite(actuators.stiffness)
     return [name for k, name in enumerate(body.joint_names) if elastic[k] and (actuators.link_viscous[k] > 0 or body.springs.get(name))]
 
 
 def _add_links(mujoco: Any, spec: Any, body: RigidBody, actuators: Actuators) -> list[Any]:
-    """MuJoCo's bodies by index of Pinocchio's joints; their masses come later, as MuJoCo refuses some that are not those of a solid."""
+    """MuJoCo bodies by index of Pinocchio's joints; masses are set after compilation, as MuJoCo refuses some that no solid has."""
     pin = library("pinocchio", "Pinocchio")
     model, neutral = body.model, body.neutral()
     bodies = [spec.worldbody]
@@ -184,7 +184,7 @@ def _add_links(mujoco: Any, spec: Any, body: RigidBody, actuators: Actuators) ->
 
 
 def _principal(inertia: Floats) -> tuple[Floats, Floats]:
-    """Principal moments (3,) and axes (3, 3), right-handed."""
+    """Principal moments (3,) and principal axes (3, 3), right-handed."""
     moments, axes = np.linalg.eigh(inertia)
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1
@@ -192,7 +192,7 @@ def _principal(inertia: Floats) -> tuple[Floats, Floats]:
 
 
 def _quaternion(pin: Any, rotation: Floats) -> Floats:
-    """w, x, y, z."""
+    """Quaternion (w, x, y, z) of a rotation matrix."""
     return pin.Quaternion(np.array(rotation)).coeffs()[[3, 0, 1, 2]]
 
 
@@ -215,9 +215,9 @@ def _addressed(model: Any, body: RigidBody, actuators: Actuators, contacts: tupl
 
 
 def _set_values(mujoco: Any, robot: MujocoRobot, actuators: Actuators, friction: Floats, timestep: float, rest: Floats) -> None:
-    """Numbers of the compiled model, to the last bit and without the compiler's opinions; then what MuJoCo derives from them.
+    """Set the compiled model's values exactly, without the compiler's adjustments; then update the constants that MuJoCo derives.
 
-    rest   (n,) where the joints' own springs carry nothing [rad]
+    rest   (n,) positions at which the joints' own springs are unloaded [rad]
     """
     model, body, elastic = robot.model, robot.body, robot.elastic
     for index in range(1, body.model.njoints):
@@ -258,7 +258,7 @@ def _add_contact(
     timestep: float,
     gravity: bool,
 ) -> None:
-    """One contact: springs where it has a stiffness, else ground or constraints."""
+    """Add one contact: springs if it has a stiffness, otherwise ground or constraints."""
     pin = library("pinocchio", "Pinocchio")
     if contact.frame not in body.frames:
         raise GainroomError(f"{body.source}: no frame {contact.frame!r}{nearest(contact.frame, body.frames, 'frame')}")
@@ -283,14 +283,14 @@ def _add_contact(
 
 @dataclass(frozen=True)
 class _Place:
-    """A frame on one of MuJoCo's bodies."""
+    """Frame on a MuJoCo body."""
 
     body: Any
     position: Floats
     rotation: Floats
 
     def turned(self, rotation: Floats) -> "_Place":
-        """The same place with other axes, the columns of `rotation` in its own."""
+        """Frame at the same origin with other axes, the columns of `rotation` in its own."""
         return replace(self, rotation=self.rotation @ rotation)
 
     def site(self, pin: Any, name: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
@@ -309,7 +309,7 @@ class _Place:
 
 
 def _add_holds(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, contact: Contact, timestep: float) -> None:
-    """Equality constraints: a weld; a line is held at two of its points, a point at itself."""
+    """Add equality constraints: a weld; for a line two of its points, for a point itself."""
     offsets = {"flat": [0.0], "line": [-0.05, 0.05], "point": [0.0]}[contact.kind]
     kind = mujoco.mjtEq.mjEQ_WELD if contact.kind == "flat" else mujoco.mjtEq.mjEQ_CONNECT
     for number, offset in enumerate(offsets):
@@ -328,7 +328,7 @@ def _add_holds(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, co
 
 
 def _add_springs(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, contact: Contact) -> None:
-    """A spring and a damper per direction: actuators that push on the frame by how far it is from its place."""
+    """Add a spring and a damper per direction, as actuators that push on the frame by its displacement."""
     names = [f"{contact.frame}/{side}" for side in ("foot", "ground")]
     for name, place in zip(names, (foot, world), strict=True):
         place.site(pin, name)
@@ -340,9 +340,9 @@ def _add_springs(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, 
 
 
 def _add_ground(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, contact: Contact, ground: Ground) -> None:
-    """A plane under the frame, and on the foot what touches it: a box, a cylinder along y or a ball, lowest at the frame.
+    """Add a ground plane under the frame, and the touching shape on the foot: box, cylinder along y, or ball, lowest at the frame.
 
-    foot, world   where the contact frame is, with the axes of its ground
+    foot, world   the contact frame on either side, with the axes of its ground
     """
     sole = ground.soles.get(contact.frame, Sole())
     kinds = mujoco.mjtGeom

@@ -1,4 +1,4 @@
-"""Onset of vibration, found by repeated simulation: an independent check of a computed limit.
+"""Onset of vibration by repeated simulation: an independent check of a computed limit.
 
 No frequency response is used. A run starts with an impulse; the growth rate of its fastest-growing oscillation shows on which side of
 the limit the gains are.
@@ -22,7 +22,7 @@ MOST_RUNS = 100  # runs
 
 @dataclass(frozen=True)
 class Onset:
-    """gain where the growth rate changes its sign, between `stable` and `growing`; frequency there [rad/s]; runs it took."""
+    """Gain at which the growth rate changes sign, between `stable` and `growing`; frequency there [rad/s]; number of runs."""
 
     gain: float
     frequency: float
@@ -32,12 +32,12 @@ class Onset:
 
 
 def find_onset(vibration_at: Callable[[float], Vibration | None], stable: float, growing: float, tolerance: float = 1e-6) -> Onset:
-    """The gain between `stable` and `growing` at which the vibration `vibration_at(gain)` neither grows nor decays.
+    """Gain between `stable` and `growing` at which the vibration `vibration_at(gain)` neither grows nor decays.
 
-    vibration_at   the vibration in a run with that gain; None: it has decayed
+    vibration_at   vibration in a run with that gain; None: it has decayed
     tolerance      of the gain, relative
 
-    Raises GainroomError where the vibration does not decay at `stable` or does not grow at `growing`.
+    Raises GainroomError if the vibration does not decay at `stable` or does not grow at `growing`.
     """
     low, high = vibration_at(stable), vibration_at(growing)
     rates = [_rate(low), _rate(high)]
@@ -73,7 +73,7 @@ def _rate(found: Vibration | None) -> float:
 
 
 def linear_vibration(loop: Loop, duration: float = 2.0) -> Vibration | None:
-    """The fastest-growing oscillation `duration` [s] after an impulse of every joint's torque, in the sampled linear loop."""
+    """Fastest-growing oscillation of the sampled linear loop, `duration` [s] after an impulse of every joint's torque; None: decayed."""
     require_positive("onset", "duration", duration, "s")
     impulse = np.vstack([np.random.default_rng(0).standard_normal(loop.size), np.zeros(loop.size)])  # no symmetry: excites every mode
     run = simulate(loop, Scenario(0.0, duration, feedforward=impulse))
@@ -86,19 +86,19 @@ def linear_vibration(loop: Loop, duration: float = 2.0) -> Vibration | None:
 
 
 def linear_onset(loop: Loop, duration: float = 2.0, tolerance: float = 1e-6) -> Onset:
-    """The common factor on all gains of a sampled loop at which its linear simulation starts to vibrate.
+    """Common factor on all gains of a sampled loop at which its linear simulation starts to vibrate.
 
     duration   of a run [s]: some tens of the vibration's periods
 
-    Raises GainroomError where no factor between 1/1000 and 1000 does.
+    Raises GainroomError if there is none between 1/1000 and 1000.
     """
     return search_onset(lambda factor: linear_vibration(loop.scaled(factor), duration), tolerance)
 
 
 def search_onset(vibration_at: Callable[[float], Vibration | None], tolerance: float, near: float = 1.0, step: float = 2.0) -> Onset:
-    """find_onset between ends that are searched from `near` on in factors of `step`: up where vibration decays, else down.
+    """Onset by find_onset between ends searched from `near` on in factors of `step`: upwards where vibration decays, otherwise downwards.
 
-    Raises GainroomError where no factor between near/1000 and 1000 near does.
+    Raises GainroomError if there is none between near/1000 and 1000 near.
     """
     require_positive("onset", "near", near)
     factor = near

@@ -1,4 +1,4 @@
-"""The dominant oscillation in a signal: its frequency and its growth rate.
+"""Dominant oscillation of a signal: frequency and growth rate.
 
 Matrix pencil (Hua and Sarkar 1990): a signal that is a sum of p damped or growing exponentials makes a Hankel matrix of rank p, whose
 row space turns by the poles from one column to the next. Singular values at the level of the noise are dropped (Gavish and Donoho 2014).
@@ -25,12 +25,12 @@ NOISE_FACTOR = 2.858  # times the median singular value: what is noise in a squa
 FEWEST_PERIODS = 1.5  # that the window must hold of an oscillation
 PERIODS_FITTED = 12  # that parts are taken from
 SIGNIFICANCE = 4.0  # times what the strongest of all frequencies explains in white noise
-ROUNDING = 1e-12  # of the signal's largest value: rounding
+ROUNDING = 1e-12  # round-off relative to the signal's largest value
 
 
 @dataclass(frozen=True)
 class Vibration:
-    """frequency [rad/s]; growth_rate [1/s], negative where it decays; amplitude at the end of the signal, in its unit."""
+    """Oscillation: frequency [rad/s]; growth_rate [1/s], negative if it decays; amplitude at the end of the signal, in its unit."""
 
     frequency: float
     growth_rate: float
@@ -38,17 +38,17 @@ class Vibration:
 
     @property
     def damping_ratio(self) -> float:
-        """−cos of the pole's angle: 0 where it neither grows nor decays, negative where it grows."""
+        """Damping ratio, −cos of the pole's angle: 0 at constant amplitude, negative where it grows."""
         return -self.growth_rate / math.hypot(self.growth_rate, self.frequency) if math.isfinite(self.growth_rate) else -1.0
 
 
 def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, above: float = 0.0) -> Vibration | None:
-    """The oscillation that is strongest in the last third of `signal` (k,) or (k, n), of which at most 4000 samples are used.
+    """Strongest oscillation in the last third of `signal` (k,) or (k, n); at most 4000 samples are used.
 
-    growing   instead the one with the largest growth rate, however small its amplitude
-    above     only one of a higher frequency than this [rad/s]
+    growing   True: the oscillation with the largest growth rate, however small its amplitude
+    above     lower bound on the frequency [rad/s]
 
-    None where nothing oscillates for at least one and a half periods above the noise.
+    None if nothing oscillates for at least one and a half periods above the noise.
     """
     require_positive("vibration", "sample_time", sample_time, "s")
     table = require_finite("vibration", "signal", signal)
@@ -80,10 +80,12 @@ def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, abov
 
 
 def response_vibration(run: "Run", above: float = 0.0, after: float = 0.0) -> Vibration | None:
-    """Of the tracking error after the reference has come to rest, or where it moves to the end, of the last half of the run.
+    """Oscillation of the tracking error after the reference has come to rest.
 
-    above   only one of a higher frequency than this [rad/s], such as the reference's own
-    after   last other change [s], such as a disturbance; only later rows are used
+    Of the last half of the run if the reference moves to its end.
+
+    above   lower bound on the frequency [rad/s], such as the reference's own
+    after   time [s] of the last other change, such as a disturbance; only later rows are used
     """
     moving = np.flatnonzero((np.diff(run.reference, axis=0) != 0).any(axis=1))
     rest = run.time[moving[-1] + 1] if len(moving) else 0.0
@@ -91,19 +93,22 @@ def response_vibration(run: "Run", above: float = 0.0, after: float = 0.0) -> Vi
 
 
 def windows(count: int) -> list[slice]:
-    """Of so many ticks, each overlapping the next by half, as under friction a vibration comes and goes; none where they are too few."""
+    """Windows over `count` ticks, each overlapping the next by half, since vibration under friction is intermittent.
+
+    [] for too few ticks.
+    """
     size = max(FEWEST_SAMPLES + 2, 2 * count // (WINDOWS + 1))
     return [slice(first, first + size) for first in range(0, count - size + 1, max(1, size // 2))]
 
 
 def rows_after(run: "Run", event: float) -> slice:
-    """The rows from `event` [s] on, or where too little is left then, the last half of all."""
+    """Rows of a run from `event` [s] on; the last half of all if too few are left."""
     begin, count = int(np.searchsorted(run.time, event)), len(run.time)
     return slice(begin if count - begin >= max(FEWEST_SAMPLES, count // 10) else count // 2, None)
 
 
 def parts_in(signal: ArrayLike, sample_time: float, found: Vibration) -> Complexes:
-    """(n,) each column's complex amplitude in the vibration `found` at the end of `signal` (k, n), in its unit; the angle is its phase.
+    """Complex amplitude (n,) of each column in the vibration `found` at the end of `signal` (k, n), in its unit; the angle is its phase.
 
     Least squares over at most the last twelve periods, beside a straight line in every column.
     """
@@ -136,16 +141,16 @@ def _poles(table: Floats, stride: int) -> Complexes:
 
 
 def _unfolded(rates: Complexes, stride: int, near: complex) -> complex:
-    """That of `rates`, moved by whole turns of 2π/stride, which is closest to `near`."""
+    """Rate closest to `near`, after shifting `rates` by whole turns of 2π/stride."""
     turn = 2 * math.pi / stride
     moved = rates + 1j * turn * np.round((near.imag - rates.imag) / turn)
     return complex(moved[np.argmin(np.abs(moved - near))]) if len(moved) else 0j
 
 
 def _strongest(table: Floats, rates: Complexes, growing: bool, lowest: float) -> tuple[complex, float] | None:
-    """(rate per sample, amplitude at the end) of the oscillation with most energy in the last third, or of that which grows most.
+    """Rate per sample and amplitude at the end of the oscillation with most energy in the last third (`growing`: largest growth).
 
-    None where none above `lowest` [rad per sample] is significant.
+    None if none above `lowest` [rad per sample] is significant.
     """
     count, upper, others = len(table), rates[rates.imag > 0], rates[rates.imag == 0]
     if not len(upper):
@@ -166,6 +171,6 @@ def _strongest(table: Floats, rates: Complexes, growing: bool, lowest: float) ->
 
 
 def _shapes(rates: Complexes, count: int) -> Complexes:
-    """e^{rate k} for k = 0 to `count` − 1, in columns, each with a largest value of 1 in magnitude."""
+    """Exponentials e^{rate k}, k = 0 to `count` − 1, in columns, each scaled to a largest magnitude of 1."""
     steps = np.arange(count)[:, None]
     return np.exp(rates.real * np.where(rates.real > 0, steps - (count - 1), steps) + 1j * rates.imag * steps)

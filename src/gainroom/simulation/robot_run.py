@@ -1,4 +1,4 @@
-"""A whole robot in time: MuJoCo between the controller's ticks, drives between commands and motors, encoders on the motor side."""
+"""Run of a whole robot: MuJoCo between the controller's ticks, drives between commands and motors, encoders on the motor side."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -21,20 +21,20 @@ from .torque_line import TorqueLine
 from .whole_body import WholeBodyControl, values_of
 
 MUJOCO_BLOCK = 200
-"""Ticks of a part."""
+"""Number of ticks per streamed part."""
 TOO_FAST = 50.0
-"""A motor faster than this, joint side, and faster than BEYOND_PLAN times the planned move, has diverged [rad/s, m/s]."""
+"""Motor speed [rad/s, m/s], joint side, above which, and above BEYOND_PLAN times the planned move, a run has diverged."""
 BEYOND_PLAN = 5.0
-"""Times the fastest planned speed."""
+"""Multiple of the fastest planned speed above which a run may have diverged."""
 FALLEN = 0.5
-"""A floating base that has sunk or risen by this part of its height above the feet, or tilted by this many radians, has fallen."""
+"""Height change of a floating base relative to its height above the feet, or tilt [rad], at which the robot has fallen."""
 
 """Called with (ticks done, ticks in all)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotRun(Run):
-    """A run of a robot; what it holds is finite.
+    """Run of a robot, with finite values only.
 
     setup           the robot
     base            (k, 7) position [m] and quaternion x, y, z, w of a floating base; (k, 0) of a fixed one
@@ -53,7 +53,7 @@ class RobotRun(Run):
 
     @property
     def error(self) -> Floats:
-        """As of every run; of tasks, reference minus the value that the controller computes from its encoders."""
+        """Tracking error (k, m), see Run.error; for tasks, reference minus the value that the controller computes from its encoders."""
         return super().error if self.setup.control.space == "joint" else self.reference - self.measured
 
     @cached_property
@@ -61,12 +61,12 @@ class RobotRun(Run):
         return super().actual if self.setup.control.space == "joint" else self._values(self.setup.stack)
 
     def columns(self) -> dict[str, Floats]:
-        """As of every run; a task's reference is no joint's."""
+        """Columns of a log, see Run.columns; without a task's reference, which belongs to no joint."""
         columns = super().columns()
         return columns if self.setup.control.space == "joint" else {name: columns[name] for name in columns if name != REFERENCE_SIGNAL}
 
     def posture(self, row: int) -> Floats:
-        """(nq,) of the links at one tick."""
+        """Posture (nq,) of the links at tick `row`."""
         q = self.setup.body.neutral()
         q[: self.base.shape[1]] = self.base[row]
         for joint, position in zip(self.setup.body.joints, self.link_position[row], strict=True):
@@ -75,7 +75,7 @@ class RobotRun(Run):
 
     @cached_property
     def slip(self) -> Floats:
-        """(k, c) distance of each contact frame from its start [m]."""
+        """Distance (k, c) of each contact frame from its start [m]."""
         frames = [Task(name=contact.frame, kind="position", frame=contact.frame, kp=0.0, kd=0.0) for contact in self.setup.contacts]
         if not frames:
             return np.zeros((len(self.time), 0))
@@ -89,21 +89,21 @@ class RobotRun(Run):
 
 
 def run_robot(setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0) -> RobotRun:
-    """The whole run, as stream_robot has it."""
+    """Complete run; arguments and errors as stream_robot."""
     return joined(stream_robot(setup, offsets, gain=gain, initial_speed=initial_speed))
 
 
 def stream_robot(
     setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0, block: int = MUJOCO_BLOCK
 ) -> Iterator[RobotRun]:
-    """The robot from rest in its posture, gearboxes deflected by its weight and drives holding it, in parts of `block` ticks.
+    """Run of the robot from rest, gearboxes deflected by its weight and drives holding it, in parts of `block` ticks.
 
-    offsets   (k, m) where each channel shall be from where it starts, one row per tick; see `hold`
+    offsets   (k, m) commanded displacement of each channel from its start, one row per tick; see `hold`
     gain      common factor on all gains
     initial_speed   (n,) speed of the motors at the start [rad/s]
 
-    Ends early where the robot falls, runs away or is no longer finite, which the last part then says; what it holds is finite.
-    Raises GainroomError for input that does not fit.
+    It ends early if the robot falls, runs away or is no longer finite, with the reason in the last part. Raises GainroomError for input
+    that does not fit.
     """
     plan = require_finite("simulation", "offsets", offsets)
     simulation = RobotStepper(setup, gain=gain, initial_speed=initial_speed)
@@ -120,7 +120,7 @@ def stream_robot(
 
 
 class RobotStepper:
-    """Plant (`robot`, `data`, `step`), drives (`line`) and controller (`control`), tick by tick."""
+    """Tick-by-tick simulation of plant (`robot`, `data`, `step`), drives (`line`) and controller (`control`)."""
 
     def __init__(self, setup: RobotSetup, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0):
         self._mujoco = library("mujoco", "MuJoCo")
@@ -160,7 +160,7 @@ class RobotStepper:
         self._upright = _upright(setup)
 
     def part(self, offsets: Floats, first: int) -> RobotRun:
-        """The ticks of `offsets` (k, m), of which the first has number `first`, or those until the robot cannot go on."""
+        """Run over the ticks of `offsets` (k, m), numbered from `first`, or until the robot cannot go on."""
         rows, problem = [], None
         with mujoco_warnings(self._mujoco):  # about numbers that are too large: the run reports them itself
             for offset in offsets:
@@ -172,7 +172,7 @@ class RobotStepper:
         return run if problem is None else ended(run, problem[0], (first + len(rows)) * self.setup.sample_time, problem[1])
 
     def tick(self, offset: Floats) -> tuple[Floats, ...]:
-        """One tick of the controller and the simulation up to the next: the columns of `_run`."""
+        """Advance by one tick of the controller; returns the columns of `_run`."""
         data, robot, model = self.data, self.robot, self.robot.model
         positions = (robot.motor_position if self.setup.control.feedback == "motor" else robot.link_position)(data.qpos)
         target, reference, measured = self.control.tick(self.read(positions), offset)
@@ -185,7 +185,7 @@ class RobotStepper:
         return *before, self.line.demand
 
     def _run(self, first: int, columns: Sequence[Floats]) -> RobotRun:
-        """The record of ticks from `first` on, from the columns that `tick` gives, up to the first that is not finite."""
+        """Run record from tick `first` on, from the columns of `tick`, cut before the first value that is not finite."""
         finite = np.logical_and.reduce([np.isfinite(column).all(axis=1) for column in columns])
         count = len(finite) if finite.all() else int(np.argmin(finite))
         qpos, qvel, reference, measured, target, actual, demand = (column[:count] for column in columns)
@@ -217,7 +217,7 @@ class RobotStepper:
         return np.rint(positions / step) * step if step else positions
 
     def problem(self) -> tuple[Ending, str] | None:
-        """Why the simulation cannot go on; None while it can."""
+        """Ending and reason if the simulation cannot go on; None while it can."""
         data = self.data
         if not data.qvel @ data.qvel <= self.too_fast**2 and (found := self._runaway()) is not None:
             return found
@@ -226,7 +226,7 @@ class RobotStepper:
         return None
 
     def _runaway(self) -> tuple[Ending, str] | None:
-        """What is not finite or too fast."""
+        """Ending "diverged" and its reason if a value is not finite or a motor too fast; otherwise None."""
         data, robot = self.data, self.robot
         if not np.isfinite(data.qvel).all():
             return "diverged", "the simulation diverged: its numbers are no longer finite"
@@ -241,14 +241,14 @@ class RobotStepper:
 
 @dataclass(frozen=True)
 class _Upright:
-    """The initial pose of a floating base: height over the contacts, their height, and the vertical in its own axes."""
+    """Initial pose of a floating base: height over the contacts, their height, and the vertical in its own axes."""
 
     height: float
     ground: float
     up: tuple[float, float, float]
 
     def holds(self, base: list[float]) -> bool:
-        """Whether the base, at position and quaternion w, x, y, z, is near its initial height and tilt."""
+        """True if the base, at position and quaternion w, x, y, z, is near its initial height and tilt."""
         _, _, z, qw, qx, qy, qz = base
         a, b, c = self.up
         vertical = 2 * (qx * qz - qy * qw) * a + 2 * (qy * qz + qx * qw) * b + (1 - 2 * (qx * qx + qy * qy)) * c
@@ -256,7 +256,7 @@ class _Upright:
 
 
 def _upright(setup: RobotSetup) -> _Upright | None:
-    """None where nothing can fall: a fixed base, or none that stands on anything."""
+    """Initial pose of the base; None where nothing can fall: a fixed base, no contacts or no gravity."""
     if setup.body.base == "fixed" or not setup.contacts or not setup.gravity:
         return None
     ground = float(np.mean([setup.body.frame_placement(setup.q, contact.frame)[1][2] for contact in setup.contacts]))

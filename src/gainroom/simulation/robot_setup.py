@@ -1,4 +1,4 @@
-"""A simulated robot: links, actuators, drives, controller, ground; and the length of its steps."""
+"""Setup of a simulated robot: links, actuators, drives, controller, ground, and step length."""
 
 import math
 from dataclasses import dataclass
@@ -21,21 +21,21 @@ from .run_record import Unit
 from .scenario import MOST_TICKS
 
 LARGEST_STEP_ANGLE = 0.5
-"""Steps are so short that the fastest vibration of the plant turns by no more than this in one [rad]: it is simulated 1 % too fast."""
+"""Largest phase of the plant's fastest vibration per step [rad]: it is then simulated 1 % too fast."""
 MOST_SUBSTEPS = 64
 
 
 @dataclass(frozen=True, kw_only=True)
 class RobotSetup:
-    """A simulated robot, without its references.
+    """Simulated robot, without its references.
 
     q           (nq,) posture at the start
     contacts    frames on the ground
-    ground      None: rigid contacts are fixed; else feet may slip and lift
+    ground      None: rigid contacts are fixed; otherwise feet may slip and lift
     coulomb     (n,) or one for all: Coulomb friction on the motor side [N m]
-    torque_limit  likewise: of the commands [N m]
+    torque_limit  (n,) or one for all: limit of the commands [N m]
     encoder_step  resolution of the encoders, joint side; 0: ideal [rad]
-    gravity     False: none acts and none is compensated
+    gravity     False: no gravity, and none is compensated
     substeps    of MuJoCo per tick; None: as many as the fastest vibration needs
     refresh     ticks between new Jacobians and inertia in the controller
     """
@@ -57,14 +57,14 @@ class RobotSetup:
 
     @property
     def sample_time(self) -> float:
-        """Of the controller [s]. Raises GainroomError where it is continuous."""
+        """Sample time of the controller [s]. Raises GainroomError if it is continuous."""
         if self.control.sample_time is None:
             raise GainroomError("control: the simulation runs a sampled controller; give sample_rate_hz")
         return self.control.sample_time
 
 
 def robot_setup(system: System, posture: str | None = None, contact: str | None = None, **options: Any) -> RobotSetup:
-    """A setup of one state of a robot.yaml; `options` are RobotSetup's own."""
+    """Setup of one state of a robot.yaml; `options` are fields of RobotSetup."""
     model = system.source.linearize(posture, contact)
     return RobotSetup(
         body=model.body,
@@ -79,7 +79,7 @@ def robot_setup(system: System, posture: str | None = None, contact: str | None 
 
 
 def hold(setup: RobotSetup, duration: float) -> Floats:
-    """(k, m) offsets of zero for `duration` [s]. Raises GainroomError for more than MOST_TICKS rows, over all channels together."""
+    """Offsets (k, m) of zero for `duration` [s]. Raises GainroomError for more than MOST_TICKS rows, over all channels together."""
     duration = require_positive("simulation", "duration", duration, "s")
     channels = len(channel_units(setup))
     longest = MOST_TICKS / channels * setup.sample_time
@@ -92,7 +92,7 @@ def hold(setup: RobotSetup, duration: float) -> Floats:
 
 
 def channel_units(setup: RobotSetup) -> tuple[Unit, ...]:
-    """(m,) what each channel is measured in."""
+    """Units (m,) of the channels, "rad" or "m"."""
     joints: tuple[Unit, ...] = tuple("m" if is_prismatic(joint) else "rad" for joint in setup.body.joints)
     if setup.control.space == "joint":
         return joints
@@ -103,7 +103,7 @@ def channel_units(setup: RobotSetup) -> tuple[Unit, ...]:
 
 
 def substeps_for(setup: RobotSetup) -> int:
-    """Steps per tick that the fastest vibration of the linear model needs. Raises GainroomError where they are too many."""
+    """Number of steps per tick that the fastest vibration of the linear model needs. Raises GainroomError if it exceeds MOST_SUBSTEPS."""
     poles = linearize(setup.body, setup.actuators, setup.q, setup.contacts).corners().poles
     fastest = np.abs(poles[poles.imag > 0]).max(initial=0.0)
     needed = max(1, math.ceil(fastest * setup.sample_time / LARGEST_STEP_ANGLE))

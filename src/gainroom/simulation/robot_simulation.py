@@ -1,4 +1,4 @@
-"""A robot and its scenario, as simulated in MuJoCo."""
+"""Simulation of a robot and its scenario in MuJoCo."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -24,19 +24,19 @@ from .simulation_spec import NO_RATE, TORQUE_LIMIT, SimulationSpec, refuse_odd_r
 from .trajectories import Spline
 
 MOST_ROBOT_TICKS = 200_000
-"""Of one run, which is held in memory: 100 s at 2 kHz."""
+"""Most ticks of one run, which is held in memory: 100 s at 2 kHz."""
 DEFAULT_MOVE = 0.01
-"""[m, rad] of a move where none is given."""
+"""Default displacement of a move [m, rad]."""
 
 
 def require_sampled(system: System) -> None:
-    """Raises GainroomError for a continuous controller, which has no ticks to simulate."""
+    """Raise GainroomError for a continuous controller, which has no ticks to simulate."""
     if system.control.sample_time is None:
         raise GainroomError(f"{system.source.name}: {NO_RATE}")
 
 
 def scenario_effects(scenario: RobotScenario) -> tuple[str, ...]:
-    """Names of what a scenario adds to the linear loop."""
+    """Names of the effects that a scenario adds to the linear loop."""
     there = {
         "friction": np.any(scenario.coulomb) or np.any(scenario.viscous),
         "encoder steps": scenario.resolution > 0,
@@ -48,10 +48,10 @@ def scenario_effects(scenario: RobotScenario) -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotSimulation(SimulationSpec):
-    """A robot and its scenario.
+    """Robot with its scenario.
 
-    setup   the robot as the scenario has it
-    model   its linear plant there, with the scenario's viscous friction
+    setup   robot in the scenario's state
+    model   its linear plant in that state, with the scenario's viscous friction
     displacement   (m,) of each channel [rad, m]
     """
 
@@ -61,7 +61,7 @@ class RobotSimulation(SimulationSpec):
 
     @classmethod
     def of(cls, system: System) -> "RobotSimulation":
-        """Raises GainroomError for continuous control, and where the scenario does not fit."""
+        """Simulation of a system with a scenario. Raises GainroomError for continuous control, and where the scenario does not fit."""
         require_sampled(system)
         with named(system.source.name):
             return cls._of(on_a_tree(system))
@@ -101,7 +101,7 @@ class RobotSimulation(SimulationSpec):
 
     @property
     def place(self) -> tuple[str, str]:
-        """Those of the scenario, or the file's first."""
+        """Posture and contact state of the scenario, by default the file's first."""
         scenario, (posture, contact) = self.system.scenario, self.system.source.states[0]
         return scenario.posture or posture, scenario.contact or contact
 
@@ -110,7 +110,7 @@ class RobotSimulation(SimulationSpec):
         return bool(np.any(self.system.scenario.viscous))
 
     def loop(self, gain: float = 1.0) -> Loop:
-        """With fixed contacts."""
+        """Linear loop with all gains times `gain` and contacts fixed."""
         return self.system.loop(self.model).scaled(gain)
 
     def seen_margins(self, gain: float) -> Margins | None:
@@ -120,19 +120,19 @@ class RobotSimulation(SimulationSpec):
         return bounded_margins(StateCase(scenario.posture, scenario.contact, "", self.system, self.model), gain)
 
     def at_rest(self, run: Run) -> slice:
-        """Of a run that ended early, its second half."""
+        """Rows after the move has ended; the second half of a run that ended early."""
         first = round(self.moves_until / self.sample_time) if run.ending == "completed" else len(run.time) // 2
         return slice(first, len(run.time))
 
     @cached_property
     def footings(self) -> tuple[Footing, ...]:
-        """The ground under the feet; empty for fixed contacts."""
+        """Ground under each foot; empty for fixed contacts."""
         setup = self.setup
         return footings(setup.body, setup.q, setup.contacts) if setup.ground is not None and setup.gravity else ()
 
     @property
     def immovable(self) -> tuple[str, ...]:
-        """Directions of tasks that should move and cannot, such as the centre of mass in flight."""
+        """Names of task directions that the scenario moves but the robot cannot, such as the centre of mass in flight."""
         if self.system.control.space == "joint":
             return ()
         tasks = self.system.source.tasks(self.model, self.system.control.rotors)
@@ -140,7 +140,7 @@ class RobotSimulation(SimulationSpec):
 
 
 def _setup(system: System) -> RobotSetup:
-    """The robot as its scenario has it."""
+    """Robot setup in the state and with the effects of its scenario."""
     scenario = system.scenario
     setup = robot_setup(
         system,
@@ -156,7 +156,7 @@ def _setup(system: System) -> RobotSetup:
 
 
 def _displacement(system: System, setup: RobotSetup) -> Floats:
-    """(m,) displacement of each channel. Raises GainroomError where `by` does not fit."""
+    """Displacement (m,) of each channel. Raises GainroomError if the scenario's `by` does not fit."""
     scenario, size = system.scenario, setup.body.size
     if system.control.space == "joint":
         places = list(range(size) if scenario.joint is None else select(scenario.joint, setup.body.joint_names, "scenario.move.joint"))

@@ -1,4 +1,4 @@
-"""A loop or a testbed through a scenario: all at once, or block after block."""
+"""Simulation of a loop or a testbed through a scenario: all at once, or block after block."""
 
 from collections.abc import Iterator
 
@@ -14,7 +14,7 @@ BLOCK = 2000  # ticks
 
 
 def simulate(system: Loop | Testbed, scenario: Scenario) -> Run:
-    """The whole run.
+    """Complete run of a sampled loop or a testbed through a scenario.
 
     system    a sampled loop of any number of joints, built with gainroom.build_loop: stepped exactly; or a Testbed
 
@@ -31,7 +31,7 @@ def simulate(system: Loop | Testbed, scenario: Scenario) -> Run:
 
 
 def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> Iterator[Run]:
-    """The run in parts of `block` ticks, as they are computed; ends early where it diverges, which the last part then says."""
+    """Run in parts of `block` ticks, as they are computed; it ends early if it diverges, with the reason in the last part."""
     signals = Signals(scenario, _sampled(system))
     stepper = TestbedStepper(system, signals) if isinstance(system, Testbed) else LinearStepper(system, signals)
     first, total = 0, signals.ticks + 1  # both ends of the run are rows

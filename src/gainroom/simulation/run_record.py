@@ -1,4 +1,4 @@
-"""The record of a run, tick by tick: one type for a joint, the joints of a loop and a whole robot."""
+"""Run record, tick by tick: one type for a joint, the joints of a loop and a whole robot."""
 
 import math
 from collections.abc import Iterable
@@ -13,17 +13,17 @@ from ..system.assembly import Feedback
 from ..system.linear.arrays import Floats
 
 OVERFLOWING = 1e150  # states beyond are about to overflow
-STEADY_SHARE = 0.1  # of the run: what the steady state is averaged over
+STEADY_SHARE = 0.1  # share of the run over which the steady state is averaged
 REFERENCE_SIGNAL = "reference"
 LOGGED = ("target_torque", "demand_torque", "actual_torque", "motor_position", "link_position", REFERENCE_SIGNAL)
-"""The columns of a log beside time, in their order."""
+"""Columns of a log beside time, in order."""
 Ending = Literal["completed", "diverged", "fell"]
 Unit = Literal["m", "rad"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """A run or a part of it: one row per tick, k rows of n joints, joint side, SI.
+    """Run or part of a run: one row per tick, k rows of n joints, joint side, SI.
 
     time             (k,) [s]
     reference, measured   (k, m) reference and measured value of each channel: joints [rad, m], or directions of tasks
@@ -37,7 +37,7 @@ class Run:
     feedback         the side that the controller measures, "motor" or "link"
     joint_names, channels   (n,) and (m,) names
     ending           "completed" (or not yet ended), "diverged" or "fell"
-    ended_at, reason   when [s] and why the run ended early; None and empty where it did not
+    ended_at, reason   time [s] and reason of an early end; None and "" otherwise
     """
 
     time: Floats
@@ -61,60 +61,60 @@ class Run:
 
     @property
     def units(self) -> tuple[Unit, ...]:
-        """(m,) of the channels."""
+        """Units (m,) of the channels."""
         return ("rad",) * len(self.channels)
 
     @property
     def torque_units(self) -> tuple[str, ...]:
-        """(n,) of the joints' torques."""
+        """Units (n,) of the joint torques."""
         return ("N·m",) * len(self.joint_names)
 
     @property
     def diverged(self) -> bool:
-        """True where the run ended because a joint diverged."""
+        """True if the run ended because a joint diverged."""
         return self.ending == "diverged"
 
     @property
     def diverged_at(self) -> float | None:
-        """[s]; None where nothing diverged."""
+        """Time of divergence [s]; None if nothing diverged."""
         return self.ended_at if self.diverged else None
 
     @property
     def fed_back(self) -> Floats:
-        """(k, n) the true position of the side that is measured [rad]."""
+        """True positions (k, n) of the measured side [rad]."""
         return self.motor_position if self.feedback == "motor" else self.link_position
 
     @property
     def error(self) -> Floats:
-        """(k, m) reference less true position on the side that is fed back."""
+        """Tracking error (k, m): reference minus true position on the measured side."""
         return self.reference - self.fed_back
 
     @cached_property
     def actual(self) -> Floats:
-        """(k, m) the channels' values computed from the true link positions."""
+        """Channel values (k, m) computed from the true link positions."""
         return self.link_position
 
     @cached_property
     def slip(self) -> Floats:
-        """(k, c) distance of each contact frame from its start [m]."""
+        """Distance (k, c) of each contact frame from its start [m]."""
         return np.zeros((len(self.time), 0))
 
     def columns(self) -> dict[str, Floats]:
-        """The columns of a log: `time` (k,), then each of LOGGED (k, n) that these joints have; positions as the encoders read them."""
+        """Columns of a log by name: `time` (k,), then those of LOGGED (k, n) that the run has; positions are encoder readings."""
         columns = {name: getattr(self, name) for name in ("time", *LOGGED)}
         return columns | {"motor_position": self.motor_reading, "link_position": self.link_reading}
 
     def rows(self: "AnyRun", places: slice) -> "AnyRun":
-        """Some of the ticks."""
+        """Run restricted to the ticks `places`."""
         return replace(self, **{name: values[places] for name, values in self.ticking().items()})
 
     def ticking(self) -> dict[str, Floats]:
-        """The fields with one row per tick, by name."""
+        """Fields with one row per tick, by name."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
     def steady_error(self, last: float | None = None) -> Floats:
-        """(m,) mean error over the `last` seconds; None: the last tenth. Raises GainroomError for a run that did not last to its end."""
+        """Mean error (m,) over the `last` seconds; None: the last tenth. Raises GainroomError for a run that ended early."""
         if self.ending != "completed":
             raise GainroomError(f"simulation: no steady state: {self.reason}")
         rows = round(STEADY_SHARE * len(self.time)) if last is None else round(last / self.sample_time)
@@ -125,7 +125,7 @@ AnyRun = TypeVar("AnyRun", bound=Run)
 
 
 def joined(parts: Iterable[AnyRun]) -> AnyRun:
-    """Parts of one run, one after the other. Raises GainroomError where there is none."""
+    """Run joined from consecutive parts. Raises GainroomError if there is none."""
     parts = list(parts)
     if not parts:
         raise GainroomError("a run needs at least one part")
@@ -133,9 +133,9 @@ def joined(parts: Iterable[AnyRun]) -> AnyRun:
 
 
 def cut(run: Run, limit: float, first: int, ticks: int) -> Run:
-    """`run`, which begins at tick `first`, up to where it diverges, if it does.
+    """`run`, which begins at tick `first`, cut where it diverges, if it does.
 
-    It ends before the first row in which a position exceeds `limit` [rad] or a number is not finite; where fewer than `ticks` rows were
+    It ends before the first row in which a position exceeds `limit` [rad] or a value is not finite; if fewer than `ticks` rows were
     computed, after the last of them.
     """
     good = np.ones(ticks, dtype=bool)
@@ -151,5 +151,5 @@ def cut(run: Run, limit: float, first: int, ticks: int) -> Run:
 
 
 def ended(run: AnyRun, ending: Ending, time: float, reason: str) -> AnyRun:
-    """`run`, which ended early at `time` [s]."""
+    """`run` marked as ended early at `time` [s]."""
     return replace(run, ending=ending, ended_at=time, reason=f"{reason} after {time:.4g} s")

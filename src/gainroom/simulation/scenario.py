@@ -1,4 +1,4 @@
-"""A scenario: initial state, reference and disturbances of a loop; evaluated tick by tick."""
+"""Scenario of a simulation: initial state, reference and disturbances of a loop, evaluated tick by tick."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,18 +12,18 @@ from ..system.loop import Loop
 from .trajectories import Step, Trajectory
 
 MOST_TICKS = 2_000_000
-"""Of a run that is held in memory, over all joints together: about 150 MB."""
+"""Most ticks of a run held in memory, over all joints together: about 150 MB."""
 MOST_STREAMED_TICKS = 1e12
-"""[ticks] of any run, years at 1 kHz: numbers of ticks stay whole in a double."""
+"""Most ticks of any run, years at 1 kHz: tick numbers stay exact in a double."""
 DIVERGED = 1e4  # [rad] further than any joint turns, and far from where a double overflows
 
 
 @dataclass(frozen=True)
 class Start:
-    """The state at t = 0: positions [rad] and velocities [rad/s] of both sides, each a number or (n,).
+    """State at t = 0: positions [rad] and velocities [rad/s] of both sides, each a number or (n,).
 
-    None: positions of the reference before t = 0, velocities 0. Until t = 0 everything was at rest there; current loops and
-    delay lines hold no torque, integrators are empty. A velocity given here acts like an impact.
+    None: positions equal the reference before t = 0, velocities are 0. Until t = 0 everything rests there; current loops and delay lines
+    hold no torque, integrators are empty. A velocity given here acts like an impact.
     """
 
     motor_position: Any = None
@@ -34,18 +34,18 @@ class Start:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One run.
+    """Scenario of one run.
 
     reference           x_d [rad]: a Trajectory, a number, or (k, n) values, one row per tick (held before the first, after the last)
     duration            [s]; `simulate` takes at most MOST_TICKS ticks over all joints, `stream` yields any number in parts
     reference_velocity  True: velocity gains act on the velocity error, D (x_d − x) as in eq. (4) of Jung et al. 2017; False: on the
                         measured velocity only; None: False for the P/PI cascade, as its Fig. 13, True for every other controller
     feedforward         torque added to the target torque [N m]; eq. (4)'s d
-    motor_torque, link_torque   torques on either side of the gearbox from outside, held from tick to tick [N m]
+    motor_torque, link_torque   external torques on either side of the gearbox, held from tick to tick [N m]
     noise               standard deviation of the measured position [rad], a number or (n,)
     seed                of the noise
-    start               see Start
-    limit               a joint position beyond this has diverged, which ends the run [rad]
+    start               initial state, see Start
+    limit               joint position [rad] beyond which the run has diverged and ends
 
     Torques as reference: a Trajectory, a number, or (k, n) values.
     """
@@ -81,8 +81,8 @@ class Scenario:
 class Inputs:
     """Inputs of the loop at k successive ticks, each (k, n).
 
-    reference   what position gains compare with the measured position [rad]
-    motion      what the controller's differences compare with it [rad]
+    reference   compared with the measured position by position gains [rad]
+    motion      compared with the measured position by the controller's differences [rad]
     feedforward, motor_torque, link_torque   [N m]
     noise       added to the measured position [rad]
     """
@@ -96,7 +96,7 @@ class Inputs:
 
 
 class Signals:
-    """A scenario's inputs in the order of time, a block of ticks after the other."""
+    """Inputs of a scenario in the order of time, block after block."""
 
     def __init__(self, scenario: Scenario, loop: Loop) -> None:
         assert loop.parts is not None
@@ -117,9 +117,10 @@ class Signals:
         self._noise = self._per_joint("noise", scenario.noise)
 
     def start(self) -> Floats:
-        """The plant's coordinates η, then their rates (plant.mechanism), where the run starts.
+        """Initial coordinates η of the plant, then their rates (plant.mechanism).
 
-        Raises GainroomError where motors and links cannot be there, or move so, together (a rigid joint; links in a closed chain).
+        Raises GainroomError if motors and links cannot have these positions or velocities together (a rigid joint; links in a closed
+        chain).
         """
         given, states = self.scenario.start, []
         sides = np.vstack([self._form.motor_position, self._form.link_position])
@@ -136,7 +137,7 @@ class Signals:
         return np.concatenate(states)
 
     def block(self, first: int, count: int) -> Inputs:
-        """The inputs of ticks `first` to `first` + `count`; blocks must follow one another, for the noise is drawn as time passes."""
+        """Inputs of ticks `first` to `first` + `count`; blocks must follow one another, since noise is drawn in sequence."""
         scenario = self.scenario
         reference = self._at(scenario.reference, "reference", first, count)
         torques = {name: self._at(getattr(scenario, name), name, first, count) for name in ("feedforward", "motor_torque", "link_torque")}

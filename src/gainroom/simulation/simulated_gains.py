@@ -1,16 +1,16 @@
-"""Whether PD gains are stable in the simulator that trains a policy: MuJoCo's own linearisation of one step, closed with the gains.
+"""Stability of PD gains in a training simulator: MuJoCo's own linearisation of one step, closed with the gains.
 
-About a posture at rest, one step takes the small motion x = (δq, h δv) to A x + B τ (mjd_transitionFD). A program's PD, τ = −F x, written
+About a posture at rest, one step takes the small motion x = (δq, h δv) to A x + B τ (mjd_transitionFD). A program's PD, τ = −F x, applied
 as torque and held for d steps, closes it to
 
     x⁺ = (A^d − (I + A + … + A^(d−1)) B F) x
 
-MuJoCo's own actuators are part of its step, so A itself is that of the gains; which of their forces a step takes implicitly is up to the
-integrator, and nothing here knows it. The simulation explodes where an eigenvalue lies outside the unit circle.
+MuJoCo's own actuators are part of its step, so A already contains their gains; the integrator decides which of their forces a step takes
+implicitly. The simulation explodes if an eigenvalue lies outside the unit circle.
 
-Gravity is left out, as in an audit of gains, so what the gains do not move keeps its place or speed. Places that nothing holds (of a
-floating base, of joints without gains) are divided out: beside a constant speed they would be a double eigenvalue at 1, which the
-round-off of differences (1e-10) splits into 1 ± 1e-5.
+Gravity is left out, as in an audit of gains, so a motion without gains keeps its position or speed. Positions that nothing holds (of a
+floating base, of joints without gains) are divided out: beside a constant speed they would be a double eigenvalue at 1, which the round-off
+of differences (1e-10) splits into 1 ± 1e-5.
 """
 
 import math
@@ -31,32 +31,34 @@ from .mujoco_model import MujocoRobot, build_mujoco
 Pd = Literal["explicit", "implicit", "joint-damping"]
 ArmatureOf = Literal["file", "motor"]
 DIFFERENCE = 1e-6
-"""Of central differences, as MuJoCo's documentation has it: truncation 1e-12, round-off 1e-10."""
+"""Step of central differences, as MuJoCo's documentation recommends: truncation 1e-12, round-off 1e-10."""
 GROWS = 1e-8
-"""An eigenvalue is outside the unit circle where it is larger by this: a motion then takes 10⁸ steps to become e times larger. Less may be
-round-off."""
+"""Excess over 1 at which an eigenvalue counts as outside the unit circle: a motion then takes 10⁸ steps to grow by e.
+
+Less may be round-off.
+"""
 UNHELD = 1e-7
-"""Nothing holds a place where a step changes it by less than this part of it: round-off of differences, and some to spare."""
+"""Relative change per step below which nothing holds a position: round-off of differences, with a margin."""
 SEARCH_STEP = 1.1
-"""Factor between the gains, or time steps, that are tried before bisection; what is unstable only in between is not found."""
+"""Factor between gains, or time steps, tried before bisection; instability within one factor is not found."""
 FURTHEST = 1e3
 ACCURACY = 1e-6
 CONTACT_TIME, CONTACT_IMPEDANCE = (0.02, 1.0), (0.9, 0.95, 1e-3, 0.5, 2.0)
-"""solref and solimp that MuJoCo's contacts have by default."""
+"""Default solref and solimp of MuJoCo's contacts."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Simulator:
-    """How MuJoCo is run.
+    """Settings of MuJoCo.
 
     timestep    h [s]
     integrator  MuJoCo's name of it
     pd          explicit: a program computes the torque from the state; implicit: MuJoCo's actuators do, <position kp kv>;
                 joint-damping: kp is an actuator's, and kd the joint's damping in place of the file's
-    decimation  d, the steps for which an explicit torque is held
+    decimation  d, number of steps for which an explicit torque is held
     armature    of the joints: the file's, or the audited motors' inertia
-    damping_in_kd   whether the file's joint damping is a part of kd, rather than beside it
-    flags       the file's option.disableflags, of which those count that bear on damping
+    damping_in_kd   True: the file's joint damping is contained in kd; False: it acts in addition
+    flags       the file's option.disableflags, of which those that affect damping are used
     """
 
     timestep: float
@@ -70,12 +72,12 @@ class Simulator:
 
 @dataclass(frozen=True, eq=False)
 class SimulatorLimit:
-    """Of a common factor on all gains.
+    """Stability limit of a common factor on all gains.
 
-    stable      with these gains
-    gain        the factor at which that changes; inf: none up to 1000; 0: none down to 1/1000
+    stable      True: stable with these gains
+    gain        factor at which stability changes; inf: none up to 1000; 0: none down to 1/1000
     frequency   of the motion that grows beyond it [rad/s]; 0: without oscillation; NaN where there is no limit
-    mode        (n,) the joints in that motion
+    mode        (n,) joint amplitudes of that motion
     """
 
     stable: bool
@@ -86,11 +88,11 @@ class SimulatorLimit:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRobot:
-    """A robot as the simulator has it: rigid joints, no delay, no dry friction, no limits of position or torque, no gravity.
+    """Robot in the training simulator: rigid joints, no delay, no dry friction, no limits of position or torque, no gravity.
 
     q         (nq,) posture
     armature  (n,) [kg m²; kg if prismatic]
-    contacts  frames that are held where they are, as softly as MuJoCo's contacts are by default
+    contacts  frames held in place, as softly as MuJoCo's contacts are by default
 
     Damping and springs of the joints are those of the model's file.
     """
@@ -101,18 +103,18 @@ class SimulatedRobot:
     contacts: tuple[Contact, ...] = ()
 
     def limit(self, simulator: Simulator, kp: Floats, kd: Floats) -> SimulatorLimit:
-        """Of the common factor on kp, kd (n,) [N m/rad, N m s/rad]; joints whose gains are 0 are free.
+        """Limit of the common factor on kp, kd (n,) [N m/rad, N m s/rad]; joints whose gains are 0 are free.
 
         Raises GainroomError for an integrator that MuJoCo does not have.
         """
         return _limit(lambda factor: self._growth(simulator, kp, kd, factor))
 
     def stable(self, simulator: Simulator, kp: Floats, kd: Floats) -> bool:
-        """With these gains; raises as `limit`."""
+        """True if stable with these gains; raises as `limit`."""
         return not self._growth(simulator, kp, kd).unstable
 
     def largest_timestep(self, simulator: Simulator, kp: Floats, kd: Floats) -> float:
-        """The time step [s] below which gains that are unstable are stable; 0: not even at a thousandth of `simulator`'s."""
+        """Time step [s] below which gains that are unstable become stable; 0: not even at a thousandth of `simulator`'s."""
         found = _limit(lambda factor: self._growth(replace(simulator, timestep=factor * simulator.timestep), kp, kd))
         return found.gain * simulator.timestep
 
@@ -125,7 +127,7 @@ class SimulatedRobot:
         return robot
 
     def _growth(self, simulator: Simulator, kp: Floats, kd: Floats, factor: float = 1.0) -> "_Growth":
-        """The largest eigenvalue of the closed step, with `factor` times the gains."""
+        """Largest eigenvalue of the closed step, with `factor` times the gains."""
         step = self._closed(simulator, kp, kd, factor)
         if not np.isfinite(step).all():
             return _Growth(math.inf, 0.0, np.ones(self.body.size, dtype=complex))
@@ -141,7 +143,7 @@ class SimulatedRobot:
         return _Growth(float(abs(values[largest])), float(abs(np.angle(values[largest]))) / period, mode)
 
     def _closed(self, simulator: Simulator, kp: Floats, kd: Floats, factor: float) -> Floats:
-        """(2 nv, 2 nv) of one control period, on (δq, h δv)."""
+        """Transition matrix (2 nv, 2 nv) of one control period, on (δq, h δv)."""
         robot, n, h = self._built, self.body.size, simulator.timestep
         mujoco, model, explicit = library("mujoco", "MuJoCo"), robot.model, simulator.pd == "explicit"
         model.opt.timestep, model.opt.integrator = h, _integrator(mujoco, simulator.integrator)
@@ -173,7 +175,7 @@ class SimulatedRobot:
 
 @dataclass(frozen=True, eq=False)
 class _Growth:
-    """Of a motion in one control period: its factor, its frequency [rad/s], the joints in it."""
+    """Fastest growth of a motion in one control period: its factor, its frequency [rad/s], its joint amplitudes."""
 
     factor: float
     frequency: float
@@ -185,7 +187,7 @@ class _Growth:
 
 
 def _limit(growth: Callable[[float], _Growth]) -> SimulatorLimit:
-    """The factor nearest to 1, upwards from what is stable, else downwards, at which that changes."""
+    """Factor nearest to 1 at which stability changes: above 1 if stable, below if not."""
     first = latest = growth(1.0)
     last = tried = 1.0
     while latest.unstable == first.unstable:
@@ -202,7 +204,7 @@ def _limit(growth: Callable[[float], _Growth]) -> SimulatorLimit:
 
 
 def _damping_flags(mujoco: Any) -> int:
-    """Of MuJoCo's disableflags, those that bear on the joints' damping."""
+    """Bits of MuJoCo's disableflags that affect the joints' damping."""
     bits = mujoco.mjtDisableBit
     return sum(int(getattr(bits, name, 0)) for name in ("mjDSBL_DAMPER", "mjDSBL_PASSIVE", "mjDSBL_EULERDAMP"))
 
@@ -215,7 +217,7 @@ def _integrator(mujoco: Any, name: str) -> Any:
 
 
 def _transition(mujoco: Any, model: Any, data: Any) -> tuple[Floats, Floats]:
-    """A (2 nv, 2 nv) and B (2 nv, nu) of one step, from `data` at rest."""
+    """Transition matrices A (2 nv, 2 nv) and B (2 nv, nu) of one step, from `data` at rest."""
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:  # which mjd_transitionFD refuses
         return _differences(mujoco, model, data)
     state, torque = np.zeros((2 * model.nv, 2 * model.nv)), np.zeros((2 * model.nv, model.nu))
@@ -224,7 +226,7 @@ def _transition(mujoco: Any, model: Any, data: Any) -> tuple[Floats, Floats]:
 
 
 def _differences(mujoco: Any, model: Any, data: Any) -> tuple[Floats, Floats]:
-    """The same by central differences of whole steps."""
+    """Transition matrices A, B of one step by central differences of whole steps."""
     nv, moved = model.nv, mujoco.MjData(model)
 
     def after(change: Floats) -> Floats:

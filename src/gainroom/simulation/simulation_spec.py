@@ -1,4 +1,4 @@
-"""What is simulated: a sampled system, its hardware effects, and the scenario."""
+"""Simulation specification: a sampled system, its hardware effects, and the scenario."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -26,31 +26,31 @@ if TYPE_CHECKING:
 
 NO_RATE = "control.sample_rate_hz is missing: the controller's rate [Hz], a number >= 1, as a simulation goes tick by tick"
 LATE_SHARE = 0.75
-"""Of the run: a reference that moves longer leaves too little of it at rest."""
+"""Latest end of the reference's motion, as a share of the run: later leaves too little of it at rest."""
 FEWEST_TICKS = 20
-"""Of one run: one period of a vibration takes about ten ticks."""
+"""Fewest ticks of one run: one period of a vibration takes about ten."""
 TORQUE_LIMIT = "the torque limit"
 PORTION = 0.25
-"""[s] simulated between two updates of progress and interruption, where a block of ticks would be longer."""
+"""Longest simulated time between two updates of progress and interruption [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationSpec:
-    """What is needed to simulate and judge one run; of a joint here, of a robot in robot_simulation.py. SI units.
+    """Data to simulate and judge one run, of a joint (JointSimulation) or a robot (robot_simulation.py). SI units.
 
     system           the whole file
     kind             "linear", "testbed" or "mujoco"
     duration, sample_time   [s]
     joint_names      (n,)
-    signals          those of LOGGED that a log of the run has
-    moves_until      [s] when the reference comes to rest
-    disturbed_from   [s] when a disturbance torque starts; 0: none
+    signals          signals of LOGGED that a log of the run has
+    moves_until      time at which the reference comes to rest [s]
+    disturbed_from   start of a disturbance torque [s]; 0: none
     fastest          the highest frequency of an oscillating reference [rad/s]; 0 for a move
-    noise, encoder_step   [rad] standard deviation, and resolution, of what is fed back; 0: exact
+    noise, encoder_step   standard deviation and resolution of the measured position [rad]; 0: exact
     torque_limit     (n,) or one for all [N m]; inf: none
-    is_linear        no effect that could bound a vibration's amplitude
+    is_linear        True: no effect that could bound a vibration's amplitude
     effects          names of the effects beside the linear loop, noise included: they may hide a vibration, or bound its amplitude
-    link_decay       [1/s] decay rate of a link behind an immobile motor, B/2J_L
+    link_decay       decay rate of a link behind an immobile motor, B/2J_L [1/s]
     contact_frames   (c,) names
     warnings         what a user should check before simulating
     """
@@ -75,77 +75,77 @@ class SimulationSpec:
 
     @property
     def ticks(self) -> int:
-        """Ticks of the whole run."""
+        """Number of ticks of the whole run."""
         return round(self.duration / self.sample_time)
 
     @property
     def last_event(self) -> float:
-        """[s] of the last change of reference or disturbance."""
+        """Time of the last change of reference or disturbance [s]."""
         return max(self.moves_until, self.disturbed_from)
 
     @property
     def moves_late(self) -> bool:
-        """True where too little of the run is left when the reference has come to rest."""
+        """True if too little of the run is left when the reference has come to rest."""
         return self.moves_until > LATE_SHARE * self.duration
 
     @property
     def never_rests(self) -> bool:
-        """True where the reference still oscillates in the window of the steady-state error."""
+        """True if the reference still oscillates in the window of the steady-state error."""
         return self.fastest > 0 and self.moves_until > (1 - STEADY_SHARE) * self.duration
 
     @property
     def is_exact(self) -> bool:
-        """True where stepping is exact: then a run may be continued to judge it."""
+        """True if stepping is exact, so that a run may be continued to judge it."""
         return self.kind != "mujoco"
 
     @property
     def immovable(self) -> tuple[str, ...]:
-        """Channels that should move and cannot."""
+        """Names of channels that should move and cannot."""
         return ()
 
     @property
     def adds_viscous_friction(self) -> bool:
-        """Whether the scenario has viscous friction beside the joints' own."""
+        """True if the scenario has viscous friction beside the joints' own."""
         return False
 
     @cached_property
     def footings(self) -> "tuple[Footing, ...]":
-        """The ground under the feet; empty for fixed contacts and without feet."""
+        """Ground under each foot; empty for fixed contacts and without feet."""
         return ()
 
     def stream(self, gain: float) -> Iterator[Run]:
-        """The run with all gains times `gain`, part by part. Raises GainroomError where hardware and loop do not go together."""
+        """Run with all gains times `gain`, part by part. Raises GainroomError where hardware and loop do not go together."""
         raise NotImplementedError
 
     @property
     def place(self) -> tuple[str, str]:
-        """Posture and contact state by name; of a joint without names."""
+        """Names of posture and contact state; a joint's are ""."""
         return "", ""
 
     @property
     def state(self) -> str:
-        """Posture and contact state, as text; "" of a joint."""
+        """Posture and contact state as text; "" for a joint."""
         return "/".join(filter(None, self.place))
 
     def loop(self, gain: float = 1.0) -> Loop:
-        """The sampled linear loop with all gains times `gain`, the scenario's viscous friction part of it."""
+        """Sampled linear loop with all gains times `gain`, including the scenario's viscous friction."""
         raise NotImplementedError
 
     def seen_margins(self, gain: float) -> Margins | None:
-        """The margins that are required of that loop, as the core looks at them in milliseconds; None: all of them take no longer."""
+        """Required margins of that loop, from the core in milliseconds; None: computing all of them takes no longer."""
         return None
 
     def at_rest(self, run: Run) -> slice:
-        """The rows after the last change of reference or disturbance."""
+        """Rows after the last change of reference or disturbance."""
         raise NotImplementedError
 
     def continued(self, gain: float, ticks: int, moving: bool) -> Run:
-        """The run from its start, `ticks` longer; `moving`: the reference continues, else it is held. Only where `is_exact`."""
+        """Run from its start, `ticks` longer; `moving`: the reference continues, otherwise it is held. Only if `is_exact`."""
         raise NotImplementedError
 
 
 def refuse_odd_run(duration: float, sample_time: float, most: int) -> None:
-    """Raise GainroomError where `duration` [s] is more than `most` ticks of `sample_time` [s], or fewer than FEWEST_TICKS."""
+    """Raise GainroomError if `duration` [s] is more than `most` ticks of `sample_time` [s], or fewer than FEWEST_TICKS."""
     ticks = round(duration / sample_time)
     if ticks < FEWEST_TICKS:
         raise GainroomError(
@@ -157,17 +157,17 @@ def refuse_odd_run(duration: float, sample_time: float, most: int) -> None:
 
 
 def _end_of(torque: Any, sample_time: float) -> float:
-    """[s] from which on a Trajectory, or values tick by tick, are constant."""
+    """Time [s] from which on a Trajectory, or values tick by tick, are constant."""
     return torque.end if isinstance(torque, Trajectory) else (len(torque) - 1) * sample_time
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointSimulation(SimulationSpec):
-    """A joint, its hardware and a scenario.
+    """Joint with its hardware and a scenario.
 
     hardware    arguments of simulation.Testbed beside the loop; empty: the linear loop, stepped exactly
     described   the file's scenario as text, by key
-    identified  Coulomb friction of motor and link that was identified [N m]; it is not simulated
+    identified  identified Coulomb friction of motor and link [N m]; it is not simulated
     """
 
     scenario: Scenario
@@ -177,7 +177,10 @@ class JointSimulation(SimulationSpec):
 
     @classmethod
     def of(cls, system: System, scenario: Scenario, hardware: Mapping[str, Any], described: Mapping[str, str]) -> "JointSimulation":
-        """`scenario` with Trajectories. Raises GainroomError for a continuous joint, and where the hardware does not fit the loop."""
+        """Simulation of `scenario` with Trajectories.
+
+        Raises GainroomError for a continuous joint, and where the hardware does not fit the loop.
+        """
         joint, feedback, sample_time = system.source, system.control.feedback, system.control.sample_time
         if sample_time is None:
             raise GainroomError(NO_RATE)
@@ -219,7 +222,7 @@ class JointSimulation(SimulationSpec):
 
     @property
     def coulomb(self) -> tuple[float, float] | None:
-        """Friction of motor and link [N m], of the scenario, else as identified; None where nothing is known of it."""
+        """Coulomb friction of motor and link [N m], of the scenario, otherwise as identified; None if neither is known."""
         sides = [self.hardware.get(f"{side}_friction") for side in ("motor", "link")]
         if sides == [None, None]:
             return self.identified
@@ -228,7 +231,7 @@ class JointSimulation(SimulationSpec):
 
     @property
     def scenario_effects(self) -> tuple[str, ...]:
-        """Names of what the scenario adds to the file's linear loop: `effects`, and friction where it is viscous, too."""
+        """Names of the scenario's additions to the file's linear loop: `effects`, and viscous friction too."""
         return tuple(dict.fromkeys([*(["friction"] if self.adds_viscous_friction else []), *self.effects]))
 
     @property
@@ -244,7 +247,7 @@ class JointSimulation(SimulationSpec):
         return self.system.with_values(**viscous).loop().scaled(gain)
 
     def simulated(self, gain: float = 1.0) -> Loop | Testbed:
-        """What is simulated. Raises GainroomError where loop and hardware do not go together."""
+        """Loop or testbed that is simulated. Raises GainroomError where loop and hardware do not go together."""
         if self.is_linear:
             return self.loop(gain)
         return Testbed(self.system.loop().scaled(gain), **self.hardware)  # which adds viscous friction itself
@@ -255,7 +258,7 @@ class JointSimulation(SimulationSpec):
             yield self._as_asked(part, self.scenario)
 
     def _arriving(self, scenario: Scenario) -> Scenario:
-        """`scenario` as it reaches the controller: set-points and the torque that goes with them, later by the delay of commands."""
+        """`scenario` as it reaches the controller: set-points and their feedforward torque delayed by the command delay."""
         delay = self.system.control.command_delay
         if delay == 0:
             return scenario
@@ -269,11 +272,11 @@ class JointSimulation(SimulationSpec):
         return replace(scenario, **late)
 
     def _as_asked(self, run: Run, scenario: Scenario) -> Run:
-        """The run with the reference as it was asked for, not as it arrived."""
+        """Run whose reference is the commanded one, before the command delay."""
         return run if self.system.control.command_delay == 0 else replace(run, reference=scenario.reference.position(run.time))
 
     def at_rest(self, run: Run) -> slice:
-        """The last half, where too little is left by then."""
+        """Rows after the last event; the last half if too little is left by then."""
         return rows_after(run, self.last_event)
 
     def continued(self, gain: float, ticks: int, moving: bool) -> Run:

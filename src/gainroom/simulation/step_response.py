@@ -1,4 +1,4 @@
-"""The closed loop in time: one joint, or one part of a coupled loop, one joint or task direction with all others closed.
+"""Step responses of the closed loop: one joint, or one joint or task direction of a coupled loop with all others closed.
 
 With a unit step w added at the torque command, the loop L obeys  z = L (w − z): z is the measured position after a unit step of
 the reference (L/(1+L), eq. (4) of Jung et al. 2017), and the position under that step of torque is P C e^{−sT} (w − z).
@@ -55,9 +55,10 @@ class StepResponse:
 
 
 def step_response(loop: Loop, end: float | None = None, part: LoopPart | None = None) -> StepResponse:
-    """Both step responses up to `end` [s] (None, of one joint: until settled, or until the vibration has grown thirtyfold).
+    """Step responses to reference and torque up to `end` [s] (None, of one joint: until settled, or the vibration has grown thirtyfold).
 
-    part   of a loop of several joints, with an `end`; its disturbance is 1 of its output (a joint's: 1 N m), read as it reads positions
+    part   of a loop of several joints, with an `end`; its disturbance is 1 of its output (a joint's: 1 N m), in its own combination
+           of positions
 
     Raises GainroomError for loops that were not built with build_loop, and for several joints without a part.
     """
@@ -87,7 +88,10 @@ def step_response(loop: Loop, end: float | None = None, part: LoopPart | None = 
 
 
 def _responding(loop: Loop, part: LoopPart) -> StateSpace:
-    """Torque commands (n), continuous ones without delay → all of the controller's output (n), that of the part (1), what it reads (1)."""
+    """State space from torque commands (n) to all controller outputs (n), that of the part (1), and its measured position (1).
+
+    Continuous ones are without delay.
+    """
     assert loop.parts is not None
     step, nothing = loop.sample_time, np.zeros_like(part.right)
     both = StateSpace.gain(np.array([[*part.right, *nothing], [*nothing, *part.right]]))
@@ -99,7 +103,7 @@ def _responding(loop: Loop, part: LoopPart) -> StateSpace:
 
 
 def _horizon(roots: Complexes) -> float:
-    """The time that is simulated."""
+    """Simulated time [s], from the rightmost roots."""
     growth = float(roots[0].real)
     fastest = float(np.abs(roots).max()) or 1.0
     if growth > 0:
@@ -109,10 +113,10 @@ def _horizon(roots: Complexes) -> float:
 
 
 def _delayed(system: StateSpace, entry: Floats, delays: Floats, step: float, count: int) -> tuple[Floats, Floats]:
-    """`count` steps of a continuous loop with `delays` (n), none but 0 shorter than a step: (z, position), (count + 1,) each.
+    """Responses (z, position) (count + 1,) of a continuous loop with `delays` (n,) in `count` steps; each delay is 0 or at least one step.
 
-    A delayed command is the unit step, which is integrated from where it arrives, less the delayed outputs, continuous and straight
-    between two points. Commands without delay close their loops inside the plant.
+    A delayed command is the unit step, integrated from its arrival, minus the delayed outputs, which are continuous and straight between
+    two points. Commands without delay close their loops inside the plant.
     """
     inputs = len(entry)
     late = np.flatnonzero(delays > 0)
@@ -138,12 +142,12 @@ def _delayed(system: StateSpace, entry: Floats, delays: Floats, step: float, cou
 
 
 def _recur(transposed: Floats, forcing: Floats, states: Floats) -> None:
-    """Fill states (k + 1, m) from the first row; with NaN where they overflow."""
+    """Fill states (k + 1, m) from the first row by recursion; NaN where they overflow."""
     states[_core.recur(transposed, forcing, states, math.inf) + 1 :] = np.nan
 
 
 def _undelayed(system: StateSpace, entry: Floats, step: float, count: int, sample_time: float | None) -> tuple[Floats, Floats]:
-    """Closed, sampled or in continuous time and then sampled: with a constant input nothing is approximated. (z, position) as above."""
+    """Responses (z, position) of a sampled loop, or of a continuous one without delay; exact, since the input is constant."""
     inputs = len(entry)
     # u = (I + D)⁻¹ (w − C x); the constant 1 is the last state
     row = np.linalg.solve(np.eye(inputs) + system.d[:inputs], np.column_stack([-system.c[:inputs], entry]))
@@ -157,7 +161,7 @@ def _undelayed(system: StateSpace, entry: Floats, step: float, count: int, sampl
 
 
 def _held(a: Floats, b: Floats, step: float) -> tuple[Floats, Floats, Floats]:
-    """x⁺ = p x + q u + r u⁺: one step of ẋ = a x + b u whose inputs are straight in between.
+    """Matrices p, q, r of x⁺ = p x + q u + r u⁺: one step of ẋ = a x + b u with inputs straight in between.
 
     First-order hold; Franklin, Powell and Workman, sec. 6.3.
     """

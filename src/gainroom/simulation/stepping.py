@@ -1,7 +1,7 @@
-"""The sampled linear loop, tick by tick, without an integrator: what lies between two ticks is a matrix exponential.
+"""Exact stepping of the sampled linear loop, tick by tick: the motion between two ticks is a matrix exponential.
 
-Plant, current loops and delays are sampled exactly (state_space.hold), whatever the delay; with the controller they make one matrix A,
-and a run is x_{k+1} = A x_k + f_k. The reference enters as the controller's equation says:
+Plant, current loops and delays are sampled exactly (state_space.hold), whatever the delay; with the controller they make one matrix A, and
+a run is x_{k+1} = A x_k + f_k. The reference enters by the controller's equation:
 
     u = D (x_d − x)                          eq. (4) of Jung et al. 2017, PD and PID: velocity gains act on the velocity error
     u = (Kv + Ki/s)(Kp (x_d − x) − ẋ)        Fig. 13, P/PI
@@ -21,7 +21,7 @@ from .scenario import Inputs, Signals
 
 
 class LinearStepper:
-    """A sampled loop of n joints, built from parts, at some tick. Raises GainroomError where it cannot start as the scenario says."""
+    """Simulation state of a sampled loop of n joints. Raises GainroomError if it cannot start in the scenario's state."""
 
     def __init__(self, loop: Loop, signals: Signals) -> None:
         parts, step = loop.parts, loop.sample_time
@@ -45,7 +45,7 @@ class LinearStepper:
         self._offset: Floats | None = None
 
     def advance(self, inputs: Inputs, first: int) -> Run:
-        """The rows of the next ticks, of which the first has number `first`; rows past the first number that is not finite are left out."""
+        """Run over the next ticks, numbered from `first`; rows after the first value that is not finite are left out."""
         assert self.loop.parts is not None
         assert self.loop.sample_time is not None
         if self._offset is None:  # the difference's first past is the first reading
@@ -67,7 +67,7 @@ class LinearStepper:
         return self._rows(states[: min(count + 1, len(entering))], entering, inputs, first)
 
     def _rows(self, states: Floats, entering: Floats, inputs: Inputs, first: int) -> Run:
-        """A run from states (k, m)."""
+        """Run record from states (k, m)."""
         parts, step, size, count = self.loop.parts, self.loop.sample_time, self.size, len(states)
         assert parts is not None
         assert step is not None
@@ -94,7 +94,7 @@ class LinearStepper:
         )
 
     def _delayed(self, target: Floats) -> Floats:
-        """What has arrived of `target` (k, n) at each tick."""
+        """Commands (k, n) that arrive at each tick, from `target` (k, n) and commands in transit."""
         longest = len(self._sent)
         history = np.vstack([self._sent, target])
         self._sent = history[len(history) - longest :]
@@ -102,9 +102,9 @@ class LinearStepper:
 
 
 def _closed(body: StateSpace, control: StateSpace, feedback: str, size: int) -> StateSpace:
-    """The loop closed.
+    """State space of the closed loop.
 
-    Inputs (5n): what position gains act on and what velocity is made from, both without the measurement; torque added to the target;
+    Inputs (5n): values that position gains act on and that velocity is made from, both without the measurement; torque added to the target;
     torques on motors and links. Outputs (6n): those of actuated_state, then the target torque. The body's states come first.
     """
     measured = body.c[:size] if feedback == "motor" else body.c[size : 2 * size]

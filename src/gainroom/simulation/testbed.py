@@ -1,7 +1,7 @@
-"""The virtual testbed: one joint with friction and gravity, its drive on a bus, its encoders, and the loop's own controller.
+"""Virtual testbed: one joint with friction and gravity, its drive on a bus, its encoders, and the loop's own controller.
 
-The bus delivers every command some ticks late, always as late or not; a command that is overtaken is dropped. The drive limits the torque
-and its current loop makes it; the encoders count steps. With friction, gravity, limit, steps and jitter off this is the linear loop.
+The bus delivers every command some ticks late, by a constant delay or with jitter; an overtaken command is dropped. The drive limits the
+torque before its current loop; the encoders quantise. With friction, gravity, limit, quantisation and jitter off this is the linear loop.
 """
 
 import math
@@ -14,7 +14,7 @@ from .friction import Friction
 
 @dataclass(frozen=True)
 class Testbed:
-    """One joint as hardware has it.
+    """Testbed of one joint with real hardware effects.
 
     loop               one joint, sampled, built with gainroom.build_loop: plant, drive, delay and controller
     motor_friction, link_friction   on either side of the gearbox
@@ -23,7 +23,7 @@ class Testbed:
     torque_limit       of the drive [N m]
     motor_resolution, link_resolution   steps of the encoders, on the joint side [rad]; 0: exact
     jitter             the delay of every command is drawn from the drive's delay ± jitter [s]
-    whole_ticks        delays are rounded to whole ticks, as on a bus that is read once a tick
+    whole_ticks        True: delays are rounded to whole ticks, as on a bus that is read once a tick
     substep            longest step of the integration [s]; matters for friction and gravity only
 
     Raises GainroomError for a loop of several joints or without ticks, and for values that are not physical.

@@ -1,4 +1,4 @@
-"""The testbed tick by tick: what the C++ core needs (testbed.hpp), and what it gives back."""
+"""Testbed simulation by the C++ core (testbed.hpp), tick by tick."""
 
 import math
 from dataclasses import replace
@@ -16,7 +16,7 @@ from .testbed import Testbed
 
 
 class TestbedStepper:
-    """A testbed at some tick."""
+    """Simulation state of a testbed."""
 
     __test__ = False  # not a test class, whatever its name
 
@@ -37,7 +37,7 @@ class TestbedStepper:
         self._bed = _core.Testbed(body, _control(loop), hardware, np.linalg.solve(back, state), longest)
 
     def advance(self, inputs: Inputs, first: int) -> Run:
-        """The rows of the next ticks, of which the first has number `first`; rows past the first out of bounds are left out."""
+        """Run over the next ticks, numbered from `first`; rows after the first out of bounds are left out."""
         count = len(inputs.reference)
         nothing = np.zeros(count)
         noises = (inputs.noise[:, 0], nothing) if self.feedback == "motor" else (nothing, inputs.noise[:, 0])
@@ -74,7 +74,7 @@ class TestbedStepper:
 
 
 def _body(testbed: Testbed) -> tuple[_core.Body, Floats]:
-    """Plant with the frictions' viscous parts and current loop; and the matrix that takes its states to actuated_state's."""
+    """Plant with viscous friction and current loop, for the core; and the matrix from its states to those of actuated_state."""
     parts = testbed.loop.parts
     assert parts is not None
     plant = replace(
@@ -99,7 +99,7 @@ def _body(testbed: Testbed) -> tuple[_core.Body, Floats]:
 
 
 def _control(loop: Loop) -> _core.Control:
-    """The controller's difference equation."""
+    """Difference equation of the controller, for the core."""
     assert loop.parts is not None
     assert loop.sample_time is not None
     state = controller_state(loop.parts.controller, loop.size, loop.sample_time)
@@ -109,7 +109,7 @@ def _control(loop: Loop) -> _core.Control:
 
 
 def _hardware(testbed: Testbed, limit: float) -> _core.Hardware:
-    """Everything else."""
+    """Hardware effects of the testbed, for the core."""
     assert testbed.loop.sample_time is not None
     tick = testbed.loop.sample_time
     return _core.Hardware(

@@ -1,7 +1,8 @@
-"""From torque commands to the motors' torques: the delay in the command buffer, the current loops, the torque limits.
+"""Torque line from commands to motor torques: delay in the command buffer, torque limits, current loops.
 
-A command given at tick k acts on the current loop from t_k + T to t_{k+1} + T; between those times nothing is integrated, the current
-loop's answer to held commands is exact. Leapfrog steps want the mean torque over t ± h/2 around each step's time t (mujoco_model.py).
+A command given at tick k acts on the current loop from t_k + T to t_{k+1} + T; between those times nothing is integrated, since the
+response of the current loop to held commands is exact. Leapfrog steps need the mean torque over t ± h/2 around each step's time t
+(mujoco_model.py).
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ from ..system.linear.state_space import split_delay
 
 
 class TorqueLine:
-    """The drives of n joints between a controller's ticks and a simulation's steps; with the commands in transit.
+    """Drives of n joints between a controller's ticks and a simulation's steps, with the commands in transit.
 
     drives        one per joint
     sample_time   between ticks [s]
@@ -71,14 +72,14 @@ class TorqueLine:
 
     @property
     def torque(self) -> Floats:
-        """(n,) the motors' torque at this moment [N m]."""
+        """Motor torques (n,) at this moment [N m]."""
         return self._signals[: self._size].copy()
 
 
 def _tick_map(drive: Drive, sample_time: float, substeps: int, fraction: float) -> Floats:
-    """(2 + substeps + 1, 4) from the current loop's state (τ, τ̇/ω_c), the command before and the command now.
+    """Matrix (2 + substeps + 1, 4) from the current loop's state (τ, τ̇/ω_c), the previous and the present command, over one tick.
 
-    To the state one tick later, then ∫τ dt over the first half step, the full steps between and the last half step.
+    Its rows give the state one tick later, then ∫τ dt over the first half step, the full steps between and the last half step.
     """
     step = sample_time / substeps
     middles = (np.arange(substeps) + 0.5) * step
@@ -97,7 +98,7 @@ def _tick_map(drive: Drive, sample_time: float, substeps: int, fraction: float) 
 
 
 def _held(drive: Drive, duration: float) -> tuple[Floats, Floats]:
-    """What a command held for `duration` does: (2, 3) to the next state and (3,) to ∫τ dt, from state and command."""
+    """Maps of a command held for `duration` [s], from state and command: (2, 3) to the next state, (3,) to ∫τ dt."""
     if drive.is_ideal:
         return np.array([[0.0, 0, 1], [0, 0, 0]]), np.array([0.0, 0, duration])
     w, damping = drive.bandwidth, drive.damping_ratio

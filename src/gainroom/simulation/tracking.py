@@ -9,12 +9,12 @@ import numpy as np
 from ..system.linear.arrays import Floats
 from .run_record import STEADY_SHARE
 
-SETTLED = 0.02  # of the move: the usual band of the settling time
+SETTLED = 0.02  # relative to the move: the usual band of the settling time
 
 
 @dataclass(frozen=True)
 class Tracking:
-    """How what is fed back follows its reference; each (n,), in its unit: rad, and m for tasks in space.
+    """Tracking performance of the measured value; each (n,), in its unit: rad, and m for tasks in space.
 
     rms, peak       of x_d − x over the whole run
     steady_state    mean of x_d − x over the last tenth of the run
@@ -31,7 +31,7 @@ class Tracking:
 
 
 class Tracked(Protocol):
-    """A run of k ticks and what it was to follow, each (k, m)."""
+    """Run of k ticks with its reference, each (k, m)."""
 
     @property
     def time(self) -> Floats: ...
@@ -42,7 +42,7 @@ class Tracked(Protocol):
 
 
 def track(response: Tracked, until: float = math.inf) -> Tracking:
-    """The numbers of a run, completed or not.
+    """Tracking performance of a run, completed or not.
 
     until   start of a later disturbance [s]: overshoot and settling time are those before it; nan for a settling time that it cuts short
     """
@@ -60,7 +60,7 @@ def track(response: Tracked, until: float = math.inf) -> Tracking:
 
 
 def _arrival(response: Tracked, joint: int, rows: int) -> tuple[float, float]:
-    """(overshoot, settling time) of one joint within the first `rows`."""
+    """Overshoot and settling time of one joint within the first `rows`."""
     reference = response.reference[:rows, joint]
     position = reference - response.error[:rows, joint]
     way = reference[-1] - position[0]
@@ -77,7 +77,7 @@ def _arrival(response: Tracked, joint: int, rows: int) -> tuple[float, float]:
 
 
 def _departure(reference: Floats) -> int:
-    """The row at which `reference` (k,) begins to change: a jump at its own row, a smooth start one row before."""
+    """Row at which `reference` (k,) begins to change: a jump at its own row, a smooth start one row before."""
     moved = np.flatnonzero(reference != reference[0])
     if not len(moved):
         return 0

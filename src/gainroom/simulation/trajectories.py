@@ -14,31 +14,31 @@ NANOSECOND = 1e-9  # the 600th tick of 0.5 ms is at 0.3 s, also where its produc
 
 
 class Trajectory:
-    """A function of time t [s] (k,) with values (k, n) in rad, or N m for a torque."""
+    """Function of time t [s] (k,) with values (k, n) in rad, or N m for a torque."""
 
     @property
     def size(self) -> int:
-        """n; 1 goes with any number of joints."""
+        """Number n of joints; 1 goes with any number of joints."""
         raise NotImplementedError
 
     @property
     def end(self) -> float:
-        """[s] from which on it is constant; inf: never."""
+        """Time [s] from which on it is constant; inf: never."""
         raise NotImplementedError
 
     @property
     def fastest(self) -> float:
-        """The highest frequency of an oscillating signal [rad/s]; 0 for a move."""
+        """Highest frequency of an oscillating signal [rad/s]; 0 for a move."""
         return 0.0
 
     def position(self, time: ArrayLike) -> Floats:
-        """The value at `time` (k,): (k, n)."""
+        """Value (k, n) at `time` (k,)."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Step(Trajectory):
-    """`base` before `start` [s], `base` + `height` from then on; both numbers or (n,). With height 0: a constant."""
+    """Step from `base` to `base` + `height` at `start` [s]; both numbers or (n,). With height 0: a constant."""
 
     height: Any = 1.0
     start: float = 0.0
@@ -62,7 +62,7 @@ class Step(Trajectory):
 
 @dataclass(frozen=True)
 class Spline(Trajectory):
-    """Through points at given times, starting and ending at rest.
+    """Spline through points at given times, starting and ending at rest.
 
     times    (p,) [s], rising
     points   (p,) or (p, n)
@@ -93,7 +93,7 @@ class Spline(Trajectory):
 
     @classmethod
     def move(cls, by: ArrayLike, duration: float, start: float = 0.0, order: int = 3, base: ArrayLike = 0.0) -> "Spline":
-        """From `base` to `base` + `by` (numbers or (n,)) in `duration` [s], from `start` [s] on."""
+        """Move from `base` to `base` + `by` (numbers or (n,)) in `duration` [s], from `start` [s] on."""
         require_positive("spline", "duration", duration, "s")
         begin, way = np.broadcast_arrays(np.atleast_1d(require_finite("spline", "base", base)), require_finite("spline", "by", by))
         return cls((start, start + duration), np.stack([begin, begin + way]), order)
@@ -122,7 +122,7 @@ class Spline(Trajectory):
 
 @dataclass(frozen=True)
 class Chirp(Trajectory):
-    """amplitude · sin φ(t) with a frequency that sweeps from `first` to `last` [rad/s] in `duration` [s], then stops where it is.
+    """Chirp amplitude · sin φ(t), its frequency swept from `first` to `last` [rad/s] in `duration` [s]; then it stops in place.
 
     amplitude   a number or (n,); all joints move in phase
     sweep       "linear": ω changes by the same amount every second; "exponential": by the same factor
@@ -168,13 +168,13 @@ class Chirp(Trajectory):
 
 @dataclass(frozen=True)
 class Multisine(Trajectory):
-    """Σ amplitude_m · sin(ω_m t + φ_m) from `start` [s] on, with phases drawn from `seed`, other ones for every joint.
+    """Multisine Σ amplitude_m · sin(ω_m t + φ_m) from `start` [s] on, with phases drawn from `seed`, different for every joint.
 
     frequencies   ω (m,) [rad/s]
     amplitudes    a number, (m,), or (m, n)
-    joints        n, where the amplitudes do not say
+    joints        n, where the shape of the amplitudes does not give it
 
-    The sum begins at 0, so the loop is not excited by a jump: its value at `start` is taken off.
+    The sum begins at 0, so that the loop is not excited by a jump: its value at `start` is subtracted.
     """
 
     frequencies: Any
@@ -227,7 +227,7 @@ class Multisine(Trajectory):
 
 @dataclass(frozen=True)
 class _Moving(Trajectory):
-    """What changes another trajectory, `moving`."""
+    """Modification of another trajectory, `moving`."""
 
     moving: Trajectory
 
@@ -238,7 +238,7 @@ class _Moving(Trajectory):
 
 @dataclass(frozen=True)
 class Held(_Moving):
-    """`moving` until `stop` [s], then constant."""
+    """Trajectory `moving` until `stop` [s], then constant."""
 
     stop: float
 
@@ -252,7 +252,7 @@ class Held(_Moving):
 
 @dataclass(frozen=True)
 class Late(_Moving):
-    """`moving`, `delay` [s] later."""
+    """Trajectory `moving`, delayed by `delay` [s]."""
 
     delay: float
 
@@ -279,7 +279,7 @@ def _start(owner: str, signal: Any) -> None:
 
 
 def _complete(signal: Any, owner: str, *names: str) -> None:
-    """Make the named values (n,) arrays of one length."""
+    """Broadcast the named values to (n,) arrays of one length."""
     values = [np.atleast_1d(require_finite(owner, name, getattr(signal, name))) for name in names]
     size = max(len(value) for value in values)
     for name, value in zip(names, values, strict=True):

@@ -1,17 +1,17 @@
-"""The controller of a whole robot at its ticks: encoders in, motor torques out.
+"""Controller of a whole robot at its ticks: encoder readings in, motor torques out.
 
-It has what a real one has: the encoders, its own model of the links, and the assumption that contacts do not move. The pose of the base
-follows from these: with the joints taken as the encoders read, base and joints are moved until the contact frames are in place, the joints
-as little as possible (in front of elastic gearboxes, encoders of legs closed into a loop contradict each other a little). That is one
-Newton step per tick, as little happens in between, by
+It uses only data that a real controller has: the encoders, its own model of the links, and the assumption that contacts do not move. The
+pose of the base follows: with the joints at the encoder readings, base and joints are moved until the contact frames are in place, the
+joints as little as possible (in front of elastic gearboxes, encoders of legs closed into a loop contradict each other a little). One Newton
+step per tick suffices for the small motion between ticks, by
 
     C = (I − Y S) J_c⁺,    Y = P' Sᵀ W'⁺
 
-so that to first order everything moves as Y θ, as robot/tasks.py has it. The torques are
+so that to first order everything moves as Y θ, as in robot/tasks.py. The torques are
 
     Γ = X D(z) x_e + Yᵀ g(q)
 
-what the tasks' accelerations take (or, in joint space, D(z) θ_e) and the smallest torques that hold the weight.
+the torques for the tasks' accelerations (or, in joint space, D(z) θ_e) and the smallest torques that hold the weight.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ from ..system.system import Control
 
 
 class SampledControl:
-    """A controller with gains per channel, and its filters; with the states of filters and integrators.
+    """Controller with gains per channel, its filters, and the states of filters and integrators.
 
     controller    gains: numbers, (m,) or (m, m)
     channels      m
@@ -65,12 +65,12 @@ class SampledControl:
 
 
 FIRST_NEWTON_STEPS = 4
-"""Newton steps at the first tick, when gearboxes that carry weight are already wound up."""
+"""Number of Newton steps at the first tick, when gearboxes that carry weight are already deflected."""
 
 
 @dataclass(frozen=True)
 class BodyStance:
-    """A posture on its contacts as the controller's model wants it, see robot.model.Stance."""
+    """Posture on its contacts as the controller's model needs it, see robot.model.Stance."""
 
     body: RigidBody
     q: Floats
@@ -81,20 +81,20 @@ class BodyStance:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """As the body's."""
+        """Joint names of the body."""
         return self.body.joint_names
 
 
 def stance_of(body: RigidBody, q: Floats, motor_inertia: Floats, contacts: Sequence[Contact]) -> BodyStance:
-    """The body in posture `q` (nq,), standing on `contacts`, all taken as rigid."""
+    """Stance of the body in posture `q` (nq,) on `contacts`, all taken as rigid."""
     selection = np.eye(body.nv)[body.nv - body.size :]
     return BodyStance(body, q, motor_inertia, body.mass_matrix(q), contact_jacobian(body, q, contacts), selection)
 
 
 class PostureEstimate:
-    """Base and joints from encoders, on contact frames that stay where `start` (nq,) has them.
+    """Estimate of base and joint positions from encoders, with contact frames fixed where `start` (nq,) has them.
 
-    Motion of the base that neither encoders nor contacts show (in flight, on points) is counted on from tick to tick as `follow` has it.
+    Base motion that neither encoders nor contacts show (in flight, on points) is integrated from tick to tick by `follow`.
     """
 
     def __init__(self, body: RigidBody, contacts: Sequence[Contact], start: ArrayLike):
@@ -105,30 +105,30 @@ class PostureEstimate:
         self._running = _core.PostureEstimate(rigid_tree(body), *held_frames(body, contacts), self.q)
 
     def renew(self, held: Floats, follow: Floats) -> None:
-        """Take the contact Jacobian `held` (c, N) and Y = `follow` (N, n) from now on."""
+        """Set the contact Jacobian `held` (c, N) and Y = `follow` (N, n)."""
         back = _core.pseudo_inverse(held, REDUNDANT)
         self._running.renew(back - follow @ back[self._base :], None if self._held else follow[: self._base])
 
     def update(self, positions: Floats) -> Floats:
-        """The posture (nq,) that the encoders' `positions` (n,) show."""
+        """Posture (nq,) estimated from the encoders' `positions` (n,)."""
         self.q = self._running.update(positions)
         return self.q
 
 
 class WholeBodyControl:
-    """What runs on the robot's computer.
+    """Control program of a whole robot.
 
-    body, motor_inertia   its model of the robot; the inertia counts where control.rotors says so
+    body, motor_inertia   its model of the robot; the inertia is used if control.rotors is set
     contacts    frames on the ground; springs under them are not known to it
     start       (nq,) posture at the first tick
     control     joint or task space, filters, feedback, sample time
     stack       tasks by falling priority, in task space
     gravity     True: the weight is compensated
-    refresh     ticks after which Jacobians and inertia are computed anew; errors and weight are at every tick
+    refresh     ticks between updates of Jacobians and inertia; errors and weight are updated at every tick
     gain        common factor on all gains
 
-    Orientations count as rotation vectors from the first tick's, in world axes. Raises GainroomError as tasks_of, and for control without
-    a sample time.
+    Orientations are rotation vectors from the first tick's, in world axes. Raises GainroomError as tasks_of, and for control without a
+    sample time.
     """
 
     def __init__(
@@ -162,15 +162,15 @@ class WholeBodyControl:
 
     @property
     def holding_torque(self) -> Floats:
-        """(n,) what holds the weight in the posture last seen [N m]; zeros where gravity is not compensated."""
+        """Joint torques (n,) that hold the weight in the latest posture [N m]; zeros if gravity is not compensated."""
         if not self._gravity:
             return np.zeros(self._body.size)
         return self._tree.weight(self._estimate.q) @ self._follow
 
     def tick(self, positions: Floats, offset: Floats) -> tuple[Floats, Floats, Floats]:
-        """Torques (n,) on the encoders' `positions` (n,), then reference and measured values (m,).
+        """Torques (n,) for the encoders' `positions` (n,), then reference and measured values (m,).
 
-        offset   (m,) where each channel shall be from where the first tick found it
+        offset   (m,) commanded displacement of each channel from its value at the first tick
         """
         first = self._start is None
         if self._stack or self._gravity:
@@ -189,7 +189,7 @@ class WholeBodyControl:
         return torque + self.holding_torque if self._gravity else torque, reference, value
 
     def _renew(self) -> None:
-        """Jacobians and inertia of the present posture."""
+        """Update Jacobians and inertia to the present posture."""
         self._age, joints = 1, self._body.size
         inertia, held, rows = self._tree.dynamics(self._estimate.q, *self._frames, self._readings)
         if self._tasks:
@@ -200,7 +200,7 @@ class WholeBodyControl:
         self._estimate.renew(held, self._follow)
 
     def _law(self) -> Any:
-        """D(z) of the channels."""
+        """Control law D(z) of the channels."""
         control = self._control
         if not self._tasks:
             return control.controller
@@ -212,5 +212,5 @@ class WholeBodyControl:
 
 
 def values_of(body: RigidBody, stack: Sequence[Task], start: Floats) -> Callable[[Floats], Floats]:
-    """From a posture (nq,) to the tasks' values (m,); orientations as rotation vectors from posture `start`, in world axes."""
+    """Function from a posture (nq,) to the tasks' values (m,); orientations as rotation vectors from posture `start`, in world axes."""
     return _core.TaskValues(rigid_tree(body), tree_tasks(body, stack), start).read

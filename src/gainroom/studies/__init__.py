@@ -1,1 +1,1 @@
-"""What the commands compute: numbers, no files and no pictures."""
+"""Studies: numerical results of the commands, without files or pictures."""

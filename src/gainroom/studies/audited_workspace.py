@@ -1,4 +1,4 @@
-"""Gains of an audit in the whole workspace: the gain margin and the extra delay everywhere, what else is asked of them in a sample."""
+"""Audit of gains in the whole workspace: gain margin and extra delay in every posture, other margins in a sample."""
 
 from dataclasses import dataclass, replace
 
@@ -11,15 +11,15 @@ from .swept_margins import SampledRequirement, WorstStates, worst_states
 from .verdict import Finding
 
 EACH = 20
-"""Postures with the lowest gain limits, and as many at random, of each contact state."""
+"""Number of sampled postures with the lowest gain limits, and as many at random, of each contact state."""
 
 
 @dataclass(frozen=True)
 class AuditedWorkspace:
-    """Gain limits of a workspace, and the sample in which all other margins were judged.
+    """Gain limits over a workspace, and the sample in which all other margins were computed.
 
-    later      gain limits in the same postures with the extra delay that is required; None: none is
-    asked      what the audit requires; of other margins in the sample, what is usual, which decides nothing
+    later      gain limits in the same postures with the required extra delay; None: none is required
+    asked      requirements of the audit; other margins in the sample are judged by defaults, which decide nothing
     """
 
     summary: SweepSummary
@@ -29,34 +29,34 @@ class AuditedWorkspace:
 
     @property
     def safe(self) -> bool:
-        """All that is asked for holds, wherever it was judged."""
+        """True if every requirement is met in every posture in which it was judged."""
         return not self.unmet
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Requirements that are missed in some posture."""
+        """Findings of requirements missed in some posture."""
         return tuple(Finding(name, "unsafe", state="workspace") for name in self.unmet)
 
     @property
     def unmet(self) -> tuple[str, ...]:
-        """The names of what is asked for and missed in some posture."""
+        """Names of the requirements missed in some posture."""
         missed = [] if self.summary.margin_held else ["gain_margin"]
         missed += [] if self.later is None or self.later.margin_held else ["delay_margin"]
         return tuple(dict.fromkeys([*missed, *(name for name in self.sample.unmet if name in self.asked.asked)]))
 
     @property
     def requirements(self) -> list[SampledRequirement]:
-        """What is asked for besides the gain margin, as it is in the sample."""
+        """Requirements other than the gain margin, as judged in the sample."""
         return [one for one in self.sample.requirements if one.requirement.name in self.asked.asked]
 
     @property
     def tightest(self) -> SweepSummary:
-        """The sweep with more postures that are not safe: with the given delay, or with the extra one."""
+        """Sweep with more unsafe postures: with the given delay, or with the extra one."""
         return max([self.summary, *([] if self.later is None else [self.later])], key=lambda one: one.unsafe)
 
     @property
     def scale(self) -> float:
-        """The factor on all gains with which the gain margin holds and the extra delay is survived in every posture; NaN: none is known."""
+        """Factor on all gains with which gain margin and extra delay hold in every posture; NaN: none is known."""
         if self.later is None:
             return self.summary.scale
         scale = min(self.summary.scale, self.later.scale)
@@ -64,10 +64,10 @@ class AuditedWorkspace:
 
 
 def audited_workspace(result: Audit, samples: int, progress: Progress = quiet) -> AuditedWorkspace:
-    """`samples` postures within the joints' limits in every contact state. Raises as over_workspace does.
+    """Audit in `samples` postures within the joints' limits in every contact state. Raises as over_workspace.
 
-    Gains that are unstable with the extra delay that is required miss the delay margin; that those which are stable with it are so with
-    every shorter one, too, is judged in the sample.
+    Gains that are unstable with the required extra delay miss the delay margin; that stable ones are stable with every shorter delay, too,
+    is checked in the sample.
     """
     asked = result.required
     shapes = asked.only(*(name for name in asked.asked if name not in ("gain_margin", "delay_margin")))

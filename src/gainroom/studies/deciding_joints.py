@@ -1,4 +1,4 @@
-"""The joints that decide a margin of a state."""
+"""Joints that decide a margin of a state."""
 
 import math
 
@@ -15,7 +15,7 @@ from .state import STRONG, State, limiting_joints, strongest_first
 
 
 def joints_that_miss(state: State, one: Requirement, needed: float) -> tuple[str, ...]:
-    """The joints that decide a requirement that a state misses, then all whose own loop misses it, the others as they are."""
+    """Names of the joints that decide a missed requirement, then of all whose own loop misses it, the other loops closed."""
     own = one.of_loops(state.counted)
     values = [] if own is None else own.tolist()
     short = [name for name, value in zip(state.model.joint_names, values, strict=False) if not one.met(needed, value)]
@@ -23,10 +23,10 @@ def joints_that_miss(state: State, one: Requirement, needed: float) -> tuple[str
 
 
 def margins_by_joint(state: State, one: Requirement, together: float, deciding: tuple[str, ...]) -> Floats:
-    """(n,) of what a requirement bounds, each joint's own in a state: of its loop, the other loops closed, or, where that is worse, of all.
+    """Values (n,) of a requirement per joint in a state: of its loop, the other loops closed, or of all loops together if that is worse.
 
-    together   the value of all loops together [SI], which counts for the joints that decide it
-    NaN        not known; also of a joint that decides nothing, where the requirement tells nothing of single loops
+    together   value of all loops together [SI], which counts for the joints that decide it
+    NaN        not known; also for a joint that decides nothing, if the requirement is not defined for single loops
     """
     names, own = state.model.joint_names, one.of_loops(state.counted)
     values = np.full(len(names), math.nan) if own is None else np.array(own, dtype=float)
@@ -37,15 +37,15 @@ def margins_by_joint(state: State, one: Requirement, together: float, deciding: 
 
 
 def deciding_joints_in(state: State, name: str) -> tuple[str, ...]:
-    """The joints that decide a margin of a state."""
+    """Names of the joints that decide the margin `name` of a state."""
     return deciding_joints(state.loop, state.counted, state.model.joint_names, name)
 
 
 def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: str) -> tuple[str, ...]:
-    """The joints that move where a margin is: in the vibration at the gain limit, or where the loop is lost to delay or phase.
+    """Names of the joints that move at the frequency of a margin: in the vibration at the gain limit, or at the delay or phase margin.
 
-    The one joint whose loop has the margin, where that is of one loop at a time: the peak sensitivity, and what is less than that of all
-    loops together. None for a requirement that has no frequency, and tells nothing of single loops.
+    A margin of one loop at a time (peak sensitivity, or a single-loop margin below that of all loops together) has a single joint. Empty
+    for a requirement without a frequency that is not defined for single loops.
     """
     if name == "gain_margin" and found.least_gain_margin < found.gain_headroom * (1 - ROUND_OFF) and loop.kd_path is None:
         return (names[first_least(found.one_loop_gain_margins)],)
@@ -71,6 +71,6 @@ def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: st
 
 
 def most_sensitive(response: Complexes, slope: float = 1.0, offset: float = 0.0) -> tuple[Complexes, int]:
-    """S = (I + L)⁻¹ of a response L (n, n), and the loop with the largest |slope S_ii + offset|."""
+    """Sensitivity S = (I + L)⁻¹ of a response L (n, n), and the index of the loop with the largest |slope S_ii + offset|."""
     found = np.linalg.inv(np.eye(len(response)) + response)
     return found, first_least(-np.abs(slope * np.diagonal(found) + offset))

@@ -1,4 +1,4 @@
-"""What makes a joint vibrate, from a recording: the answer of `gainroom diagnose`."""
+"""Diagnosis of a vibrating joint from a recording: the result of `gainroom diagnose`."""
 
 import math
 from dataclasses import dataclass
@@ -16,23 +16,23 @@ from .vibration_prediction import SLOW_LOG, Prediction, predicted_vibration
 
 NAMED = 0.6  # likelihood from which on a cause is named
 AT_LIMIT = ("gain_limit", "aliasing")
-"""Causes that are a loop beyond its gain limit."""
+"""Causes in which the loop is beyond its gain limit."""
 MOVED = 0.35  # steps: less of true motion is an encoder between two steps
 TOGGLES = 0.9  # steps: less in the readings alone may be that
-STRONG = 0.1  # of half the torque's range: a torque that swings by more is no small correction
+STRONG = 0.1  # relative to half the torque's range: a larger swing is no small correction
 HIDDEN = 1.2  # steps: more in the readings is true motion
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What `gainroom diagnose` finds.
+    """Result of `gainroom diagnose`.
 
-    record      as it was examined, without gaps and outliers
+    record      examined record, without gaps and outliers
     outliers    rows of it that were left out
-    search      what was found in it
-    causes      most likely first; empty where nothing vibrates
+    search      oscillation search in it
+    causes      most likely first; empty if nothing vibrates
     predicted   None without a joint.yaml
-    toggles     the encoder goes to and fro between two steps, and the joint hardly moves
+    toggles     True: the encoder alternates between two steps, and the joint hardly moves
     """
 
     record: Record
@@ -46,22 +46,22 @@ class Diagnosis:
 
     @property
     def oscillation(self) -> RecordedOscillation | None:
-        """The oscillation found, whether or not it counts."""
+        """Oscillation found, even if it does not count as vibration."""
         return self.search.oscillation
 
     @property
     def vibrates(self) -> bool:
-        """It grows, is sustained or rings for long."""
+        """True if the oscillation grows, is sustained or rings for long, and is no encoder toggling."""
         return self.oscillation is not None and self.oscillation.vibrates and not self.toggles
 
     @property
     def ran_away(self) -> bool:
-        """The joint left its set-point, further and further to the end of the record, in swings or without."""
+        """True if the joint left its set-point, farther and farther to the end of the record, oscillating or not."""
         return self.search.away is not None
 
     @property
     def verdict(self) -> Verdict:
-        """Unsafe where the joint vibrates, or ran away, in this record; of other motions nothing is said."""
+        """Verdict unsafe if the joint vibrates or ran away in this record; it covers no other motion."""
         found = [Finding("ran_away", "unsafe")] if self.ran_away else []
         if self.vibrates and self.oscillation is not None:
             found.append(Finding("vibrates", "unsafe", {"frequency_rad_s": self.oscillation.vibration.frequency}))
@@ -69,22 +69,22 @@ class Diagnosis:
 
     @property
     def cause(self) -> Cause | None:
-        """The most likely one; None where nothing vibrates, or it cannot be determined."""
+        """Most likely cause; None if nothing vibrates, or no cause is likely enough."""
         first = self.causes[0] if self.causes else None
         return first if first is not None and first.name != UNKNOWN and first.likelihood >= NAMED else None
 
     @property
     def required(self) -> float:
-        """Gain margin that is asked for, as a factor: the file's, else 2."""
+        """Required gain margin as a factor: the file's, otherwise 2."""
         asked = None if self.system is None else self.system.requirements.gain_margin
         return 2.0 if asked is None else float(asked)
 
     @property
     def factor(self) -> float:
-        """What all gains are to be multiplied by to have that margin, by the model; NaN where it does not say.
+        """Factor on all gains that restores that margin, by the model; NaN: not known.
 
-        A loop that is at its limit has no margin left, whatever the model says; one whose torque limit keeps up a vibration has the gains
-        of its limit that are left by the torque limit.
+        A loop at its limit has no margin left, whatever the model says; if the torque limit sustains the vibration, the gains at the limit
+        are those that the torque limit leaves.
         """
         if self.predicted is None or not 0 < self.predicted.limit.gain < math.inf:
             return math.nan
@@ -97,7 +97,7 @@ class Diagnosis:
 
     @cached_property
     def recommended(self) -> Recommendation | None:
-        """Recommended gains, by the model alone; None where there is none, or no gains meet the requirements."""
+        """Recommended gains, by the model alone; None without a model, or if no gains meet the requirements."""
         if self.system is None or self.predicted is None or not self.system.requirements.asked:
             return None
         control = self.system.control
@@ -115,9 +115,9 @@ class Diagnosis:
 
 
 def diagnose(record: Record, system: System | None = None) -> Diagnosis:
-    """What vibrates in `record` and why; `system`: of its joint.yaml, one joint. Its loop runs at its own rate, else at the log's.
+    """Diagnosis of `record`; `system`: of its joint.yaml, one joint, whose loop runs at its own rate, or otherwise at the log's.
 
-    Raises GainroomError where the record holds neither position nor torque.
+    Raises GainroomError if the record holds neither position nor torque.
     """
     record, outliers = without_outliers(record.longest_run(), commands=True)
     own = None if system is None else system.control.sample_time
@@ -141,9 +141,9 @@ def diagnose(record: Record, system: System | None = None) -> Diagnosis:
 
 
 def _toggles(oscillation: RecordedOscillation, predicted: Prediction | None) -> bool:
-    """Whether readings go between two steps while the joint moves by less: with a model the torque says how far it moves.
+    """True if readings alternate between two steps while the joint moves less; with a model the motion follows from the torque.
 
-    Without one a torque that swings regularly, and as much as it ever does in the record, moves the joint.
+    Without a model, a torque that oscillates regularly, and as strongly as anywhere in the record, counts as moving the joint.
     """
     if oscillation.steps >= HIDDEN or oscillation.step == 0:
         return False

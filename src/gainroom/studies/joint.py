@@ -1,4 +1,7 @@
-"""One joint: its analysis, and what exists for n = 1 alone: the regions of its gains, the largest, what limits them, and its ranges."""
+"""Study of one joint: its analysis, and results that exist for n = 1 alone.
+
+Gain regions, largest gains, causes of the limit, and ranges.
+"""
 
 import math
 from collections.abc import Mapping
@@ -29,7 +32,7 @@ RIGID, AT_ONCE = {"stiffness": math.inf, "damping": 0.0}, {"delay": 0.0}
 
 @dataclass(frozen=True)
 class Rule:
-    """The 10 Hz rule's gains on this joint and the margins they have."""
+    """Gains of the 10 Hz rule on this joint, and their margins."""
 
     kp: float
     kd: float
@@ -38,13 +41,13 @@ class Rule:
 
 @dataclass(frozen=True)
 class InRange:
-    """The gains as given, within the uncertainty.
+    """Given gains within the uncertainty.
 
-    unstable_at   the first case in which they are unstable, by quantity, SI; empty: none found, or they are unstable at the nominal values
-    margins       every margin in the case in which it is smallest, of those that were looked at
-    proved        the verdict holds everywhere within; False: no unstable case was found, but there may be one
-    met           every requirement is met everywhere within; None: wherever it was looked at, and not proved in between
-    at            by requirement, the case in which what it bounds is worst, as text; "" at the nominal values
+    unstable_at   first unstable case, by quantity, SI; {}: none found, or the gains are nominally unstable
+    margins       every margin in the examined case in which it is smallest
+    proved        True: the verdict holds everywhere within; False: no unstable case was found, but there may be one
+    met           True: every requirement is met everywhere within; None: met in all examined cases, not proved between them
+    at            case, as text, in which each requirement has its worst value; "" at the nominal values
     """
 
     unstable_at: dict[str, float]
@@ -56,42 +59,42 @@ class InRange:
 
 @dataclass(frozen=True)
 class JointStudy(Analysis):
-    """What `gainroom joint` reports: of the gains as given, of all others, and of recommended ones. Gain regions are computed on demand."""
+    """Results of `gainroom joint` on the given gains, all other gains, and recommended ones. Gain regions are computed on demand."""
 
     @property
     def state(self) -> State:
-        """The one state of a joint."""
+        """State of the joint, its only one."""
         return self.every[0]
 
     @property
     def loop(self) -> Loop:
-        """Of the gains as given."""
+        """Loop with the given gains."""
         return self.state.loop
 
     @property
     def margins(self) -> Margins:
-        """Of the gains as given, at the nominal values."""
+        """Margins of the given gains, at the nominal values."""
         return self.state.margins
 
     @property
     def limit(self) -> GainLimit:
-        """Of the common factor on the gains as given."""
+        """Limit of the common factor on the given gains."""
         return self.margins.limit
 
     @property
     def template(self) -> Any:
-        """The controller whose plane of gains is looked at: the file's own, or a plain PD with its filters where that has none."""
+        """Controller whose gain plane is studied: the file's own, or a plain PD with its filters if that has none."""
         controller = self.system.control.controller
         return controller if controller.has_plane else controller.plain_pd(1.0, 1.0)
 
     @cached_property
     def region(self) -> PDRegion:
-        """Stable PD gains."""
+        """Region of stable PD gains."""
         return self._region(Requirements())
 
     @cached_property
     def required_region(self) -> PDRegion:
-        """Gains that meet the requirements."""
+        """Region of gains that meet the requirements."""
         return self._region(self.system.requirements)
 
     def _region(self, required: Requirements) -> PDRegion:
@@ -110,7 +113,7 @@ class JointStudy(Analysis):
 
     @property
     def kd_at_max_kp(self) -> float:
-        """The kd at which the largest kp is stable; NaN where no kp is the largest or kd has no bound there."""
+        """Gain kd at the largest stable kp; NaN if kp has no largest value or kd no bound there."""
         if not math.isfinite(self.max_kp):
             return math.nan
         (stable,) = self.region.columns(self.max_kp * (1 - 1e-6))
@@ -124,7 +127,7 @@ class JointStudy(Analysis):
 
     @cached_property
     def recommended(self) -> Recommendation | None:
-        """None where nothing is required, or no gains meet it."""
+        """Recommended gains; None if nothing is required, or no gains meet it."""
         found = self._recommend(self.system.uncertainty)
         if found is None:
             return None
@@ -133,7 +136,7 @@ class JointStudy(Analysis):
 
     @cached_property
     def at_usual_rate(self) -> "JointStudy | None":
-        """The recommended gains at USUAL_RATE; None where the file has a rate, or none are recommended."""
+        """Study of the recommended gains at USUAL_RATE; None if the file has a rate, or none are recommended."""
         if not self.system.rate_is_missing or self.recommended is None:
             return None
         control = replace(self.system.control, controller=self.recommended.controller, sample_time=1 / USUAL_RATE)
@@ -141,7 +144,7 @@ class JointStudy(Analysis):
         return JointStudy(sampled, analyze(sampled).every)
 
     def at_rate(self, rate: float) -> Margins:
-        """The worst margins of the recommended gains in a loop at `rate` [Hz], at the nominal values and the corners of the ranges."""
+        """Worst margins of the recommended gains in a loop at `rate` [Hz], over the nominal values and the corners of the ranges."""
         assert self.recommended is not None
         control = replace(self.system.control, controller=self.recommended.controller, sample_time=1 / rate)
         system, uncertain = replace(self.system, control=control), self.system.uncertainty
@@ -157,17 +160,20 @@ class JointStudy(Analysis):
 
     @cached_property
     def exact(self) -> Recommendation | None:
-        """Recommended gains if nothing were uncertain."""
+        """Recommended gains without uncertainty."""
         return self._recommend(Uncertainty()) if self.system.uncertainty.names else self.recommended
 
     @property
     def cost(self) -> float | None:
-        """The part of the exact joint's kp that the uncertainty takes; None where nothing is uncertain, or none are recommended anyhow."""
+        """Share of the exact joint's kp that the uncertainty costs; None without uncertainty, or if no gains are recommended at all."""
         return None if self.exact is None or not self.system.uncertainty.names else cost_of(self.recommended, self.exact)
 
     @cached_property
     def uncertainty_cost(self) -> UncertaintyCost | None:
-        """Where `cost` is known. It takes about as long again as `recommended`, so nothing else asks for it."""
+        """Cost of the uncertainty by quantity; None if `cost` is.
+
+        It takes about as long again as `recommended`, so it is computed on demand.
+        """
         if self.exact is None or self.cost is None:
             return None
         nominal = {"delay": self.system.delay, **vars(self.system.source)}
@@ -175,7 +181,7 @@ class JointStudy(Analysis):
 
     @cached_property
     def rule(self) -> Rule:
-        """The 10 Hz rule, which uses the reflected motor inertia alone; a joint without one falls back on the load's."""
+        """Gains of the 10 Hz rule, which uses the reflected motor inertia alone; a joint without one uses the load's."""
         joint, template = self.system.source, self.template
         inertia = joint.motor_inertia or joint.link_inertia
         kp, kd = inertia * RULE_FREQUENCY**2, 2 * RULE_DAMPING * inertia * RULE_FREQUENCY
@@ -183,7 +189,7 @@ class JointStudy(Analysis):
 
     @cached_property
     def others(self) -> dict[str, tuple[Loop, Margins]]:
-        """The same controller without "delay", "elasticity", "delay and elasticity", where there is any (Jung et al. 2017, Fig. 9)."""
+        """Loop and margins of the same controller without "delay", "elasticity", "delay and elasticity" (Jung et al. 2017, Fig. 9)."""
         system = self.system
         elastic = math.isfinite(system.source.stiffness) and math.isfinite(system.source.link_inertia)
         changes = {"delay": AT_ONCE} if system.delay > 0 else {}
@@ -194,12 +200,12 @@ class JointStudy(Analysis):
 
     @property
     def without(self) -> dict[str, float]:
-        """Their gain limits."""
+        """Gain limits of `others`, by name."""
         return {name: found.limit.gain for name, (_, found) in self.others.items()}
 
     @cached_property
     def in_range(self) -> InRange:
-        """Looked at are each quantity at its ends, then the corners and a filling, then what comes up while the whole range is proved."""
+        """Given gains in the range; examined are the ends of each quantity, corners, a filling, and cases that arise during the proof."""
         uncertain, asked = self.system.uncertainty, self.system.requirements
         if not uncertain.names or not self.margins.stable:
             return InRange({}, self.margins, True, self.margins.stable and asked.met_by(self.margins))
@@ -229,7 +235,7 @@ class JointStudy(Analysis):
         return InRange({}, worst.margins, proved, met, worst.at)
 
     def _proof(self, required: Requirements, most: int) -> Proof:
-        """Whether the gains as given meet `required` everywhere in the range; nothing required: whether they are stable there."""
+        """Proof that the given gains meet `required` everywhere in the range; with nothing required, that they are stable there."""
         system, control = self.system, self.system.control
 
         def breaks(values: dict[str, float]) -> bool:
@@ -250,21 +256,21 @@ class JointStudy(Analysis):
 
     @property
     def unstable_at(self) -> dict[str, float]:
-        """See InRange."""
+        """First unstable case, see InRange."""
         return self.in_range.unstable_at
 
     @property
     def range_proved(self) -> bool:
-        """What is said of the whole range is proved."""
+        """True if the statement about the whole range is proved."""
         return self.in_range.proved
 
     def worst_in(self, state: State) -> Worst:
-        """See in_range."""
+        """Worst margins over the range, from in_range."""
         return Worst(self.in_range.margins, self.in_range.at, case_text(self.unstable_at))
 
     @property
     def requirements_met(self) -> bool | None:
-        """See InRange."""
+        """True if all requirements are met in the range; None: not proved, see InRange."""
         return self.in_range.met
 
 
@@ -273,5 +279,5 @@ def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
 
 
 def study_joint(system: System) -> JointStudy:
-    """One joint, analysed; regions, largest gains and gains to use are worked out when they are asked for."""
+    """Study of one joint; regions, largest gains and recommended gains are computed on demand."""
     return JointStudy(system, analyze(system).every)

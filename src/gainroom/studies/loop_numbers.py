@@ -1,4 +1,4 @@
-"""Numbers of one loop as studies take them: where some cannot be found, the verdict alone."""
+"""Margins and limits of one loop for studies; where numbers cannot be found, stability alone."""
 
 import math
 from dataclasses import replace
@@ -19,13 +19,13 @@ from ..system.loop import Loop
 from ..system.system import StateCase
 
 FAR_BELOW = 0.01
-"""Of gains that are not stable themselves: there the proof of their limit begins, if it can."""
+"""Factor on unstable gains at which the proof of their limit begins, if it can."""
 LATE = 1.5
-"""Times what is required: a delay margin below that is certified."""
+"""Multiple of the required delay margin below which a delay margin is certified."""
 
 
 def margins_of(loop: Loop, largest: bool = False) -> Margins:
-    """`margins`, of several joints the phase margin without sign and, if so, `largest` gains; the verdict alone where loci are lost."""
+    """Margins of a loop, several joints' phase margin unsigned and, if `largest`, with largest gains; stability alone if loci are lost."""
     try:
         if loop.size > 1:
             found = joint_margins(loop) if largest else margins(loop)
@@ -36,9 +36,9 @@ def margins_of(loop: Loop, largest: bool = False) -> Margins:
 
 
 def extra_delay(loop: Loop, factor: float = 1.0) -> float:
-    """The delay margin [s], inf where no extra delay makes the loops vibrate; NaN for unstable ones, and where it is not known.
+    """Delay margin [s]; inf if no extra delay makes the loops vibrate; NaN for unstable ones, and if it is not known.
 
-    factor   on all gains
+    factor   common factor on all gains
     """
     try:
         return coupled_delay_margin(loop.scaled(factor)) if loop.size > 1 else margins_of(loop.scaled(factor)).delay_margin
@@ -47,10 +47,9 @@ def extra_delay(loop: Loop, factor: float = 1.0) -> float:
 
 
 def with_certified_delay(case: StateCase) -> Margins:
-    """bounded_margins, whose delay margin is certified where it is near what is required.
+    """Sampled margins (bounded_margins) with the delay margin certified if it is near the requirement.
 
-    Of two crossings that are close, as equal limbs have them, samples may see the later one alone; and a share of a tick is not quite a
-    phase.
+    Samples may miss the earlier of two close crossings, which equal limbs have; and a fraction of a tick is not exactly a phase.
     """
     found, needed = bounded_margins(case), case.system.requirements.delay_margin
     if needed is None or not found.delay_margin < LATE * needed:
@@ -59,7 +58,7 @@ def with_certified_delay(case: StateCase) -> Margins:
 
 
 def limit_of(loop: Loop) -> GainLimit:
-    """gain_limit, or the verdict alone."""
+    """Gain limit of a loop; stability alone if the limit cannot be found."""
     try:
         return gain_limit(loop)
     except GainroomError as error:
@@ -67,16 +66,16 @@ def limit_of(loop: Loop) -> GainLimit:
 
 
 def first_factor(loop: Loop) -> float:
-    """The smallest factor on all gains at which a loop vibrates; NaN where it is not known.
+    """Smallest factor on all gains at which a loop vibrates; NaN: not known.
 
-    The proof begins at rest and ends at the first crossing, so that of a part of unstable gains is theirs. Limbs that do not feel each
-    other are asked one by one.
+    The proof begins at zero gain and ends at the first crossing, so the limit of an unstable loop's smaller gains is its own. Uncoupled
+    limbs are examined one by one.
     """
     return float(np.min([_first_factor(limb) for _, limb in limbs_of(loop)] or [_first_factor(loop)]))
 
 
 def _first_factor(limb: Loop) -> float:
-    """The same of a loop that does not fall apart."""
+    """Smallest factor on all gains at which a loop of one coupled group vibrates; NaN: not known."""
     proved = proved_limit(limb)
     if proved is not None:
         return proved.gain
@@ -88,9 +87,9 @@ def _first_factor(limb: Loop) -> float:
 
 
 def _verdict(loop: Loop, error: GainroomError) -> GainLimit:
-    """Whether the loop is stable where nothing else could be found: as gain_limit has it, roots that no gain moves are not counted.
+    """Stability alone of a loop whose limit cannot be found; as in gain_limit, roots that no gain moves are not counted.
 
-    Raises `error` where the roots cannot be found, either.
+    Raises `error` if the roots cannot be found, either.
     """
     try:
         stable = not has_growing_root(loop) and (unstable_roots(loop) == 0 or Sweep(loop).unstable(1.0) == 0)

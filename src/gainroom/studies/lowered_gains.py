@@ -1,4 +1,4 @@
-"""Gains in place of unsafe ones: those of some joints, or of all, each lowered as little as is needed, and certified as they are typed."""
+"""Safe gains in place of unsafe ones: those of some joints, or of all, each lowered as little as needed, certified as rounded."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,30 +20,32 @@ from .state import State, limiting_joints
 from .worst_place import OverRange
 
 MOST_DIGITS = 7
-"""Of a gain that is typed."""
+"""Most digits of a rounded gain."""
 GROWTHS = 5
-"""Times that joints are added to those whose gains are lowered."""
+"""Most times that joints are added to the set whose gains are lowered."""
 HARDLY_MORE = 1.1
-"""Power of the common factor to which the others may go so that a joint keeps its gains, or more of them. To first order joints raise a
-limit by what they take part in it: one that takes a tenth part or less costs the others no more than this."""
+"""Power of the common factor to which other joints may be lowered so that one joint keeps its gains, or more of them.
+
+To first order joints raise a limit by their participation: one with a tenth or less costs the others no more than this.
+"""
 ALIKE = 1e-4
-"""Relative: limits of mirrored joints, which differ by round-off and by how near they are followed."""
+"""Relative difference of the limits of mirrored joints, by round-off and the accuracy of following them."""
 WORTH = 1.05
-"""Times the common factor that joints are to have of their own, in the geometric mean: for less the common one is simpler."""
+"""Least geometric mean of individual factors relative to the common one: for less the common one is simpler."""
 LEAST_RISE = 1.02
-"""Times as much as the others that a joint's own factor is tried to be, at first: a joint that cannot have it stays with them."""
+"""First trial of a joint's individual factor relative to the others': a joint that cannot have it stays with them."""
 NEARLY_ALIKE = 0.02
-"""Relative, as ALIKE, of joints that get the same factor: left and right ones of a real robot's model differ by so much."""
+"""Relative difference of the limits of joints that get the same factor: left and right ones of a real robot's model differ by as much."""
 ROUNDS = 10
-"""Rounds in which gains are lowered at the worst places of a range, which are then others."""
+"""Most rounds in which gains are lowered at the worst places of a range, which change with the gains."""
 HELD = 4
-"""Places that are held from one round on, the worst of it."""
+"""Number of places kept from one round to the next, its worst ones."""
 MOST_TRIED = 40
-"""Joints that are tried one by one, a look at every state each."""
+"""Most joints that are tried one by one, each with one evaluation of every state."""
 
 
 class AuditOfGains(Protocol):
-    """What gains in place of others are made from: an audit (audit.py), which asks for them."""
+    """Interface to an audit (audit.py) from which safe gains are derived."""
 
     @property
     def system(self) -> System: ...
@@ -78,12 +80,12 @@ SomeAudit = TypeVar("SomeAudit", bound=AuditOfGains)
 
 @dataclass(frozen=True)
 class GainsToUse(Generic[SomeAudit]):
-    """Gains in place of unsafe ones, certified as they are typed.
+    """Safe gains in place of unsafe ones, certified as rounded.
 
-    factors  (n,) on the gains of each joint; 1: they stay
-    joints   those whose gains do not
-    gains    (n,) by name, rounded to the digits that are typed
-    audited  their audit: safe
+    factors  (n,) on the gains of each joint; 1: unchanged
+    joints   names of the joints whose gains change
+    gains    (n,) by name, rounded
+    audited  audit of these gains: safe
     """
 
     factors: Floats
@@ -93,15 +95,15 @@ class GainsToUse(Generic[SomeAudit]):
 
     @property
     def factor(self) -> float | None:
-        """The one on the gains of `joints`; None where they differ."""
+        """Common factor on the gains of `joints`; None if factors differ."""
         lowered = set(self.factors[self.factors < 1].tolist())
         return lowered.pop() if len(lowered) == 1 else None
 
 
 def gains_to_use(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
-    """The gains of some joints, or else of all, each lowered as little as is needed; None where none are known to be safe.
+    """Safe gains: those of some joints, or otherwise of all, each lowered as little as needed; None if none are known.
 
-    Factors have three digits, the gains four or as many more as leave them safe.
+    Factors have three digits, gains four or as many more as needed to keep them safe.
     """
     names = result.system.source.joint_names
     exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}
@@ -120,9 +122,9 @@ def gains_to_use(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
 
 
 def gains_over_range(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
-    """Gains that are safe at every place of a range that is tried; None where none are known.
+    """Safe gains at every place of a range that is tried; None if none are known.
 
-    What holds at the worst places may miss something at others: these are then held, too, all at once.
+    Gains that hold at the worst places may fail at others: these are then added, all at once.
     """
     over = result.over
     for _ in range(ROUNDS):
@@ -139,11 +141,11 @@ def gains_over_range(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
 
 
 def _each_its_own(result: AuditOfGains, lowered: Booleans, factor: float) -> Iterator[Floats]:
-    """Factors (n,) on the gains of the joints `lowered` (n,), of which a common `factor` is good; nothing where that is not known.
+    """Candidate factors (n,) on the gains of the joints `lowered` (n,), for which the common `factor` is safe; none if it is not known.
 
-    First each joint's own: each is raised from the common one as far as the others allow. Where that brings little, as where all of them
-    vibrate together, from hardly less than the common one: a joint that hardly decides then keeps most of its gains, and those that do
-    give away little. The common one comes last.
+    Individual factors come first: each is raised from the common one as far as the others allow. If that gains little, as when all joints
+    vibrate together, they are raised from slightly below the common one: a joint that hardly matters then keeps most of its gains, and the
+    others give up little. The common factor comes last.
     """
     if not factor > 0:
         return
@@ -157,9 +159,9 @@ def _each_its_own(result: AuditOfGains, lowered: Booleans, factor: float) -> Ite
 
 
 def _raised(result: AuditOfGains, lowered: Booleans, factor: float) -> Floats:
-    """Factors (n,) from a good one on the joints `lowered` (n,), each raised in turn, those that take the least part in vibration first.
+    """Factors (n,) raised in turn from a safe one on the joints `lowered` (n,), least participating joints first.
 
-    Images of each other, and joints that are nearly alike, have the same.
+    Mirror images, and joints with nearly equal limits, get one factor.
     """
     own, left = np.where(lowered, factor, 1.0), lowered.copy()
     for first in sorted(np.flatnonzero(lowered).tolist(), key=lambda k: -result.joints[k].limit):
@@ -175,10 +177,10 @@ def _raised(result: AuditOfGains, lowered: Booleans, factor: float) -> Floats:
 
 
 def _lowered(result: AuditOfGains) -> Iterator[tuple[Booleans, float]]:
-    """Sets of joints (n,), each with the largest factor found on their gains alone; NaN: none was found.
+    """Sets of joints (n,) to be lowered, each with the largest safe factor found on their gains alone; NaN: none was found.
 
-    First those that are short of the gain margin, then all unsafe ones, each with the joints that vibrate once they are lowered; last all.
-    Of the first two sets first those joints that must be lowered.
+    First joints short of the gain margin, then all unsafe ones, each with the joints that vibrate once these are lowered; last all joints.
+    Each of the first two sets is preceded by the subset that must be lowered.
     """
     names, limits = result.system.source.joint_names, np.array([joint.limit for joint in result.joints])
     vibrating = {name for state in result.states if not result.enough_together_in(state) for name in state.limiting_joints}
@@ -201,10 +203,10 @@ def _lowered(result: AuditOfGains) -> Iterator[tuple[Booleans, float]]:
 
 
 def _without_carried(result: AuditOfGains, lowered: Booleans, factor: float) -> Iterator[tuple[Booleans, float]]:
-    """The joints of `lowered` (n,) without those that others only carry along, where there are some, with their own largest factor.
+    """Joints of `lowered` (n,) without those that need not be lowered, if there are any, with their own largest factor.
 
-    A joint is carried along where the others, lowered by hardly more than `factor`, have what is required while its gains stay. Images of
-    each other keep their gains together or not at all.
+    A joint need not be lowered if the others, lowered by slightly more than `factor`, meet the requirements while its gains stay. Mirror
+    images keep their gains together or not at all.
     """
     if not (0 < factor < 1 and np.count_nonzero(lowered) <= MOST_TRIED):
         return
@@ -220,7 +222,7 @@ def _without_carried(result: AuditOfGains, lowered: Booleans, factor: float) -> 
 
 
 def _images(result: AuditOfGains, first: int, near: float = ALIKE) -> Booleans:
-    """(n,) the joints with the same gains as the `first` that are its images by name, or have the same limit."""
+    """Joints (n,) with the gains of joint `first` that are its mirror images by name, or have the same limit."""
     one, of = result.joints[first], image_groups(result.system.source.joint_names)
     same = [(one.kp, one.kd, one.ki) == (other.kp, other.kd, other.ki) for other in result.joints]
     alike = [of[k] == of[first] or math.isclose(one.limit, other.limit, rel_tol=near) for k, other in enumerate(result.joints)]
@@ -228,7 +230,7 @@ def _images(result: AuditOfGains, first: int, near: float = ALIKE) -> Booleans:
 
 
 def _with_images(result: AuditOfGains, lowered: Booleans) -> Booleans:
-    """The joints (n,) and their images, whose gains are lowered together: limbs that take turns have the same gains."""
+    """Joints (n,) together with their mirror images, whose gains are lowered together: limbs that take turns have the same gains."""
     of, kept = np.array(image_groups(result.system.source.joint_names)), lowered.copy()
     for first in np.flatnonzero(lowered).tolist():
         kept |= _images(result, first, near=0.0) & (of == of[first])

@@ -1,7 +1,7 @@
-"""Detection of vibration in a run, and whether it is sustained.
+"""Detection of sustained vibration in a simulated run.
 
-It is searched after the last change of reference or disturbance. A run that is stepped exactly is continued where that comes late, and
-where a stable linear loop shows an oscillation, which may still decay; MuJoCo's runs are also searched during the motion.
+The search starts after the last change of reference or disturbance. A run that is stepped exactly is continued if that comes late, and if a
+stable linear loop shows an oscillation, which may still decay; MuJoCo's runs are also searched during the motion.
 """
 
 import math
@@ -22,7 +22,7 @@ RESTING = 0.1  # damping ratio above which an oscillation is the settling of a j
 HARMONICS = 5.0  # times a moving reference's own frequency: most of friction's harmonics lie below
 UNCHANGED = 0.1  # relative: a vibration that changes less over the rows examined is sustained
 PATIENCE = 7.0  # time constants: a decaying motion is then down to a thousandth
-UNDIMINISHED = 0.7  # of its size before: irregular motion that falls below decays
+UNDIMINISHED = 0.7  # relative to the size before: irregular motion that falls below decays
 FRICTION_STARTS = 1e-4  # [m, rad] smaller oscillations during motion are not counted: friction excites them as the motion starts and turns
 PREDICTED = 1e-6  # [m, rad] likewise of the vibration that an unstable linear loop predicts
 NEAR_LIMIT = 0.15  # relative: how far the frequency may be from that at the limit. It rises with the gains, and other postures have others
@@ -35,8 +35,8 @@ class Thresholds:
     """Amplitudes below which a vibration is not counted [m, rad].
 
     gone    decayed
-    least   below what is visible on hardware
-    steps   times the encoders' step, or the noise's standard deviation, which cause as much in a stable loop
+    least   below visibility on hardware
+    steps   in multiples of the encoders' step, or the noise's standard deviation, which cause as much in a stable loop
     """
 
     gone: float
@@ -46,22 +46,22 @@ class Thresholds:
 
 EXACT = Thresholds(gone=1e-9, least=1e-6, steps=3.0)
 MUJOCO = Thresholds(gone=1e-5, least=1e-5, steps=10.0)
-"""The compliance of contacts and constraints, and the transients of gears, are smaller."""
+"""Thresholds for MuJoCo: the compliance of contacts and constraints, and gear transients, are smaller."""
 
 
 @dataclass(frozen=True)
 class Oscillation:
-    """A vibration in a run.
+    """Vibration in a run.
 
     vibration   frequency, growth and amplitude [m, rad]: of the error after the last event; during motion, of the motor that moves most
     rows        of the run in which it was found
-    lasts       it grows, or does not decay, and is large enough: it counts
-    sustained   it neither grows nor decays over the rows examined
-    moving      found while the reference moved, or before the run ended early
-    irregular   noise or encoder steps drive it, without a single frequency: `vibration` has the same power, at its mean frequency
+    lasts       True: it grows, or does not decay, and is large enough to count
+    sustained   True: it neither grows nor decays over the rows examined
+    moving      True: found while the reference moved, or before the run ended early
+    irregular   True: driven by noise or encoder steps, without a single frequency: `vibration` has its power, at its mean frequency
     names, parts   (j,) a joint's sides, or a robot's motors, and their complex amplitudes, the largest 1
     swing       the largest amplitude, at the end of those rows [m, rad]
-    least       a smaller amplitude does not count [m, rad]
+    least       smallest amplitude that counts [m, rad]
     """
 
     vibration: Vibration
@@ -77,14 +77,14 @@ class Oscillation:
 
     @property
     def strongest(self) -> tuple[str, ...]:
-        """Names of those that take part, the largest amplitude first."""
+        """Names of the participating signals, the largest amplitude first."""
         parts = np.abs(self.parts)
         return tuple(self.names[k] for k in strongest_first(self.parts).tolist() if parts[k] >= STRONG * parts.max())
 
 
 @dataclass(frozen=True)
 class _Record:
-    """Rows without a change of reference or disturbance: (k, m) the error, and (k, j) the oscillating positions, by name.
+    """Rows without a change of reference or disturbance: error (k, m), and oscillating positions (k, j), by name.
 
     Only frequencies above `above` [rad/s] count.
     """
@@ -97,12 +97,12 @@ class _Record:
 
 
 def oscillation_in(spec: SimulationSpec, gain: float, run: Run, limit: GainLimit | None) -> tuple[Oscillation | None, float]:
-    """The vibration in a run with all gains times `gain`: one that is sustained or grows, else one that decays; None where there is none.
+    """Vibration in a run with all gains times `gain`: a sustained or growing one, otherwise a decaying one; None if there is none.
 
     limit   of the linear loop, as a factor on the gains of the run; None: they act on no motion
 
-    Second: the motion of the joint due to noise and encoder steps where no vibration is sustained, RMS [rad]. A linear loop vibrates only
-    where it is unstable, whatever a short record shows. A robot's run that ended early is searched only where its linear loop is unstable:
+    The second value is the joint's motion due to noise and encoder steps where no vibration is sustained, RMS [rad]. A linear loop vibrates
+    only if it is unstable, whatever a short record shows. A robot's run that ended early is searched only if its linear loop is unstable:
     the oscillation of a toppling robot is no vibration.
     """
     stable, completed = limit is None or limit.stable, run.ending == "completed"
@@ -120,7 +120,7 @@ def oscillation_in(spec: SimulationSpec, gain: float, run: Run, limit: GainLimit
 
 
 def _oscillation_of(spec: SimulationSpec, record: _Record, stable: bool, irregular: bool = True) -> tuple[Oscillation | None, float]:
-    """The vibration in `record`, and the RMS of irregular motion where none is sustained; `stable`: the linear loop."""
+    """Vibration in `record`, and the RMS of irregular motion where none is sustained; `stable`: stability of the linear loop."""
     sizes, unsteady = EXACT if spec.is_exact else MUJOCO, max(spec.noise, spec.encoder_step)
     least = max(sizes.least, sizes.steps * unsteady)
     if spec.is_exact:
@@ -142,7 +142,7 @@ def _oscillation_of(spec: SimulationSpec, record: _Record, stable: bool, irregul
 
 
 def _oscillation(spec: SimulationSpec, record: _Record, found: Vibration, least: float, possible: bool) -> Oscillation:
-    """With its parts and size over the last periods: over a whole record a pole and a limit cycle drift apart in phase."""
+    """Oscillation with its parts and size over the last periods: over a whole record a pole and a limit cycle drift apart in phase."""
     parts = parts_in(record.swinging, spec.sample_time, found)
     largest = complex(parts[np.argmax(np.abs(parts))])
     swing, size = float(np.abs(parts).max()), found.amplitude
@@ -158,14 +158,14 @@ def _oscillation(spec: SimulationSpec, record: _Record, found: Vibration, least:
 
 
 def _lasts(found: Vibration, linear: bool) -> bool:
-    """Whether it does not decay; `linear`: no effect bounds its amplitude."""
+    """True if the vibration does not decay; `linear`: no effect bounds its amplitude."""
     return found.growth_rate > 0 if linear else found.damping_ratio < LASTING
 
 
 def _irregular(spec: SimulationSpec, record: _Record) -> tuple[Oscillation | None, bool]:
-    """Motion without a single frequency in the last third, and whether it has not decayed since the third before; None without motion.
+    """Motion without a single frequency in the last third, and True if it has not decayed since the third before; None without motion.
 
-    Reported as an oscillation with the power of the largest signal, at the mean of its frequency (root of the mean square, by power).
+    It is reported as an oscillation with the power of the largest signal, at its mean frequency (root mean square, weighted by power).
     """
     from scipy.signal import detrend
 
@@ -188,16 +188,16 @@ def _irregular(spec: SimulationSpec, record: _Record) -> tuple[Oscillation | Non
 
 
 def _at_rest(spec: SimulationSpec, run: Run) -> _Record:
-    """After the reference came to rest."""
+    """Record after the reference came to rest."""
     rows = spec.at_rest(run)
     return _Record(run.error[rows], run.motor_position[rows], run.joint_names, rows)
 
 
 def _after_last_event(spec: SimulationSpec, gain: float, run: Run) -> _Record:
-    """The rows of a joint's run that are searched.
+    """Searched rows of a joint's run, after the last event.
 
-    After a late change the response is no vibration: the run is continued for as long again, its reference held. With friction, which might
-    stop it then, an oscillating reference continues, and only much higher frequencies count.
+    The response to a late change is no vibration: the run is continued for as long again, its reference held. With friction, which might
+    then stop the vibration, an oscillating reference continues, and only much higher frequencies count.
     """
     late, duration = spec.last_event, spec.duration
     if run.diverged:
@@ -212,9 +212,9 @@ def _after_last_event(spec: SimulationSpec, gain: float, run: Run) -> _Record:
 
 
 def _after_settling(spec: SimulationSpec, gain: float) -> _Record:
-    """The run continued until the stable linear loop has settled, then for as long as a link behind an immobile motor takes to settle.
+    """Run continued until the stable linear loop has settled, then for the settling time of a link behind an immobile motor.
 
-    A short record may show a settling joint; a vibration that friction, steps or a limit sustain is still there then.
+    A short record may show a settling joint; a vibration that friction, steps or a limit sustain is still present then.
     """
     longest = MOST_SAMPLES * spec.sample_time
     rate = -float(rightmost_roots(spec.loop(gain), count=1).roots[0].real)
@@ -225,21 +225,21 @@ def _after_settling(spec: SimulationSpec, gain: float) -> _Record:
 
 
 def _run_on(spec: SimulationSpec, gain: float, further: int, rest: int, swings: bool) -> _Record:
-    """The last `rest` of `further` ticks after the run; `swings`: its reference continues, else it is held."""
+    """Last `rest` of `further` ticks after the run; `swings`: its reference continues, otherwise it is held."""
     record = _sides(spec.continued(gain, further, swings), slice(-rest, None), HARMONICS * spec.fastest if swings else 0.0)
     return replace(record, rows=slice(0, None))
 
 
 def _sides(run: Run, rows: slice, above: float = 0.0) -> _Record:
-    """The true error of both sides."""
+    """True position error of motor and link side."""
     error = (run.reference - np.hstack([run.motor_position, run.link_position]))[rows]
     return _Record(error, error, ("the motor side", "the link side"), rows, above)
 
 
 def _in_motion(spec: SimulationSpec, run: Run, limit: GainLimit | None) -> Oscillation | None:
-    """The strongest vibration that is found in successive windows, or that has the frequency of an unstable loop in one.
+    """Strongest vibration found in successive windows, or one with the frequency of an unstable loop in a single window.
 
-    Above the reference's own frequencies, in the motors' accelerations, where a vibration dominates the motion.
+    It is searched above the reference's own frequencies, in the motors' accelerations, where a vibration dominates the motion.
     """
     tick, ended, moved = run.sample_time, run.ending != "completed", spec.moves_until
     unstable = limit is not None and not limit.stable
@@ -274,7 +274,7 @@ def _alike(one: Vibration, frequency: float, within: float) -> bool:
 
 
 def _in_window(run: Run, rows: slice, lowest: float) -> Vibration | None:
-    """What grows or is sustained there, with the amplitude of the motors' swing [m, rad]."""
+    """Growing or sustained vibration in a window, with the amplitude of the motors' motion [m, rad]; None: neither."""
     found = vibration(_accelerations(run, rows), run.sample_time, above=lowest)
     if found is None or not _lasts(found, linear=False):
         return None
@@ -282,12 +282,12 @@ def _in_window(run: Run, rows: slice, lowest: float) -> Vibration | None:
 
 
 def _accelerations(run: Run, rows: slice) -> Floats:
-    """(k - 2, n) of the motors [m/s², rad/s²]."""
+    """Motor accelerations (k - 2, n) [m/s², rad/s²]."""
     return np.diff(run.motor_position[rows], n=2, axis=0) / run.sample_time**2
 
 
 def torque_ripple_of(run: Run, moved: float) -> Floats:
-    """(n,) RMS of the actual torque beyond the frequencies of a spline that ends at `moved` [s] [N m], over the whole run."""
+    """Torque ripple (n,): RMS of the actual torque [N m] above the frequencies of a spline that ends at `moved` [s], over the whole run."""
     count = len(run.time)
     taper = np.hanning(count)[:, None]
     waves = np.fft.rfft(taper * (run.actual_torque - run.actual_torque.mean(axis=0)), axis=0)

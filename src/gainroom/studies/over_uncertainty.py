@@ -1,4 +1,4 @@
-"""One state over what is not known exactly: at which places it is looked at, and the worst of them. Between them nothing is proved."""
+"""Margins of one state over its uncertainty: the cases examined, and the worst of them. Between cases nothing is proved."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,16 +13,16 @@ from ..system.uncertainty import Place, share_of
 from .loop_numbers import extra_delay
 
 JUST_BEYOND = 1e-3
-"""Relative: where a loop that vibrates from some extra delay on is looked at, so that it is unstable."""
+"""Relative excess over a delay from which a loop vibrates, at which it is examined so that it is unstable."""
 
 
 @dataclass(frozen=True)
 class Worst:
-    """A loop over the uncertainty.
+    """Worst margins of a loop over the uncertainty.
 
-    margins      every margin in the case in which it is smallest, of those that were looked at
-    at           by requirement, the case in which what it bounds is worst, as text; "" at the nominal values
-    unstable_at  the first case in which the gains are unstable, as text; "": none was found, or they are at the nominal values
+    margins      every margin in the examined case in which it is smallest
+    at           case, as text, in which each requirement has its worst value; "" at the nominal values
+    unstable_at  first unstable case, as text; "": none was found, or the gains are nominally unstable
     """
 
     margins: Margins
@@ -31,7 +31,7 @@ class Worst:
 
     @classmethod
     def of(cls, cases: Sequence[tuple[str, Margins]]) -> "Worst":
-        """Cases by their text, the nominal one ("") first."""
+        """Worst of `cases`, given as text and margins, the nominal one ("") first."""
         (_, nominal), *others = cases
         unstable = next((name for name, found in others if not found.stable), "") if nominal.stable else ""
 
@@ -41,21 +41,22 @@ class Worst:
         return cls(worst_of([found for _, found in cases]), {name: least(one) for name, one in REQUIREMENTS.items()}, unstable)
 
     def with_delay_margin(self, value: float, place: str) -> "Worst":
-        """With the delay margin [s] of the corners, where it is `value` at `place`, as text; as it is where that is not known."""
+        """Worst with the delay margin [s] of the corners, `value` at `place` (text); unchanged if `value` is NaN."""
         if math.isnan(value):
             return self
         return replace(self, margins=replace(self.margins, delay_margin=value), at={**self.at, "delay_margin": place})
 
 
 def unknown_first(margin: float) -> float:
-    """Sorts margins: one that is not known (NaN) comes before the least; of those that differ by round-off alone the first."""
+    """Sort key of margins: NaN (not known) first; values equal within round-off keep their order."""
     return -math.inf if math.isnan(margin) else rank(margin)
 
 
 def uncertain_cases(system: System, posture: str, contact: str, extra: "ExtraDelays | None") -> Iterator[StateCase]:
-    """A state at every corner of the uncertainty, at places between, and at delays within the range from which a corner vibrates.
+    """Cases of a state at every corner of the uncertainty, at places between, and at the delays in the range from which a corner vibrates.
 
-    These are the first ones after the shortest, certified as delay margins are; of drives that have one range (`extra`, else None).
+    These are the first such delays after the shortest, certified as delay margins are; for drives with one common range (`extra`, else
+    None).
     """
     yield from (case for case in system.cases_of(posture, contact, inside=True) if case.place)
     if extra is None or not extra.range:
@@ -70,10 +71,10 @@ def uncertain_cases(system: System, posture: str, contact: str, extra: "ExtraDel
 
 @dataclass(frozen=True)
 class ExtraDelays:
-    """The extra delay at which a state vibrates, over the corners of the uncertainty.
+    """Extra delay at which a state vibrates, over the corners of the uncertainty.
 
-    range   (low, high) of all drives' delay [s]; None: it is not uncertain, or not the same for all
-    at      by corner [s]; where there is a range those with the shortest delay alone: one longer by d leaves less by d
+    range   (low, high) of all drives' delay [s]; None: it is known, or not the same for all
+    at      extra delay [s] by corner; with a range only corners of the shortest delay: one longer by d leaves less by d
     """
 
     range: tuple[float, float] | None
@@ -88,7 +89,7 @@ class ExtraDelays:
         return cls(ends, {corner: extra_delay(case.system.loop(case.model)) for corner, case in zip(corners, cases, strict=True)})
 
     def least(self, system: System) -> tuple[float, Place]:
-        """The least of all corners [s], and the corner."""
+        """Least extra delay of all corners [s], and the corner."""
         corner = min(self.at, key=lambda corner: unknown_first(self.at[corner]))
         if not self.range:
             return self.at[corner], corner

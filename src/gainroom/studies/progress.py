@@ -1,17 +1,17 @@
-"""How far something that takes long has come."""
+"""Progress of a long computation."""
 
 from collections.abc import Callable
 
 Progress = Callable[[int, int, str], None]
-"""Called with (done, in all, what is done or comes next)."""
+"""Callback with (done, in all, description of the current or next step)."""
 
 
 def quiet(done: int, total: int, what: str) -> None:
-    """Progress that nobody follows."""
+    """Progress callback that does nothing."""
 
 
 def after(checkpoint: Callable[[], None], progress: Progress) -> Progress:
-    """`progress` of a job of several, which ends at its `checkpoint` where another has failed (design/side_by_side.py)."""
+    """Progress callback of one of several parallel jobs: `checkpoint` ends the job if another has failed (design/side_by_side.py)."""
 
     def report(done: int, total: int, what: str) -> None:
         checkpoint()

@@ -1,13 +1,13 @@
-"""What nobody gave, and how it may be: readings, each with a value for everything that is not known, and what they decide.
+"""Readings of missing data: plausible values for everything that is not given, and the verdict that they decide.
 
-Sets of values, which nobody stated, so that one that is unsafe among safe ones decides nothing:
+Values are sets that nobody stated, so a single unsafe one among safe ones decides nothing:
 
-- the loop's rate: USUAL_RATES; continuous time, in which a system without a rate is computed, is none of them
-- stiffness of a gearbox: rigid, down to the softest known type, and as little damped as that (robot/gearbox_types.py)
-- inertia of a motor: from none, or a tenth on an elastic gearbox, to that of what it moves; it grows with the square of the gear ratio
+- loop rate: USUAL_RATES; continuous time, in which a system without a rate is computed, is none of them
+- gearbox stiffness: rigid, down to the softest known type, with its least damping (robot/gearbox_types.py)
+- motor inertia: from none, or a tenth on an elastic gearbox, to that of what it moves; it grows with the square of the gear ratio
 
-Unsafe in all readings is unsafe, safe in all is safe, anything else not decided. As few are looked at as decide that: first one quantity
-after the other, then all together; margins are looked at as corners of an uncertainty are.
+Unsafe in all readings is unsafe, safe in all is safe, anything else undecided. Only as many readings as needed are computed: first one
+quantity after the other, then all together; margins are sampled as at corners of an uncertainty.
 """
 
 import itertools
@@ -33,23 +33,23 @@ from .verdict import Level, Read, Reading
 from .worst_place import FEW, try_places
 
 USUAL_RATES = (USUAL_RATE, 4e4, 1e4, 5e3, 1e3, 500.0, 200.0)
-"""[Hz] of loops that close kp and kd, from 200 Hz of slow buses to 40 kHz inside a drive (Katz 2018, the Mini Cheetah).
+"""Usual rates [Hz] of loops that close kp and kd, from 200 Hz of slow buses to 40 kHz inside a drive (Katz 2018, the Mini Cheetah).
 
 The commonest first, then those that cost least margin.
 """
 KINDS = sorted(TYPES.values(), key=lambda one: one.resonance)
 STIFFEST = 1e4
-"""[rad/s] a motor's resonance on its gearbox, 1.6 kHz: six times that of the stiffest known type; what lies above counts as rigid."""
+"""Highest resonance [rad/s] of a motor on its gearbox, 1.6 kHz: six times that of the stiffest known type; a higher one counts as rigid."""
 SHARES = (1.0, 0.1)
-"""Shares of the inertia that a motor moves, for its own: the most, and the middle of the logarithmic range of robots with gears."""
+"""Assumed motor inertias as shares of the inertia moved: the most, and the middle of the logarithmic range of geared robots."""
 Change = Callable[[System], System]
 
 
 def read(system: System, states: Sequence[State], level: Level, ranges: Uncertainty | None = None) -> Read:
-    """All readings of a system that is `level` as it was computed: in continuous time, rigid, with motor inertias as actuators.py has them.
+    """Decision over all readings of a system whose `level` was computed in continuous time, rigid, with motor inertias of actuators.py.
 
-    states   those in which it moves, with what makes it unsafe first
-    ranges   what is uncertain, where the system is at the worst place in it
+    states   those in which the gains act, unsafe ones first
+    ranges   uncertainty whose worst place the system is at
     """
     if not states:  # nothing moves in any, so that nothing can be looked at
         return Read("undecided", dict.fromkeys(system.source.unknown, ()))
@@ -78,7 +78,7 @@ def read(system: System, states: Sequence[State], level: Level, ranges: Uncertai
 
 @dataclass(frozen=True)
 class _Readings:
-    """Readings of a system with a rate, of what else is not known; `level` as it was computed, as `read` has it."""
+    """Readings of a system with a rate, over its other missing data; `level` as computed, see `read`."""
 
     system: System
     states: Sequence[State]
@@ -86,7 +86,7 @@ class _Readings:
     ranges: Uncertainty | None = None
 
     def read(self) -> Read:
-        """All of them, as far as they are needed."""
+        """Decision over all readings, as far as they are needed."""
         ways, flips = self.ways, dict[str, tuple[Reading, ...]]()
         for code, own in ways.items():
             found = self._other([own])
@@ -101,7 +101,7 @@ class _Readings:
 
     @cached_property
     def ways(self) -> dict[str, list[tuple[str, Change]]]:
-        """The values that each unknown quantity may have, by a finding's code: each as text, with the change that gives it to the system.
+        """Possible values of each missing quantity, by the code of the finding: each as text, with the change of the system.
 
         The value that the system was computed with is left out.
         """
@@ -121,7 +121,7 @@ class _Readings:
         return found
 
     def _other(self, ways: Sequence[Sequence[tuple[str, Change]]]) -> Reading | None:
-        """The first reading with one way of each that is not as it was computed; None: there is none."""
+        """First reading, with one value of each, whose level differs from the computed one; None if there is none."""
         for chosen in itertools.product(*ways):
             try:
                 level = self.level_with(*(change for _, change in chosen))
@@ -132,7 +132,7 @@ class _Readings:
         return None
 
     def level_with(self, *changes: Change) -> Level:
-        """One reading, in the states one after the other. Raises GainroomError where it is no loop."""
+        """Level of one reading over all states. Raises GainroomError if it makes no loop."""
         levels = set[Level]()
         worst = self._worst_of_range(changes)
         for state in self.states:
@@ -147,7 +147,7 @@ class _Readings:
         return "undecided" if "undecided" in levels else "safe"
 
     def _worst_of_range(self, changes: Sequence[Change]) -> Sequence[Change]:
-        """The change to the worst place in the ranges with other motors, whose resonance they may be of; () without ranges."""
+        """Change to the worst place in the ranges with other motors, on whose inertia a resonance range depends; () without ranges."""
         if self.ranges is None or not changes:
             return ()
         system = replace(self.system, uncertainty=self.ranges)
@@ -158,7 +158,7 @@ class _Readings:
         return (lambda system: replace(replace(system, uncertainty=self.ranges).at(worst), uncertainty=Uncertainty()),)
 
     def _with_motors(self, share: float) -> Change:
-        """Motors of unknown inertia with a share of what they move, the most in all states."""
+        """Change that gives motors of unknown inertia a share of the inertia they move, the largest over all states."""
 
         def change(system: System) -> System:
             actuators = system.source.actuators  # type: ignore[attr-defined] - a robot's
@@ -169,7 +169,7 @@ class _Readings:
 
     @property
     def _unsafe_between(self) -> Reading | None:
-        """Gearboxes between the softest type and rigid ones that are not safe; None: none were found."""
+        """Reading with gearboxes between the softest type and rigid that is not safe; None if none was found."""
         actuators = self.system.source.actuators  # type: ignore[attr-defined] - a robot's
         varied = actuators.assumed_rigid & (actuators.motor_inertia > 0)
         if not varied.any():
@@ -197,7 +197,7 @@ class _Readings:
 
 
 def _span(values: Floats) -> str:
-    """The least and the largest of some numbers, as text; one number where they are the same."""
+    """Range of values as text; one number if they are equal."""
     low, high = (f"{float(f'{value:.3g}'):.12g}" for value in (values.min(), values.max()))
     return low if low == high else f"{low} to {high}"
 
@@ -207,7 +207,10 @@ def _at_rate(system: System, rate: float) -> System:
 
 
 def _geared(resonance: float, ratio: float) -> Change:
-    """Gearboxes of unknown stiffness on which their motors resonate so [rad/s]; those of motors without inertia stay rigid."""
+    """Change that gives gearboxes of unknown stiffness the resonance [rad/s] and damping ratio.
+
+    Those of motors without inertia stay rigid.
+    """
 
     def change(system: System) -> System:
         actuators = system.source.actuators  # type: ignore[attr-defined] - a robot's
@@ -219,7 +222,7 @@ def _geared(resonance: float, ratio: float) -> Change:
 
 
 def _level_in(system: System, posture: str, contact: str) -> Level:
-    """One state of a reading, over what the user states as uncertain."""
+    """Level of one state of a reading, over the uncertainty that the user states."""
     nominal = StateCase(posture, contact, "", system, system.source.linearize(posture, contact))
     found: Level = "safe"
     for case in (nominal, *(uncertain_cases(system, posture, contact, None) if system.uncertainty.names else ())):

@@ -1,4 +1,4 @@
-"""A whole robot: every posture in every contact state, all joints at once, joint by joint, and in task space; and recommended gains."""
+"""Study of a whole robot: every posture in every contact state, all joints together, each joint, and task space; and recommended gains."""
 
 import itertools
 import math
@@ -27,20 +27,20 @@ from .state import USUAL_RATE, State, task_headroom
 from .worst_place import try_places
 
 EXPECTED_LOOKS = 250
-"""Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
+"""Rough number of sampled loops that the search for gains takes per state and corner of the uncertainty, for the progress bar."""
 NUMBERS = ("margins", "worst_case", "joints", "tasks")
 ROUNDS = 4
-"""Searches for gains, each with the places in the ranges at which those of the one before fail."""
+"""Most searches for gains, each with the places in the ranges at which the previous gains fail."""
 HELD = 4
-"""Places that are taken from one search to the next, the worst of it."""
+"""Number of failing places kept from one search to the next, the worst ones."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """How joints move where a margin is: in a state, `limit` with its frequency and mode.
+    """Motion of the joints at a margin in one state; `limit` holds its frequency and mode.
 
-    place   where in the uncertainty, as text; "" at the nominal values
-    joint   of one loop by itself: whose; else ""
+    place   in the uncertainty, as text; "" at the nominal values
+    joint   name of the joint whose own loop has the margin; "": all loops together
     """
 
     state: State
@@ -50,16 +50,16 @@ class Motion:
 
     @property
     def title(self) -> str:
-        """Where it is."""
+        """State and place in the uncertainty, as text."""
         return f"{self.state.title} ({self.place})" if self.place else self.state.title
 
 
 @dataclass(frozen=True)
 class RobotStudy(Analysis):
-    """What `gainroom robot` reports.
+    """Results of `gainroom robot`.
 
-    recommended   by space
-    exact   those of the file's own space for every state, if nothing were uncertain; None where nothing is, or none are looked for
+    recommended   recommended gains by space
+    exact   recommended gains of the file's own space for every state without uncertainty; None without uncertainty or recommendation
     """
 
     recommended: tuple[RobotGains, ...] = ()
@@ -67,7 +67,7 @@ class RobotStudy(Analysis):
 
     @cached_property
     def to_use(self) -> tuple[RobotGains, GainSet] | None:
-        """Recommended gains of the file's own space that are safe in every state; None where there are none, or they move nothing."""
+        """Recommended gains of the file's own space that are safe in every state; None if there are none, or they act on no motion."""
         for gains in self.recommended:
             if gains.space == self.system.control.space and gains.everywhere is not None and gains.everywhere.moves:
                 return gains, gains.everywhere
@@ -75,7 +75,7 @@ class RobotStudy(Analysis):
 
     @cached_property
     def margins_to_use(self) -> Margins | None:
-        """What those keep, the delay margin at the corners of what is uncertain; None where there are none."""
+        """Margins of `to_use`, the delay margin at the corners of the uncertainty; None if there are no such gains."""
         if self.to_use is None:
             return None
         gains, found = self.to_use
@@ -85,7 +85,7 @@ class RobotStudy(Analysis):
 
     @property
     def uncertainty_cost(self) -> Floats | None:
-        """(n,) the part of each joint's or direction's kp that the uncertainty takes; NaN where nothing moves it. None: not known."""
+        """Share (n,) of each joint's or direction's kp that the uncertainty costs; NaN where nothing moves it. None: not known."""
         exact = None if self.exact is None else self.exact.everywhere
         if self.to_use is None or exact is None:
             return None
@@ -94,7 +94,7 @@ class RobotStudy(Analysis):
 
     @property
     def raised(self) -> bool:
-        """Whether a recommended gain is above the limit of all gains by one factor times what it is now."""
+        """True if a recommended gain exceeds its present value times the limit of the common factor on all gains."""
         limit, control = self.tightest.limit, self.system.control
         if self.to_use is None or control.space != "joint" or not (limit.stable and math.isfinite(limit.gain)):
             return False
@@ -105,9 +105,9 @@ class RobotStudy(Analysis):
 
     @cached_property
     def controllers_to_use(self) -> tuple[Controller, ...]:
-        """Those gains, of each joint or task direction as a controller of its own; 0 where nothing moves.
+        """Recommended gains of each joint or task direction as a controller of its own; 0 where nothing moves.
 
-        Of the type that the file has, or PDs where no gains of that type make the loop of a PD.
+        They have the type of the file, or are PDs if no gains of that type make the loop of a PD.
         """
         assert self.to_use is not None
         gains, found = self.to_use
@@ -124,7 +124,7 @@ class RobotStudy(Analysis):
 
     @cached_property
     def recommended_at_usual_rate(self) -> Margins | None:
-        """What those keep at USUAL_RATE; None where the file has a rate, or there are none."""
+        """Margins of `to_use` at USUAL_RATE; None if the file has a rate, or there are no such gains."""
         if self.to_use is None or not self.system.rate_is_missing:
             return None
         gains, found = self.to_use
@@ -132,9 +132,10 @@ class RobotStudy(Analysis):
 
     @cached_property
     def decisive_motion(self) -> Motion | None:
-        """Where the requirement that decides is worst; None where that is the gain limit, or has no frequency.
+        """Motion at the worst value of the decisive requirement; None if that is the gain limit, or has no frequency.
 
-        All loops together: the eigenvector of L whose value is nearest to −1. One loop: S's column, the answer to what disturbs its joint.
+        All loops together: the eigenvector of L whose eigenvalue is nearest to −1. One loop: the column of S, the response to a disturbance
+        of its joint.
         """
         if self.decisive not in ("phase_margin", "peak_sensitivity"):
             return None
@@ -153,7 +154,7 @@ class RobotStudy(Analysis):
         return Motion(state, place, replace(found.limit, frequency=omega, mode=mode / mode[np.argmax(np.abs(mode))]), joint)
 
     def _worst_case(self, name: str) -> tuple[State, str]:
-        """The worst state at the place in the uncertainty where it has least left of a requirement; and that place, as text."""
+        """Worst state of a requirement at its worst place in the uncertainty; and that place, as text."""
         state, place = self.worst[name], self.case_of(name)
         for case in state.uncertain_cases if place else ():
             if case.place == place:
@@ -162,14 +163,14 @@ class RobotStudy(Analysis):
 
     @cached_property
     def topples(self) -> tuple[str, ...]:
-        """The stable states in which the weight, of which the file does not say whether it counts, makes the joints' gains unstable."""
+        """Titles of stable states that become unstable with the weight, where the file does not say whether it counts."""
         return tuple(itertools.compress((state.title for state in self.states), each(lambda state: state.topples_with_weight, self.states)))
 
     @property
     def softest(self) -> State | None:
-        """The state in which gravity, which topples the robot at these and all lower gains, takes the highest.
+        """State that gravity topples at these and all lower gains and that needs the highest gains to stand.
 
-        None where the tightest state is not such a one, or some such state has no higher ones that are known to hold it.
+        None if the tightest state is not such a state, or for some such state no sufficient gains are known.
         """
         toppled = [state for state in self.states if state.toppled_below is not None]
         known = not any(math.isnan(state.lower_gain) for state in toppled)
@@ -177,12 +178,12 @@ class RobotStudy(Analysis):
 
     @property
     def unstable_tasks(self) -> list[State]:
-        """The states in which the tasks' own gains, which the file does not close, are unstable."""
+        """States in which the tasks' own gains, which the file does not close, are unstable."""
         return [state for state in self._open_tasks if state.task_limit is not None and not state.task_limit.stable]
 
     @property
     def weakest_tasks(self) -> State | None:
-        """Where those gains are stable in every state, the one in which they have the least gain margin; None where that is enough."""
+        """State in which the tasks' gains, stable in every state, have the least gain margin; None if that is enough."""
         if self.unstable_tasks or not self._open_tasks:
             return None
         state, asked = min(self._open_tasks, key=task_headroom), self.system.requirements
@@ -190,12 +191,12 @@ class RobotStudy(Analysis):
 
     @property
     def _open_tasks(self) -> list[State]:
-        """The states in which the file has tasks that act but are not closed."""
+        """States in which the file has tasks that act but are not closed."""
         return [] if self.system.control.space == "task" else [state for state in self.states if state.task_limit is not None]
 
 
 def study_robot(system: System, progress: Progress = quiet, recommend: bool = True) -> RobotStudy:
-    """Everything about one robot; `recommend`: with recommended gains, which takes longest. Raises as analyze does."""
+    """Study of one robot; `recommend`: with recommended gains, which takes longest. Raises as analyze."""
     jobs = _recommended(system) if recommend and system.requirements.asked else []
     expected, looked = EXPECTED_LOOKS * len(system.source.states) * 2 ** len(system.uncertainty.names) * len(jobs), itertools.count()
 
@@ -214,9 +215,9 @@ def study_robot(system: System, progress: Progress = quiet, recommend: bool = Tr
 
 
 def _over_ranges(system: System, space: str, search: Callable[[Sequence[Place], RobotGains | None], RobotGains]) -> RobotGains:
-    """Gains that hold at every place of the ranges that is tried of them; a set that does not after ROUNDS is left out, and said to fail.
+    """Gains that hold at every tried place of the ranges; a set that fails after ROUNDS is left out and reported as failing.
 
-    search   finds gains that hold at some places, too, from those that are known
+    search   function that finds gains that also hold at given places, starting from known gains
     """
     found, places, failing = search((), None), list[Place](), dict[str, list[Place]]()
     for count in range(ROUNDS if system.uncertainty.names and space == "joint" and len(system.source.joint_names) > 1 else 0):
@@ -232,7 +233,7 @@ def _over_ranges(system: System, space: str, search: Callable[[Sequence[Place], 
 
 
 def _short_at(system: System, found: GainSet) -> list[Place]:
-    """Places in the ranges at which a set of gains per joint misses something in its states, the worst ones first."""
+    """Places in the ranges at which a set of gains per joint misses a requirement in its states, worst first."""
     geared = system.with_controller(system.filtered(PD(np.nan_to_num(found.kp), np.nan_to_num(found.kd))))
     every = [
         State(geared, posture, contact, system.source.linearize(posture, contact))
@@ -244,7 +245,7 @@ def _short_at(system: System, found: GainSet) -> list[Place]:
 
 
 def _recommended(system: System) -> list[Job[RobotGains]]:
-    """Recommended gains in joint space and, where there are tasks, in task space; where something is uncertain, then RobotStudy.exact."""
+    """Jobs for recommended gains in joint space and, with tasks, in task space; with uncertainty, then for RobotStudy.exact."""
     spaces, alone = ("joint", "task") if system.source.stack else ("joint",), JointsAlone()
 
     def of(space: str, system: System = system, by_contact: bool = True) -> Job[RobotGains]:

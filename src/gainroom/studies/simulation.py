@@ -1,4 +1,4 @@
-"""A scenario simulated and judged: tracking, vibration, divergence or fall, and the linear loop's prediction."""
+"""Simulation of a scenario and its judgement: tracking, vibration, divergence or fall, and the linear loop's prediction."""
 
 import math
 from collections.abc import Callable
@@ -25,20 +25,21 @@ from .state import state_of
 from .verdict import Finding, Verdict
 
 RIPPLE = 0.1
-"""Of a joint's torque peak: torque ripple above the reference's frequencies that is reported, RMS."""
+"""Least torque ripple reported, RMS above the reference's frequencies relative to the joint's torque peak."""
 MOST_SLIP_LOOKS = 2000
-"""Ticks at most at which the slip of the feet is computed, which takes longer than simulating them."""
+"""Most ticks at which the slip of the feet is computed, which takes longer than simulating them."""
 
 USUAL = REQUIREMENTS["gain_margin"].usual or 2.0
-"""The gain margin that gains to try have where the file requires none."""
+"""Default gain margin of suggested gains, if the file requires none."""
 LOWER = (1.0, 0.9, 0.7, 0.5, 0.3, 0.1, 0.03)
-"""Of the gains that have the gain margin: where those are looked for that have what else is required."""
+"""Shares of the gains with the gain margin, at which gains that meet the other requirements are searched."""
 PLAINLY = 1e-2
-"""A shortfall, in ln of a gain or a sensitivity or as part of a phase: ten times that by which a look's peak may be off."""
+"""Shortfall (log ratio of a gain or sensitivity, or share of a phase) that sampled margins establish: ten times the error of a sampled
+peak."""
 
 
 class Interrupted(Exception):  # noqa: N818 - asked for, not an error
-    """The run was asked to end; `time` [s] is what was simulated, and is in the log."""
+    """Run interrupted on request; `time` [s] is the simulated time, which the log contains."""
 
     def __init__(self, time: float) -> None:
         super().__init__(f"interrupted at {time:g} s")
@@ -47,19 +48,19 @@ class Interrupted(Exception):  # noqa: N818 - asked for, not an error
 
 @dataclass(frozen=True)
 class Outcome:
-    """What `gainroom simulate` finds, for one joint or a robot.
+    """Result of `gainroom simulate`, for one joint or a robot.
 
     gain            factor on all gains
     run             tick by tick
-    tracking        by channel; of a run that ended early only `rms` and `peak`, the others are NaN
+    tracking        by channel; for a run that ended early only `rms` and `peak`, the others are NaN
     torque_peak, torque_rms   (n,) of the actual torque [N m]
     at_torque_limit (n,) fraction of the ticks at which the demand torque is cut
     slip            (c,) largest displacement of each contact frame from its start [m]; (0,) without contacts
-    oscillation     a sustained or growing vibration, else one that decays; None where there is none
+    oscillation     a sustained or growing vibration, otherwise a decaying one; None if there is none
     noise_motion    motion of a joint due to noise and encoder steps where no vibration is sustained, RMS [rad]
     torque_ripple   (n,) RMS of the actual torque above the reference's frequencies [N m]; zeros where the reference is not smooth
     margins         of the linear sampled loop at the gains of the run, the scenario's viscous friction included, at nominal values; None
-                    where the gains act on no motion
+                    if the gains act on no motion
     """
 
     spec: SimulationSpec
@@ -77,14 +78,14 @@ class Outcome:
 
     @property
     def limit(self) -> GainLimit | None:
-        """Of the common factor on the gains of the run; None where they act on no motion."""
+        """Limit of the common factor on the gains of the run; None if they act on no motion."""
         return None if self.margins is None else self.margins.limit
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """The names of the file's requirements that the linear loop does not meet at nominal values, what is missed most first.
+        """Names of the file's requirements that the linear loop misses at nominal values, largest shortfall first.
 
-        Of an unstable loop all; what is not known is not among them.
+        All of them for an unstable loop; a value that is not known does not count as missed.
         """
         asked, found = self.spec.system.requirements, self.margins
         if found is None:
@@ -95,7 +96,7 @@ class Outcome:
         return tuple(sorted(missed, key=lambda name: -short[name]))
 
     def met(self, name: str) -> bool | None:
-        """Whether a requirement is met; None: nothing is required, it is not known, or the file has ranges, of which a run is one case."""
+        """True if a requirement is met; None if it is not required or not known, or the file has ranges, of which a run is one case."""
         if name in self.missed:
             return False
         if self.margins is None or self.spec.system.uncertainty.names:
@@ -104,7 +105,7 @@ class Outcome:
 
     @cached_property
     def gain_to_try(self) -> float:
-        """The factor on the file's gains, rounded down, at which the linear loop has every margin that is required; NaN: none is known."""
+        """Factor on the file's gains, rounded down, at which the linear loop has every required margin; NaN: none is known."""
         limit, asked = self.limit, self.spec.system.requirements
         if limit is None or not 0 < limit.gain < math.inf:
             return math.nan
@@ -115,7 +116,7 @@ class Outcome:
         return next((gain for gain in tried if not others or self._meets_all(gain)), math.nan)
 
     def _meets_all(self, gain: float) -> bool:
-        """Whether the linear loop with this factor on the file's gains has what is required; what plainly misses it is only looked at."""
+        """True if the linear loop with this factor on the file's gains meets the requirements; a plain miss is decided by samples alone."""
         asked, seen = self.spec.system.requirements, self.spec.seen_margins(gain)
         if seen is not None and seen.stable and PLAINLY < asked.shortfall(seen) < math.inf:
             return False
@@ -123,7 +124,7 @@ class Outcome:
 
     @property
     def completed(self) -> bool:
-        """The run reached its end."""
+        """True if the run reached its end."""
         return self.run.ending == "completed"
 
     @property
@@ -133,32 +134,32 @@ class Outcome:
 
     @property
     def vibration(self) -> Vibration | None:
-        """The vibration found, also one that decays or is too small to count."""
+        """Vibration found, even if it decays or is too small to count."""
         return None if self.oscillation is None else self.oscillation.vibration
 
     @property
     def vibrates(self) -> bool:
-        """A vibration grows, or does not decay."""
+        """True if a vibration grows, or does not decay."""
         return self.oscillation is not None and self.oscillation.lasts
 
     @property
     def stable(self) -> bool:
-        """Stability of the linear loop at these gains; True where they act on no motion."""
+        """True if the linear loop is stable at these gains, or they act on no motion."""
         return self.limit is None or self.limit.stable
 
     @property
     def hidden(self) -> bool:
-        """True where the linear loop is unstable and no sustained oscillation is detected."""
+        """True if the linear loop is unstable but no sustained oscillation is detected."""
         return self.completed and not self.vibrates and not self.stable
 
     @property
     def sound(self) -> bool:
-        """True where the run reached its end without vibration, and the linear loop is stable."""
+        """True if the run reached its end without vibration, and the linear loop is stable."""
         return self.completed and not self.vibrates and self.stable
 
     @cached_property
     def judged(self) -> Analysis | None:
-        """The file's loop with the gains of the run, as it is judged without a run; None where they act on no motion."""
+        """Analysis of the file's loop with the gains of the run; None if they act on no motion."""
         system = self.spec.system if self.gain == 1 else self.spec.system.scaled(self.gain)
         if self.margins is None:
             return None
@@ -166,7 +167,10 @@ class Outcome:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """The verdict on the file's loop, whatever friction and torque limits hide; a run that ends early or vibrates makes it unsafe."""
+        """Verdict on the file's loop, even if friction and torque limits hide a vibration.
+
+        A run that ends early or vibrates makes it unsafe.
+        """
         found = [] if self.judged is None else [*self.judged.verdict.findings]
         if not self.completed:
             found.append(Finding(self.run.ending, "unsafe", {"time_s": self.duration}))
@@ -177,18 +181,18 @@ class Outcome:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """The effects beside the linear loop that were active in this run."""
+        """Names of the effects beside the linear loop that were active in this run."""
         return tuple(name for name in self.spec.effects if name != TORQUE_LIMIT or self.at_torque_limit.any())
 
     @cached_property
     def rippling(self) -> int | None:
-        """The joint with the largest torque ripple; None where it is small."""
+        """Index of the joint with the largest torque ripple; None if it is small."""
         worst = int(np.argmax(self.torque_ripple))
         return worst if self.completed and self.torque_ripple[worst] > RIPPLE * self.torque_peak[worst] else None
 
     @cached_property
     def leading(self) -> tuple[int, ...]:
-        """The channels by which tracking is judged, largest error first, all in one unit: those that move, if any."""
+        """Indices of the channels by which tracking is judged, largest error first, all in one unit: moving ones, if any."""
         units, reference = self.run.units, self.run.reference
         moved = np.flatnonzero((reference != reference[:1]).any(axis=0))
         among = moved.tolist() if len(moved) else list(range(len(units)))
@@ -196,12 +200,12 @@ class Outcome:
 
     @property
     def worst_at_end(self) -> int:
-        """Of those, the one whose steady-state error is the largest; the first where there is no steady state."""
+        """Index of the leading channel with the largest steady-state error; the first if there is no steady state."""
         return max(self.leading, key=lambda k: np.nan_to_num(abs(self.tracking.steady_state[k])))
 
     @cached_property
     def others(self) -> tuple[int, ...]:
-        """All other channels, largest error first, in any unit."""
+        """Indices of all other channels, largest error first, in any unit."""
         return tuple(sorted(set(range(len(self.run.units))) - set(self.leading), key=lambda k: -self.tracking.peak[k]))
 
 
@@ -212,11 +216,11 @@ def simulate_study(
     progress: Progress = quiet,
     interrupted: Callable[[], bool] = lambda: False,
 ) -> Outcome:
-    """Simulate the scenario with all gains times `gain`, and judge it.
+    """Simulation of the scenario with all gains times `gain`, and its judgement.
 
     rows          called with every part of the run as it is computed, for a log
-    progress      is given ticks done, ticks in all, ""
-    interrupted   is asked between parts whether to stop
+    progress      called with ticks done, ticks in all, ""
+    interrupted   called between parts; True stops the run
 
     Raises Interrupted, and GainroomError where the hardware does not fit the loop, or MuJoCo is missing or cannot simulate the robot.
     """
@@ -252,7 +256,7 @@ def simulate_study(
 
 
 def _tracking(spec: SimulationSpec, run: Run) -> Tracking:
-    """A move is judged up to a disturbance that comes after it; an oscillating reference is no move."""
+    """Tracking performance of a run: of a move up to a later disturbance; an oscillating reference is no move."""
     found, nothing = (
         track(run, spec.disturbed_from if spec.disturbed_from > spec.moves_until else np.inf),
         np.full(len(run.channels), np.nan),

@@ -1,4 +1,4 @@
-"""Gains in the simulator that trains a policy, beside the robot's: which only one of the two holds."""
+"""Audit of gains in a training simulator beside the robot: gains that only one of the two holds."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,12 +13,12 @@ from .state import limiting_joints
 from .verdict import Finding
 
 HeldBy = Literal["both", "simulator", "robot", "neither"]
-"""Which of the two is stable with some gains."""
+"""Which of simulator and robot is stable with given gains."""
 
 
 @dataclass(frozen=True)
 class SimulatedJoint:
-    """One joint's gains: whether they are stable on it alone, its neighbours free, in every state, simulated and on the robot."""
+    """Stability of one joint's gains on it alone, its neighbours free, in every state: in simulation and on the robot."""
 
     name: str
     stable: bool
@@ -27,7 +27,7 @@ class SimulatedJoint:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedState:
-    """A posture in one contact state. joints: (n,) whether each joint's gains alone are stable."""
+    """Posture in one contact state; `joints` (n,): True where a joint's gains alone are stable."""
 
     posture: str
     contact: str
@@ -37,11 +37,11 @@ class SimulatedState:
 
 @dataclass(frozen=True, eq=False)
 class SimulatorAudit:
-    """The simulator's answer beside an audit.
+    """Results in the simulator beside an audit.
 
     states            those that the audit judges
-    assumed           of the simulator, where nothing was said
-    largest_timestep  with which these gains are stable [s]; None where they are with the simulator's
+    assumed           assumptions about the simulator, where nothing was stated
+    largest_timestep  at which these gains are stable [s]; None if they are with the simulator's
     """
 
     audit: Audit
@@ -52,12 +52,12 @@ class SimulatorAudit:
 
     @property
     def tightest(self) -> SimulatedState:
-        """The state with the least headroom."""
+        """State with the least headroom."""
         return min(self.states, key=lambda state: (state.limit.stable, state.limit.gain))
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """A finding where the gains are unstable in the simulator."""
+        """Finding of unstable gains in the simulator; () if they are stable."""
         if self.limit.stable:
             return ()
         where = f"{self.tightest.posture}/{self.tightest.contact}"
@@ -65,22 +65,25 @@ class SimulatorAudit:
 
     @property
     def limit(self) -> SimulatorLimit:
-        """Of the tightest state."""
+        """Limit in the tightest state."""
         return self.tightest.limit
 
     @property
     def held_by(self) -> HeldBy:
-        """Which of the two holds these gains, in every state."""
+        """Which of simulator and robot holds these gains, in every state."""
         return _held_by(self.limit.stable, self.audit.tightest.limit.stable)
 
     @property
     def limiting_joints(self) -> tuple[str, ...]:
-        """Those that move most where the simulation begins to grow, the strongest first."""
+        """Names of the joints that move most where the simulation begins to grow, the strongest first."""
         return limiting_joints(self.limit, self.audit.system.source.joint_names)
 
     @property
     def one_sided(self) -> tuple[HeldBy, float, float] | None:
-        """Which of the two holds factors on all gains that the other does not, from and to; None: neither, or a limit is not known."""
+        """Range of factors on all gains that only one of the two holds: which one, from, to.
+
+        None if there is none, or a limit is not known.
+        """
         simulator, robot = self.limit.gain, self.audit.tightest.limit.gain
         if not min(simulator, robot) < max(simulator, robot):  # NaN is not <
             return None
@@ -88,7 +91,7 @@ class SimulatorAudit:
 
     @property
     def armature_differs(self) -> tuple[str, ...]:
-        """Joints whose armature in the simulator is not their motor's inertia."""
+        """Names of the joints whose armature in the simulator is not their motor's inertia."""
         source = self.audit.system.source
         if self.simulator.armature == "motor":
             return ()
@@ -97,7 +100,7 @@ class SimulatorAudit:
 
     @cached_property
     def joints(self) -> tuple[SimulatedJoint, ...]:
-        """Joint by joint."""
+        """Results per joint."""
         stable = np.all([state.joints for state in self.states], axis=0).tolist()
         pairs = zip(self.audit.joints, stable, strict=True)
         return tuple(SimulatedJoint(joint.name, holds, _held_by(holds, joint.gain_limit > 1)) for joint, holds in pairs)
@@ -108,7 +111,7 @@ def _held_by(simulator: bool, robot: bool) -> HeldBy:
 
 
 def audit_simulator(audit: Audit, simulator: Simulator, assumed: tuple[str, ...] = ()) -> SimulatorAudit:
-    """The gains of `audit` in `simulator`, of which so much is `assumed`. Raises GainroomError as SimulatedRobot does."""
+    """Audit of the gains of `audit` in `simulator`, with its assumptions `assumed`. Raises GainroomError as SimulatedRobot."""
     kp, kd = (np.array([getattr(joint, name) for joint in audit.joints]) for name in ("kp", "kd"))
     states, steps = [], []
     for state in audit.states:
@@ -123,7 +126,7 @@ def audit_simulator(audit: Audit, simulator: Simulator, assumed: tuple[str, ...]
 
 
 def _simulated(audit: Audit, simulator: Simulator, posture: str, contact: str) -> SimulatedRobot:
-    """A state of the robot as the simulator has it."""
+    """Robot of one state as modelled by the simulator."""
     source = audit.system.source
     stance = source.postures[posture]
     body = stance.body

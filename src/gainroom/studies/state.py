@@ -1,4 +1,4 @@
-"""A robot in one posture and contact state: its loop and its numbers, each computed on first use."""
+"""Robot or joint in one posture and contact state: its loop and its numbers, each computed on first use."""
 
 import math
 from collections.abc import Callable
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from ..simulation.simulated_gains import SimulatorLimit
 
 STRONG = 0.5
-"""A joint takes part in a vibration where it moves by at least this part of the joint that moves most."""
+"""Least motion of a joint that takes part in a vibration, relative to the joint that moves most."""
 USUAL_RATE = 2000.0
-"""[Hz] of the loops of robots with EtherCAT drives: what gains for continuous time keep there is told where no rate is given."""
+"""Usual loop rate [Hz] of robots with EtherCAT drives, at which gains for continuous time are checked if no rate is given."""
 RAISED = 2.0 ** np.arange(1, 11)
-"""Factors on gains that gravity topples the robot on, at which higher ones are looked for that hold it."""
+"""Factors on all gains at which gains that hold a toppling robot are searched."""
 HELD = "no joint that has gains can move"
 IDLE = "the tasks act on no motion"
 
@@ -49,7 +49,7 @@ class JointRow:
     single_joint_limit  factor on its gains if it were the only joint, with that load
     limit_others_closed factor on its gains, other loops closed; NaN for an unstable robot
     kp, kd              the controller's gains on this joint alone: N m/rad, N m s/rad
-    kp_max, kd_max      largest, other loops closed; NaN where unstable, or the controller has none
+    kp_max, kd_max      largest, other loops closed; NaN if unstable, or the controller has none
     """
 
     name: str
@@ -67,10 +67,10 @@ class JointRow:
 class TaskRow:
     """One direction of a task.
 
-    moves        False where no joint can move it in this state: its gains have no effect, and both limits are NaN
+    moves        False if no joint can move it in this state: its gains have no effect, and both limits are NaN
     kp, kd       its own gains [1/s²], [1/s]; P/PI: [1/s], [1/s], with ki [1/s²]; ki None: PD
-    gain_limit   factor on them, other directions open; NaN where its gains are 0, and where it is not known
-    limit_others_closed   factor on them, other directions closed; NaN where the stack is unstable
+    gain_limit   factor on them, other directions open; NaN if its gains are 0, and if it is not known
+    limit_others_closed   factor on them, other directions closed; NaN if the stack is unstable
     """
 
     name: str
@@ -85,7 +85,7 @@ class TaskRow:
 
 @dataclass(frozen=True)
 class TaskStudy:
-    """The operational space in one state: the limit of all tasks together (NaN where they act on no motion), and each direction."""
+    """Operational space in one state: the limit of all tasks together (NaN if they act on no motion), and each direction."""
 
     tasks: "Tasks"
     limit: GainLimit
@@ -93,15 +93,15 @@ class TaskStudy:
 
     @property
     def moves(self) -> bool:
-        """Whether any direction can be moved in this state."""
+        """True if any direction can be moved in this state."""
         return any(row.moves for row in self.rows)
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """One posture in one contact state. Where its gains act on no motion, all numbers of its loop are NaN.
+    """One posture in one contact state. If its gains act on no motion, all numbers of its loop are NaN.
 
-    largest_gains   whether the margins of several joints come with their largest gains, which takes a third more time
+    largest_gains   True: the margins of several joints include their largest gains, which takes a third more time
     """
 
     system: System
@@ -112,70 +112,70 @@ class State:
 
     @property
     def title(self) -> str:
-        """For tables and messages."""
+        """Posture and contact state, for tables and messages."""
         return f"{self.posture}/{self.contact}"
 
     @cached_property
     def controller(self) -> Controller:
-        """The file's own in joint space, that of its tasks in task space."""
+        """Controller of the file in joint space, of its tasks in task space."""
         return self.system.controller(self.model)
 
     @cached_property
     def loop(self) -> Loop:
-        """All joints together."""
+        """Loop of all joints together."""
         return self.system.loop(self.model, self.controller)
 
     @cached_property
     def stable(self) -> bool:
-        """By a count of roots. Raises as is_stable does."""
+        """True if stable, by a count of roots. Raises as is_stable."""
         return is_stable(self.loop)
 
     @cached_property
     def at_usual_rate(self) -> "State":
-        """The same, sampled at USUAL_RATE. Its numbers may raise GainroomError: some controllers are made for continuous time alone."""
+        """State sampled at USUAL_RATE. Its numbers may raise GainroomError: some controllers are made for continuous time alone."""
         sampled = replace(self.system, control=replace(self.system.control, sample_time=1 / USUAL_RATE))
         return State(sampled, self.posture, self.contact, self.model, largest_gains=False)
 
     @property
     def case(self) -> StateCase:
-        """Its nominal values, as looks take them."""
+        """Nominal case of the state, as sampled margins take it."""
         return StateCase(self.posture, self.contact, "", self.system, self.model)
 
     @cached_property
     def moves(self) -> bool:
-        """Whether the gains act on any motion: not where contacts lock all their joints."""
+        """True if the gains act on some motion: False if contacts lock all their joints."""
         return self.loop.acts
 
     @property
     def reason(self) -> str:
-        """Why they do not, for messages; "" where they do."""
+        """Reason why the gains act on no motion, for messages; "" if they do."""
         return "" if self.moves else IDLE if self.system.control.space == "task" else HELD
 
     @cached_property
     def margins(self) -> Margins:
-        """Of all loops together, and of each with the other loops closed."""
+        """Margins of all loops together, and of each with the other loops closed."""
         return margins_of(self.loop, self.largest_gains) if self.moves else Margins.unknown(GainLimit.unknown(self.model.size))
 
     @cached_property
     def sway(self) -> Sway | None:
-        """The base's motion on its contacts that the gains hold; None: there is none."""
+        """Motion of the base on its contacts that the joint gains hold; None: there is none."""
         return sway_of(self.case, self.loop) if self.moves else None
 
     @cached_property
     def counted(self) -> Margins:
-        """The margins that requirements are held against: without sway where a controller damps that."""
+        """Margins compared with requirements: without sway if a controller damps it."""
         return without_sway(self.case, self.margins, self.loop)
 
     @cached_property
     def balanced(self) -> "State":
-        """A copy of the state in which a controller above the joints damps sway, so that sway does not count in the margins."""
+        """State in which a controller above the joints damps sway, so that sway does not count in the margins."""
         found = replace(self, system=replace(self.system, balance="controller"))
         vars(found).update({name: vars(self)[name] for name in ("controller", "loop", "moves", "margins", "sway") if name in vars(self)})
         return found
 
     @cached_property
     def topples_with_weight(self) -> bool:
-        """True where the weight, of which the file does not say whether it counts, makes the joints' gains unstable."""
+        """True if the weight makes the joints' gains unstable, where the file does not say whether it counts."""
         source = self.system.source
         if source.body is None or source.gravity is not None or self.system.control.space == "task":
             return False
@@ -185,12 +185,12 @@ class State:
 
     @cached_property
     def _extra_delays(self) -> ExtraDelays | None:
-        """Of the corners, where the delay is uncertain."""
+        """Extra delays at the corners of the uncertainty; None if the delay is known."""
         return ExtraDelays.of(self.system, self.posture, self.contact) if self.system.uncertainty.delay is not None else None
 
     @cached_property
     def uncertain_cases(self) -> tuple[StateCase, ...]:
-        """The cases of the uncertainty that are looked at; of several joints the last is the worst place that a search finds."""
+        """Examined cases of the uncertainty; for several joints the last is the worst place found by a search."""
         place = self.posture, self.contact
         cases = tuple(uncertain_cases(self.system, *place, self._extra_delays))
         if self.model.size == 1 or self.system.control.kd_path is not None:
@@ -200,7 +200,7 @@ class State:
 
     @cached_property
     def worst_case(self) -> Worst:
-        """Over the uncertainty: at the nominal values, and in every case that is looked at."""
+        """Worst margins over the nominal values and every examined case of the uncertainty."""
         nominal = [("", self.counted)]
         if not (self.system.uncertainty.names and self.moves and self.margins.stable):
             return Worst.of(nominal)
@@ -214,14 +214,14 @@ class State:
 
     @property
     def limit(self) -> GainLimit:
-        """Of the common factor on all gains; its numbers are NaN where only the verdict is known."""
+        """Limit of the common factor on all gains; its numbers are NaN if stability alone is known."""
         return self.margins.limit
 
     @cached_property
     def toppled_below(self) -> float | None:
-        """The factor above 1 on all gains below which gravity topples the robot; NaN where no factor in RAISED makes it stable.
+        """Factor above 1 on all gains below which gravity topples the robot; NaN if no factor in RAISED stabilises it.
 
-        None where it is stable, or some lower gains are, or it is not gravity that makes it unstable.
+        None if it is stable, or some lower gains are, or it is not gravity that makes it unstable.
         """
         if self.limit.gain != 0 or not self.loop.unstable_poles or self.model.gravity_stiffness is None:
             return None
@@ -230,25 +230,25 @@ class State:
 
     @property
     def lower_gain(self) -> float:
-        """The factor on all gains below which the robot does not settle; 0: none; above 1 where these are too low, see toppled_below."""
+        """Factor on all gains below which the robot does not settle; 0: none; above 1 if the gains are too low, see toppled_below."""
         return self.limit.lower_gain if self.toppled_below is None else self.toppled_below
 
     @property
     def limiting_joints(self) -> tuple[str, ...]:
-        """The joints that take part in the vibration at the limit, the largest participation factor first."""
+        """Names of the joints in the vibration at the limit, the largest participation factor first."""
         return limiting_joints(self.limit, self.model.joint_names)
 
     @property
     def task_limit(self) -> GainLimit | None:
-        """Of the common factor on all gains of the tasks; None where there are none, or they act on no motion."""
+        """Limit of the common factor on all gains of the tasks; None if there are none, or they act on no motion."""
         return self.tasks.limit if self.tasks is not None and self.tasks.moves else None
 
     @cached_property
     def single_joint_limits(self) -> Floats:
-        """(n,) factor on each joint's gains if it were the only one, its load 1/W_ii.
+        """Factor (n,) on each joint's gains if it were the only one, its load 1/W_ii.
 
-        Inf where it cannot move; NaN without gains, or where it is not known. Where kd closes on a path of its own: on all, on kd alone or
-        on the others alone, whichever is nearest, up or down.
+        Inf if it cannot move; NaN without gains, or if it is not known. If kd has a separate path: on all gains, on kd alone or on the
+        others alone, whichever is nearest, up or down.
         """
         control, drives = self.system.control, self.system.drives
 
@@ -259,7 +259,7 @@ class State:
 
     @cached_property
     def limits_others_open(self) -> Floats:
-        """(n,) the same with the other loops open: their gains are 0, their motors and gearboxes stay, and their weight does not count."""
+        """Factor (n,) on each joint's gains with the other loops open: their gains and weight are 0, their motors and gearboxes stay."""
         model, size, weight = self.model, self.model.size, self.model.gravity_stiffness
 
         def loop(k: int, own: Controller) -> Loop:
@@ -273,7 +273,7 @@ class State:
         return self._limits_by_joint(loop)
 
     def _limits_by_joint(self, loop_of: Callable[[int, Controller], Loop]) -> Floats:
-        """(n,) of the loop of each joint and its controller, see single_joint_limits."""
+        """Limits (n,) of the loops that `loop_of` makes of each joint and its controller, see single_joint_limits."""
         limits, movable = np.full(self.model.size, math.nan), joints_that_move(self.model, self.system.control.feedback)
         for k in range(self.model.size):
             own = self.controller.on_joint(k, self.model.size)
@@ -291,9 +291,9 @@ class State:
 
     @cached_property
     def delay_limit(self) -> float:
-        """The total delay [s] at which the robot vibrates; NaN where it is not known, 0 where it does without delay.
+        """Total delay [s] at which the robot vibrates; NaN if it is not known, 0 if it vibrates without delay.
 
-        Where kd closes on a path of its own: of the other gains' path, kd's as it is.
+        If kd has a separate path: of the other gains' path, kd's unchanged.
         """
         if self.loop.kd_path is not None:
             return self._delay_limit_of_others
@@ -309,7 +309,7 @@ class State:
 
     @cached_property
     def joints(self) -> tuple[JointRow, ...]:
-        """Joint by joint."""
+        """Results per joint."""
         size, margins, model = self.model.size, self.margins, self.model
         terms = self.controller.terms()
         kp, kd = ([own_gain(terms.get(powers, 0.0), k, size) for k in range(size)] for powers in ((0, 0), (1, 0)))
@@ -332,7 +332,7 @@ class State:
 
     @cached_property
     def tasks(self) -> TaskStudy | None:
-        """All tasks together, and each direction by itself; None without tasks."""
+        """Results of all tasks together, and of each direction by itself; None without tasks."""
         system, model = self.system, self.model
         if not system.source.stack:
             return None
@@ -365,7 +365,7 @@ class State:
 
 
 def state_of(system: System, posture: str, contact: str, numbers: tuple[str, ...] = ()) -> State:
-    """One posture in one contact state; see analyze in analysis.py."""
+    """State of one posture in one contact state; see analyze in analysis.py."""
     state = State(system, posture, contact, system.source.linearize(posture, contact), not numbers or "joints" in numbers)
     where = f": posture {posture!r}, contact {contact!r}" if posture else ""
     with computable(system.source.name + where):
@@ -375,7 +375,7 @@ def state_of(system: System, posture: str, contact: str, numbers: tuple[str, ...
 
 
 def single_joint(model: Plant, k: int) -> Plant:
-    """Joint `k` by itself, its neighbours free: W_kk, and with its part of contact and gravity stiffness."""
+    """Plant of joint `k` by itself, its neighbours free: W_kk, and its part of contact and gravity stiffness."""
     one = slice(k, k + 1)
     soft = model.compliance
     return Plant(
@@ -388,34 +388,34 @@ def single_joint(model: Plant, k: int) -> Plant:
 
 
 def _at_least_zero(entry: Floats, whole: Floats) -> Floats:
-    """W_kk, 0 where the contacts leave round-off."""
+    """Diagonal entry W_kk, set to 0 if it is round-off that the contacts leave."""
     return np.where(entry > IMMOBILE * np.abs(whole).max(), entry, 0.0)
 
 
 def limit_headroom(limit: GainLimit) -> tuple[bool, float]:
-    """Sorts limits: unstable ones first, then the one with the least headroom, of mirrored states the first. NaN counts as far away."""
+    """Sort key of limits: unstable ones first, then by headroom, mirrored states in their order. NaN counts as far away."""
     return limit.stable, math.inf if math.isnan(limit.gain) else rank(limit.gain)
 
 
 def path_headroom(margins: Margins) -> tuple[bool, float]:
-    """The same of what has two paths of gains: the least factor on all gains, or on those of one path."""
+    """Sort key as limit_headroom for a loop with two gain paths: by the least factor on all gains, or on those of one path."""
     stable, gain = limit_headroom(margins.limit)
     return stable, gain if margins.paths is None else min(gain, margins.paths.headroom)
 
 
 def task_headroom(state: State) -> tuple[bool, float]:
-    """The same of states by the limits of their tasks; those without come last."""
+    """Sort key as limit_headroom by the limit of the tasks; states without tasks come last."""
     return (True, math.inf) if state.task_limit is None else limit_headroom(state.task_limit)
 
 
 def strongest_first(mode: Complexes) -> Integers:
-    """The joints by falling participation factor; those that differ by round-off alone (left and right) in the model's order."""
+    """Indices of the joints by falling participation factor; those equal within round-off (left and right) in the model's order."""
     parts = np.abs(mode)
     return np.argsort(-np.round(parts / parts.max(), 6), kind="stable")
 
 
 def limiting_joints(limit: "GainLimit | SimulatorLimit | Sway", names: tuple[str, ...]) -> tuple[str, ...]:
-    """The joints that take part in the vibration at a limit, or in sway, the largest participation factor first; none without one."""
+    """Names of the joints in the vibration at a limit, or in sway, the largest participation factor first; () without one."""
     if not math.isfinite(limit.frequency):
         return ()
     parts = np.abs(limit.mode)

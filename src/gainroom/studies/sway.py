@@ -1,7 +1,8 @@
-"""Sway of a robot in one state, apart from its vibrations: what swings, how it is damped, and the margins without it.
+"""Sway of a robot in one state, separated from its vibrations: moving joints, damping, and the margins without it.
 
-A floating base on its contacts swings at what the joints' position gains hold it with. A balance controller above the joints damps that;
-no gain that is safe otherwise may be able to. So its part in phase margins and peak sensitivities is judged by who is said to damp it.
+A floating base on its contacts oscillates on the stiffness of the joints' position gains. A balance controller above the joints damps that;
+no joint gain that is otherwise safe may be able to. So its part in phase margins and peak sensitivities is judged by the controller stated
+to damp it.
 """
 
 import math
@@ -19,10 +20,10 @@ if TYPE_CHECKING:
     from ..robot.sway import SlowMode
 
 LATE = 0.05
-"""[rad] of phase that drives, delay and sampling may take at a mode's frequency, 3°: with more, delay has a part in how it swings, and that
+"""Phase [rad], 3°, that drives, delay and sampling may take at a mode's frequency: with more, delay takes part in the oscillation, and that
 is a vibration."""
 FROM = -0.05 + 1j
-"""Times a mode's frequency without damping: where the search for its root begins."""
+"""Start of the search for a mode's closed-loop root, relative to its undamped frequency."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,8 @@ class Sway:
     """Sway of one state.
 
     modes    by rising frequency, one or more
-    bands    (k, 2) about them, in which margins are theirs [rad/s]
-    frequency, damping_ratio   of the mode that is damped least, by its closed-loop root [rad/s]; the ratio NaN where none was found
+    bands    (k, 2) frequency bands of the modes, in which margins belong to sway [rad/s]
+    frequency, damping_ratio   of the least damped mode, by its closed-loop root [rad/s]; the ratio NaN if none was found
     mode     (n,) the joints' part in that mode, the largest 1
     """
 
@@ -43,7 +44,7 @@ class Sway:
 
 
 def sway_of(case: StateCase, loop: Loop) -> Sway | None:
-    """The sway of one state with its loop; None where nothing sways, where tasks hold the base, and where kd has a path of its own."""
+    """Sway of one state with its loop; None if nothing sways, if tasks hold the base, and if kd has a separate path."""
     if case.system.source.body is None or case.system.control.space == "task" or loop.kd_path is not None or loop.parts is None:
         return None
     from ..robot.sway import bands, slow_modes  # the whole robot, which a joint does without
@@ -60,7 +61,7 @@ def sway_of(case: StateCase, loop: Loop) -> Sway | None:
 
 
 def without_sway(case: StateCase, found: Margins, loop: Loop | None = None) -> Margins:
-    """`found`, the margins of a case and its loop, as requirements are held against them: without sway where a controller damps that."""
+    """Margins `found` of a case and its loop as compared with requirements: without sway if a controller damps it."""
     if case.system.balance != "controller" or not found.stable:
         return found
     loop = case.system.loop(case.model) if loop is None else loop
@@ -69,7 +70,7 @@ def without_sway(case: StateCase, found: Margins, loop: Loop | None = None) -> M
 
 
 def _root(loop: Loop, mode: "SlowMode") -> complex | None:
-    """The root of the closed loop that belongs to a mode; None where another one is found, or none."""
+    """Closed-loop root of a mode; None if another one is found, or none."""
     from ..robot.sway import NEAR
 
     root = root_near(loop, FROM * mode.frequency)

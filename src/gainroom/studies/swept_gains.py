@@ -1,4 +1,4 @@
-"""Recommended gains over the postures of a sweep: found for its worst ones, checked in all, found anew where others are worse."""
+"""Recommended gains over the postures of a sweep: found for the worst ones, checked in all, and found anew if others are worse."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,13 +14,13 @@ from .sweep.summary import SweepSummary
 from .sweep.workspace import checked_on, with_postures, with_worst_of
 
 ROUNDS = 4
-"""Of gains found and checked: what is worst depends on the gains."""
+"""Most rounds of finding and checking gains: the worst posture depends on the gains."""
 
 
 def study_over(system: System, store: Path, progress: Progress = quiet) -> tuple[RobotStudy, SweepSummary | None]:
-    """The study with the worst postures of a sweep beside the file's, and what its gains to use keep in the swept postures.
+    """Study with the worst postures of a sweep added to the file's, and the margins of its recommended gains in the swept postures.
 
-    None where there are no such gains, or they are not a PD's, joint by joint. Raises as study_robot and with_worst_of do.
+    None without such gains, or if they are not a PD's, joint by joint. Raises as study_robot and with_worst_of.
     """
     system = with_worst_of(system, store)
     for left in reversed(range(ROUNDS)):
@@ -44,7 +44,7 @@ def _with_recommended(study: RobotStudy) -> System | None:
 
 
 def _with(system: System, found: SweepSummary) -> System:
-    """With the worst posture of each contact state that is short of its margin."""
+    """System with the worst posture of each contact state that is short of its margin added."""
     short = [contact.worst[0].angles for contact in found.contacts if contact.short]
     robot: Robot = system.source  # type: ignore[assignment]
     return with_postures(system, {f"swept {k}": angles for k, angles in enumerate(short, len(robot.postures) + 1)})

@@ -1,7 +1,7 @@
-"""All requirements in postures of a sweep, which looks at the gain limit alone: where that is lowest, and in a random share of them.
+"""All requirements in postures of a sweep, which itself computes the gain limit alone: in the lowest ones, and in a random share of them.
 
-Of each contact state the posture with the lowest limit has all its margins, as `gainroom robot` has them. The others are looked at as
-corners of an uncertainty are (design/gain_cases.py), in a tenth of the time; what is worst there is worked out again in full.
+In each contact state the posture with the lowest limit gets all its margins, as in `gainroom robot`. The others are sampled as corners of
+an uncertainty are (design/gain_cases.py), in a tenth of the time; the worst of them is computed again in full.
 """
 
 from collections.abc import Iterator
@@ -25,17 +25,17 @@ from .sweep.summary import SweepSummary, SweptPosture
 from .verdict import Finding, Verdict, judged, missed
 
 MOST = 6
-"""Contact states of which the worst posture has all margins: those with the lowest limits."""
+"""Most contact states whose worst posture gets all margins: those with the lowest limits."""
 MANY, FEW = 50, 5
-"""The lowest, and as many at random, of each contact state; of robots whose limits are asked for one by one."""
+"""Number of lowest, and as many random, postures of each contact state; FEW for robots whose limits are computed individually."""
 
 
 @dataclass(frozen=True)
 class SampledRequirement:
-    """One requirement in the sample: its worst `state`, with all margins, and in how many postures it is missed.
+    """One requirement in the sample: its worst `state`, with all margins, and the number of postures that miss it.
 
-    random_missed   of those that were chosen at random
-    without_sway    a state that misses it with sway damped, where the worst one would not; None: there is none
+    random_missed   number of random postures that miss it
+    without_sway    a state that misses it with sway damped, if the worst one would not; None: there is none
     """
 
     requirement: Requirement
@@ -47,23 +47,23 @@ class SampledRequirement:
 
     @property
     def value(self) -> float:
-        """The worst that was found [SI]."""
+        """Worst value found [SI]."""
         return self.requirement.value(self.state.counted)
 
     @property
     def met(self) -> bool:
-        """In all postures of the sample."""
+        """True if met in all postures of the sample."""
         return not self.missed and self.requirement.met(self.needed, self.value)
 
 
 @dataclass(frozen=True)
 class WorstStates:
-    """The worst posture of each contact state, the lowest limit first, with its draw's values; and the sample.
+    """Worst posture of each contact state, the lowest limit first, with its draw's values; and the sample.
 
-    lowest, random   postures of each contact state that were chosen so
-    count, random_count   judged in all, and of those chosen at random; everywhere: that is all there are
-    requirements     besides the gain margin, which is among them where it is missed by one joint alone
-    toppling         a state of the sample that the weight topples, where all requirements are met; None: there is none
+    lowest, random   number of lowest and of random postures of each contact state
+    count, random_count   judged in all, and of the random ones; everywhere: True if that is all there are
+    requirements     besides the gain margin, which is among them if one joint alone misses it
+    toppling         a state of the sample that the weight topples, if all requirements are met; None: there is none
     """
 
     states: tuple[State, ...] = ()
@@ -77,11 +77,11 @@ class WorstStates:
 
     @property
     def unmet(self) -> dict[str, SampledRequirement]:
-        """Requirements that are missed in the sample, by name."""
+        """Requirements missed in the sample, by name."""
         return {one.requirement.name: one for one in self.requirements if not one.met}
 
     def unmet_at(self, factor: float) -> list[Requirement]:
-        """Those that are missed with `factor` on all gains, where each has its worst."""
+        """Requirements missed with `factor` on all gains, each in its worst state."""
         found = {id(one.state): margins_of(one.state.loop.scaled(factor)) for one in self.requirements}
         return [
             one.requirement for one in self.requirements if not one.requirement.met(one.needed, one.requirement.value(found[id(one.state)]))
@@ -89,7 +89,7 @@ class WorstStates:
 
 
 def worst_states(found: SweepSummary, each: int | None = None, progress: Progress = quiet) -> WorstStates:
-    """The sample: `each` lowest and as many random postures of each contact state; None: as many as suit the robot; 0: the lowest one.
+    """Sample of `each` lowest and as many random postures of each contact state; None: a number that suits the robot; 0: the lowest one.
 
     Reproducible: the seed is the sweep's.
     """
@@ -129,7 +129,7 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
 
 
 def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
-    """The verdict on every posture that was swept: what `gainroom robot` finds where it is worst, and what is not known of all."""
+    """Verdict on every swept posture: findings of `gainroom robot` in the worst ones, and what is not known of all."""
     system, lowest = found.plan.system, found.worst_posture
     sampled = [state for one in worst.requirements for state in (one.state, one.without_sway)]
     studied = Analysis(system, tuple(dict.fromkeys(state for state in (*worst.states, *sampled, worst.toppling) if state is not None)))
@@ -154,7 +154,7 @@ def swept_verdict(found: SweepSummary, worst: WorstStates) -> Verdict:
 
 
 def _found(found: SweepSummary, worst: WorstStates, studied: Analysis) -> Iterator[Finding]:
-    """Findings in the worst states of a sweep, each with the number of postures that are unstable or miss that requirement, where known."""
+    """Findings in the worst states of a sweep, each with the number of postures that are unstable or miss that requirement, if known."""
     contacts = {one.name: one for one in found.contacts}
     counts = {name: one.missed for name, one in worst.unmet.items()}
     counts["gain_margin"] = max(counts.get("gain_margin", 0), sum(one.short for one in found.contacts))
@@ -167,14 +167,14 @@ def _found(found: SweepSummary, worst: WorstStates, studied: Analysis) -> Iterat
 
 @dataclass(frozen=True)
 class _Sample:
-    """The lowest and random postures of each contact state."""
+    """Lowest and random postures of each contact state."""
 
     summary: SweepSummary
     each: int
 
     @cached_property
     def random(self) -> dict[tuple[int, int, int], SweptPosture]:
-        """By contact state, draw and number: the same postures in every contact state."""
+        """Random postures by contact state, draw and index: the same postures in every contact state."""
         plan = self.summary.plan
         count = plan.postures.count
         rng = np.random.default_rng([plan.seed, 14])
@@ -190,13 +190,13 @@ class _Sample:
 
     @property
     def all(self) -> list[SweptPosture]:
-        """Each once."""
+        """All sampled postures, each once."""
         tail = {one.key: one for contact in self.summary.contacts for one in contact.worst[: max(self.each, 1)]}
         return list({**self.random, **tail}.values())
 
 
 def _looked_at(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPosture, Margins]]:
-    """What requirements bound, in every posture that moves and can be linearised: the others count as not known, or need nothing."""
+    """Sampled margins of every posture that moves and can be linearised; the others count as not known, or need nothing."""
     plan, every = sample.summary.plan, sample.all
     for done, one in enumerate(every):
         progress(done, len(every), "margins")
@@ -213,19 +213,19 @@ def _looked_at(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPostu
 
 
 def _balanced(one: SweptPosture, plan: SweepPlan, found: Margins) -> Margins:
-    """`found`, the margins of a posture, with a controller that damps sway."""
+    """Margins `found` of a posture with a controller that damps sway."""
     system, contact = replace(one.system(plan), balance="controller"), plan.contacts[one.contact]
     return without_sway(StateCase(one.name, contact, "", system, system.source.linearize(one.name, contact)), found)
 
 
 def _toppling(one: SweptPosture, plan: SweepPlan) -> State | None:
-    """The state of a posture that the weight topples, of which nothing is said; None of others."""
+    """State of a posture that the weight topples, if the file does not say whether it counts; otherwise None."""
     state = state_of(one.system(plan), one.name, plan.contacts[one.contact], ("moves",))
     return state if state.topples_with_weight else None
 
 
 def _in_full(one: SweptPosture, plan: SweepPlan) -> State | None:
-    """With all margins; None where it cannot be linearised, or nothing moves."""
+    """State of a swept posture with all margins; None if it cannot be linearised, or nothing moves."""
     try:
         state = state_of(one.system(plan), one.name, plan.contacts[one.contact], ("margins",))
     except GainroomError:

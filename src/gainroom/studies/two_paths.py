@@ -1,6 +1,6 @@
-"""A joint or robot whose kd closes on a path of its own: every state, nominal, at every corner of the uncertainty and at places between.
+"""Study of a joint or robot whose kd has a separate path: every state, nominal, at every corner of the uncertainty and between.
 
-Gain maps, largest gains, recommended ones and curves over frequency are of loops with one path, and are not made for these.
+Gain maps, largest gains, recommended ones and curves over frequency exist for loops with one path only.
 """
 
 import math
@@ -22,10 +22,10 @@ from .verdict import Finding, Verdict, judged, missed
 class PathCase:
     """One state at one place in the uncertainty.
 
-    state        in its posture and contact state
-    title        those; "" of a joint
+    state        posture and contact state with its system
+    title        posture and contact state as text; "" for a joint
     place        as text; "" for the nominal case
-    delay_limit  [s] of the other gains' path, kd's as it is; NaN where it is not known, 0 where no delay there is short enough
+    delay_limit  total delay of the other gains' path, kd's unchanged [s]; NaN: not known, 0: no delay is short enough
     """
 
     state: State
@@ -36,50 +36,50 @@ class PathCase:
 
     @property
     def limit(self) -> GainLimit:
-        """Of the common factor on all gains."""
+        """Limit of the common factor on all gains."""
         return self.margins.limit
 
     @property
     def text(self) -> str:
-        """For messages; "" for the nominal case of a joint."""
+        """State and place, for messages; "" for the nominal case of a joint."""
         return ", ".join(filter(None, (self.title, self.place)))
 
 
 @dataclass(frozen=True)
 class PathStudy:
-    """All cases, of each state the nominal one first."""
+    """Results in all cases; the nominal case of each state comes first."""
 
     system: System
     cases: tuple[PathCase, ...]
 
     @property
     def nominal(self) -> tuple[PathCase, ...]:
-        """One per state."""
+        """Nominal cases, one per state."""
         return tuple(case for case in self.cases if not case.place)
 
     @cached_property
     def tightest(self) -> PathCase:
-        """The nominal case with the least headroom."""
+        """Nominal case with the least headroom."""
         return min(self.nominal, key=lambda case: path_headroom(case.margins))
 
     @property
     def stable(self) -> bool:
-        """At the nominal values."""
+        """True if stable at the nominal values."""
         return all(case.limit.stable for case in self.nominal)
 
     @property
     def unstable_at(self) -> str:
-        """The first case that is unstable, as text, where the nominal values are not; "" where there is none."""
+        """First unstable case, as text, if the nominal ones are stable; "" if there is none."""
         return next((case.text for case in self.cases if not case.limit.stable), "") if self.stable else ""
 
     @property
     def stable_in_range(self) -> bool:
-        """In every case; between them it is not proved."""
+        """True if stable in every case; between cases it is not proved."""
         return self.stable and not self.unstable_at
 
     @cached_property
     def worst(self) -> dict[str, tuple[float, PathCase]]:
-        """By requirement, the least of what it bounds, and where; NaN, of the first case, where that is not known."""
+        """Worst value of each requirement, by name, and its case; NaN, of the first case, if it is not known."""
 
         def least(name: str) -> tuple[float, PathCase]:
             one = REQUIREMENTS[name]
@@ -90,24 +90,24 @@ class PathStudy:
         return {name: least(name) for name in REQUIREMENTS}
 
     def met(self, name: str) -> bool | None:
-        """Whether a requirement is met in every case; None where it is not asked for, or not known."""
+        """True if a requirement is met in every case; None if it is not required or not known."""
         value = self.worst[name][0]
         return None if math.isnan(value) or not self.stable_in_range else self.system.requirements.met(name, value)
 
     @property
     def unmet(self) -> tuple[str, ...]:
-        """The requirements that are known to be missed in some case."""
+        """Names of requirements known to be missed in some case."""
         return tuple(name for name in REQUIREMENTS if self.met(name) is False)
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """The requirements that are asked for and not known of two paths; none of an unstable system."""
+        """Names of requirements that are asked for but not known for two paths; () for an unstable system."""
         asked = self.system.requirements.needed if self.stable_in_range else ()
         return tuple(name for name in asked if math.isnan(self.worst[name][0]))
 
     @cached_property
     def verdict(self) -> Verdict:
-        """The verdict as on systems with one path."""
+        """Verdict, made as for systems with one path."""
         found = [unstable(case.state, case.text) for case in self.nominal if not case.limit.stable]
         found += [Finding("unstable_in_range", "unsafe", state=self.unstable_at)] if self.unstable_at else []
         for name in (*self.unmet, *self.unknown):
@@ -124,14 +124,14 @@ class PathStudy:
 
     @property
     def requirements_met(self) -> bool | None:
-        """None where all that is known is met, and something is not known or uncertain."""
+        """True if all requirements are met; None if no known one is missed, but something is not known or uncertain."""
         if not self.stable_in_range or self.unmet:
             return False
         return None if self.unknown or self.system.uncertainty.names else True
 
 
 def study_two_paths(system: System, progress: Progress = quiet) -> PathStudy:
-    """Every state and case of a system whose kd closes on a path of its own. Raises GainroomError where no case can be computed."""
+    """Study of every state and case of a system whose kd has a separate path. Raises GainroomError if no case can be computed."""
     every, found = list(system.cases(inside=True)), []
     for index, case in enumerate(every):
         progress(index, len(every), case.title)

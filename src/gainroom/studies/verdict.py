@@ -1,10 +1,10 @@
-"""The verdict on a system, safe, unsafe or undecided, in one record: every command and page shows it, the exit status follows.
+"""Verdict on a system, safe, unsafe or undecided, in one record: every command and page shows it, the exit status follows.
 
-A finding alone makes a system unsafe, leaves it open, or says what a safe verdict rests on. Findings hold numbers and names;
-report/words.py makes sentences of them.
+A finding alone makes a system unsafe, leaves it open, or qualifies a safe verdict. Findings hold numbers and names; report/words.py makes
+sentences of them.
 
-    unsafe      unstable, or a requirement is missed, somewhere within what the user has stated
-    undecided   something that decides is not known; the remedy names the option or key that gives it
+    unsafe      unstable, or a requirement is missed, somewhere within the user's statements
+    undecided   missing data decides; the remedy names the option or key that gives it
     safe        everything that is required holds in every state and case
 """
 
@@ -18,13 +18,13 @@ from ..system.system import System
 
 Level = Literal["safe", "undecided", "unsafe"]
 STATUS: Mapping[Level, int] = {"safe": 0, "unsafe": 1, "undecided": 3}
-"""Exit statuses; 2 says that the input or the call is wrong."""
+"""Exit statuses; 2 is reserved for wrong input or usage."""
 RISING: tuple[Level, ...] = ("safe", "undecided", "unsafe")
 
 
 @dataclass(frozen=True)
 class Reading:
-    """A value of what is not known, as text, and what the system is with it."""
+    """Possible value of missing data, as text, and the level of the system with it."""
 
     text: str
     level: Level
@@ -32,16 +32,16 @@ class Reading:
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was found.
+    """One finding of a study.
 
-    code     "unstable", "topples", "unstable_in_range", the name of a requirement that is missed or not known, of something unknown, or of
-             what a verdict rests on
+    code     "unstable", "topples", "unstable_in_range", name of a requirement that is missed or not known, of missing data, or of a
+             qualification of the verdict
     level    of a system of which this alone is known
     values   numbers by name, in the units that the names say
-    state    posture and contact state; "" of a joint, and where all are meant
-    joints   whose they are, the first the most
+    state    posture and contact state; "" for a joint, and if all are meant
+    joints   names of the joints concerned, the most affected first
     remedy   option or key that decides, or gives more
-    readings   of what is not known and decides: some that differ
+    readings   for missing data that decides: some readings that differ
     """
 
     code: str
@@ -54,7 +54,7 @@ class Finding:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The finding as --json prints it."""
+        """JSON form of the finding."""
         return {
             "code": self.code,
             "level": self.level,
@@ -68,51 +68,51 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a system, with all that was found, what decides first."""
+    """Verdict on a system with all findings, deciding ones first."""
 
     findings: tuple[Finding, ...]
 
     @classmethod
     def of(cls, findings: Iterable[Finding]) -> "Verdict":
-        """A verdict with the findings that decide first, each level in the order given."""
+        """Verdict of `findings`, sorted by level, each level in the order given."""
         return cls(tuple(sorted(findings, key=lambda one: -RISING.index(one.level))))
 
     @property
     def level(self) -> Level:
-        """The level of the worst finding."""
+        """Level of the worst finding."""
         return RISING[max((RISING.index(one.level) for one in self.findings), default=0)]
 
     @property
     def deciding(self) -> tuple[Finding, ...]:
-        """The findings without which the verdict would be a better one; none of a safe one."""
+        """Findings without which the verdict would be better; () for a safe one."""
         return () if self.level == "safe" else tuple(one for one in self.findings if one.level == self.level)
 
     @property
     def status(self) -> int:
-        """The exit status."""
+        """Exit status."""
         return STATUS[self.level]
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The keys of --json."""
+        """JSON keys of the verdict."""
         return {"verdict": self.level, "findings": [one.facts for one in self.findings]}
 
     def with_findings(self, *more: Finding) -> "Verdict":
-        """The verdict with some more findings, which may make it worse and never better."""
+        """Verdict with further findings, which may make it worse and never better."""
         return Verdict.of((*self.findings, *more))
 
     def open(self, *why: Finding) -> "Verdict":
-        """The verdict where something that is not known, `why`, may turn what is unsafe into safe: that is not decided either."""
+        """Verdict in which missing data, `why`, may turn unsafe findings into safe ones: these become undecided."""
         told = (replace(one, level="undecided") if one.level == "unsafe" else one for one in self.findings)
         return Verdict.of((*why, *told))
 
 
 @dataclass(frozen=True)
 class Read:
-    """A decision from all readings of what is not known: the level they agree on, or the readings that differ.
+    """Decision over all readings of missing data: the level they agree on, or the readings that differ.
 
-    level      unsafe in all, safe in all, or not decided
-    deciding   by code of what is not known, the readings that show that it decides; {} where nothing does
+    level      unsafe in all, safe in all, or undecided
+    deciding   readings that show that missing data decides, by its code; {} if none does
     """
 
     level: Level
@@ -120,10 +120,10 @@ class Read:
 
 
 def judged(system: System, remedies: Mapping[str, str], findings: Iterable[Finding], read: Callable[[Level], Read]) -> Verdict:
-    """The verdict from what was found of a system, and what of it is not known.
+    """Verdict from the findings on a system and its missing data.
 
-    remedies   what gives that, by the finding's code
-    read       the readings of the system (readings.py), given what it is as it was computed
+    remedies   option or key that gives missing data, by the code of the finding
+    read       function from the computed level to the decision over all readings (readings.py)
     """
     found, unknown = Verdict.of(findings), system.source.unknown
 
@@ -150,13 +150,13 @@ def judged(system: System, remedies: Mapping[str, str], findings: Iterable[Findi
 
 
 UNKNOWN = ("gearbox_unknown", "motor_inertia_unknown")
-"""Codes of what a source may leave open, beside the rate."""
+"""Codes of data that a source may lack, beside the rate."""
 
 
 def missed(required: Requirements, name: str, value: float, **where: Any) -> Finding:
-    """One requirement that has `value` [SI] at the worst; not known (NaN) it leaves the verdict open, and nobody is it.
+    """Finding of one requirement with its worst `value` [SI]; NaN leaves the verdict undecided, without joints.
 
-    where   `frequency` [rad/s], `state`, `joints`, and `postures`, in how many it is missed; as far as they are known
+    where   `frequency` [rad/s], `state`, `joints`, and `postures`, the number that miss it; as far as they are known
     """
     one, known = REQUIREMENTS[name], not math.isnan(value)
     asked = float(f"{one.in_unit(required.needed[name]):.12g}")  # as it was typed: 30° came back from radians as 29.999999999999996

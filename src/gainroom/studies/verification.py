@@ -1,7 +1,7 @@
-"""The predicted gain limit compared with the onset of vibration in simulation: two methods that share only the model.
+"""Verification: predicted gain limit against the onset of vibration in simulation, two methods that share only the model.
 
-The prediction comes from the frequency response, the simulation from stepping in time. Two witnesses: the sampled linear loop, which
-shares the model; and for robots MuJoCo with drives and running controller, which shares only the file.
+The prediction comes from the frequency response, the simulation from stepping in time. Two witnesses: the sampled linear loop, which shares
+the model; and for robots MuJoCo with drives and running controller, which shares only the file.
 """
 
 import math
@@ -28,21 +28,21 @@ from ..system.system import System
 from .progress import Progress, quiet
 
 TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
-"""By witness: the largest relative difference of gain and frequency from the prediction."""
+"""Largest relative difference of gain and frequency from the prediction, by witness."""
 LOWERED = (1.0, 0.3, 0.1)  # factors at which a loop is simulated that no lower gains stabilise
 LOWERED_DURATION = 2.0  # [s] of such a run at factor 1
 FEWEST_RUN_TICKS, MOST_RUN_TICKS = 200, 400_000  # ticks of one run
-MOST_VERIFIED_STATES = 4  # of more, only the posture of each contact state that vibrates first is simulated
-PERIODS_PER_RUN = 100.0  # of the predicted vibration in one run: enough to detect growth of 1e-6 per period
+MOST_VERIFIED_STATES = 4  # with more states, only the tightest posture of each contact state is simulated
+PERIODS_PER_RUN = 100.0  # periods of the predicted vibration: enough to detect growth of 1e-6 per period
 
 
 @dataclass(frozen=True)
 class Case:
-    """One limit, predicted and simulated. Gains: factors on the file's; infinite, with frequency NaN, where none vibrates.
+    """One limit, predicted and simulated. Gains: factors on the file's; infinite, with frequency NaN, if none vibrates.
 
-    what       as text
+    what       description as text
     witness    "linear" or "mujoco"
-    required   the gain margin that the file requires of the present gains, a factor; None: nothing is required of what is closed here
+    required   gain margin that the file requires of the present gains, a factor; None: nothing is required of the loop closed here
     """
 
     what: str
@@ -56,68 +56,68 @@ class Case:
 
     @property
     def enough(self) -> bool | None:
-        """Whether the predicted limit has the required gain margin; None where none is required, or it is not known."""
+        """True if the predicted limit has the required gain margin; None if none is required, or it is not known."""
         if self.required is None or math.isnan(self.predicted_gain):
             return None
         return self.predicted_gain > 1 and enough(self.predicted_gain, self.required)
 
     @property
     def tolerance(self) -> float:
-        """Relative."""
+        """Relative tolerance of the witness."""
         return TOLERANCES[self.witness]
 
     @property
     def gain_difference(self) -> float:
-        """Simulated over predicted, minus 1; 0 where neither vibrates."""
+        """Relative difference of the gains, simulated over predicted minus 1; 0 if neither vibrates."""
         return _difference(self.predicted_gain, self.simulated_gain)
 
     @property
     def frequency_difference(self) -> float:
-        """As gain_difference."""
+        """Relative difference of the frequencies, simulated over predicted minus 1; 0 if neither vibrates."""
         if self.predicted_gain == self.simulated_gain:  # 0 or inf: no vibration to have one
             return 0.0
         return _difference(self.predicted_frequency, self.simulated_frequency)
 
     @property
     def agrees(self) -> bool:
-        """Both within the tolerance."""
+        """True if both differences are within the tolerance."""
         return abs(self.gain_difference) <= self.tolerance and abs(self.frequency_difference) <= self.tolerance
 
 
 Job = tuple[str, Callable[[], Case]]
-"""A case's name, and what makes it."""
+"""Name of a case, and the function that computes it."""
 
 
 @dataclass(frozen=True)
 class Verification:
-    """The result of `gainroom verify`."""
+    """Result of `gainroom verify`."""
 
     cases: tuple[Case, ...]
     of_robot: bool = False
     warnings: tuple[str, ...] = ()
-    """What was left out, and why."""
+    """Omissions and their reasons."""
     effects: tuple[str, ...] = ()
-    """Of the file's scenario, which neither prediction nor simulation has."""
+    """Effects of the file's scenario, which neither prediction nor simulation includes."""
     uncertain: bool = False
-    """The file has ranges: all cases are at its nominal values."""
+    """True if the file has ranges: all cases are at its nominal values."""
 
     @property
     def agrees(self) -> bool:
-        """Every case does."""
+        """True if every case agrees."""
         return all(case.agrees for case in self.cases)
 
     @property
     def least(self) -> Case:
-        """The case with the lowest predicted limit, unknown ones first; of what the file's requirements are about, if there are any."""
+        """Case with the lowest predicted limit, unknown ones first; among those that the file's requirements apply to, if there are any."""
         judged = [case for case in self.cases if case.required is not None] or self.cases
         return min(judged, key=lambda case: -math.inf if math.isnan(case.predicted_gain) else case.predicted_gain)
 
 
 def verify(system: System, progress: Progress = quiet, effects: Sequence[str] = ()) -> Verification:
-    """The common factor on all gains at which vibration starts, predicted and by linear simulation, in every state.
+    """Verification of the common factor on all gains at which vibration starts, predicted and by linear simulation, in every state.
 
-    A robot's in joint and in task space, with MuJoCo as a second witness. `effects`: of the scenario, by name; they are left out.
-    Raises GainroomError for continuous control, and where the gains act on no motion in any state.
+    Robots are verified in joint and in task space, with MuJoCo as a second witness. `effects`: names of the scenario's effects; they are
+    left out. Raises GainroomError for continuous control, and if the gains act on no motion in any state.
     """
     require_sampled(system)
     known, system = system.warnings, on_a_tree(system)
@@ -139,7 +139,7 @@ def verify(system: System, progress: Progress = quiet, effects: Sequence[str] = 
 
 
 def spaces(system: System) -> Iterator[System]:
-    """The file's control in joint space, where it has such gains, and in task space, where it has tasks."""
+    """Systems with the file's control in joint space, if it has such gains, and in task space, if it has tasks."""
     control = system.control
     if control.space == "joint":
         yield system
@@ -148,7 +148,7 @@ def spaces(system: System) -> Iterator[System]:
 
 
 def _jobs(system: System, warnings: list[str]) -> Iterator[Job]:
-    """The cases of one space; what is left out goes to `warnings`."""
+    """Jobs of one space; omissions are appended to `warnings`."""
     for posture, contact, loop in _states(system):
         name = f"{posture}/{contact} ({system.control.space} space)" if posture else "one joint"
         yield name, lambda name=name, loop=loop: linear_case(name, loop)
@@ -170,7 +170,7 @@ def _jobs(system: System, warnings: list[str]) -> Iterator[Job]:
 
 
 def _states(system: System) -> list[tuple[str, str, Loop]]:
-    """Posture, contact state and loop of what is simulated."""
+    """Posture, contact state and loop of every simulated state."""
     loops = [(posture, contact, system.loop(system.source.linearize(posture, contact))) for posture, contact in system.source.states]
     loops = [state for state in loops if state[2].acts]
     if len(loops) <= MOST_VERIFIED_STATES:
@@ -193,7 +193,7 @@ class Growth:
 
 
 def growth_about(loop: Loop) -> Growth:
-    """Within 10 % of the gain limit, which must be finite, for a figure; NaN where a run shows no vibration."""
+    """Growth rates within 10 % of the gain limit, which must be finite, for a figure; NaN if a run shows no vibration."""
     limit = gain_limit(loop)
     gains = limit.gain * np.linspace(0.9, 1.1, 9)
     found = [linear_vibration(loop.scaled(gain), _duration(loop, limit)) for gain in gains]
@@ -203,7 +203,7 @@ def growth_about(loop: Loop) -> Growth:
 
 
 def linear_case(what: str, loop: Loop) -> Case:
-    """A sampled loop of any number of joints, stepped linearly."""
+    """Case of a sampled loop of any number of joints, stepped linearly."""
     limit = gain_limit(loop)
     if not 0 < limit.gain < math.inf:
         return _without_limit(what, loop, limit)
@@ -213,9 +213,9 @@ def linear_case(what: str, loop: Loop) -> Case:
 
 
 def _mujoco(what: str, system: System, posture: str, contact: str, loop: Loop) -> Callable[[], Case] | None:
-    """The function that makes the case; None where no predicted limit can be searched.
+    """Function that computes the MuJoCo case; None if no predicted limit can be searched.
 
-    Raises GainroomError where MuJoCo cannot simulate this.
+    Raises GainroomError if MuJoCo cannot simulate the state.
     """
     limit = gain_limit(loop)
     if not (1 / FURTHEST_FACTOR < limit.gain < FURTHEST_FACTOR and limit.frequency > 0):
@@ -228,7 +228,7 @@ def _mujoco(what: str, system: System, posture: str, contact: str, loop: Loop) -
 
 
 def _case(what: str, witness: str, limit: GainLimit, search: Callable[[], Onset], begin: float = 1.0) -> Case:
-    """`limit` beside what `search` finds, as a factor on `begin`; NaN where no factor that was tried changes the verdict."""
+    """Case of `limit` beside the result of `search`, as a factor on `begin`; NaN if no factor tried changes stability."""
     try:
         onset = search()
     except GainroomError:
@@ -237,14 +237,14 @@ def _case(what: str, witness: str, limit: GainLimit, search: Callable[[], Onset]
 
 
 def _duration(loop: Loop, limit: GainLimit) -> float:
-    """Of one run [s], by the predicted frequency; it sets the duration alone."""
+    """Duration of one run [s], from the predicted frequency, which it influences in no other way."""
     assert loop.sample_time is not None
     wanted = PERIODS_PER_RUN * 2 * math.pi / limit.frequency if limit.frequency > 0 else 0.0
     return float(np.clip(wanted, FEWEST_RUN_TICKS * loop.sample_time, MOST_RUN_TICKS * loop.sample_time))
 
 
 def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
-    """No factor changes the predicted verdict; none that is tried may change the simulated one."""
+    """Case in which no factor changes the predicted stability; none that is tried may change the simulated one."""
     if limit.gain == 0:  # it grows at every factor, more slowly at lower gains
         grown = [linear_vibration(loop.scaled(factor), LOWERED_DURATION / math.sqrt(factor)) for factor in LOWERED]
         grows = all(found is not None and found.growth_rate > 0 for found in grown)

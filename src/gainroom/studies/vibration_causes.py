@@ -27,23 +27,23 @@ import numpy as np
 from ..identification.recorded_oscillation import RecordedOscillation
 from .vibration_prediction import MANY_STEPS, SAME_FREQUENCY, SAME_RESPONSE, Prediction
 
-FEW_STEPS = 3.0  # of the encoder: amplitudes that quantisation makes
+FEW_STEPS = 3.0  # encoder steps: amplitudes that quantisation makes
 UNKNOWN = "unknown"
-"""None of these causes; it stands for itself among the likelihoods."""
+"""Name of "none of these causes" among the likelihoods."""
 MOST_FOR, MOST_AGAINST = 2.0, -4.0  # nats of one piece of evidence
-SAME_MARGIN = 0.15  # likewise of the gain margin
-OTHER_RESPONSE = 0.7  # of its logarithm: another plant
+SAME_MARGIN = 0.15  # |ln| of the gain margin
+OTHER_RESPONSE = 0.7  # |ln| of the plant's response: another plant
 STANDING = 0.3  # share of a period in which a joint that sticks stands still, at least
 CLIPPED = 0.05  # share of rows at the torque limit that counts
-WHOLE_TORQUE = 0.97  # of what the controller asks for: no limit takes part
+WHOLE_TORQUE = 0.97  # share of the controller's output: no limit takes part
 FAINT = 0.1  # cosine of torque and velocity: less is nearly a quarter period between them, and a few degrees turn its sign
 UNSUPPORTED = 1.0  # [nats] for none of these: a cause needs more to be named
 WHOLE, MOST_ORDERS = 0.03, 200  # periods per turn of the motor: nearer to a whole number, up to so many
-MOST_SOFTENED = 0.95  # of the stiffness: what is left beside a gap
+MOST_SOFTENED = 0.95  # share of the stiffness left by a gap
 NEARLY = 0.85  # gain margin by the model of a loop that may well be stable, where parameters are a few percent off
 BENT = 0.02  # third and fifth harmonics over the first, of a torque that goes to and fro through a gap
 SURELY_STABLE = 1.3  # gain margin by the model beyond which what grows is not its loop
-SPARED = 0.6  # of the limit: margin that a stable prediction leaves where parameters are a few percent off
+SPARED = 0.6  # relative to the limit: margin that a stable prediction leaves where parameters are a few percent off
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Cause:
-    """likelihood: beside the other causes and UNKNOWN, which together have 1."""
+    """Cause of a vibration; `likelihood` relative to all causes and UNKNOWN, which sum to 1."""
 
     name: str
     likelihood: float
@@ -66,12 +66,12 @@ class Cause:
 
 
 def _agrees(distance: float, deviation: float) -> float:
-    """[nats] for a cause whose prediction is `distance` off, in units of which `deviation` is usual."""
+    """Weight [nats] of a prediction that is off by `distance`, where `deviation` is usual."""
     return max(MOST_AGAINST, MOST_FOR - 0.5 * (distance / deviation) ** 2)
 
 
 def ranked_causes(seen: RecordedOscillation, predicted: Prediction | None) -> tuple[Cause, ...]:
-    """Likelihoods from the sums of the evidence."""
+    """Causes with their likelihoods from the sums of the evidence, most likely first."""
     judged = {name: _known(judge(seen, predicted)) for name, judge in JUDGES.items()}
     judged[UNKNOWN] = []
     sums = np.array([UNSUPPORTED if name == UNKNOWN else sum(one.weight for one in found) for name, found in judged.items()])
@@ -82,14 +82,14 @@ def ranked_causes(seen: RecordedOscillation, predicted: Prediction | None) -> tu
 
 
 def _off(predicted: Prediction | None, seen: RecordedOscillation) -> float:
-    """|ln| of the vibration's frequency over the predicted one; NaN: none predicted."""
+    """Log ratio, absolute, of the vibration's frequency to the predicted one; NaN: none predicted."""
     if predicted is None or not predicted.frequency > 0:
         return math.nan
     return abs(math.log(seen.vibration.frequency / predicted.frequency))
 
 
 def _response_off(predicted: Prediction | None) -> float:
-    """|ln| of the measured response over the model's, amplitude and phase; NaN: not measured."""
+    """Log ratio, absolute, of the measured response to the model's, amplitude and phase; NaN: not measured."""
     return abs(np.log(predicted.response)) if predicted is not None and predicted.response == predicted.response else math.nan
 
 
@@ -205,7 +205,7 @@ def _ripple(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evi
 
 
 def _forced(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
-    """For a torque that does not come from the controller."""
+    """Evidence for a torque that does not come from the controller."""
     scales = seen.turning is not None and seen.turning.scales
     found = [_steps_against(seen), _braked(seen, predicted, 3.0 if scales or seen.turning is None else 1.0)]
     if seen.turning is not None and not scales and seen.standing > STANDING - 0.1:  # along a steady motion friction has it stand
@@ -274,16 +274,16 @@ JUDGES: dict[str, Callable[[RecordedOscillation, Prediction | None], list[Eviden
     "aliasing": _aliasing,
     "outer_loop": _outer_loop,
 }
-"""What speaks for and against each cause."""
+"""Functions that collect the evidence for and against each cause."""
 
 
 def _known(found: Sequence[Evidence]) -> list[Evidence]:
-    """Those that say something."""
+    """Evidence with a weight other than 0."""
     return [one for one in found if one.weight != 0]
 
 
 def _clipped(seen: RecordedOscillation, predicted: Prediction | None) -> bool:
-    """Whether a torque limit takes part: rows at a limit, and less torque than the controller of the file would make."""
+    """True if a torque limit takes part: rows at a limit, and less torque than the file's controller would make."""
     return seen.clipped > CLIPPED and not (predicted is not None and predicted.left > WHOLE_TORQUE)
 
 
@@ -308,7 +308,7 @@ def _answered_against(seen: RecordedOscillation) -> Evidence:
 
 
 def _braked(seen: RecordedOscillation, predicted: Prediction | None, weight: float) -> Evidence:
-    """A controller drives what it keeps up itself, and brakes what comes from elsewhere, unless its delay turns that round."""
+    """Evidence from power: a controller drives a vibration that it sustains and brakes an external one, unless its delay reverses this."""
     power = seen.power if math.isfinite(seen.power) or predicted is None else predicted.power
     sustained = seen.state == "sustained" and seen.side == "motor_position"
     if not sustained or math.isnan(power) or abs(power) < FAINT:
@@ -317,6 +317,6 @@ def _braked(seen: RecordedOscillation, predicted: Prediction | None, weight: flo
 
 
 def _held_against(seen: RecordedOscillation, predicted: Prediction | None) -> Evidence:
-    """What swings without friction, gap or limit grows or decays: nothing holds its amplitude."""
+    """Evidence from growth: without friction, gap or limit an oscillation grows or decays, as nothing holds its amplitude."""
     held = seen.state == "sustained" and not _clipped(seen, predicted)
     return Evidence("growth", seen.vibration.growth_rate, math.nan, -2.5 if held else 0.0)

@@ -1,4 +1,4 @@
-"""What the loop of a joint.yaml says of a vibration in a recording: is it unstable, and are position and torque there as it makes them."""
+"""Predicted vibration of a joint.yaml's loop, compared with a recording: stability, and position and torque at the vibration."""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,22 +18,22 @@ from ..system.loop import Loop
 from ..system.system import System
 
 APPLIED = TORQUES[::-1]
-"""Which torque is compared with the motion: the nearest to the joint, behind any limit."""
-MANY_STEPS = 8.0  # of the encoder: amplitudes that quantisation does not make
+"""Torque channels compared with the motion, nearest to the joint first, behind any limit."""
+MANY_STEPS = 8.0  # encoder steps: amplitudes that quantisation does not make
 SAME_PHASE = 0.15  # [rad] between the torque in the log and the file's controller where they differ by a factor only
-LAW_LEFT = 0.1  # of the torque's power, that a factor on the file's controller may leave
-ENDS = 0.05  # of the rows of a vibration at either end, where a filter's ends are felt
+LAW_LEFT = 0.1  # share of the torque's power that a factor on the file's controller may leave unexplained
+ENDS = 0.05  # share of the rows of a vibration at either end, where a filter's transients are
 SAME_FREQUENCY = 0.06  # relative, standard deviation: what a few percent of the inertias, the stiffness and the delay shift
-SAME_RESPONSE = 0.25  # likewise of the plant's response
-SLOW_LOG = 0.75  # of the log's tick: a loop with a shorter one can vibrate where the log shows another frequency
+SAME_RESPONSE = 0.25  # |ln| of the plant's response
+SLOW_LOG = 0.75  # relative to the log's tick: a loop with a shorter one can vibrate where the log shows another frequency
 MOST_FOLDS = 200
-SHARES = (0.005, 1.0)  # of the stiffness that a gap leaves
+SHARES = (0.005, 1.0)  # shares of the stiffness that a gap may leave
 FACTORS, SAME_GAINS = (0.05, 20.0), 0.03  # factors on the file's gains that are believed; nearer to 1 they are the file's
 
 
 @dataclass(frozen=True)
 class Alias:
-    """A frequency beyond half the log's rate that shows as the one seen: frequency [rad/s], response and control as of a Prediction."""
+    """Frequency beyond half the log's rate that shows as the observed one: frequency [rad/s], response and control as in Prediction."""
 
     frequency: float
     response: complex
@@ -42,28 +42,28 @@ class Alias:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the loop of a joint.yaml says.
+    """Prediction of the loop of a joint.yaml.
 
     limit       of all gains together, as a factor
-    margins     None where the loop is unstable
-    frequency   [rad/s] at which it vibrates if it does: of its growing root, else at its gain limit; NaN: nowhere
-    growth      [1/s] of that root; NaN where it is stable
-    crossover   [rad/s] first frequency at which |L| = 1; NaN: none
+    margins     of the loop; unknown if it is unstable
+    frequency   of its vibration [rad/s]: of its growing root, otherwise at its gain limit; NaN: none
+    growth      rate of that root [1/s]; NaN if it is stable
+    crossover   first frequency at which |L| = 1 [rad/s]; NaN: none
     damping     least damping ratio of its roots
-    response    measured position over torque at the vibration, over the model's; NaN where a channel is missing
-    control     measured torque over position error there, over the controller's; likewise
-    applied     gains of the log over those of the file, which the loop here has
-    power       cosine of torque and velocity, where the actual torque is not in the log, by the model of the drive
-    moved       [rad] amplitude of the position that the torque makes by the model; NaN likewise
-    left        share of the gains that a torque limit leaves, the describing function: of a sustained vibration, that to their limit; NaN
-                where it is not measured
-    softened    stiffness, over the file's, with which position over torque is as measured (its describing function, of a gap), and
-                how far that is off, |ln|; NaN where it is not measured
-    alias       what the vibration is at another frequency, which the log's rate folds to the one seen; None where it is no slower than
+    response    measured position over torque at the vibration, relative to the model's; NaN if a channel is missing
+    control     measured torque over position error there, relative to the controller's; NaN if a channel is missing
+    applied     gains of the log relative to those of the file; the loop here has the log's
+    power       cosine between torque and velocity, by the model of the drive if the actual torque is not in the log
+    moved       amplitude of the position that the torque makes by the model [rad]; NaN if a channel is missing
+    left        share of the gains that a torque limit leaves, its describing function: for a sustained vibration, that up to their limit;
+                NaN if it is not measured
+    softened    stiffness relative to the file's with which position over torque is as measured (describing function of a gap), and the
+                remaining error, |ln|; NaN if it is not measured
+    alias       the vibration at another frequency, which the log's rate folds to the observed one; None if the log is no slower than
                 the loop
-    order       of a vibration that comes with the turning: periods per turn of the motor; NaN
-    integrates  the controller has an integral of position
-    limited     rows in which the target torque was limited, which tell nothing of the gains; None without a target torque
+    order       periods per turn of the motor, for a vibration whose frequency follows the speed; NaN otherwise
+    integrates  True: the controller has an integral of position
+    limited     rows in which the target torque was limited, which carry no information on the gains; None without a target torque
     """
 
     loop: Loop
@@ -87,7 +87,7 @@ class Prediction:
 
 
 def predicted_vibration(system: System, record: Record, seen: RecordedOscillation | None) -> Prediction:
-    """The loop, and what it makes of the measured vibration; with the gains of the log where those are the file's times one factor."""
+    """Prediction of the loop for the measured vibration, with the gains of the log if these are the file's times one factor."""
     if system.control.sample_time is None:
         system = replace(system, control=replace(system.control, sample_time=record.sample_time))
     loop = system.loop(system.source.linearize())
@@ -126,7 +126,7 @@ def _predicted(loop: Loop) -> Prediction:
 
 
 def _control(loop: Loop, seen: RecordedOscillation) -> complex:
-    """Target torque over position error at the vibration, over that of the file's controller; NaN: not measured."""
+    """Target torque over position error at the vibration, relative to the file's controller; NaN: not measured."""
     assert loop.parts is not None
     parts, side = seen.parts, f"{loop.parts.feedback}_position"
     if side not in parts or "target_torque" not in parts or loop.control is None:
@@ -137,7 +137,7 @@ def _control(loop: Loop, seen: RecordedOscillation) -> complex:
 
 
 def _control_of(loop: Loop, record: Record, seen: RecordedOscillation, limited: Limited) -> complex:
-    """The same ratio from the rows of the vibration whose torque was not limited, by least squares against the file's controller."""
+    """Ratio as in _control from the rows whose torque was not limited, by least squares against the file's controller."""
     assert loop.parts is not None
     side = f"{loop.parts.feedback}_position"
     if not record.has(side) or loop.control is None:
@@ -164,7 +164,7 @@ def _control_of(loop: Loop, record: Record, seen: RecordedOscillation, limited: 
 
 
 def _left(found: Prediction, seen: RecordedOscillation) -> float:
-    """Torque at the vibration over what the controller asks for, by the model: the describing function of a limit."""
+    """Torque at the vibration relative to the controller's output, by the model: the describing function of a limit."""
     torque = next((name for name in APPLIED if name in seen.parts), None)
     asked = _control(found.loop, replace(seen, parts={**seen.parts, "target_torque": seen.parts[torque]})) if torque else complex(math.nan)
     if torque is None or seen.irregular:
@@ -174,7 +174,7 @@ def _left(found: Prediction, seen: RecordedOscillation) -> float:
 
 
 def _softened(found: Prediction, system: System, seen: RecordedOscillation) -> tuple[float, float]:
-    """The stiffness, over the file's, of a spring that is loaded for a part of each period, as a gap leaves it; and what is off then."""
+    """Stiffness, relative to the file's, of a spring loaded for a part of each period, as a gap leaves it; and the remaining error."""
     assert found.loop.parts is not None
     source, side = system.source, found.loop.parts.feedback
     if found.response != found.response or not math.isfinite(source.stiffness):
@@ -191,7 +191,7 @@ def _softened(found: Prediction, system: System, seen: RecordedOscillation) -> t
 
 
 def _alias(found: Prediction, seen: RecordedOscillation, tick: float) -> Alias | None:
-    """That frequency of those which a log with `tick` [s] folds to the one seen at which the model's loop fits best."""
+    """Best-fitting frequency for the model's loop among those that a log with `tick` [s] folds to the observed one."""
     assert found.loop.parts is not None
     side, torque = f"{found.loop.parts.feedback}_position", next((name for name in APPLIED if name in seen.parts), None)
     every = found.loop.sample_time
@@ -217,12 +217,12 @@ def _alias(found: Prediction, seen: RecordedOscillation, tick: float) -> Alias |
 
 
 def _point(seen: RecordedOscillation) -> Complexes:
-    """s = σ + jω of a vibration, (1,)."""
+    """Complex frequency s = σ + jω of a vibration (1,)."""
     return np.array([complex(seen.vibration.growth_rate, seen.vibration.frequency)])
 
 
 def _compared(found: Prediction, record: Record, seen: RecordedOscillation) -> Prediction:
-    """With the ratio of position and torque at the vibration, and the motion that the torque makes."""
+    """Prediction with the ratio of position and torque at the vibration, and the motion that the torque makes."""
     loop, parts = found.loop, seen.parts
     assert loop.parts is not None
     side = f"{loop.parts.feedback}_position"
@@ -236,7 +236,7 @@ def _compared(found: Prediction, record: Record, seen: RecordedOscillation) -> P
 
 
 def _behind(loop: Loop, torque: str, s: Complexes) -> Complexes:
-    """Measured position over a logged torque by the model, at complex s (k,)."""
+    """Modelled response from a logged torque to the measured position, at complex s (k,)."""
     assert loop.parts is not None
     if torque == "actual_torque":
         return loop.parts.plant.response(s, loop.parts.feedback)[:, 0, 0]
@@ -245,7 +245,7 @@ def _behind(loop: Loop, torque: str, s: Complexes) -> Complexes:
 
 
 def _moved(base: Prediction, record: Record, seen: RecordedOscillation, torque: str) -> float:
-    """√2 RMS of the position that the torque makes by the model round the vibration's frequency and above [rad]."""
+    """Modelled motion by the torque, √2 RMS of the position around the vibration's frequency and above [rad]."""
     from scipy.signal import welch
 
     values = record.channels[torque][seen.rows]

@@ -1,9 +1,9 @@
-"""The worst place in a system's uncertainty, of those that are tried: where gains have least left of what is required, in any state.
+"""Worst place in a system's uncertainty among those tried: where gains have the least left of the requirements, in any state.
 
-Tried are the corners and places between for all joints together, a scan of soft to stiff gearboxes, places at which joints differ, and a
-bounded search about the worst of those. A stiffer gearbox is not always the better one, as its resonance comes to lie where the delay has
-turned its phase; and what holds with all joints together, at every place, may fail where they differ. Every place is judged by sampled
-margins; between places nothing is proved.
+Tried are the corners and places between for all joints together, a scan from soft to stiff gearboxes, places at which joints differ, and a
+bounded search about the worst of those. A stiffer gearbox may be worse, where its resonance meets the phase of the delay; and gains that
+hold with all joints at equal shares may fail where joints differ. Every place is judged by sampled margins; between places nothing is
+proved.
 """
 
 import math
@@ -21,11 +21,11 @@ from .progress import Progress, quiet
 from .sway import without_sway
 
 GEARBOX = ("resonance", "stiffness", "damping_ratio", "damping")
-"""What a scan from stiff to soft moves first, and what is least at its worst."""
+"""Quantity that a scan from stiff to soft varies, the first of these that is uncertain."""
 
 
 class Placed(Protocol):
-    """One posture and contact state with its plant: a State (state.py)."""
+    """Posture and contact state with its plant: a State (state.py)."""
 
     @property
     def posture(self) -> str: ...
@@ -37,13 +37,13 @@ class Placed(Protocol):
 
 @dataclass(frozen=True)
 class Tries:
-    """How many places are tried, and which.
+    """Number and choice of the places tried.
 
-    until_unsafe   no more once one is not safe
+    until_unsafe   True: stop at the first unsafe place
     """
 
     turn: float = math.pi / 3  # [rad] of a resonance's phase, by the delay, from one place of the scan to the next
-    factor: float = 1.3  # of the resonance, at most
+    factor: float = 1.3  # largest ratio of resonances from one place of the scan to the next
     scanned: int = 24  # from softest to stiffest, at most
     inside: int = 8  # places of a Halton sequence, all joints together
     mixed: int = 12  # draws of joints that differ
@@ -56,21 +56,21 @@ class Tries:
 
 
 TRIES = Tries()
-"""Of ranges that somebody has stated."""
+"""Search effort for ranges that the user states."""
 FEW = Tries(scanned=8, inside=4, mixed=4, dips=0, searched=8, apart=False, until_unsafe=True)
-"""Of what nobody has given: whether anything of it is not safe, in a part of an audit's time."""
+"""Search effort for assumed ranges: only whether any place is unsafe, in a fraction of an audit's time."""
 
 
 @dataclass(frozen=True)
 class Tried:
     """One place in the uncertainty, judged in all states.
 
-    system     there
-    safe       everything that is required holds in every state
-    shortfall  by how much the worst requirement is missed, as Requirement.shortfall has it; of unstable gains by how much they are to be
-               lowered, in ln; NaN: not known
-    stable     in every state
-    together   all joints are at the same share of their ranges
+    system     at that place
+    safe       True: every requirement holds in every state
+    shortfall  largest of the requirements, see Requirement.shortfall; for unstable gains the log of the factor by which they must be
+               lowered; NaN: not known
+    stable     True: in every state
+    together   True: all joints are at one share of their ranges
     """
 
     place: Place
@@ -82,14 +82,14 @@ class Tried:
 
     @property
     def order(self) -> tuple[bool, bool, bool, float]:
-        """Sorts places, the worst last: those that are safe come first, those of which it is not known last."""
+        """Sort key of places, the worst last: safe ones first, unknown ones last."""
         unknown = math.isnan(self.shortfall)
         return not self.safe, unknown, not self.stable, 0.0 if unknown else self.shortfall
 
 
 @dataclass(frozen=True)
 class OverRange:
-    """A system over its uncertainty: all places that were tried.
+    """System over its uncertainty, with all places tried.
 
     system   with its uncertainty, at its nominal values
     """
@@ -99,32 +99,32 @@ class OverRange:
 
     @property
     def worst(self) -> Tried:
-        """The place that is missed most, or where all is safe the one with least to spare."""
+        """Place with the largest shortfall, or the least headroom if all are safe."""
         return max(self.tried, key=lambda one: one.order)
 
     @property
     def safe(self) -> bool:
-        """Whether everything that is required holds at every place."""
+        """True if every requirement holds at every place."""
         return all(one.safe for one in self.tried)
 
     @property
     def mixed(self) -> int:
-        """The number of places at which joints differ."""
+        """Number of places at which joints differ."""
         return sum(not one.together for one in self.tried)
 
     @property
     def unsafe_corners(self) -> list[Place]:
-        """The corners, all joints at the same ends, where something is missed."""
+        """Unsafe corners, with all joints at the same ends."""
         return [one.place for one in self.tried if not one.safe and all(map(is_end, one.place))]
 
     def unsafe(self, most: int) -> list[Place]:
-        """The places where something is missed, the worst first, at most so many."""
+        """Unsafe places, worst first, at most `most`."""
         found = sorted((one for one in self.tried if not one.safe), key=lambda one: one.order, reverse=True)
         return [one.place for one in found[:most]]
 
 
 def try_places(system: System, states: Sequence[Placed], progress: Progress = quiet, tries: Tries = TRIES) -> OverRange:
-    """A system over its uncertainty, in those of its `states` in which a joint moves."""
+    """Worst place of a system over its uncertainty, in those of its `states` in which a joint moves."""
     search = _Search(system, states, progress, tries)
     with suppress(_Enough):
         search.run()
@@ -133,7 +133,7 @@ def try_places(system: System, states: Sequence[Placed], progress: Progress = qu
 
 
 class _Enough(Exception):  # noqa: N818 - ends a search
-    """One place is not safe, and no more is asked."""
+    """End of a search at the first unsafe place."""
 
 
 class _Search:
@@ -154,7 +154,7 @@ class _Search:
         self.search()
 
     def at(self, place: Place) -> Tried:
-        """One place, judged once."""
+        """Judgement of one place, computed once."""
         if place not in self.tried:
             self.progress(min(len(self.tried), self.expected), self.expected, "ranges")
             together = not any(isinstance(share, tuple) and len(set(share)) > 1 for share in place)
@@ -168,7 +168,7 @@ class _Search:
         return max(self.tried.values(), key=lambda one: one.order)
 
     def scan(self) -> None:
-        """From stiff to soft with all else low, and with all else high; each dip of what is left is followed to its lowest point."""
+        """Scan from stiff to soft with everything else low, and high; each peak of the shortfall is followed to its top."""
         shares, which = self.shares(), self.scanned
         assert which is not None
         for end in (0.0, 1.0):
@@ -198,7 +198,7 @@ class _Search:
                         break
 
     def shares(self) -> list[float]:
-        """Shares of the range of stiffness from 1 to 0, in steps that turn no joint's resonance by more than Tries.turn."""
+        """Shares of the range of stiffness from 1 to 0, in steps that change no joint's resonance phase by more than Tries.turn."""
         assert self.scanned is not None
         low, high = (np.broadcast_to(np.asarray(end, dtype=float), self.size) for end in getattr(self.uncertain, self.names[self.scanned]))
         inertia = self.system.source.quantities["motor_inertia"]
@@ -221,7 +221,7 @@ class _Search:
         return found
 
     def search(self) -> None:
-        """Joint by joint to either end of its ranges, from the worst place so far, as long as that finds a worse one."""
+        """Search joint by joint to either end of its ranges, from the worst place so far, as long as a worse one is found."""
         by_joint = [k for k, name in enumerate(self.names) if name != "delay"]
         if self.size < 2 or not by_joint:
             return
@@ -249,18 +249,18 @@ class _Search:
                 return
 
     def moves(self, by_joint: Sequence[int]) -> Iterator[tuple[int, int, float]]:
-        """Which quantity of which joint goes to which end, in a mixed order that is the same at every call."""
+        """Moves (quantity, joint, end) in a shuffled order with a fixed seed."""
         every = [(which, joint, end) for which in by_joint for joint in range(self.size) for end in (0.0, 1.0)]
         yield from (every[k] for k in np.random.default_rng(0).permutation(len(every)).tolist())
 
 
 def _with(share: Share, joint: int, end: float, size: int) -> Share:
-    """A share with that of one joint at an end."""
+    """Share with that of one joint moved to an end."""
     return tuple(end if k == joint else one for k, one in enumerate(np.broadcast_to(share, size).tolist()))
 
 
 def _peak(three: Sequence[tuple[float, float]], enough: float) -> float | None:
-    """Where among three places, each with its shortfall, a parabola has its top; None where that is at an end, or below `enough`."""
+    """Position of a parabola's maximum through three (place, shortfall); None if it is at an end, or below `enough`."""
     (x0, y0), (x1, y1), (x2, y2) = three
     if not (y1 >= max(y0, y2) and y1 > enough and all(map(math.isfinite, (y0, y1, y2)))):
         return None
@@ -270,7 +270,7 @@ def _peak(three: Sequence[tuple[float, float]], enough: float) -> float | None:
 
 
 def _judged(system: System, states: Sequence[Placed], place: Place, together: bool) -> Tried:
-    """One place, in all states."""
+    """Judgement of one place in all states."""
     values, safe, stable, worst = system.source.quantities, True, True, -math.inf
     for state in states:
         known = {name: value for name, value in values.items() if hasattr(state.model, name) and name != "link_inertia"}
@@ -282,7 +282,7 @@ def _judged(system: System, states: Sequence[Placed], place: Place, together: bo
 
 
 def _in_state(case: StateCase) -> tuple[bool, bool, float]:
-    """Whether what is required holds in a case, whether it is stable, and its shortfall; a delay margin near what is asked is certified."""
+    """Requirements met, stable, and shortfall of one case; a delay margin near its requirement is certified."""
     required = case.system.requirements
     found = bounded_margins(case, near=True)
     if found.stable and not required.met_by(found):  # else it is met without sway, too, which takes ten times as long

@@ -1,1 +1,1 @@
-"""One question asked of many postures, contact states and draws of what is uncertain, on one machine or many."""
+"""Sweeps: gain limits over many postures, contact states and draws of the uncertainty, on one machine or many."""

@@ -1,7 +1,7 @@
-"""Checksums of a sweep's store, and no way through links.
+"""Checksums of a sweep's store, and refusal of links.
 
-Chunks end with their CRC-32C, which is Zarr's codec of that name. The SHA-256 of each array's zarr.json stands in that of the group,
-which has its own, of what is in it but that. One flipped bit is always found; who wants to deceive can compute checksums, too.
+Chunks end with their CRC-32C, which is Zarr's codec of that name. The SHA-256 of each array's zarr.json is stored in that of the group,
+which stores its own over the rest of its content. One flipped bit is always found; a forger could compute checksums, too.
 """
 
 import hashlib
@@ -15,18 +15,18 @@ from ...errors import GainroomError
 
 METADATA = "zarr.json"
 CHECKSUM = "checksum"
-"""The attribute of a group with the digest of its own zarr.json."""
+"""Attribute of a group with the digest of its own zarr.json."""
 WIDTH = 4
-"""Bytes of a CRC-32C."""
+"""Number of bytes of a CRC-32C."""
 
 
 def sha256(content: bytes) -> str:
-    """In hexadecimal digits."""
+    """SHA-256 of `content` in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
 
 
 def confirmed(place: str, content: bytes, known: Mapping[str, str]) -> bool:
-    """Whether a file's content is what was once written in this place of the store."""
+    """True if a file's content matches the checksum of its place in the store."""
     if place.rpartition("/")[2] == METADATA:
         return sha256(content) == known.get(place)
     import google_crc32c  # comes with the extra `sweep`
@@ -35,12 +35,12 @@ def confirmed(place: str, content: bytes, known: Mapping[str, str]) -> bool:
 
 
 def damaged(path: Path, place: str) -> GainroomError:
-    """Says which file of a store is."""
+    """Error that names the damaged file of a store."""
     return GainroomError(f"{path}: is damaged: {place} is not what was written there")
 
 
 def refuse_links(path: Path, place: str) -> None:
-    """Raise GainroomError where a file of a store, or a folder in it on the way there, is a link: what it leads to is not ours."""
+    """Raise GainroomError if a file of a store, or a folder in it on the way there, is a link, which would lead outside the store."""
     way = path
     for part in place.split("/"):
         way = way / part
@@ -55,6 +55,6 @@ def digests(path: Path) -> dict[str, str]:
 
 
 def own_digest(group: Mapping[str, Any]) -> str:
-    """Of what a group's zarr.json says, but for this digest."""
+    """Digest of a group's zarr.json without the digest itself."""
     attributes = {key: value for key, value in group["attributes"].items() if key != CHECKSUM}
     return sha256(json.dumps({**group, "attributes": attributes}, sort_keys=True).encode())

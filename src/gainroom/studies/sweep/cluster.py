@@ -1,4 +1,4 @@
-"""Tasks of a sweep on a Dask cluster: the same tasks, computed by its workers; this process writes."""
+"""Sweep on a Dask cluster: the same tasks, computed by its workers; this process writes."""
 
 import contextlib
 import logging
@@ -13,28 +13,28 @@ from .local_pool import Stop
 from .plan import SweepPlan, Task
 
 CONNECTING = 10.0
-"""[s] in which a scheduler has to answer."""
+"""Time [s] in which a scheduler has to answer."""
 ABSENT = 60.0
-"""[s] for which a scheduler that was there is waited for, and one without workers."""
+"""Longest wait [s] for a scheduler that has gone away, and for one without workers."""
 PATIENCE = 0.1
-"""[s] after which it is asked whether to stop."""
+"""Interval [s] between checks of the stop request."""
 FETCHED = 2.0
-"""[s] in which a result comes from its worker."""
+"""Longest transfer time [s] of a result from its worker."""
 AHEAD = 2
-"""Tasks per thread of the cluster that are given out at a time."""
+"""Number of tasks submitted at a time per thread of the cluster."""
 RETRIES = 3
-"""Of a task whose worker died."""
+"""Most retries of a task whose worker died."""
 
 
 class _GoneError(Exception):
-    """The scheduler that was there does not answer."""
+    """Scheduler that was there no longer answers."""
 
 
 def on_cluster(plan: SweepPlan, tasks: Iterator[Task], stop: Stop, address: str) -> Iterator[tuple[Task, Limits]]:
-    """As they are finished; ends early once `stop` says so.
+    """Limits of tasks as they are finished; ends early once `stop` is true.
 
-    A scheduler that goes away is waited for, ABSENT s, and what it had is given out again. Raises GainroomError where none answers, it has
-    no workers, these have another version, or a task fails.
+    A scheduler that goes away is waited for, ABSENT s, and its unfinished tasks are submitted again. Raises GainroomError if none answers,
+    it has no workers, these have another version, or a task fails.
     """
     given: dict[Any, Task] = {}
     waiting: list[Task] = []
@@ -64,7 +64,7 @@ def on_cluster(plan: SweepPlan, tasks: Iterator[Task], stop: Stop, address: str)
 
 
 def _client(address: str) -> Any:
-    """Connected. Raises OSError, TimeoutError and ValueError."""
+    """Connected Dask client. Raises OSError, TimeoutError and ValueError."""
     try:
         from distributed import Client
     except ImportError as error:
@@ -76,7 +76,7 @@ def _client(address: str) -> Any:
 def _with(
     client: Any, plan: SweepPlan, following: Callable[[], Task | None], given: dict[Any, Task], stop: Stop
 ) -> Iterator[tuple[Task, Limits]]:
-    """On a scheduler that answers; `given`: what it has. Raises _GoneError."""
+    """Limits of tasks on a scheduler that answers; `given`: tasks that it holds. Raises _GoneError."""
     from ... import __version__
 
     address, idle, more = client.scheduler.address, time.monotonic(), True
@@ -115,7 +115,10 @@ def _with(
 
 
 def _answer(future: Any) -> tuple[Any, BaseException | None]:
-    """What a task gave, or what it raised; neither where its worker died with it. Raises _GoneError where the scheduler has lost it."""
+    """Result of a task, or the exception that it raised; neither if its worker died with it.
+
+    Raises _GoneError if the scheduler has lost it.
+    """
     if future.status == "finished":
         try:
             return future.result(timeout=FETCHED), None
@@ -128,7 +131,7 @@ def _answer(future: Any) -> tuple[Any, BaseException | None]:
 
 @contextlib.contextmanager
 def _asking(client: Any) -> Iterator[None]:
-    """Whatever fails where the scheduler is not there any more fails for that."""
+    """Context in which any failure is a _GoneError if the scheduler is no longer there."""
     if not _there(client):
         raise _GoneError
     try:
@@ -145,7 +148,7 @@ def _there(client: Any) -> bool:
 
 
 def _prepared(pickled: bytes, version: str) -> SweepPlan:
-    """In a worker."""
+    """Plan unpickled in a worker, after a check of its version."""
     from ... import __version__
 
     if version != __version__:

@@ -1,4 +1,4 @@
-"""A Zarr store on disk that gives nothing away which its checksums do not confirm, and writes through no link."""
+"""Zarr store on disk that returns only content confirmed by checksums, and writes through no link."""
 
 from collections.abc import AsyncGenerator, Collection, Iterable, Mapping
 from pathlib import Path
@@ -11,10 +11,10 @@ from .checksums import confirmed, damaged, refuse_links
 
 
 class KeptStore(WrapperStore[LocalStore]):
-    """The store in a folder.
+    """Zarr store in a folder with verified content.
 
     known     SHA-256 of each array's zarr.json by its place, and of the group's as it was when that was checked
-    growing   the arrays whose chunks come one by one: of the others none may be missing
+    growing   arrays whose chunks are added one by one: no chunk of any other array may be missing
     """
 
     def __init__(self, store: LocalStore, path: Path, known: Mapping[str, str], growing: Collection[str]):
@@ -25,7 +25,7 @@ class KeptStore(WrapperStore[LocalStore]):
         return type(self)(store, self._path, self._known, self._growing)
 
     async def get(self, key: str, prototype: Any = None, byte_range: Any = None) -> Any:
-        """Raises GainroomError, which names the file, where it is damaged or lost."""
+        """Verified content of a file. Raises GainroomError, naming the file, if it is damaged or lost."""
         found = await super().get(key, prototype or default_buffer_prototype(), byte_range)
         if byte_range is None and found is not None and not confirmed(key, found.to_bytes(), self._known):
             raise damaged(self._path, key)
@@ -39,6 +39,6 @@ class KeptStore(WrapperStore[LocalStore]):
             yield key, await self.get(key, prototype, byte_range)
 
     async def set(self, key: str, value: Any) -> None:
-        """Raises GainroomError where a link stands in the way."""
+        """Write a file. Raises GainroomError if a link is in the way."""
         refuse_links(self._path, key)
         await super().set(key, value)

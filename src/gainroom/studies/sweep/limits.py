@@ -1,8 +1,8 @@
-"""The gain limits of one robot on one set of contacts in many postures, each with its proof or certificate.
+"""Gain limits of one robot on one set of contacts in many postures, each with its proof or certificate.
 
-Most robots need of a posture only W. Then the core proves one limit after the other (native/include/gainroom/posture_limits.hpp), each
-search begun from the crossings of the posture before; the first one from nothing. What is not proved there, and every posture of other
-robots, is asked of gain_limit.
+For most robots postures differ in W alone. Then the core proves one limit after the other (native/include/gainroom/posture_limits.hpp),
+each search started from the crossings of the posture before. Postures without such a proof, and all postures of other robots, go to
+gain_limit.
 """
 
 import math
@@ -28,18 +28,18 @@ from ...system.plant import OFF_MODES
 from ...system.system import System
 
 SOMEWHERE = 1j * np.array([0.7, 1.3, 2.1])
-"""s [rad/s] at one of which motors that move at all do."""
+"""Test points s [rad/s]: motors that can move at all respond at one of them."""
 
 
 class Limits(NamedTuple):
-    """k postures, one after the other; a factor multiplies all gains.
+    """Limits in k postures; a factor multiplies all gains.
 
-    gain        the loop is stable for every factor from `lower` up to it; inf: no limit; NaN: none is known. Certified: how far the proof
-                goes, SEARCH.nudge below the crossing that was found, so that no other one that is as near can lie below it
-    lower       0, but where lower factors are unstable; certified: likewise above its crossing
-    frequency   at which the loop vibrates just above `gain` [rad/s]; NaN where there is none
-    joint       number of the joint that moves most in that vibration; −1 where there is none
-    certified   whether `gain` is proved, or roots have been counted on both sides of it
+    gain        the loop is stable for every factor from `lower` up to it; inf: no limit; NaN: not known. Certified: end of the proof,
+                SEARCH.nudge below the crossing that was found, so that no other crossing as near can lie below it
+    lower       0, or the factor below which the loop is unstable; certified: SEARCH.nudge above its crossing
+    frequency   of the vibration just above `gain` [rad/s]; NaN if there is none
+    joint       index of the joint that moves most in that vibration; −1 if there is none
+    certified   True: `gain` is proved, or roots have been counted on both sides of it
     """
 
     gain: Floats
@@ -52,7 +52,7 @@ class Limits(NamedTuple):
 class StateLimits:
     """Limits of a robot's system, control in joint or task space, in the contact state `contact`.
 
-    Raises GainroomError for a contact state that the robot does not have, and for closed loops and passive joints.
+    Raises GainroomError for an unknown contact state, and for closed loops and passive joints.
     """
 
     def __init__(self, system: System, contact: str):
@@ -65,7 +65,7 @@ class StateLimits:
         self.system, self._robot, self._body, self._contacts = system, robot, robot.body, robot.contacts[contact]
 
     def limits(self, angles: Floats) -> Limits:
-        """At joint positions `angles` (k, n) [rad; m if prismatic]. The same for the same `angles`, to the last bit."""
+        """Limits at joint positions `angles` (k, n) [rad; m if prismatic], reproducible to the last bit."""
         gain, lower, frequency = (np.full(len(angles), math.nan) for _ in range(3))
         found = Limits(gain, lower, frequency, np.full(len(angles), -1), np.zeros(len(angles), dtype=bool))
         postures = configurations(self._body, angles)
@@ -91,11 +91,11 @@ class StateLimits:
 
     @property
     def quick(self) -> bool:
-        """Whether limits are proved in a row."""
+        """True if limits are proved in a row by the core."""
         return self._core is not None and posture_modes(np.eye(self._body.size)[None], *self._gearboxes) is not None
 
     def _ask(self, q: Floats, row: int, found: Limits) -> None:
-        """One posture by gain_limit; what it cannot tell stays unknown. Where contacts hold every motor nothing can vibrate."""
+        """Fill row `row` of `found` by gain_limit, NaN if it fails; no limit where contacts hold every motor."""
         try:
             model = linearize(self._body, self._robot.actuators, q, self._contacts, gravity=bool(self._robot.gravity))
             loop = self.system.loop(model)
@@ -113,7 +113,7 @@ class StateLimits:
 
     @cached_property
     def _core(self) -> "_core.PostureLimits | None":
-        """None where postures do not differ by W alone, or no proof is known."""
+        """Core search over postures; None if postures differ in more than W, or no proof is known."""
         robot, body = self._robot, self._body
         if robot.gravity or body.springs or any(contact.stiffness is not None for contact in self._contacts):
             return None
@@ -147,7 +147,7 @@ class StateLimits:
         return stacks._replace(inexact=np.where(np.any(near, axis=(1, 2)), math.inf, stacks.inexact))
 
     def _inverse_inertias(self, postures: Floats) -> Floats:
-        """W (k, n, n); NaN where the links have none."""
+        """Inverse link inertia W (k, n, n); NaN where the mass matrix is singular."""
         pin, model, size = library("pinocchio", "Pinocchio"), self._body.model, self._body.size
         data, found = model.createData(), np.empty((len(postures), size, size))
         held = [(self._body.frame_index(contact.frame), list(contact.rows)) for contact in self._contacts]
@@ -163,7 +163,7 @@ class StateLimits:
 
 
 def configurations(body: RigidBody, angles: Floats) -> Floats:
-    """(k, nq): joints at `angles` (k, n), a floating base at the identity."""
+    """Configurations (k, nq) with joints at `angles` (k, n) and a floating base at the identity."""
     found = np.tile(body.neutral(), (len(angles), 1))
     for joint, values in zip(body.joints, angles.T, strict=True):
         columns = (np.cos(values), np.sin(values)) if is_continuous(joint) else (values,)

@@ -1,7 +1,7 @@
-"""Tasks of a sweep in processes of this machine, one per core.
+"""Sweep in processes of this machine, one per core.
 
-Each process has a pipe of its own, so that one that is killed takes nothing with it but its task, which another one does again; and all of
-them end when this process ends, however it does.
+Each process has its own pipe, so that a killed one loses nothing but its task, which another one repeats; all end when this process ends,
+however it does.
 """
 
 import contextlib
@@ -17,14 +17,14 @@ from .limits import Limits
 from .plan import SweepPlan, Task
 
 MOST_DEATHS = 3
-"""Of processes over one task: then it is the task's fault, or that of a machine without memory."""
+"""Most processes that may die over one task: then the task, or a machine without memory, is at fault."""
 PATIENCE = 0.1
-"""[s] after which it is asked whether to stop."""
+"""Interval [s] between checks of the stop request."""
 Stop = Callable[[], bool]
 
 
 def in_this_process(plan: SweepPlan, tasks: Iterator[Task], stop: Stop) -> Iterator[tuple[Task, Limits]]:
-    """One after the other, here."""
+    """Limits of tasks, computed one after the other in this process."""
     for task in tasks:
         if stop():
             return
@@ -32,7 +32,10 @@ def in_this_process(plan: SweepPlan, tasks: Iterator[Task], stop: Stop) -> Itera
 
 
 def in_processes(plan: SweepPlan, tasks: Iterator[Task], stop: Stop, workers: int) -> Iterator[tuple[Task, Limits]]:
-    """As they are finished; ends early once `stop` says so. Raises what a task raises, and GainroomError where processes keep dying."""
+    """Limits of tasks as they are finished; ends early once `stop` is true.
+
+    Raises what a task raises; GainroomError if processes keep dying.
+    """
     context = multiprocessing.get_context("spawn")
     crew: list[_Worker] = []
     again: list[tuple[Task, int]] = []
@@ -90,7 +93,7 @@ def in_processes(plan: SweepPlan, tasks: Iterator[Task], stop: Stop, workers: in
 
 @dataclass
 class _Worker:
-    """A process, our end of its pipe, and what it is doing; `deaths`: of processes before it over the same task."""
+    """Worker process, this end of its pipe, and its task; `deaths`: number of processes that died over that task before."""
 
     process: Any
     pipe: "Connection[Any, Any]"
@@ -98,13 +101,13 @@ class _Worker:
     deaths: int = 0
 
     def send(self, task: Task) -> None:
-        """One that has died meanwhile shows when its answer is read."""
+        """Send a task; a process that has died is noticed when its answer is read."""
         with contextlib.suppress(OSError):
             self.pipe.send(task)
 
 
 def _work(pipe: "Connection[Any, Any]", plan: SweepPlan) -> None:
-    """Until the other end is closed. A Ctrl-C is the other end's matter."""
+    """Compute tasks until the other end closes the pipe; Ctrl-C is handled by the other end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     while True:

@@ -1,4 +1,4 @@
-"""The lowest limit over any two joints: of all postures in a cell of their ranges, in any contact state and draw."""
+"""Maps of the lowest limit over pairs of joints: over all postures in a cell of their ranges, in any contact state and draw."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,16 +11,16 @@ from .limits import Limits
 from .plan import SweepPlan, Task
 
 CELLS = 12
-"""Of each joint's range: with 10 000 postures some 70 lie in a cell."""
+"""Number of cells of each joint's range: with 10 000 postures some 70 lie in a cell of a pair."""
 MOST_JOINTS = 16
-"""Those that limit most often, of robots with more."""
+"""Most joints mapped: of larger robots those that limit most often."""
 
 
 @dataclass(frozen=True)
 class PairMaps:
-    """`joints` that move, by number; `edges` (CELLS + 1,) of each [rad; m if prismatic].
+    """Lowest limits over pairs of the moving `joints` (indices); `edges` (CELLS + 1,) of each [rad; m if prismatic].
 
-    lowest   by (x, y), places in `joints` with x < y, the lowest limit (CELLS, CELLS) by cells of x and y; NaN where no posture lies
+    lowest   by (x, y), places in `joints` with x < y, the lowest limit (CELLS, CELLS) by cells of x and y; NaN in an empty cell
     """
 
     joints: tuple[int, ...]
@@ -29,12 +29,12 @@ class PairMaps:
 
     @property
     def telling(self) -> tuple[int, int] | None:
-        """The pair whose cells differ most; None where there is none."""
+        """Pair whose cells differ most; None if there is none."""
         return max(self.lowest, key=lambda pair: _spread(self.lowest[pair]), default=None)
 
 
 def pair_maps(plan: SweepPlan, finished: Iterable[tuple[Task, Limits]], often: Floats) -> PairMaps:
-    """`often` (n,): how often each joint limits; those that do so most come first where there are too many."""
+    """Maps of a sweep; `often` (n,): number of times each joint limits, by which joints are chosen if there are too many."""
     low, high = plan.postures.low, plan.postures.high
     moving = np.flatnonzero(high > low)
     moving = np.sort(moving[np.argsort(-often[moving], kind="stable")[:MOST_JOINTS]])

@@ -1,4 +1,4 @@
-"""What a sweep computes, cut into tasks that any process may compute, in any order, with the same result."""
+"""Plan of a sweep: tasks that any process may compute, in any order, with the same result."""
 
 import hashlib
 import json
@@ -20,12 +20,12 @@ from .limits import Limits, StateLimits
 from .postures import Postures, sobol
 
 CHUNK, LONG_CHUNK, LONG = 4096, 65536, 1 << 24
-"""Postures of a task, and of one of a sweep of more than LONG: a second of work, and at 10⁹ postures not too many files."""
+"""Postures per task, and per task of a sweep of more than LONG: a second of work, and at 10⁹ postures not too many files."""
 MOST_DRAWS = 10_000
 
 
 class Task(NamedTuple):
-    """Postures `first` to `stop` of one draw and contact state, both by number; `part`: of the postures."""
+    """Postures `first` to `stop` of one draw and contact state, all as indices; `part`: index of this piece of the postures."""
 
     draw: int
     contact: int
@@ -35,7 +35,7 @@ class Task(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many."""
+        """Number of postures."""
         return self.stop - self.first
 
 
@@ -43,9 +43,9 @@ class Task(NamedTuple):
 class SweepPlan:
     """All postures, in every contact state, with every draw.
 
-    places   where in the system's uncertainty: NOMINAL first, then the draws
-    chunk    postures of a task, but for the last; 0: as suits their number
-    notes    what of the robot, or of the log that the postures come from, was left out
+    places   places in the system's uncertainty: NOMINAL first, then the draws
+    chunk    postures of a task, but for the last; 0: chosen by their number
+    notes    parts of the robot, or of the log that the postures come from, that were left out
     """
 
     system: System
@@ -64,37 +64,37 @@ class SweepPlan:
 
     @property
     def robot(self) -> Robot:
-        """The system's source."""
+        """Robot of the system."""
         return self.system.source  # type: ignore[return-value]
 
     @property
     def parts(self) -> int:
-        """Of the postures."""
+        """Number of pieces that the postures are cut into."""
         return math.ceil(self.postures.count / self.chunk)
 
     @property
     def tasks(self) -> int:
-        """How many."""
+        """Number of tasks."""
         return len(self.places) * len(self.contacts) * self.parts
 
     @property
     def states(self) -> int:
-        """Limits in all."""
+        """Number of limits in all."""
         return len(self.places) * len(self.contacts) * self.postures.count
 
     def task(self, number: int) -> Task:
-        """By its number, 0 to `tasks` − 1."""
+        """Task with index `number`, 0 to `tasks` − 1."""
         rest, part = divmod(number, self.parts)
         draw, contact = divmod(rest, len(self.contacts))
         first = part * self.chunk
         return Task(draw, contact, part, first, min(first + self.chunk, self.postures.count))
 
     def computed(self, task: Task) -> Limits:
-        """The limits of a task: the same bytes wherever it is computed."""
+        """Limits of a task, bit-identical wherever it is computed."""
         return self._of(task.draw, task.contact).limits(self.postures.at(task.first, task.stop))
 
     def at(self, draw: int, contact: int) -> StateLimits:
-        """What computes the limits of one draw and contact state."""
+        """Limit computation for one draw and contact state."""
         return self._of(draw, contact)
 
     def _of(self, draw: int, contact: int) -> StateLimits:
@@ -105,7 +105,7 @@ class SweepPlan:
 
     @cached_property
     def _known(self) -> threading.local:
-        """What was used last; the core works for one thread at a time."""
+        """Cache of the limit computation used last, per thread: the core works for one thread at a time."""
         return threading.local()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -113,7 +113,7 @@ class SweepPlan:
 
     @cached_property
     def identity(self) -> dict[str, str]:
-        """What tells this sweep from others: by name of a part, a digest of all that its results depend on."""
+        """Identity of the sweep: digests of everything that its results depend on, by part."""
         from ... import __version__
 
         first = self.postures.at(0, min(self.postures.count, 64))  # as this machine's libraries make them
@@ -128,7 +128,7 @@ class SweepPlan:
 
 
 def drawn(system: System, draws: int, seed: int = 0) -> tuple[Place, ...]:
-    """NOMINAL and `draws` places spread evenly over the uncertainty. Raises GainroomError where nothing is uncertain."""
+    """Places NOMINAL and `draws` points spread evenly over the uncertainty. Raises GainroomError if nothing is uncertain."""
     if not 0 <= draws <= MOST_DRAWS:
         raise GainroomError(f"sweep: {draws} draws; from 0 to {MOST_DRAWS} are possible")
     names = system.uncertainty.names
@@ -142,7 +142,7 @@ def _digest(value: Any) -> str:
 
 
 def _canonical(value: Any) -> Any:
-    """As JSON has it, the same for the same numbers, whatever file they were read from and wherever that is."""
+    """JSON-like form of a value that depends on its numbers alone, not on the file or its location."""
     if isinstance(value, Robot):  # without names of files, and what does not enter a limit
         kept = (value.actuators, value.contacts, value.stack, value.gravity, value.body)
         return ["Robot", *map(_canonical, kept)]
@@ -163,11 +163,11 @@ def _canonical(value: Any) -> Any:
 
 
 NAMES = ("source", "notes", "bones", "unknown", "effort_limit")
-"""Fields that say where something comes from, how to draw it, or who has said it, and what no limit depends on."""
+"""Fields about origin, drawing and authorship, on which no limit depends."""
 
 
 def _model(model: Any) -> bytes:
-    """What rigid-body terms are made of."""
+    """Bytes of everything in a Pinocchio model that rigid-body terms depend on."""
     parts: list[Floats] = [np.asarray(model.parents, dtype=float)]
     for joint in range(model.njoints):
         inertia, placement = model.inertias[joint], model.jointPlacements[joint]

@@ -1,4 +1,4 @@
-"""Which postures are asked for: on a grid, spread evenly between limits, or of a trajectory; each by its number."""
+"""Postures of a sweep: on a grid, spread evenly between limits, or of a trajectory; each by its index."""
 
 import math
 import warnings
@@ -13,13 +13,13 @@ from ...robot.body import RigidBody
 from ...system.linear.arrays import Floats
 
 MOST_POSTURES = 1 << 30
-"""As many points as Sobol's sequence has here."""
+"""Most postures: the length of the Sobol sequence used."""
 TURN = math.pi
-"""[rad] A joint without limits is swept this far to both sides."""
+"""Swept range [rad] of a joint without limits, to either side."""
 
 
 class Postures(Protocol):
-    """`count` postures of n joints.
+    """Set of `count` postures of n joints.
 
     kind   "grid", "samples" or "trajectory"
     low, high   (n,) the box they lie in [rad; m if prismatic]
@@ -35,7 +35,7 @@ class Postures(Protocol):
     def high(self) -> Floats: ...
 
     def at(self, first: int, stop: int) -> Floats:
-        """(stop − first, n) joint positions [rad; m if prismatic] of those with these numbers."""
+        """Joint positions (stop − first, n) [rad; m if prismatic] of postures `first` to `stop`."""
         ...
 
 
@@ -43,7 +43,7 @@ class Postures(Protocol):
 class Grid:
     """Every combination of `points` values from `low` to `high`, each (n,); joints with one point stand still.
 
-    The order turns back at every end, so that neighbours in it are neighbours on the grid.
+    The order reverses at every end, so that consecutive postures are neighbours on the grid.
     """
 
     low: Floats
@@ -69,7 +69,7 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """`count` postures that fill the box from `low` to `high` (n,) evenly: Sobol's sequence, scrambled with `seed`.
+    """Samples: `count` postures that fill the box from `low` to `high` (n,) evenly, a Sobol sequence scrambled with `seed`.
 
     Joints with low = high stand still.
     """
@@ -89,7 +89,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Postures as they come: `angles` (k, n)."""
+    """Postures of a trajectory, in order: `angles` (k, n)."""
 
     angles: Floats
     kind: ClassVar[str] = "trajectory"
@@ -111,7 +111,7 @@ class Trajectory:
 
 
 def sobol(size: int, first: int, stop: int, seed: int) -> Floats:
-    """(stop − first, size) points `first` to `stop` of the scrambled sequence in [0, 1)."""
+    """Points (stop − first, size) `first` to `stop` of the scrambled Sobol sequence in [0, 1)."""
     from scipy.stats import qmc  # takes half a second
 
     if size == 0:
@@ -126,10 +126,10 @@ def sobol(size: int, first: int, stop: int, seed: int) -> Floats:
 
 
 def sampled(body: RigidBody, base: Floats, count: int, ranges: "Mapping[str, tuple[float, float]] | None" = None, seed: int = 0) -> Samples:
-    """Within all joints' limits, TURN to both sides where there are none; `ranges` by joint take their place.
+    """Samples within all joints' limits, TURN to either side if there are none; `ranges` by joint replace the limits.
 
-    A joint whose limits leave it nothing stands as in `base` (n,). Raises GainroomError for unknown joints, empty ranges, and joints that
-    slide without limits.
+    A joint with equal limits stands as in `base` (n,). Raises GainroomError for unknown joints, empty ranges, and prismatic joints without
+    limits.
     """
     require_postures(count, "--samples")
     low, high = body.lower.copy(), body.upper.copy()
@@ -147,7 +147,10 @@ def sampled(body: RigidBody, base: Floats, count: int, ranges: "Mapping[str, tup
 
 
 def gridded(body: RigidBody, base: Floats, axes: Mapping[str, tuple[float, float, int]]) -> Grid:
-    """By joint (low, high, points); other joints at `base` (n,). Raises GainroomError for unknown joints and empty ranges."""
+    """Grid over `axes`, (low, high, points) by joint; other joints at `base` (n,).
+
+    Raises GainroomError for unknown joints and empty ranges.
+    """
     low, high, points = base.copy(), base.copy(), [1] * body.size
     if not axes:
         raise GainroomError("grid: name at least one joint: JOINT=LOW:HIGH:POINTS")
@@ -162,7 +165,7 @@ def gridded(body: RigidBody, base: Floats, axes: Mapping[str, tuple[float, float
 
 
 def followed(body: RigidBody, base: Floats, columns: Mapping[str, Floats], owner: str) -> Trajectory:
-    """By joint its positions (k,); others at `base`. Raises GainroomError for joints that the robot does not have."""
+    """Trajectory of `columns`, positions (k,) by joint; other joints at `base`. Raises GainroomError for unknown joints."""
     unknown = [name for name in columns if name not in body.joint_names]
     if unknown:
         raise GainroomError(f"{owner}: joint {unknown[0]!r} is not one of this robot's{nearest(unknown[0], body.joint_names, 'joint')}")
@@ -176,14 +179,14 @@ def followed(body: RigidBody, base: Floats, columns: Mapping[str, Floats], owner
 
 
 def ranged(name: str, low: float, high: float) -> tuple[float, float]:
-    """Raises GainroomError where nothing lies between."""
+    """Range (low, high) of joint `name`. Raises GainroomError if it is empty or not finite."""
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise GainroomError(f"range of joint {name!r}: low {low:g} must be below high {high:g}")
     return low, high
 
 
 def require_postures(count: int, owner: str) -> None:
-    """Raise GainroomError where there are none, or too many; `owner`: the option or file that says how many."""
+    """Raise GainroomError if `count` is 0 or too large; `owner`: the option or file that gives it."""
     if not 1 <= count <= MOST_POSTURES:
         raise GainroomError(f"{owner}: {count} postures; from 1 to {MOST_POSTURES} are possible")
 

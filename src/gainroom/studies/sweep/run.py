@@ -1,4 +1,4 @@
-"""A sweep from what is finished to its end."""
+"""Execution of a sweep, from its finished part to its end."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ from .store import Store
 
 @dataclass(frozen=True)
 class Done:
-    """How far a run has come: limits finished, of how many; `at_start` when it began.
+    """Progress of a run: limits finished, in all, and finished `at_start`.
 
-    damaged   what was said of tasks that were damaged, and were computed again
+    damaged   messages about damaged tasks, which were computed again
     """
 
     finished: int
@@ -23,12 +23,12 @@ class Done:
 
 
 def run(store: Store, workers: int | None = None, scheduler: str = "", progress: Progress = quiet, stop: Stop = lambda: False) -> Done:
-    """Compute and write what `store` does not have yet, or damaged; less where `stop` says so.
+    """Compute and write all tasks that `store` lacks or has damaged; it ends early if `stop` is true.
 
-    workers     processes of this machine; None: one per core; 1: none but this one
+    workers     processes of this machine; None: one per core; 1: this one alone
     scheduler   address of a Dask scheduler, whose workers compute instead
 
-    Raises GainroomError where results cannot be written, workers keep dying, or the scheduler does not answer: what is finished is kept.
+    Raises GainroomError if results cannot be written, workers keep dying, or the scheduler does not answer: finished tasks are kept.
     """
     plan = store.plan
     todo, damaged = [], []

@@ -1,4 +1,4 @@
-"""From the worst postures of a sweep downhill, to a worse one that the sweep may have missed."""
+"""Local search from the worst postures of a sweep for a worse one that the sweep may have missed."""
 
 import numpy as np
 
@@ -7,19 +7,19 @@ from .plan import SweepPlan
 from .summary import SweepSummary, SweptPosture
 
 STARTS = 3
-"""Postures of each contact state from which it goes on."""
+"""Number of starting postures of each contact state."""
 FIRST, LAST = 0.1, 1e-3
-"""Steps, relative to each joint's range."""
+"""First and last step, relative to each joint's range."""
 MOST, FEW = 60, 6
-"""Steps from one start; where each limit is asked for by itself, which takes ten times as long."""
+"""Most steps from one start; FEW if each limit is computed individually, which takes ten times as long."""
 
 
 def searched(summary: SweepSummary) -> SweptPosture | None:
-    """The lowest limit that steps along single joints lead to, within the sweep's box; None where there is no sweep to begin from.
+    """Lowest limit reached by steps along single joints, within the sweep's box; None if there is no sweep to start from.
 
-    Where no common factor on the gains is stable in some posture, nothing lower is looked for.
-    A pattern search (Kolda, Lewis and Torczon, SIAM Review 45, 2003): every joint up and down, the lowest is the next start, and where
-    none is lower the step is halved. It finds a local minimum; of a grid and of samples alike.
+    If no common factor on the gains is stable in some posture, nothing lower is searched. Pattern search (Kolda, Lewis and Torczon, SIAM
+    Review 45, 2003): every joint up and down, the lowest is the next start, and if none is lower the step is halved. It finds a local
+    minimum, from a grid as from samples.
     """
     plan = summary.plan
     low, high = plan.postures.low, plan.postures.high

@@ -1,12 +1,12 @@
-"""Results of a sweep on disk: a Zarr group of labelled arrays, written task by task, each as a whole, so that a killed run goes on.
+"""Results of a sweep on disk: a Zarr group of labelled arrays, written task by task, so that a killed run can be continued.
 
     gain, lower_gain, frequency, limiting_joint, certified   (draw, contact, posture)
     angles                                                    (posture, joint)
     posture, contact, draw, joint                             labels
 
-A task's arrays are files of their own, which Zarr writes under another name and then renames; a task is finished when all of them are
-there. What is in them depends on the sweep alone, not on who computed it, and when. All files have checksums (see checksums.py): what is
-damaged is named, and a run that goes on makes it anew, but for the group's zarr.json, which says whose the store is.
+A task's arrays are files of their own, which Zarr writes under another name and then renames; a task is finished when all of them exist.
+Their content depends on the sweep alone, not on who computed it, and when. All files have checksums (see checksums.py): damage is reported,
+and a continued run repairs it, except in the group's zarr.json, which identifies the sweep.
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ FIELDS = dict(zip(RESULTS, Limits._fields, strict=True))
 
 
 class Store:
-    """An open store of one plan; `mended`: files that were damaged, but for results of tasks, and were made anew."""
+    """Open store of one plan; `mended`: damaged files other than task results that were rewritten."""
 
     def __init__(self, path: Path, plan: SweepPlan, mended: tuple[str, ...] = ()):
         self.path, self.plan, self.mended = path, plan, mended
@@ -38,9 +38,9 @@ class Store:
 
     @classmethod
     def of(cls, path: Path, plan: SweepPlan) -> "Store":
-        """The store at `path` where it is this plan's, else a new one where nothing is.
+        """Store at `path` if it is this plan's, or a new one if nothing is there.
 
-        Raises GainroomError where something else is there, which stays as it is, and where none can be made.
+        Raises GainroomError if something else is there, which stays unchanged, and if none can be created.
         """
         if path.exists() or path.is_symlink():
             require_same(path, plan)
@@ -49,11 +49,11 @@ class Store:
         return cls(path, plan)
 
     def has(self, task: Task) -> bool:
-        """Whether a task is finished."""
+        """True if a task is finished."""
         return all(filled(self.path / name / "c" / place) for name, place in self._places(task))
 
     def write(self, task: Task, found: Limits) -> None:
-        """A finished task. Raises GainroomError where it cannot be written, as on a full disk; what was there before stays."""
+        """Write a finished task. Raises GainroomError if it cannot be written, as on a full disk; existing files stay."""
         with telling(self.path):
             for name, field in FIELDS.items():
                 self._arrays[name][task.draw, task.contact, task.first : task.stop] = getattr(found, field)
@@ -61,7 +61,7 @@ class Store:
                 self._arrays["angles"][task.first : task.stop] = self.plan.postures.at(task.first, task.stop)
 
     def read(self, task: Task) -> Limits:
-        """What was written. Raises GainroomError, which names the file, where it is damaged."""
+        """Stored limits of a task. Raises GainroomError, naming the file, if it is damaged."""
         with telling(self.path, "read"):
             parts = {field: self._arrays[name][task.draw, task.contact, task.first : task.stop] for name, field in FIELDS.items()}
         for name, field in FIELDS.items():
@@ -70,7 +70,7 @@ class Store:
         return Limits(**parts)
 
     def damage(self, task: Task) -> str:
-        """What is said of a finished task that is damaged; "" of one that is whole."""
+        """Message about a finished task that is damaged; "" for an intact one."""
         try:
             self.read(task)
             if task.draw == task.contact == 0:
@@ -81,7 +81,7 @@ class Store:
         return ""
 
     def finished(self) -> Iterator[tuple[Task, Limits]]:
-        """All finished tasks in order, one in memory at a time."""
+        """Finished tasks with their limits, in order, one in memory at a time."""
         for number in range(self.plan.tasks):
             task = self.plan.task(number)
             if self.has(task):
@@ -93,11 +93,11 @@ class Store:
 
 
 def open_sweep(path: Path | str) -> "xarray.Dataset":
-    """The results of `gainroom sweep --output PATH` as labelled arrays (draw, contact, posture), loaded when they are asked for.
+    """Results of `gainroom sweep --output PATH` as labelled arrays (draw, contact, posture), loaded on access.
 
-    Arrays and dimensions come in the order above, whatever order the disk lists files in.
+    Arrays and dimensions have a fixed order, whatever order the disk lists files in.
 
-    Raises GainroomError where there are none or they are damaged, also when they are loaded, and without the extra `sweep`.
+    Raises GainroomError if there are none or they are damaged, also on later access, and without the extra `sweep`.
     """
     path = Path(path)
     xarray = library("xarray")
@@ -111,7 +111,7 @@ def open_sweep(path: Path | str) -> "xarray.Dataset":
 
 
 def _meant(name: str, values: Any, joints: int) -> Any:
-    """Which values of an array of RESULTS can be what it stands for."""
+    """True for values of an array of RESULTS that are valid."""
     if name == "limiting_joint":
         return (values >= -1) & (values < joints)
     if name == "certified":

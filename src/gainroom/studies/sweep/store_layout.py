@@ -1,4 +1,4 @@
-"""What a sweep's store consists of, and that it is whole: its arrays and labels, what it says of itself, its checksums."""
+"""Layout of a sweep's store: arrays, labels, attributes and checksums, and the check that it is intact."""
 
 import contextlib
 import json
@@ -21,9 +21,9 @@ from .plan import SweepPlan
 
 FORMAT = "gainroom sweep 3"
 UNCHECKED = ("gainroom sweep 1", "gainroom sweep 2")
-"""Formats without checksums."""
+"""Older formats without checksums."""
 DIGESTS = "metadata"
-"""The attribute with the digests of the arrays' zarr.json."""
+"""Attribute with the digests of the arrays' zarr.json."""
 NAME = FORMAT.rstrip("0123456789")
 RESULTS = {
     "gain": ("float64", "1", "largest factor on all gains up to which the loop is proved stable"),
@@ -32,9 +32,9 @@ RESULTS = {
     "limiting_joint": ("int16", "1", "number of the joint that moves most in that vibration; -1: none"),
     "certified": ("bool", "1", "whether the gain is proved, or unstable roots were counted on both sides of it"),
 }
-"""By name: type, unit, meaning."""
+"""Result arrays by name: type, unit, meaning."""
 GROWING = (*RESULTS, "angles")
-"""Arrays that are written task by task."""
+"""Arrays written task by task."""
 DIFFERENT = {
     "version": "was computed by gainroom {stored}; this is {now}",
     "robot": "is of another robot, control or drive",
@@ -45,7 +45,7 @@ DIFFERENT = {
 
 
 def library(name: str) -> Any:
-    """zarr or xarray. Raises GainroomError where it is not installed."""
+    """Module zarr or xarray. Raises GainroomError if it is not installed."""
     import importlib
 
     try:
@@ -55,7 +55,7 @@ def library(name: str) -> Any:
 
 
 def attributes(path: Path) -> dict[str, Any]:
-    """What a store says of itself. Raises GainroomError where it is none, or damaged there."""
+    """Attributes of the store at `path`. Raises GainroomError if it is no store, or damaged there."""
     content = _content(path / METADATA)
     try:
         group = json.loads(content.decode())
@@ -78,14 +78,14 @@ def attributes(path: Path) -> dict[str, Any]:
 
 
 def _complete(said: dict[str, Any]) -> bool:
-    """Whether a store says all that is needed to read it and to go on."""
+    """True if attributes have everything needed to read and continue the sweep."""
     names = (isinstance(said.get(key), dict) and all(isinstance(each, str) for each in said[key].values()) for key in ("identity", DIGESTS))
     counts = (isinstance(said.get(key), int) and said[key] > 0 for key in ("count", "chunk"))
     return all(names) and all(counts)
 
 
 def kept(path: Path) -> Any:
-    """The store at `path` as Zarr takes it. Raises GainroomError as `attributes`."""
+    """Zarr store at `path` with verified content. Raises GainroomError as `attributes`."""
     zarr, known = library("zarr"), attributes(path)[DIGESTS]
     from .kept_store import KeptStore
 
@@ -93,7 +93,7 @@ def kept(path: Path) -> Any:
 
 
 def require_finished(path: Path) -> None:
-    """Raise GainroomError where parts of the results at `path` are missing."""
+    """Raise GainroomError if parts of the results at `path` are missing."""
     said = attributes(path)
     with telling(path, "read"):
         shapes = {name: json.loads((path / name / METADATA).read_bytes())["shape"] for name in GROWING}
@@ -107,7 +107,7 @@ def require_finished(path: Path) -> None:
 
 
 def require_same(path: Path, plan: SweepPlan) -> None:
-    """Raise GainroomError where the store at `path` is of another sweep."""
+    """Raise GainroomError if the store at `path` belongs to another sweep."""
     stored = attributes(path)["identity"]
     for name, text in DIFFERENT.items():
         if stored.get(name) != plan.identity[name]:
@@ -116,7 +116,7 @@ def require_same(path: Path, plan: SweepPlan) -> None:
 
 
 def created(path: Path, plan: SweepPlan) -> None:
-    """Under another name first, so that there is a whole store or none."""
+    """Create a store, under another name first, so that there is a complete store or none."""
     if not path.parent.is_dir():
         raise GainroomError(f"{path}: cannot be written: there is no directory {path.parent}")
     with _empty(path, plan) as made, telling(path):
@@ -124,9 +124,9 @@ def created(path: Path, plan: SweepPlan) -> None:
 
 
 def mended(path: Path, plan: SweepPlan) -> tuple[str, ...]:
-    """Makes those damaged files of the plan's store at `path` anew that are no results of tasks; their places in it.
+    """Rewrite damaged files of the plan's store at `path` that are not task results; returns their places.
 
-    Raises GainroomError where one cannot be made as it was.
+    Raises GainroomError if one cannot be reproduced.
     """
     known, broken = attributes(path)[DIGESTS], []
     if all(confirmed(place, _content(path / place), known) for place in [*known, *_labels(path, known)]):
@@ -145,7 +145,7 @@ def mended(path: Path, plan: SweepPlan) -> tuple[str, ...]:
 
 
 def _labels(path: Path, known: Iterable[str]) -> Iterator[str]:
-    """The places of the one chunk of each array that is no result of tasks, where its zarr.json can be read."""
+    """Places of the single chunk of each array that is no task result, if its zarr.json can be read."""
     for name in {place.partition("/")[0] for place in known} - {*GROWING}:
         with contextlib.suppress(ValueError, KeyError, TypeError):
             yield "/".join((name, "c", *("0" for _ in json.loads(_content(path / name / METADATA))["shape"])))
@@ -153,7 +153,7 @@ def _labels(path: Path, known: Iterable[str]) -> Iterator[str]:
 
 @contextlib.contextmanager
 def _empty(path: Path, plan: SweepPlan) -> Iterator[Path]:
-    """A new store without results beside `path`, under another name, for the length of the block."""
+    """Context with a new store without results beside `path`, under another name."""
     zarr = library("zarr")
     codecs = (zarr.codecs.ZstdCodec(level=0), zarr.codecs.Crc32cCodec())
     temporary = path.with_name(f".gainroom-{secrets.token_hex(6)}.tmp{path.suffix}")
@@ -161,7 +161,7 @@ def _empty(path: Path, plan: SweepPlan) -> Iterator[Path]:
         group = zarr.create_group(temporary, zarr_format=3)
         postures, chunk = plan.postures.count, plan.chunk
         for name, (kind, unit, meaning) in RESULTS.items():
-            # What is nowhere written as such is missing, so that every chunk is a file.
+            # A chunk of fill values is written too: a missing file then always means missing results.
             missing = {"float64": np.nan, "int16": -2, "bool": False}[kind]
             group.create_array(
                 name,
@@ -201,7 +201,7 @@ GEARBOX = ("stiffness", "damping")
 
 
 def _draw_columns(plan: SweepPlan) -> Iterator[tuple[str, Floats, str]]:
-    """Of each uncertain quantity its value in every draw (draws, n), nominal first."""
+    """Name, values in every draw (draws, n), nominal first, and unit of each uncertain quantity."""
     units = {"delay": "s", "stiffness": "N m/rad", "link_inertia": "kg m2", "motor_inertia": "kg m2", "damping": "N m s/rad"}
     systems = [plan.system.at(place) for place in plan.places]
     size = plan.robot.body.size
@@ -214,7 +214,7 @@ def _draw_columns(plan: SweepPlan) -> Iterator[tuple[str, Floats, str]]:
 
 
 def _about(plan: SweepPlan) -> dict[str, Any]:
-    """Provenance, and what is needed to go on."""
+    """Attributes of a store: provenance, and everything needed to continue."""
     from ... import __version__
 
     return {
@@ -233,7 +233,7 @@ def _about(plan: SweepPlan) -> dict[str, Any]:
 
 
 def _content(path: Path) -> bytes:
-    """Of a file; nothing where it cannot be read."""
+    """Content of a file; b"" if it cannot be read."""
     try:
         return path.read_bytes()
     except OSError:
@@ -241,7 +241,7 @@ def _content(path: Path) -> bytes:
 
 
 def filled(path: Path) -> bool:
-    """Whether a file is there and not empty."""
+    """True if a file exists and is not empty."""
     try:
         return path.stat().st_size > 0
     except OSError:
@@ -250,7 +250,7 @@ def filled(path: Path) -> bool:
 
 @contextlib.contextmanager
 def telling(path: Path, what: str = "written") -> Iterator[None]:
-    """Turns what Zarr and the disk raise into a GainroomError."""
+    """Context that turns errors of Zarr and the disk into a GainroomError."""
     try:
         zarr = library("zarr")
         with zarr.config.set({"array.write_empty_chunks": True}):

@@ -1,6 +1,6 @@
-"""What a sweep says: the worst postures, the spread of limits in every contact state, which joint limits where, and how sure that is.
+"""Summary of a sweep: worst postures, distribution of limits in every contact state, limiting joints, and coverage.
 
-Read task by task, so that memory does not grow with the sweep: quantiles come from a histogram of ln gain, STEP wide.
+It is read task by task, so that memory does not grow with the sweep: quantiles come from a histogram of ln gain with bins STEP wide.
 """
 
 import heapq
@@ -17,7 +17,7 @@ from .limits import Limits
 from .plan import SweepPlan, Task
 
 WORST = 8
-"""Of each contact state that are remembered, where no more are asked for."""
+"""Default number of worst postures remembered per contact state."""
 STEP = 1e-3
 LOWEST, HIGHEST = 1e-6, 1e6
 CONFIDENCE = 0.95
@@ -25,9 +25,9 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class SweptPosture:
-    """One posture in one contact state with one draw, all by number, and its limit; `angles` (n,) [rad; m if prismatic].
+    """One posture in one contact state with one draw, all as indices, and its limit; `angles` (n,) [rad; m if prismatic].
 
-    lower   the factor below which lowered gains are unstable; 0: none, NaN: not known
+    lower   factor below which lowered gains are unstable; 0: none, NaN: not known
     """
 
     number: int
@@ -42,17 +42,17 @@ class SweptPosture:
 
     @classmethod
     def of(cls, limits: Limits, row: int, numbers: tuple[int, int, int], angles: Floats) -> "SweptPosture":
-        """One row of limits; `numbers` of the posture, the contact state and the draw."""
+        """Swept posture from one row of limits; `numbers`: indices of posture, contact state and draw."""
         gain, frequency, joint = float(limits.gain[row]), float(limits.frequency[row]), int(limits.joint[row])
         return cls(*numbers, gain, frequency, joint, bool(limits.certified[row]), angles, float(limits.lower[row]))
 
     @property
     def key(self) -> tuple[int, int, int]:
-        """Contact state, draw and posture, by number."""
+        """Indices of contact state, draw and posture."""
         return self.contact, self.draw, self.number
 
     def system(self, plan: SweepPlan) -> System:
-        """The plan's system with this draw, and with this posture as its only one, by the name `posture N`."""
+        """System of the plan with this draw, and with this posture as its only one, named `posture N`."""
         system = plan.system.at(plan.places[self.draw])
         robot: Robot = system.source  # type: ignore[assignment]
         angles = dict(zip(robot.joint_names, self.angles.tolist(), strict=True))
@@ -61,21 +61,21 @@ class SweptPosture:
 
     @property
     def name(self) -> str:
-        """For tables; −1: a search's, not one of the sweep."""
+        """Name for tables; index −1: found by a search, not one of the sweep."""
         return f"posture {self.number}" if self.number >= 0 else "search"
 
 
 @dataclass(frozen=True)
 class ContactSummary:
-    """A contact state in all postures and draws.
+    """Summary of one contact state over all postures and draws.
 
-    count        limits known to be finished; `unknown` of them have no gain, `uncertified` one above 0 that is not certified
-    unstable     with a gain of 1 or less, or a lower one above 1; `short` with less than the gain margin that is asked for, up or down
-    unsafe       without that margin, a certificate, or a known limit
-    lower        the highest factor below which gains that are stable become unstable when lowered; 0: none
-    worst        the lowest, the first the lowest
+    count        finished limits; `unknown` of them have no gain, `uncertified` one above 0 that is not certified
+    unstable     number with a gain of 1 or less, or a lower one above 1; `short`: with less than the required gain margin, up or down
+    unsafe       number without that margin, a certificate, or a known limit
+    lower        highest factor below which stable gains become unstable when lowered; 0: none
+    worst        postures with the lowest limits, rising
     edges, spread   (b + 1,), (b,) a histogram of gains
-    joints       (n,) how often each joint limits
+    joints       (n,) number of times each joint limits
     """
 
     name: str
@@ -92,7 +92,7 @@ class ContactSummary:
     joints: Integers
 
     def quantile(self, share: float) -> float:
-        """The gain below which `share` of those with a known one lie, to STEP, 0 up to LOWEST; NaN where there are none."""
+        """Gain below which a `share` of the known limits lies, accurate to STEP, 0 up to LOWEST; NaN if there are none."""
         known = np.cumsum(self.spread)
         if not len(known) or not known[-1]:
             return math.nan
@@ -102,10 +102,10 @@ class ContactSummary:
 
 @dataclass(frozen=True)
 class SweepSummary:
-    """All of a sweep that is finished.
+    """Summary of the finished part of a sweep.
 
-    margin    the factor that the gain margin asks for; 1 where none is asked for
-    searched  what a local search from the worst postures found (search.py); None: there was none
+    margin    factor of the required gain margin; 1 if none is required
+    searched  result of a local search from the worst postures (search.py); None: there was none
     """
 
     plan: SweepPlan
@@ -115,48 +115,48 @@ class SweepSummary:
 
     @property
     def count(self) -> int:
-        """Limits finished."""
+        """Number of finished limits."""
         return sum(one.count for one in self.contacts)
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is left to compute."""
+        """True if nothing is left to compute."""
         return self.count == self.plan.states
 
     @property
     def worst_posture(self) -> SweptPosture | None:
-        """The lowest limit of all; None where none is known."""
+        """Posture with the lowest limit of all; None if none is known."""
         found = [one.worst[0] for one in self.contacts if one.worst]
         return min(found, key=lambda one: (one.gain, one.draw, one.contact, one.number)) if found else None
 
     @property
     def unknown(self) -> int:
-        """Limits that could not be found."""
+        """Number of limits that could not be found."""
         return sum(one.unknown for one in self.contacts)
 
     @property
     def uncertified(self) -> int:
-        """Limits without proof."""
+        """Number of limits without proof."""
         return sum(one.uncertified for one in self.contacts)
 
     @property
     def unsafe(self) -> int:
-        """Limits without the margin that is asked for, without a certificate, or not known."""
+        """Number of limits without the required margin, without a certificate, or not known."""
         return sum(one.unsafe for one in self.contacts)
 
     @property
     def stable(self) -> bool:
-        """In every posture that was looked at, known there."""
+        """True if stable in every swept posture, each with a known limit."""
         return not self.unknown and not any(one.unstable for one in self.contacts)
 
     @property
     def margin_held(self) -> bool:
-        """Stable, with the gain margin that is asked for, certified everywhere. Other margins are not looked at."""
+        """True if stable with the required gain margin, certified in every posture. Other margins are not computed."""
         return self.stable and not self.uncertified and not any(one.short for one in self.contacts)
 
     @property
     def scale(self) -> float:
-        """The factor on all gains with which the margin holds in every posture swept, and where the search led; NaN: none is known."""
+        """Factor on all gains with which the margin holds in every swept posture, and in the searched one; NaN: none is known."""
         worst, found = self.worst_posture, self.searched
         if self.unknown or self.uncertified or worst is None:
             return math.nan
@@ -168,14 +168,14 @@ class SweepSummary:
 
     @property
     def lower(self) -> float:
-        """The highest factor below which lowered gains become unstable somewhere; 0: none."""
+        """Highest factor below which lowered gains become unstable in some posture; 0: none."""
         return max((one.lower for one in self.contacts), default=0.0)
 
     @property
     def rarer_than(self) -> float:
-        """Of further postures of the same kind fewer than this share lie below the lowest, with CONFIDENCE; NaN of grids and trajectories.
+        """Share of further random postures below the lowest limit, at most, with CONFIDENCE; NaN for grids and trajectories.
 
-        Of n independent ones all would be above a quantile p with probability (1 − p)ⁿ.
+        All of n independent postures lie above a quantile p with probability (1 − p)ⁿ.
         """
         if self.plan.postures.kind != "samples":
             return math.nan
@@ -185,10 +185,10 @@ class SweepSummary:
 def summarized(
     plan: SweepPlan, finished: Iterable[tuple[Task, Limits]], margin: float | None = None, remembered: int = WORST
 ) -> SweepSummary:
-    """The summary of finished tasks, in any order.
+    """Summary of finished tasks, in any order.
 
-    margin       in place of the gain margin that the system asks for
-    remembered   how many of the worst postures of each contact state
+    margin       in place of the gain margin that the system requires
+    remembered   number of worst postures of each contact state
     """
     margin = margin or plan.system.requirements.gain_margin or 1.0
     parts = [_Part(plan, index, margin, remembered) for index in range(len(plan.contacts))]
@@ -198,7 +198,7 @@ def summarized(
 
 
 class _Part:
-    """A contact state while it is read."""
+    """Accumulator of one contact state during reading."""
 
     def __init__(self, plan: SweepPlan, index: int, margin: float, remembered: int):
         self._plan, self._index, self._margin, self._most = plan, index, margin, remembered
@@ -229,7 +229,7 @@ class _Part:
         self._remember(task, limits)
 
     def _remember(self, task: Task, limits: Limits) -> None:
-        """The lowest, of equal ones the first."""
+        """Keep the lowest limits, the first of equal ones."""
         bound = -self._worst[0][0] if len(self._worst) == self._most else math.inf
         candidates = np.flatnonzero(limits.gain <= bound)
         candidates = candidates[np.argsort(limits.gain[candidates], kind="stable")[: self._most]]

@@ -1,4 +1,4 @@
-"""A whole workspace in passing: postures that a command was not asked for, and gains checked in those of a sweep that is there."""
+"""Whole workspace: a quick check of postures that a command was not asked for, and a check of gains in the postures of a stored sweep."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -22,19 +22,20 @@ from .store_layout import require_finished
 from .summary import SweepSummary, SweptPosture, summarized
 
 GLANCE, GLANCED_JOINTS, LEAST_GLANCE = 256, 12, 32
-"""Postures of a robot with up to so many joints that are looked at in passing, in each contact state: a quarter of a second for a biped.
-Of larger robots there are fewer, as one takes longer with the third power of the joints, down to the least.
+"""Postures of a quick check per contact state, for a robot of up to GLANCED_JOINTS joints: a quarter of a second for a biped.
+
+Larger robots get fewer, as the time of one grows with the third power of the joints, down to LEAST_GLANCE.
 """
 WORSE = 0.99
-"""Of the lowest limit that is known: what counts as a worse posture."""
+"""Ratio to the lowest known limit below which a posture counts as worse."""
 CHECKED = 20_000
-"""Postures of a sweep, evenly chosen, in which other gains are checked."""
+"""Most postures of a sweep, evenly chosen, in which other gains are checked."""
 PART = 65536
-"""Postures that are read at a time."""
+"""Number of postures read at a time."""
 
 
 def over_workspace(system: System, samples: int, margin: float | None = None, progress: Progress = quiet) -> SweepSummary:
-    """Limits within the joints' limits in every contact state; `margin` in place of the gain margin that the system asks for.
+    """Summary of limits within the joints' limits in every contact state; `margin` in place of the gain margin that the system requires.
 
     Raises GainroomError as `sampled` does, and for closed loops.
     """
@@ -45,7 +46,7 @@ def over_workspace(system: System, samples: int, margin: float | None = None, pr
 
 
 def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress = quiet, workers: int | None = None) -> SweepSummary:
-    """The summary of a plan that is computed without being kept; `workers`: processes, None: as many as there are cores."""
+    """Summary of a plan that is computed without being stored; `workers`: processes, None: one per core."""
     tasks = map(plan.task, range(plan.tasks))
     count = min(cores() if workers is None else workers, plan.tasks)
     results = in_processes(plan, tasks, lambda: False, count) if count > 2 else in_this_process(plan, tasks, lambda: False)
@@ -61,7 +62,7 @@ def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress 
 
 
 def glance(system: System) -> SweepSummary | None:
-    """Limits in a few postures that were not asked for; None of robots whose limits are not proved in a row, where it would cost much."""
+    """Summary of limits in a few postures that were not asked for; None for robots whose limits the core does not prove in a row."""
     robot = system.source
     if not isinstance(robot, Robot) or robot.body.linkages or robot.body.passive:
         return None
@@ -77,28 +78,31 @@ def glance(system: System) -> SweepSummary | None:
 
 
 def _workspace(robot: Robot, samples: int) -> Samples:
-    """Postures within the joints' limits; a joint that they leave nothing stands as in the first posture."""
+    """Samples within the joints' limits; a joint with equal limits stands as in the first posture."""
     base = robot.body.angles(robot.body.configuration(dict(next(iter(robot.postures.values())).angles)))
     return sampled(robot.body, base, samples)
 
 
 def latin_hypercube(count: int, size: int) -> Floats:
-    """(count, size) in [0, 1): one in every of `count` equal parts of each range. scipy's takes half a second to import."""
+    """Latin hypercube (count, size) in [0, 1).
+
+    One point in each of `count` equal parts of each range. scipy's takes half a second to import.
+    """
     draw = np.random.default_rng(0)
     parts = draw.permuted(np.tile(np.arange(count)[:, None], (1, size)), axis=0)
     return (parts + draw.random((count, size))) / count
 
 
 def worse_posture(found: SweepSummary | None, known: float) -> tuple[SweepSummary, SweptPosture] | None:
-    """A posture of a glance with a limit clearly below `known`, the lowest of those that were asked for; None where it has none."""
+    """Posture of a quick check with a limit clearly below `known`, the lowest of those asked for; None if it has none."""
     worst = None if found is None or not np.isfinite(known) else found.worst_posture
     return None if worst is None or found is None or not worst.gain < WORSE * known else (found, worst)
 
 
 def with_worst_of(system: System, store: Path) -> System:
-    """The system with the worst postures of a sweep, one of each contact state, beside its own.
+    """System with the worst posture of each contact state of a sweep added.
 
-    Raises GainroomError where the store is none, or of a robot with other joints or contact states.
+    Raises GainroomError if `store` is no store, or belongs to a robot with other joints or contact states.
     """
     found, contacts = _stored(system.source, store)  # type: ignore[arg-type]
     rows = dict.fromkeys(_lowest(found, contact) for contact in range(len(contacts)))
@@ -106,14 +110,14 @@ def with_worst_of(system: System, store: Path) -> System:
 
 
 def with_postures(system: System, named: Mapping[str, Floats]) -> System:
-    """The system with further postures, by name the positions (n,) of its joints."""
+    """System with further postures, joint positions (n,) by name."""
     robot: Robot = system.source  # type: ignore[assignment]
     more = {name: Posture(robot.body, dict(zip(robot.joint_names, values.tolist(), strict=True))) for name, values in named.items()}
     return replace(system, source=replace(robot, postures={**robot.postures, **more}))
 
 
 def checked_on(system: System, store: Path, progress: Progress = quiet) -> SweepSummary:
-    """Limits of the system's gains in the postures of a sweep, at most CHECKED of them, evenly chosen."""
+    """Summary of the limits of the system's gains in the postures of a sweep, at most CHECKED of them, evenly chosen."""
     found, contacts = _stored(system.source, store)  # type: ignore[arg-type]
     count = found.sizes["posture"]
     chosen = found.angles[np.unique(np.linspace(0, count - 1, min(count, CHECKED)).astype(int))].values
@@ -121,7 +125,7 @@ def checked_on(system: System, store: Path, progress: Progress = quiet) -> Sweep
 
 
 def _lowest(found: Any, contact: int) -> int:
-    """The number of the posture with the lowest known limit in any draw, read in parts."""
+    """Index of the posture with the lowest known limit in any draw, read in parts."""
     best, at = np.inf, 0
     for first in range(0, found.sizes["posture"], PART):
         gain = found.gain[:, contact, first : first + PART].values
@@ -132,7 +136,7 @@ def _lowest(found: Any, contact: int) -> int:
 
 
 def _stored(robot: Robot, store: Path) -> tuple[Any, tuple[str, ...]]:
-    """The labelled arrays and contact states of a store that fits the robot."""
+    """Labelled arrays and contact states of a store that fits the robot."""
     found = open_sweep(store)
     require_finished(store)
     if tuple(found.joint.values.tolist()) != robot.joint_names:
