@@ -10,7 +10,7 @@ DEMO := build/demo
 # Every command that a test starts would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all tests docs bench lint format lock wheels clean
+.PHONY: demo test test-all tests mutants docs bench lint format lock wheels clean
 
 # What the commands say is kept beside the pages; their progress is shown.
 demo: $(NATIVE)
@@ -38,6 +38,10 @@ test-all: $(NATIVE)
 
 tests: $(NATIVE)
 	$(BIN)/pytest -n 2 --dist worksteal -q $(SLOW)
+
+# One process; half an hour where nothing else runs.
+mutants: $(NATIVE)
+	$(BIN)/python scripts/mutants.py
 
 lint: $(STAMP) $(TYPES)
 	$(BIN)/ruff check .
