@@ -12,7 +12,7 @@ from ..system.system import System
 from .system_sections import refuse_long_delay
 
 MOST_LAG = 1e4
-"""[rad] of phase that a loop's crossover has in its delay: a stable one has about 1."""
+"""Maximum phase lag of the delay at a loop's crossover frequency [rad]: a stable loop has about 1."""
 MOST_TICKS = 600
 """Maximum of the delays of all joints added up [ticks]: half a minute of computing on two joints; 50 joints may have 12 each."""
 
@@ -24,7 +24,7 @@ def examined(system: System) -> System:
 
 
 def _refuse_absurd(system: System) -> None:
-    """Raise GainroomError for delays of too many ticks, nominal or at their highest, and for loops far too quick for their delay."""
+    """Raise GainroomError for delays of too many ticks, nominal or at their highest, and for loops far too fast for their delay."""
     names, delays = system.source.joint_names, [drive.delay for drive in system.drives]
     for each in (delays, *([] if system.uncertainty.delay is None else [system.uncertainty.delay[1].tolist()])):
         _refuse_long_delays(names, each, system.control.sample_time)
@@ -36,7 +36,7 @@ def _refuse_absurd(system: System) -> None:
 
 
 def _refuse_long_delays(names: Sequence[str], delays: Sequence[float], sample_time: float | None) -> None:
-    """Each tick of delay is a state of a sampled robot; `sample_time` None: continuous."""
+    """Raise GainroomError for too many ticks of delay, each of which is a state of a sampled robot; `sample_time` None: continuous."""
     for name, delay in zip(names, delays, strict=True):
         refuse_long_delay(delay, sample_time, f"delay_ms of joint {name!r}")
     if sample_time is not None and sum(delays) > MOST_TICKS * sample_time:
@@ -47,7 +47,7 @@ def _refuse_long_delays(names: Sequence[str], delays: Sequence[float], sample_ti
 
 
 def _refuse_quick_joints(system: System) -> None:
-    """Gains that would move a joint many times within its delay: that is no loop, but a slip of units."""
+    """Raise GainroomError for gains that would move a joint many times within its delay: such gains are a mistake in units."""
     body, actuators = system.source.body, system.source.actuators
     controller = system.control.controller
     assert controller is not None
@@ -61,7 +61,7 @@ def _refuse_quick_joints(system: System) -> None:
 
 
 def _refuse_lag(owner: str, stiff: float, damped: float, delay: float) -> None:
-    """`stiff` [1/s²], `damped` [1/s]: nothing settles where a loop's crossover times its delay is far above 1."""
+    """Raise GainroomError where crossover frequency times delay is far above 1; `stiff` = kp/J [1/s²], `damped` = kd/J [1/s]."""
     lag = delay * max(math.sqrt(stiff), damped)
     if lag > MOST_LAG:
         raise GainroomError(

@@ -61,11 +61,11 @@ PATHS = {
 }
 """Paths that replace those of KEYS, by the value of --gains-run."""
 GIVEN = "given"
-"""The name of a posture whose angles are typed."""
+"""Name of a posture whose angles are given as options."""
 SLIGHT_DAMPING = 0.01
 """Share of kd below which the joints' own damping is only reported among the assumptions."""
 HELD_SHOWN = 3
-"""Joints without gains that a warning names: the rest are counted, so that the answer fits on a terminal's first screen."""
+"""Maximum number of joints without gains that a warning names; the rest are counted, so that the answer fits on one screen."""
 DESCRIPTIONS = (".yaml", ".yml", ".json")
 
 
@@ -164,13 +164,15 @@ class AuditOptions:
 
     @property
     def posture_name(self) -> str:
-        """A keyframe's own name; a short one for angles, which would be no name."""
+        """Name of the posture: that of the keyframe, or a short one for angles."""
         if not self.posture:
             return "zero"
         return self.posture[0] if len(self.posture) == 1 and "=" not in self.posture[0] else GIVEN
 
     def sections(self, file: str, body: RigidBody, gains: JointGains, driven: Sequence[str] = ()) -> dict[str, Any]:
-        """The sections of a robot.yaml that say the same, for the model in `file`; joints without gains are locked, or passive in loops.
+        """Sections of the robot.yaml that these options stand for, with the model in `file`.
+
+        Joints without gains are locked, or passive in loops.
 
         driven   as load_model has it
         """
@@ -234,7 +236,7 @@ class AuditOptions:
             data["contacts"] = system["contacts"]
 
     def _judged(self, system: Mapping[str, Any]) -> dict[str, Any]:
-        """The ranges that go along with the gains, but those of what is typed, which is known."""
+        """Ranges that are stored with the gains, without those of quantities that an option gives, which are known."""
         typed = {key for key, *_ in self.of_joints} | {key for key in JOINT_VALUES if getattr(self, key) is not None}
         typed |= {"stiffness", "damping"} if self.gearboxes else set()
         delay, rate = (self.drive_delay_ms, self.drive_rate_hz) if self.gains_run == "drive" else (self.delay_ms, self.rate_hz)
@@ -255,7 +257,7 @@ class AuditOptions:
 
     @property
     def where_gains_run(self) -> str:
-        """In a few words."""
+        """Location of the gains, in a few words."""
         if self.gains_run == "split":
             return "kd runs on the drives, kp on the host"
         return f"kp and kd run on the {'drives' if self.on_drive else 'host'}"
@@ -288,7 +290,7 @@ class Audited:
 
 
 def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
-    """A robot with the gains it has; joints without gains are held.
+    """Robot with the gains that it has; joints without gains are held.
 
     model   a URDF or MJCF, or a name of robot_descriptions
     gains   where they are (see gain_files.py); None: in the model, an MJCF
@@ -350,7 +352,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
 
 
 def _body_with_gains(path: Path, file: GainFile, base: Base | None) -> tuple[RigidBody, JointGains, tuple[str, ...]]:
-    """The model's links, as far as they are named, its joints' gains, and the joints that have a motor because they have gains.
+    """Links of the model, gains of its joints, and the joints that have a motor because they have gains. Raises GainroomError.
 
     Raises GainroomError.
     """
@@ -365,7 +367,7 @@ def _body_with_gains(path: Path, file: GainFile, base: Base | None) -> tuple[Rig
 
 
 def _with_gearboxes(sections: Mapping[str, Any], names: Sequence[str], types: Sequence[str]) -> dict[str, Any]:
-    """The sections with the type (n,) of each joint's gearbox; those of joints that have none are rigid."""
+    """Sections with the type (n,) of each joint's gearbox; gearboxes without a type are rigid."""
     joints = dict(sections["joints"])
     for name, kind in zip(names, types, strict=True):
         if kind:
@@ -375,7 +377,7 @@ def _with_gearboxes(sections: Mapping[str, Any], names: Sequence[str], types: Se
 
 
 def _as_the_file_says(options: AuditOptions, found: JointGains, source: Path) -> tuple[AuditOptions, list[str]]:
-    """The options with what the file of gains names and nobody typed: where gains run, rate and posture; and what was so read.
+    """Options completed from the file of gains: location of the gains, rate and posture; and notes about what was taken from there.
 
     Raises GainroomError where a rate is needed and nobody gives one, and where the file's posture is not understood and none is given.
     """
@@ -438,14 +440,14 @@ def _damping_asked(warnings: Sequence[str], options: AuditOptions) -> list[str]:
 
 
 def _contact(typed: str) -> str | dict[str, str]:
-    """FRAME or FRAME:TYPE as a robot.yaml has it."""
+    """Contact as a robot.yaml has it, from FRAME or FRAME:TYPE."""
     frame, _, kind = typed.rpartition(":")
     return {"frame": frame, "type": kind} if frame and kind in get_args(ContactKind) else typed
 
 
 @contextlib.contextmanager
 def _options_named(options: AuditOptions) -> Iterator[None]:
-    """Messages about a key of a robot.yaml name the option that stands for it."""
+    """Context in which messages about a key of a robot.yaml name the option for it."""
     try:
         yield
     except GainroomError as error:
@@ -453,7 +455,7 @@ def _options_named(options: AuditOptions) -> Iterator[None]:
 
 
 def _optional(text: str, options: AuditOptions) -> str:
-    """A message about a key of a robot.yaml, about the option that stands for it."""
+    """Message about a key of a robot.yaml, turned into one about the option for it."""
     for name, keys in options.keys.items():
         text = re.sub(rf"^{re.escape('.'.join(keys))}\b(\[\d+\])?", option_name(name), text)
     text = text.replace("model.base: fixed", "--base fixed")
@@ -463,7 +465,7 @@ def _optional(text: str, options: AuditOptions) -> str:
 
 
 def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str], postures: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """Angles by joint name, of those that are named; `postures`: of the gains' file. Raises GainroomError that names the option."""
+    """Angles by name of the joints that are named; `postures`: those in the file of gains. Raises GainroomError that names the option."""
     angles: dict[str, float] = {}
     for text in typed:
         owner = f"--posture {shown(text)}"
@@ -487,7 +489,7 @@ def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str], postur
 
 
 def _require_model(path: Path) -> None:
-    """Raise GainroomError where a YAML file stands in a model's place."""
+    """Raise GainroomError if the model is a YAML file."""
     if path.suffix.lower() in DESCRIPTIONS:
         found = kind_of_file(path)
         if found in ("joint", "robot"):

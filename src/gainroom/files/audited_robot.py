@@ -1,4 +1,4 @@
-"""The robot of an audit as a robot.yaml, to go on from."""
+"""Text of a robot.yaml for the robot of an audit, to continue from."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from .robot_yaml import parse_robot
 
 
 class _Dumper(yaml.SafeDumper):
-    """Numbers as typed, words and sections alone: equal lists are written out each time, as a robot.yaml has no references."""
+    """YAML writer that keeps numbers as typed and writes equal lists out each time, as a robot.yaml has no references."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -24,7 +24,7 @@ _Dumper.add_representer(float, lambda dumper, value: dumper.represent_float(as_t
 
 
 def audited_robot_text(sections: Mapping[str, Any], model: str, required: Requirements, heading: Sequence[str], target: Path) -> str:
-    """The text of a robot.yaml in the place `target`, which is read again before it is given.
+    """Text of a robot.yaml in the place `target`, which is read back before it is returned.
 
     sections    of the audit
     model       as it was typed; a file is named from the folder of `target`

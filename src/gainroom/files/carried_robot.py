@@ -1,7 +1,7 @@
-"""What decides about gains and is none of a joint's own numbers: it goes along with them, as the sections that a robot.yaml has.
+"""Context of gains: the properties of a robot on which the verdict about gains depends, other than its joints' own numbers.
 
-The robot's base, payload and weight; its encoders and filters; current loops; postures and contact states; joints without a motor. So the
-next command judges the same robot.
+It has the form of a robot.yaml's sections and is stored with the gains, so that the next command judges the same robot: base, payload and
+weight; encoders and filters; current loops; postures and contact states; joints without a motor.
 """
 
 import math
@@ -20,24 +20,24 @@ KEYS = {
     "drive": ("delay_includes_sampling", "bandwidth", "damping_ratio"),
     "control": ("feedback", "velocity_filter", "notches"),
 }
-"""Of a robot.yaml's sections; of postures, contacts and uncertainty all goes along."""
+"""Keys of a robot.yaml's sections that belong to the context; postures, contacts and uncertainty belong to it as a whole."""
 WHOLE = ("postures", "contacts", "uncertainty")
 BALANCE = "balance"
-"""Who damps sway: a word, no section."""
+"""Key for the controller of sway, "joints" or "controller"; its value is a word, not a section."""
 LOOP = ("bandwidth", "damping_ratio")
-"""Of a current loop."""
+"""Keys of a current loop."""
 USUAL: dict[str, Any] = {"feedback": "motor", "delay_includes_sampling": False}
-"""What an audit has where nothing is said."""
+"""Values that an audit assumes if nothing is given; they are not stored."""
 NEEDED = {
     "model": {"file": "model"},
     "drive": {"bandwidth": 1.0, "delay_ms": 1.0},
     "control": {"type": "pd", "feedback": "motor", "kp": 1, "kd": 1},
 }
-"""What a robot.yaml must have."""
+"""Values for the required keys of a robot.yaml, with which a context is validated."""
 
 
 def carried(sections: Mapping[str, Any], system: System) -> dict[str, Any]:
-    """Of the `sections` of a robot.yaml, from which `system` was made, what goes along; without what is usual."""
+    """Context of gains in the `sections` of a robot.yaml, from which `system` was made; default values are left out."""
     found: dict[str, Any] = {}
     for name, keys in KEYS.items():
         own = sections.get(name) or {}
@@ -57,7 +57,7 @@ def carried(sections: Mapping[str, Any], system: System) -> dict[str, Any]:
 
 
 def _of_joints(system: System) -> dict[str, dict[str, float]]:
-    """Of each joint its current loop, friction of its motor, and a delay that others do not have, in a robot.yaml's units."""
+    """Current loop, motor friction and delay of each joint, as far as joints differ, in a robot.yaml's units."""
     source, drives = system.source, system.drives
     columns: dict[str, Floats | list[float]] = {"motor_viscous": source.actuators.motor_viscous}
     if len({(drive.bandwidth, drive.damping_ratio) for drive in drives}) > 1:
@@ -72,14 +72,14 @@ def _of_joints(system: System) -> dict[str, dict[str, float]]:
 
 
 USUAL_RATIO = 0.9
-"""Damping ratio of a current loop where nothing is said."""
+"""Default damping ratio of a current loop."""
 BASE, LOOPS, CONTACTS = "the base", "the current loops", "the contact states"
 OF_JOINTS = ("bandwidth", "damping_ratio", "motor_viscous", "delay_ms")
-"""Of a joint."""
+"""Keys of a joint that belong to the context."""
 
 
 def read_carried(data: object, source: str, within: str) -> dict[str, Any]:
-    """What `carried` has written and a file holds under the key `within`. Raises GainroomError where a robot.yaml could not have it."""
+    """Context of gains that a file holds under the key `within`. Raises GainroomError where a robot.yaml could not have it."""
     sections = data if isinstance(data, dict) else {}
     known = (*KEYS, *WHOLE, BALANCE)
     for name in sections:
@@ -100,7 +100,7 @@ def read_carried(data: object, source: str, within: str) -> dict[str, Any]:
 
 
 def system_flags(lost: Mapping[str, Any]) -> tuple[list[str], list[str]]:
-    """The flags of audit that give back what a form does not hold of a robot, and in words what they are of."""
+    """Flags of `gainroom audit` that replace a context `lost` in an export, and the names of the properties that they restore."""
     flags, whose = [], []
     if base := (lost.get("model") or {}).get("base"):
         flags, whose = [*flags, "--base", str(base)], [*whose, BASE]
@@ -118,7 +118,7 @@ def system_flags(lost: Mapping[str, Any]) -> tuple[list[str], list[str]]:
 
 
 def left_out(lost: Mapping[str, Any], given_back: Collection[str]) -> list[str]:
-    """In words, what a form does not hold of a robot and no flag of audit gives back."""
+    """Names of the properties in a context `lost` in an export that no flag of `gainroom audit` restores."""
     model, joints, control, drive = (lost.get(key) or {} for key in ("model", "joints", "control", "drive"))
     own = [key for each in joints.values() if isinstance(each, dict) for key in each]
     found = {
@@ -139,7 +139,7 @@ def left_out(lost: Mapping[str, Any], given_back: Collection[str]) -> list[str]:
 
 
 def _contact_text(frame: Any) -> str | None:
-    """A frame on the ground as --contact takes it; None where it has springs, which no option says."""
+    """Contact frame as --contact takes it; None for a frame with springs, which no option describes."""
     if isinstance(frame, str):
         return frame
     kind = frame.get("type", "flat")
@@ -147,7 +147,7 @@ def _contact_text(frame: Any) -> str | None:
 
 
 def _with_infinite(value: Any) -> Any:
-    """A value of JSON with null, which stands for infinite stiffness there, as what it is."""
+    """JSON value with null replaced by infinity: null stands for infinite stiffness there."""
     if isinstance(value, dict):
         return {key: _with_infinite(each) for key, each in value.items()}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Values put into the text of a YAML file: they change, and everything else, comments too, stays as it was written."""
+"""Editing of values in the text of a YAML file: everything else, comments too, stays as it was written."""
 
 import json
 import math
@@ -12,11 +12,11 @@ from ..errors import GainroomError
 from ..io.yaml_text import parse_yaml
 
 Keys = tuple[str | int, ...]
-"""Keys from the top; of an entry in a list its place."""
+"""Keys from the top level to a value; for an entry of a list its index."""
 
 
 def edited(text: str, source: str, values: Mapping[Keys, Any], as_text: Callable[[Any], str] | None = None) -> str:
-    """`text` with `values`, as `written` has them or `as_text`; missing keys are put in.
+    """Text with new `values`, formatted by `written` or `as_text`; missing keys are inserted.
 
     Raises GainroomError where `text` is no YAML, or where a section on the way is none.
     """
@@ -27,7 +27,7 @@ def edited(text: str, source: str, values: Mapping[Keys, Any], as_text: Callable
 
 
 def written(value: Any) -> str:
-    """Numbers, lists of them, mappings of names to them, None for null, in YAML's flow style; numbers are read back as they are."""
+    """Value in YAML's flow style: numbers, lists of them, mappings of names to them, None as null; numbers are read back exactly."""
     if value is None:
         return "null"
     if isinstance(value, Mapping):
@@ -43,7 +43,7 @@ def written(value: Any) -> str:
 
 
 def quoted(name: str | int) -> str:
-    """A key in YAML."""
+    """Key in YAML, quoted where necessary."""
     name = str(name)
     return name if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) else "'" + name.replace("'", "''") + "'"
 

@@ -1,4 +1,4 @@
-"""Which kind of file a text is, and where one belongs that came to the wrong place."""
+"""Kinds of files, and messages about a file of the wrong kind."""
 
 import re
 import shlex
@@ -38,7 +38,7 @@ def kind_of_file(path: Path) -> Kind:
 
 
 def parse_as(kind: Literal["joint", "robot"], text: str, source: str, example: str, together: Together) -> Any:
-    """The data of a YAML text that must be a joint.yaml or a robot.yaml; `example` is one to start from, `together` as of parse_yaml.
+    """Data of a YAML text that must be a joint.yaml or a robot.yaml; `example` is one to start from, `together` as in parse_yaml.
 
     Raises GainroomError.
     """
@@ -52,6 +52,6 @@ def parse_as(kind: Literal["joint", "robot"], text: str, source: str, example: s
 
 
 def wrong_kind(source: str, wanted: str, found: Kind) -> GainroomError:
-    """The error about a file that is not what is `wanted` but one of PLACES."""
+    """Error about a file of another kind than `wanted`."""
     gains = " --gains gains.yaml" if source.endswith(".urdf") else ""  # an MJCF may hold its own
     return GainroomError(f"{source}: must be a {wanted}; {PLACES[found].format(shlex.quote(source), gains)}")

@@ -1,4 +1,4 @@
-"""Gains into other people's forms: the text of a file, read back before anybody sees it."""
+"""Export of gains into the formats of other programs: the text of a file, which is read back before it is returned."""
 
 import datetime
 import math
@@ -22,9 +22,9 @@ from .gain_formats.mjcf_export import joint_values, mjcf_text
 from .gain_formats.ros2_control import ros2_control_onto
 
 KEYS = ("kp", "kd", "ki", "motor_inertia", "effort_limit")
-"""The numbers of one joint that an export has in JSON."""
+"""Numbers of one joint that an export has in JSON."""
 AGREEMENT = 1e-8
-"""Relative, of what is read back: through MuJoCo's compiler and gears."""
+"""Relative tolerance of gains that are read back, through MuJoCo's compiler and gears."""
 
 PARTS = {
     "motor_inertia": ("the motors' inertia", "--motor-inertia"),
@@ -36,15 +36,15 @@ PARTS = {
 """Properties of an actuator that a file of gains may hold: title and option of `gainroom audit`; "": no option has it."""
 WITHOUT_OPTION = {"effort_limit": "no margin depends on them, set them there", "link_viscous": "only yaml holds it"}
 MOST_IN_PATTERN = 150
-"""Characters of the names in one pattern."""
+"""Maximum length of the names in one pattern [characters]."""
 LINE = 120
-"""Characters of a line of flags in a comment."""
+"""Maximum length of a line of flags in a comment [characters]."""
 Written = Callable[[Carried, Sequence[str]], str]
 
 
 @dataclass(frozen=True)
 class Form:
-    """A form that gains are written in.
+    """Format in which gains are written.
 
     ending    of its files
     written   the text of a whole file; None: only an existing file can take them
@@ -71,7 +71,7 @@ FORMS = {
 
 @dataclass(frozen=True)
 class Export:
-    """A file's text, and what was there before.
+    """Text of an exported file, and the text that it replaces.
 
     gains   as the file has them
     flags   of audit, which say what the form has no place for
@@ -99,7 +99,7 @@ class Export:
 
 
 def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | None, version: str, today: datetime.date) -> Export:
-    """The gains of `file` in a form of FORMS.
+    """Export of the gains of `file` in a format of FORMS.
 
     onto    an existing file whose gains are replaced, the rest of it stays
     model   whose joints patterns are matched with; None: the names in `file`, or the MJCF `onto`
@@ -127,7 +127,7 @@ def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | Non
 
 
 def _written(form: str, onto: Path | None, before: str, goal: Carried, header: Sequence[str]) -> str:
-    """The text of a file."""
+    """Text of the whole file."""
     if onto is not None and form == "mjcf":
         return mjcf_text(before, onto, goal, header)
     if onto is not None:
@@ -138,7 +138,7 @@ def _written(form: str, onto: Path | None, before: str, goal: Carried, header: S
 
 
 def _read_back(text: str, form: str, onto: Path | None) -> GainFile:
-    """A written text as `audit` reads it; in an MJCF the motors' inertia is armature, which it takes from the model."""
+    """Gains of a written text as `audit` reads them; in an MJCF the motors' inertia is armature, which audit takes from the model."""
     found = parse_file(text, onto or Path(f"export{FORMS[form].ending}"))
     if form != "mjcf" or onto is None:
         return found
@@ -147,13 +147,13 @@ def _read_back(text: str, form: str, onto: Path | None) -> GainFile:
 
 
 def _back(found: GainFile, wanted: Mapping[str, Gain]) -> dict[str, Gain]:
-    """The gains of the wanted joints in a file that may have others, too."""
+    """Gains of the wanted joints in a file that may have others too."""
     by_joint = _by_joint(found, tuple(dict.fromkeys((*wanted, *found.own_names))))
     return {name: by_joint.get(name, Gain(0.0)) for name in wanted}
 
 
 def _posture(file: GainFile, names: Sequence[str]) -> dict[str, float]:
-    """The angles of the one posture that a file names, of joints that do not stand at 0; as `audit` takes it, of several none."""
+    """Angles of joints that are not at 0 in the only posture of a file, as `audit` takes it; none if the file has several postures."""
     if len(file.postures) != 1:
         return {}
     ((title, patterns),) = file.postures.items()
@@ -182,7 +182,7 @@ def _model_text(path: Path) -> str:
 
 
 def _joint_names(file: GainFile, model: Path | None) -> tuple[str, ...]:
-    """The model's joints, else those that the file names."""
+    """Joint names of the model, else those in the file."""
     if model is not None:
         return load_model(model, for_names=True).every_joint
     names = file.own_names
@@ -192,7 +192,7 @@ def _joint_names(file: GainFile, model: Path | None) -> tuple[str, ...]:
 
 
 def _by_joint(file: GainFile, names: Sequence[str]) -> dict[str, Gain]:
-    """The gains of each joint that has some, in the joints' order."""
+    """Gains of each joint that has some, in the joints' order."""
     found = gains_of(file, names)  # refuses what no joint has, and gains that are all zero
     matched = file.matched(names)
     gains = {}
@@ -203,7 +203,7 @@ def _by_joint(file: GainFile, names: Sequence[str]) -> dict[str, Gain]:
 
 
 def _refuse_integral(gains: Mapping[str, Gain], form: str, kind: Form) -> None:
-    """Raise GainroomError where the form holds no integral gain and some joint has one: the answer would be another without it."""
+    """Raise GainroomError if the format has no integral gain and some joint has one."""
     with_ki = [name for name, gain in gains.items() if gain.ki]
     if with_ki and not kind.integral:
         able = ", ".join(name for name, each in FORMS.items() if each.integral)
@@ -293,7 +293,7 @@ def _same(one: float, other: float | None) -> bool:
 
 
 def _flags(option: str, values: Mapping[str, float], every: Collection[str] = ()) -> list[str]:
-    """An option for joints by name, those with the same value in one; a number alone where `every` joint has that."""
+    """Flags of an option for joints by name, joints with equal values together; a number alone if `every` joint has it."""
     groups: dict[float, list[str]] = {}
     for name, value in values.items():
         groups.setdefault(value, []).append(name)
@@ -314,7 +314,7 @@ def _typed(value: float) -> str:
 
 
 def _require_same(back: Mapping[str, Gain], wanted: Mapping[str, Gain], form: str) -> None:
-    """Raise GainroomError where the text would be read as other gains."""
+    """Raise GainroomError if the text would be read as other gains."""
     for name, gain in wanted.items():
         for key in ("kp", "kd", "ki"):
             one, other = getattr(gain, key), getattr(back[name], key)

@@ -1,4 +1,4 @@
-"""Gains that somebody already has, from the file they are in. A module of gain_formats reads each form.
+"""Reader of files of gains; each format has a module in gain_formats.
 
 Files are read as data, within bounds; nothing in them is run. What is in no known form is refused in one line.
 """
@@ -69,7 +69,7 @@ class JointGains:
 
 
 def read_gains(path: Path, contact: str = "", to_use: bool = False) -> GainFile:
-    """The gains in a file: its ending says which language it is in, its content which form. FILE:NAME chooses.
+    """Gains in a file, whose ending decides the language and whose content the format; FILE:NAME chooses one of several sets.
 
     NAME is one of several robots in a Python file, or the keys that lead to one of several sets in a YAML or JSON file.
 
@@ -116,7 +116,7 @@ def parse_file(text: str, path: Path, contact: str = "", to_use: bool = False) -
 
 
 def _as_yaml(text: str, source: str) -> str:
-    """JSON is YAML but for tabs, and has none inside its strings."""
+    """Text as YAML: JSON is YAML except for tabs, and has none inside its strings."""
     return text.replace("\t", " ") if source.lower().endswith(".json") else text
 
 
@@ -134,7 +134,7 @@ def parse_gains(text: str, source: str, chosen: str = "") -> GainFile:
 
 
 def gains_of(file: GainFile, joint_names: Sequence[str]) -> JointGains:
-    """The file's gains on a model's joints.
+    """Gains of the file for the joints of a model.
 
     Raises GainroomError for a joint that the model does not have, for a pattern that matches nothing, and where no joint has gains.
     """

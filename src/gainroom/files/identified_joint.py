@@ -1,4 +1,4 @@
-"""A fit as a joint.yaml: values, the box of their 95 % intervals as `uncertainty`, gains to start from, and the covariance.
+"""Text of a joint.yaml from an identified joint: values, 95 % intervals as `uncertainty`, gains to start from, and the covariance.
 
 Numbers are written with six digits, intervals rounded outwards. What is written is read again before it takes its place.
 """
@@ -21,7 +21,7 @@ from .identified_section import problem_of
 from .joint_yaml import parse_joint
 
 START_HZ = 1.0
-"""Natural frequency of the gains in the file where none meet the usual limits over the intervals, and until they are found."""
+"""Natural frequency of the file's gains [Hz] if none meet the usual limits over the intervals, and before they are searched."""
 RANGES = {
     "delay_ms": "delay",
     "stiffness": "stiffness",
@@ -33,7 +33,7 @@ RANGES = {
 
 
 def identified_text(fit: JointFit, log: Path, known: Drive | None, date: str, version: str) -> tuple[str, System, bool]:
-    """The text of a joint.yaml, the system that it describes, and whether its gains meet the usual limits over the intervals.
+    """Text of a joint.yaml, its system, and True if its gains meet the usual limits over the intervals.
 
     log     of which only the name is written
     known   the drive as it was given; None: it was identified
@@ -62,7 +62,7 @@ def identified_text(fit: JointFit, log: Path, known: Drive | None, date: str, ve
 
 
 def _ranges(fit: JointFit) -> dict[str, Estimate]:
-    """The intervals that the file has, by parameter of joint and drive; a rigid joint's inertia is half on either side."""
+    """Intervals of the file by parameter of joint and drive; a rigid joint has half of its inertia on either side."""
     found = dict(fit.parameters)
     if "inertia" in found:
         half = found.pop("inertia").scaled(0.5)
@@ -132,13 +132,13 @@ def _many(value: float) -> str:
 
 
 def _number(text: str) -> str:
-    """With a point, which some readers of YAML ask for in a float with an exponent."""
+    """Number with a decimal point, which some YAML readers require in a float with an exponent."""
     mantissa, sign, exponent = text.partition("e")
     return (mantissa if "." in mantissa or not sign else f"{mantissa}.0") + sign + exponent
 
 
 def _outwards(found: Estimate, unit: float) -> tuple[str, str]:
-    """Low and high with six digits, rounded away from the value, and no lower than what a file may hold."""
+    """Ends of an interval with six digits, rounded away from the value, within the bounds of the file format."""
     value = float(_six(unit * found.value))
     low, high = min(unit * found.low, value), max(unit * found.high, value)
     return _number(_rounded(max(low, 0.0), math.floor)), _number(_rounded(high, math.ceil))

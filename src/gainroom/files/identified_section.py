@@ -1,4 +1,4 @@
-"""The section `identified` of a joint.yaml: what `gainroom identify joint` fitted, with its covariance, and from which log."""
+"""Section `identified` of a joint.yaml: the parameters that `gainroom identify joint` fitted, their covariance, and the log's name."""
 
 from typing import Annotated, Literal
 
@@ -15,7 +15,7 @@ ROUND_OFF = 1e-6
 
 
 def _finite(value: object) -> float:
-    """A number of any size that is in use: variances are squares, and may be far smaller than what is measured."""
+    """Number of any usable size: variances are squares, and may be far smaller than measured values."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise refusal(f"{shown(value)} is not a number")
     if not abs(value) <= LARGEST**2:
@@ -61,7 +61,7 @@ class IdentifiedSection(Section):
 
     @property
     def coulomb(self) -> tuple[float, float]:
-        """Friction of motor and link [N m]; 0 where the log needed none."""
+        """Coulomb friction of motor and link [N m]; 0 if the fit has none."""
         self.require_right()
         found = dict(zip(self.names, self.values, strict=True))
         return abs(found.get("coulomb", 0.0)), abs(found.get("link_coulomb", 0.0))

@@ -1,4 +1,4 @@
-"""Joints of a robot.yaml that are described by a joint.yaml beside it: `knee: {file: knee.yaml}`, with its intervals.
+"""Joints of a robot.yaml that refer to a joint.yaml beside it: `knee: {file: knee.yaml}`, with its intervals.
 
 Motor inertia, gearbox and drive come from there; the link's inertia is the model's, in every posture. A file of the user's own folder is
 read and no other: no absolute path, no way up, no link that leads out.
@@ -54,7 +54,7 @@ def entry_of_file(name: str, folder: Path, owner: str) -> ActuatorEntry:
 def with_ranges(
     given: Uncertainty, entries: Sequence[ActuatorEntry], nominal: Mapping[str, ArrayLike], names: Sequence[str]
 ) -> tuple[Uncertainty, tuple[str, ...]]:
-    """`given` for the robot, but for joints whose entries have intervals of their own those; and what is assumed of them.
+    """Ranges of the robot: `given`, replaced by their own intervals for joints with a file; and notes about the assumptions.
 
     nominal   by name, (n,): of joints of which nothing is given
     """

@@ -1,4 +1,4 @@
-"""The scenario section of joint.yaml: reference, disturbances, and hardware effects beyond the linear model."""
+"""Section `scenario` of joint.yaml: reference, disturbances, and hardware effects beyond the linear model."""
 
 import math
 from pathlib import Path
@@ -39,12 +39,12 @@ Seed = Annotated[int, BeforeValidator(_whole)]
 
 
 def _typed(value: object) -> str:
-    """A value as it would be typed."""
+    """Value as the user would type it."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _as_typed(section: Section, key: str, omega: float) -> str:
-    """`omega` [rad/s] under the key, and in the unit, that it was given in."""
+    """Frequency `omega` [rad/s] as key, value and unit that the user gave."""
     return f"{key}: {omega:g} rad/s" if getattr(section, key) is not None else f"{key}_hz: {omega / (2 * math.pi):g} Hz"
 
 
@@ -54,16 +54,16 @@ class ReferenceSection(FrequencySection):
     base: Angle = 0.0
 
     def trajectory(self) -> Trajectory:
-        """The reference [rad] over time [s]."""
+        """Trajectory of the reference [rad] over time [s]."""
         raise NotImplementedError
 
     def fastest_as_typed(self, fastest: float) -> str:
-        """The highest frequency [rad/s] as `key: value unit`, of an oscillating reference."""
+        """Highest frequency [rad/s] of an oscillating reference, as `key: value unit`."""
         raise NotImplementedError
 
 
 class HoldSection(ReferenceSection):
-    """A constant."""
+    """Constant reference."""
 
     type: Literal["hold"]
 
@@ -72,7 +72,7 @@ class HoldSection(ReferenceSection):
 
 
 class StepSection(ReferenceSection):
-    """From `base` to `base` + `by` at once."""
+    """Step reference from `base` to `base` + `by`."""
 
     type: Literal["step"]
     by: Angle = Field(description="how far it goes [rad]")
@@ -83,7 +83,7 @@ class StepSection(ReferenceSection):
 
 
 class MoveSection(ReferenceSection):
-    """From `base` to `base` + `by` along a spline, from rest to rest."""
+    """Reference from `base` to `base` + `by` along a spline, from rest to rest."""
 
     type: Literal["cubic", "quintic"]
     by: Angle = Field(description="how far it goes [rad]")
@@ -95,7 +95,7 @@ class MoveSection(ReferenceSection):
 
 
 class ChirpSection(ReferenceSection):
-    """A sine whose frequency sweeps from `first` to `last`."""
+    """Sine reference whose frequency sweeps from `first` to `last`."""
 
     EITHER = ("first", "last")
 
@@ -116,7 +116,7 @@ class ChirpSection(ReferenceSection):
 
 
 class MultisineSection(ReferenceSection):
-    """Sines together, for the whole run."""
+    """Sum of sines for the whole run."""
 
     EITHER = ("frequencies",)
 
@@ -147,14 +147,14 @@ Reference = Annotated[Any, typed(REFERENCES, beside="those of that type")]
 
 
 class DisturbanceSection(Section):
-    """A torque on the link from outside, from some time on."""
+    """Torque on the link from outside, from a given time on."""
 
     torque: Torque = Field(description="the torque on the link [N·m]")
     start: Instant = 0.0
 
 
 class FrictionSection(Section):
-    """One side's friction, on the joint side of the gearbox."""
+    """Friction of one side, on the joint side of the gearbox."""
 
     coulomb: NotNegative = 0.0
     static: NotNegative | None = None
@@ -176,14 +176,14 @@ class FrictionSection(Section):
 
 
 class FrictionsSection(Section):
-    """Both sides'."""
+    """Friction of both sides."""
 
     motor: FrictionSection | None = None
     link: FrictionSection | None = None
 
 
 class ScenarioSection(Section):
-    """The whole section."""
+    """Section `scenario` as a whole."""
 
     duration: Duration = 2.0
     reference: Reference = MoveSection(type="cubic", by=0.1, duration=0.5)
@@ -218,7 +218,7 @@ class ScenarioSection(Section):
         return ScenarioSection.model_validate(others | {"feedforward": str(torque.absolute())})
 
     def spec(self, joint: System, folder: Path = Path()) -> JointSimulation:
-        """With its joint, in SI; `folder`: of the file. Raises GainroomError where the two do not go together."""
+        """Simulation of the joint under this scenario, in SI; `folder`: of the file. Raises GainroomError if they contradict each other."""
         with Together() as together:
             in_time = together.step(lambda: self._refuse_late(joint))
             found = together.step(lambda: self._reference(joint))
@@ -242,7 +242,7 @@ class ScenarioSection(Section):
             raise GainroomError(f"scenario.jitter_ms: {self.jitter_ms:g} must be <= the drive's delay, {1e3 * joint.delay:g} ms")
 
     def _reference(self, joint: System) -> Trajectory:
-        """Raises GainroomError where it is too quick for the joint's rate."""
+        """Trajectory of the reference. Raises GainroomError if it is too fast for the joint's sample rate."""
         highest = math.inf if joint.control.sample_time is None else math.pi / joint.control.sample_time
         self.reference.require_right()
         reference = self.reference.trajectory()
@@ -254,7 +254,7 @@ class ScenarioSection(Section):
         return reference
 
     def _described(self, duration: float) -> dict[str, str]:
-        """The reference, and every key that is not at its default, as text; `duration` [s] as it is."""
+        """Texts of the reference, and of every key that is not at its default; `duration` [s] as given."""
         data = self.model_dump(exclude_defaults=True)
         held = self.feedforward is not None and "reference" not in self.model_fields_set
         reference = {"type": "hold"} if held else self.reference.model_dump(exclude_none=True)
@@ -265,7 +265,7 @@ class ScenarioSection(Section):
         return {name: ", ".join(_with_unit(name, key, value) for key, value in each.items()) for name, each in words.items()}
 
     def _hardware(self) -> dict[str, Any]:
-        """The hardware effects beyond the linear loop."""
+        """Parameters of the hardware effects beyond the linear loop."""
         names = ("gravity", "torque_limit", "motor_resolution", "link_resolution", "whole_ticks")
         found = {name: getattr(self, name) for name in names if getattr(self, name) != type(self).model_fields[name].default}
         if self.gravity:
@@ -293,12 +293,12 @@ UNITS = {
 
 
 def _with_unit(name: str, key: str, value: Any) -> str:
-    """`key` and value of the section `name`; of a section that is one value the key is ""."""
+    """Text of key and value of the section `name`, with its unit; key "" for a section that is a single value."""
     return " ".join(filter(None, [key, _typed(value), UNITS.get(key or name, "")]))
 
 
 def _torque_of(path: Path, tick: float) -> Floats:
-    """(k, 1) the target torque of a log [N m], one row per tick of `tick` [s]. Raises GainroomError."""
+    """Target torque of a log [N m], (k, 1), one row per tick of `tick` [s]. Raises GainroomError."""
     log = read_log(path).joint()
     if "target_torque" not in log.channels:
         raise GainroomError(f"{path}: has no target_torque, which scenario.feedforward needs")

@@ -1,4 +1,4 @@
-"""joint.yaml: one joint, its drive, its controller and requirements, checked and turned into a System.
+"""Reader of joint.yaml: one joint, its drive, its controller and requirements, validated and turned into a System.
 
 Everything is SI and radians except where a key's name carries another unit (delay_ms, sample_rate_hz, gain_margin_db).
 """
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     from .joint_scenario import ScenarioSection
 
 MOTOR = ("motor_inertia", "rotor_inertia", "gear_ratio")
-"""Keys of `joint` that say what its motor's inertia is."""
+"""Keys of `joint` for the inertia of its motor."""
 MOST_DAMPED = 1e4
-"""Damping ratio of motor and spring: beyond it the spring has no effect."""
+"""Damping ratio of motor and spring above which the spring has no effect."""
 
 
 def load_joint(path: Path, two_paths: bool = False) -> System:
-    """The joint that a joint.yaml describes; `two_paths`: kd may have a path of its own.
+    """System of the joint that a joint.yaml describes; `two_paths`: kd may have a path of its own.
 
     Raises GainroomError, one line that names the file, the key, the value and what is allowed.
     """
@@ -87,21 +87,21 @@ def _file(text: str, source: str, two_paths: bool, together: Together) -> "Joint
 
 
 def _identified_section() -> "type[IdentifiedSection]":
-    """Only here is identification loaded."""
+    """Section `identified`, imported only here, because its module loads identification."""
     from .identified_section import IdentifiedSection
 
     return IdentifiedSection
 
 
 def _scenario_section() -> "type[ScenarioSection]":
-    """Only here is the simulation loaded."""
+    """Section `scenario`, imported only here, because its module loads the simulation."""
     from .joint_scenario import ScenarioSection
 
     return ScenarioSection
 
 
 class JointSection(GearboxSection):
-    """Two inertias and the gearbox between them."""
+    """Section `joint`: two inertias and the gearbox between them."""
 
     link_inertia: PositiveOrInfinite = Field(description="the load's inertia [kg·m²], a number > 0, or .inf where it is locked")
     stiffness: Stiffness = Field(description="the stiffness of the gearbox [N·m/rad], a number > 0, or rigid where it does not give way")
@@ -116,12 +116,12 @@ class JointSection(GearboxSection):
         return inertia
 
     def joint(self) -> ElasticJoint:
-        """In SI, on the joint side. Raises GainroomError as `inertia`."""
+        """Joint in SI, on the joint side. Raises GainroomError as `inertia`."""
         return ElasticJoint(motor_inertia=self.inertia(), **self.model_dump(exclude={*MOTOR}, exclude_none=True))
 
 
 class JointControlSection(ControlSection):
-    """The controller of one joint."""
+    """Section `control` of one joint."""
 
     @classmethod
     def gain_type(cls, keys: Sequence[GainKey]) -> Any:
@@ -129,7 +129,7 @@ class JointControlSection(ControlSection):
 
 
 class JointUncertaintySection(UncertaintySection):
-    """The load's range, too."""
+    """Section `uncertainty` with the range of the load's inertia."""
 
     link_inertia: PositiveInterval | None = None
 
@@ -138,7 +138,7 @@ JointControl = Annotated[SerializeAsAny[JointControlSection], made_when_read(lam
 
 
 class JointFile(SystemFile[JointControl, JointUncertaintySection]):
-    """joint.yaml as it is written."""
+    """File joint.yaml as it is written."""
 
     joint: JointSection = Field(
         description="the section of inertias and gearbox, such as {motor_inertia: 1, link_inertia: 16, stiffness: 1.0e4, damping: 1}"
@@ -147,7 +147,7 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
     identified: Annotated[Any, made_when_read(_identified_section)] = None
 
     def spec(self) -> System:
-        """In SI units. Raises GainroomError where sections contradict each other."""
+        """System in SI. Raises GainroomError where sections contradict each other."""
         with Together() as together:
             step = together.step
             tick, inertia, joint = step(self.tick), step(lambda: self.joint.inertia()), step(lambda: self.joint.joint())
@@ -180,7 +180,7 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
 
 
 def _refuse_seized_gearbox(joint: ElasticJoint) -> None:
-    """Raise GainroomError where a gearbox's damping holds motor and link together as if it were rigid, at any frequency that counts."""
+    """Raise GainroomError if a gearbox's damping locks motor and link together at every relevant frequency."""
     most = 2 * MOST_DAMPED * math.sqrt(joint.stiffness * joint.motor_inertia) if math.isfinite(joint.stiffness) else math.inf
     if joint.damping > most > 0:
         raise GainroomError(

@@ -9,11 +9,11 @@ from ..errors import GainroomError
 from ..robot.formats.model_files import includes, keyframes
 
 MOST_SCENES = 20
-"""Files beside a model that are looked at for a keyframe."""
+"""Maximum number of files beside a model that are searched for keyframes."""
 
 
 class Keyframe(NamedTuple):
-    """The file that has it, and the angles of joints by name [rad; m if prismatic]."""
+    """Keyframe: its file, and angles of joints by name [rad; m if prismatic]."""
 
     file: Path
     angles: Mapping[str, float]

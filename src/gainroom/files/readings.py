@@ -21,7 +21,7 @@ from .gain_files import read_gains
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to read what nobody has said.
+    """Reading: one way to interpret what was not given.
 
     option    that says so, as it is typed
     meaning   in a few words
@@ -35,7 +35,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class DriveFamily:
-    """Robots whose drives take kp, kd and set-points with every command, so that PD may run there.
+    """Family of robots whose drives take kp, kd and set-points with every command, so that PD may run there.
 
     names    a pattern of words of the model's name, its file's or its folder's
     joints   a pattern that some joint's name must match where the word alone says little
@@ -53,7 +53,7 @@ LEGGED_SDK = "unitree_legged_sdk: LowCmd.motorCmd has q, dq, tau, Kp and Kd of e
 BOOSTER_SDK = "booster_robotics_sdk: LowCmd.motor_cmd has q, dq, tau, kp and kd of each motor"
 CHEETAH = "Katz 2018, A low cost modular actuator for dynamic robots: position, velocity, kp, kd and torque by CAN, PD in the drive"
 MOTEUS = "moteus"
-"""And the form of gains that are those of such a drive."""
+"""Name of the family, and of the format of gains of such a drive."""
 FAMILIES = (
     DriveFamily("Unitree", "unitree", ".*", f"{SDK2}; {LEGGED_SDK}"),
     DriveFamily("Unitree", "a1|aliengo|b1|b2|go1|go2|laikago", "(F|R)(L|R)_(hip|thigh|calf)(_joint)?", LEGGED_SDK),
@@ -63,15 +63,15 @@ FAMILIES = (
     DriveFamily(MOTEUS, MOTEUS, ".*", "moteus' reference: position mode computes kp, ki and kd in the drive, at 30 kHz by default"),
     DriveFamily("MIT Mini Cheetah", "mini ?cheetah", ".*", CHEETAH),
 )
-"""Known by their makers' interfaces. Which of the two a program uses is still its own: torques may be computed on the host and sent."""
+"""Families known by their makers' interfaces. A program may still compute torques on the host and send those."""
 HOST = ("--gains-run host", "the program computes the torques and sends them")
-"""The reading of which the audit is, where nobody has said where kp and kd run."""
+"""Reading of the audit itself, if the location of kp and kd is not given."""
 DRIVE_RATE_HZ, DRIVE_DELAY_MS = 1000.0, 1.0
 """Rate [Hz] and delay [ms] assumed for a drive's own loop: slower than any published (30 kHz of moteus, 40 kHz of the Mini Cheetah)."""
 
 
 def damping_readings(model: str, gains: Path | None, found: Audited) -> tuple[Reading, ...]:
-    """The two readings of the joints' own damping; () where it was said, or every actuator has kd of its own."""
+    """Readings of the joints' own damping, two of them; () if it was given, or if every actuator has kd of its own."""
     options = found.options
     if options.joint_damping is not None:
         return ()
@@ -87,7 +87,7 @@ def damping_readings(model: str, gains: Path | None, found: Audited) -> tuple[Re
 
 
 def undamped(found: Audited) -> list[str]:
-    """The joints with kp, without kd, and with damping of their own."""
+    """Joints with kp, without kd, and with damping of their own."""
     source, controller = found.system.source, found.system.control.controller
     kp, kd = (np.broadcast_to(getattr(controller, name), len(source.joint_names)) for name in ("kp", "kd"))
     bare = (kp > 0) & (kd == 0) & (source.body.damping > 0)
@@ -95,7 +95,7 @@ def undamped(found: Audited) -> list[str]:
 
 
 def drive_reading(model: str, gains: Path | None, options: AuditOptions) -> Reading | None:
-    """That kp and kd run in the drives, in a loop as slow as DRIVE_RATE_HZ; None where somebody has said where, or nothing is known."""
+    """Reading with kp and kd in the drives, at the rate DRIVE_RATE_HZ; None if the location was given, or no drive is known."""
     if options.gains_run is not None or family_of(model, gains) is None:
         return None
     there = replace(options, gains_run="drive", rate_hz=None, drive_rate_hz=DRIVE_RATE_HZ, drive_delay_ms=DRIVE_DELAY_MS)
@@ -105,7 +105,7 @@ def drive_reading(model: str, gains: Path | None, options: AuditOptions) -> Read
 
 
 def family_of(model: str, gains: Path | None = None) -> DriveFamily | None:
-    """The family of drives of a model, in a file or under a name of robot_descriptions, or of a file of gains that is a drive's own."""
+    """Family of drives of a model, in a file or under a name of robot_descriptions, or of a file of gains that is a drive's own."""
     if gains is not None and read_gains(gains).form == MOTEUS:
         return next(one for one in FAMILIES if one.title == MOTEUS)
     path = locate(model)

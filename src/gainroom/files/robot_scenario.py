@@ -1,4 +1,4 @@
-"""The scenario section of robot.yaml: the move, and hardware effects beyond the linear model; and what keys hold for each joint."""
+"""Section `scenario` of robot.yaml: the move, and hardware effects beyond the linear model; and values by joint pattern."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -31,7 +31,7 @@ Moves = Annotated[float | list[float], each(number(least=-1e3, most=1e3))]
 
 
 def _ground(value: Any) -> Any:
-    """false: none; true: ordinary ground."""
+    """Ground of a scenario: false means none, true the default ground."""
     if isinstance(value, bool):
         return {} if value else None
     if value is not None and not isinstance(value, dict):
@@ -40,7 +40,7 @@ def _ground(value: Any) -> Any:
 
 
 class RobotMoveSection(Section):
-    """A task or joints, moved from rest to rest along a quintic."""
+    """Move of a task or of joints, from rest to rest along a quintic."""
 
     task: Name | None = None
     joint: Name | None = None
@@ -49,32 +49,32 @@ class RobotMoveSection(Section):
 
 
 class RobotFrictionSection(Section):
-    """On the motors' side, a number or one per pattern."""
+    """Friction on the motors' side, a number or one per pattern."""
 
     coulomb: PerJoint[NotNegative] = Field(default_factory=dict)
     viscous: PerJoint[NotNegative] = Field(default_factory=dict)
 
 
 class SoleSection(Section):
-    """The rectangle of one foot that touches the ground."""
+    """Rectangle of one foot that touches the ground."""
 
     length: Positive = Field(Sole.length, description="along x of the frame [m]")
     width: Positive = Field(Sole.width, description="along y [m]")
     center: Annotated[list[Metres], Field(min_length=2, max_length=2)] = Field([0.0, 0.0])
 
     def sole(self) -> Sole:
-        """In SI."""
+        """Sole in SI."""
         return Sole(length=self.length, width=self.width, center=(self.center[0], self.center[1]))
 
 
 class GroundSection(Section):
-    """Ground that feet may slip on and leave."""
+    """Ground on which feet may slip, and which they may leave."""
 
     friction: Positive = Ground.friction
     soles: dict[str, SoleSection] = Field({}, description="by contact frame")
 
     def ground(self, contacts: Mapping[str, Sequence[Contact]]) -> Ground:
-        """In SI, with the soles of the frames that touch it. Raises GainroomError for a sole of none of them."""
+        """Ground in SI, with the soles of the frames that touch it. Raises GainroomError for a sole of any other frame."""
         every = [contact for state in contacts.values() for contact in state]
         frames, wrong = tuple(dict.fromkeys(contact.frame for contact in every)), []
         for frame in self.soles:
@@ -120,7 +120,7 @@ class RobotScenarioSection(Section):
             yield refusal(f"control.space is {space}: give {space} alone, without {other}", key="scenario.move")
 
     def scenario(self, joint_names: Sequence[str], contacts: Callable[[], Mapping[str, Sequence[Contact]]]) -> RobotScenario:
-        """In SI, for these joints (n) and contact states. Raises GainroomError for a joint or a contact that is not among them."""
+        """Scenario in SI, for these joints (n) and contact states. Raises GainroomError for an unknown joint or contact."""
         move = self.move
         moved = {} if move is None else {"task": move.task, "joint": move.joint, "move_duration": move.duration}
         if move is not None:
@@ -145,6 +145,6 @@ class RobotScenarioSection(Section):
 
 
 def _where_given(values: Mapping[str, float], joint_names: Sequence[str], key: str, otherwise: float) -> Floats:
-    """(n,) numbers of scenario.`key`; `otherwise` where no pattern matches."""
+    """Values (n,) of scenario.`key` by joint; `otherwise` where no pattern matches."""
     found = strongest(values, joint_names, f"scenario.{key}")
     return np.array([otherwise if value is None else value for value in found])

@@ -1,4 +1,4 @@
-"""The sections of robot.yaml as they are written: keys, bounds, and what excludes what. Keys that name joints are patterns."""
+"""Sections of robot.yaml as they are written: keys, bounds, and mutual exclusions. Keys that name joints are patterns."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -32,7 +32,7 @@ from .system_sections import (
 )
 
 MOST_NAMES = 50
-"""Postures, contact states or tasks in one file."""
+"""Maximum number of postures, contact states or tasks in one file."""
 
 
 class PayloadSection(Section):
@@ -89,11 +89,11 @@ class ActuatorSection(GearboxSection):
 
 
 LISTS = ("locked", "passive", "driven")
-"""Keys of `joints` that are no pattern of a joint's name."""
+"""Keys of `joints` that are not patterns of joint names."""
 
 
 class JointsSection(Section):
-    """`default` and patterns with their data, and the joints that do not move."""
+    """Section `joints`: `default` and patterns with their data, and the joints that do not move."""
 
     entries: dict[str, ActuatorSection] = Field(default_factory=dict)
     locked: list[Name] = Field(default_factory=list)
@@ -111,7 +111,7 @@ class JointsSection(Section):
 
 
 class ContactSection(Section):
-    """One frame on the ground."""
+    """Contact frame on the ground."""
 
     frame: Name = Field(description="the name of a frame of the model")
     type: ContactKind = "flat"
@@ -119,12 +119,12 @@ class ContactSection(Section):
     damping: Several | None = None
 
     def contact(self) -> Contact:
-        """In SI. Raises GainroomError where numbers do not fit the type."""
+        """Contact in SI. Raises GainroomError if its numbers do not fit its type."""
         return Contact(self.frame, self.type, self.stiffness, self.damping)
 
 
 class TaskSection(Section):
-    """One task of the operational space, PD (kp, kd) or P/PI (kp, kv, ki)."""
+    """Task of the operational space, PD (kp, kd) or P/PI (kp, kv, ki)."""
 
     name: Name = Field(description="its name in tables, of your choice")
     type: TaskKind = Field(description="what it holds: com, position, orientation or posture")
@@ -153,14 +153,14 @@ class TaskSection(Section):
             )
 
     def task(self) -> Task:
-        """In SI."""
+        """Task in SI."""
         ki = self.ki if self.kv is None or self.ki is not None else 0.0
         kd = self.kd if self.kv is None else self.kv
         return Task(name=self.name, kind=self.type, frame=self.frame, kp=self.kp, kd=kd, ki=ki, weight=self.weight)
 
 
 class RobotControlSection(ControlSection):
-    """The controller: with its gains in joint space, with those of the tasks in task space."""
+    """Section `control`: gains of the joints in joint space; in task space the tasks have the gains."""
 
     ALLOWED: ClassVar[str] = ", or one per joint's name or pattern"
 
@@ -178,7 +178,7 @@ class RobotControlSection(ControlSection):
 
     @property
     def gain_names(self) -> tuple[str, ...]:
-        """The gains of the type; none in task space."""
+        """Gains of the type; () in task space."""
         return super().gain_names if self.space == "joint" else ()
 
     @relation
@@ -207,7 +207,7 @@ RobotControl = Annotated[SerializeAsAny[RobotControlSection], made_when_read(lam
 
 
 class RobotFile(SystemFile[RobotControl, UncertaintySection]):
-    """robot.yaml as it is written."""
+    """File robot.yaml as it is written."""
 
     model: ModelSection = Field(description="the section of the robot's model, such as {file: robot.urdf}")
     joints: JointsSection = JointsSection()

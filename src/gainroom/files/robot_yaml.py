@@ -1,4 +1,4 @@
-"""robot.yaml: a robot, its postures and contacts, actuators, control and requirements, turned into a System.
+"""Reader of robot.yaml: a robot, its postures and contacts, actuators, control and requirements, turned into a System.
 
 SI and radians except where a key's name carries another unit. Keys that name joints are patterns: see name_patterns.py.
 """
@@ -40,7 +40,7 @@ MOST_STATES = 500
 
 
 def load_robot(path: Path | str) -> Robot:
-    """The robot that a robot.yaml describes; its `system` has control, limits and warnings.
+    """Robot that a robot.yaml describes; its `system` has control, limits and warnings.
 
     Raises GainroomError, one line that names the file, the key, the value and what is allowed.
     """
@@ -54,7 +54,7 @@ def load_robot_system(path: Path, two_paths: bool = False) -> System:
 
 
 def robot_sections(path: Path) -> dict[str, Any]:
-    """The sections as they are written. Raises GainroomError where there are none."""
+    """Sections as they are written. Raises GainroomError if there are none."""
     with Together() as together:
         return parse_as("robot", read_text(path), str(path), "biped", together)
 
@@ -82,7 +82,7 @@ def robot_spec(
     folder: Path = Path(),
     known_body: RigidBody | None = None,
 ) -> System:
-    """In SI: the robot `name` with the model at `path`, its joints' files in `folder`.
+    """System in SI: the robot `name` with the model at `path`; files of its joints are in `folder`.
 
     known_body   that model without locked joints, if it is read
 
@@ -129,7 +129,7 @@ def robot_spec(
 
 
 def _links(file: RobotFile, path: Path, base: Base | None, known_body: RigidBody | None) -> RigidBody:
-    """The links, without a payload."""
+    """Links without a payload."""
     joints = file.joints
     if known_body is not None and not joints.locked and not joints.passive:
         require_movable(known_body)
@@ -182,7 +182,7 @@ def _model_path(section: ModelSection, folder: Path) -> Path:
 
 
 def base_of(given: Base | None, path: Path, stands: bool) -> tuple[Base | None, tuple[str, ...]]:
-    """The base as given or as the file says; else floating if it `stands` on something, and a note of the guess."""
+    """Base as given, or as in the file; else floating if the robot `stands` on something, with a note about the guess."""
     if given is not None or has_base(path):
         return given, ()
     base: Base = "floating" if stands else "fixed"
@@ -190,7 +190,7 @@ def base_of(given: Base | None, path: Path, stands: bool) -> tuple[Base | None, 
 
 
 def _posture(name: str, patterns: Mapping[str, float], path: Path, base: Base | None, file: RobotFile, body: RigidBody) -> Posture:
-    """One posture, with links whose locked joints stand as it says."""
+    """Posture, with links whose locked joints are at its angles."""
     angles = _angles(name, patterns, body.every_joint)
     held = {joint: angles.pop(joint) for joint in body.locked if joint in angles}
     if any(held[joint] != body.locked[joint] for joint in held) or (body.led and angles):
@@ -203,7 +203,7 @@ def _posture(name: str, patterns: Mapping[str, float], path: Path, base: Base | 
 
 
 def _carrying(file: RobotFile, body: RigidBody) -> RigidBody:
-    """With the file's payload."""
+    """Links with the file's payload."""
     load = file.model.payload
     if load is None:
         return body
@@ -213,13 +213,13 @@ def _carrying(file: RobotFile, body: RigidBody) -> RigidBody:
 
 
 def _angles(name: str, patterns: Mapping[str, float], joint_names: Sequence[str]) -> dict[str, float]:
-    """One posture's angles by joint name."""
+    """Angles of one posture by joint name."""
     found = strongest(patterns, joint_names, f"postures.{dotted(name)}")
     return {joint: angle for joint, angle in zip(joint_names, found, strict=True) if angle is not None}
 
 
 def _without_motor(file: RobotFile, body: RigidBody) -> tuple[str, ...]:
-    """A warning about gains that are named for joints without a motor."""
+    """Warning about gains of joints without a motor."""
     given = (getattr(file.control, name) for name in file.control.gain_names)
     named = {key for gains in given if isinstance(gains, dict) for key in gains}
     names = [name for name in body.passive if name in named or re.escape(name) in named]
@@ -228,7 +228,7 @@ def _without_motor(file: RobotFile, body: RigidBody) -> tuple[str, ...]:
 
 
 def _outside(postures: Mapping[str, Posture]) -> tuple[str, ...]:
-    """Warnings for postures beyond the joints' limits."""
+    """Warnings about postures beyond the joints' limits."""
     warnings = []
     for name, posture in postures.items():
         beyond = posture.body.beyond_limits(posture.body.configuration(posture.angles))
@@ -240,7 +240,7 @@ def _outside(postures: Mapping[str, Posture]) -> tuple[str, ...]:
 
 
 def _contacts(name: str, sections: Sequence[ContactSection], body: RigidBody) -> tuple[Contact, ...]:
-    """One contact state, its frames there and each used once."""
+    """Contact state whose frames exist and are used once each."""
     owner = f"contacts.{dotted(name)}"
 
     def contact(index: int, section: ContactSection) -> Contact:
@@ -266,7 +266,7 @@ def _require_frame(frame: str, body: RigidBody, owner: str) -> None:
 
 
 def _tasks(file: RobotFile, body: RigidBody) -> tuple[Task, ...]:
-    """The stack, with frames that are there and as many gains as directions."""
+    """Task stack, with existing frames and as many gains as directions."""
     with Together() as together:
         found = [
             together.step(lambda index=index, section=section: _task(f"tasks[{index}]", section, body))
@@ -290,7 +290,7 @@ def _task(place: str, section: TaskSection, body: RigidBody) -> Task:
 
 
 def _control(file: RobotFile, body: RigidBody, sample_time: Callable[[], float | None]) -> Control:
-    """Gains per joint, or nothing but filters in task space."""
+    """Control with gains per joint, or with filters only in task space."""
     section = file.control
     with Together() as together:
         step = together.step
@@ -314,7 +314,7 @@ def _control(file: RobotFile, body: RigidBody, sample_time: Callable[[], float |
 
 
 def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Floats:
-    """One gain per joint (n,). Raises GainroomError where a joint has none, or all are 0."""
+    """Gain of each joint (n,). Raises GainroomError if a joint has none, or all are 0."""
     found = strongest(patterns, body.every_joint, owner)[: body.size]
     without = [name for name, value in zip(body.joint_names, found, strict=True) if value is None]
     if without:

@@ -16,7 +16,7 @@ from ..simulation.simulated_gains import ArmatureOf, Pd, Simulator
 
 TIMESTEP = number(above=0, most=0.1, unit="s")
 MOST_STEPS = 100
-"""For which a torque is held."""
+"""Maximum number of simulation steps for which a torque is held."""
 OF_FILE = "the gains act as MuJoCo's own actuators, as in the file: or give --pd"
 OF_PROGRAM = "a program computes the torques from kp and kd: or give --pd"
 
@@ -47,7 +47,7 @@ class SimulatorOptions:
 
 
 def simulator_of(options: SimulatorOptions, model: str, own_gains: bool, damping_in_kd: bool = False) -> tuple[Simulator, tuple[str, ...]]:
-    """The simulator, and what is assumed of it where nothing was said, each with how to say it.
+    """Simulator, and the assumptions made where nothing was given, each with the option that replaces it.
 
     model       as `audited` takes it
     own_gains   whether the gains are those of the model's own actuators

@@ -1,4 +1,4 @@
-"""The postures, contact states and draws that a call of `gainroom sweep` asks for, from text."""
+"""Plan of a sweep from the options of `gainroom sweep`: postures, contact states and draws."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .logs import Log
 
 POSITIONS = ("link_position", "motor_position")
-"""Channels of a log that are a posture, the better one first."""
+"""Channels of a log that form a posture, the preferred one first."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ SAMPLES = 10_000
 
 
 def sweep_plan(system: System, options: SweepOptions) -> SweepPlan:
-    """Raises GainroomError for what contradicts itself, or the robot."""
+    """Plan of the sweep. Raises GainroomError for options that contradict each other, or the robot."""
     if not isinstance(system.source, Robot):
         raise GainroomError(f"{system.source.name}: a sweep needs a robot: a robot.yaml, or a model")
     known, system = system.warnings, on_a_tree(system)
@@ -84,7 +84,7 @@ def _contradictions(options: SweepOptions, robot: Robot, contacts: Sequence[str]
 
 
 def _logged(robot: Robot, path: Path, posture: str) -> tuple[Postures, tuple[str, ...]]:
-    """The postures of a log, and what of it was left out or is not in it."""
+    """Postures of a log, and notes about the rows and joints that were left out."""
     from .logs import read_log
 
     body, log, notes = robot.body, read_log(path), []
@@ -113,7 +113,7 @@ def _postures(robot: Robot, options: SweepOptions) -> Postures:
 
 
 def standing(robot: Robot, posture: str = "") -> Floats:
-    """(n,) joint positions of a posture by name, "" the first. Raises GainroomError for another name."""
+    """Joint positions (n,) of a posture by name, "" for the first. Raises GainroomError for an unknown name."""
     if posture and posture not in robot.postures:
         raise GainroomError(f"--posture: {posture!r} is not one of this robot's{nearest(posture, tuple(robot.postures), 'posture')}")
     found = robot.postures[posture] if posture else next(iter(robot.postures.values()))
@@ -133,7 +133,7 @@ def _positions(log: "Log", path: Path) -> dict[str, Floats]:
 
 
 def _by_joint(option: str, texts: Sequence[str], body: RigidBody, size: int) -> Mapping[str, list[float]]:
-    """The later one wins."""
+    """Numbers by joint of options JOINT=…; of two for one joint the later one wins."""
     expected = "JOINT=LOW:HIGH" + (":POINTS" if size == 3 else "")
 
     def read(text: str) -> dict[str, list[float]]:

@@ -1,4 +1,4 @@
-"""The sections that describe a system, of one joint or of a whole robot: motor and gearbox, drive, control, limits, ranges."""
+"""Sections of a system's file, of one joint or of a whole robot: motor and gearbox, drive, control, limits, ranges."""
 
 import math
 import re
@@ -36,7 +36,7 @@ from ..system.uncertainty import Uncertainty
 
 PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
 MAX_TICKS = 1000
-"""A sampled loop carries one state per tick of delay."""
+"""Maximum delay [ticks]: a sampled loop has one state per tick of delay."""
 
 DELAY_MS = number(least=0, most=10_000, unit="ms")
 DELAY_TICKS = number(least=0, most=MAX_TICKS, unit="ticks")
@@ -50,7 +50,7 @@ Stiffness = Annotated[PositiveOrInfinite, BeforeValidator(lambda value: math.inf
 
 
 def interval(end: BeforeValidator) -> BeforeValidator:
-    """A check: 20%, or [low, high] with low <= high, both ends as `end` allows."""
+    """Validator of an interval: 20%, or [low, high] with low <= high, both ends valid under `end`."""
 
     def check(value: object) -> str | list[float]:
         if isinstance(value, str) and (match := PERCENTAGE.fullmatch(value)):
@@ -74,7 +74,7 @@ DelayTicksInterval = Annotated[str | list[float], interval(DELAY_TICKS)]
 
 
 class GearboxSection(Section):
-    """A motor and the gearbox behind it."""
+    """Motor and gearbox."""
 
     motor_inertia: Positive | None = Field(None, description="on the joint side [kg m²]")
     rotor_inertia: Positive | None = Field(None, description="of the rotor itself [kg m²]")
@@ -90,7 +90,7 @@ class GearboxSection(Section):
 
 
 class DriveSection(Section):
-    """Current loop and delay."""
+    """Section `drive`: current loop and delay."""
 
     bandwidth: Bandwidth = Field(description="the bandwidth of the current loop [rad/s], a number > 0, or .inf for an ideal one")
     damping_ratio: DampingRatio = 0.9
@@ -116,12 +116,12 @@ class DriveSection(Section):
         return "drive.delay_ticks" if self.delay_ms is None else "drive.delay_ms"
 
     def drive(self, tick: float | None) -> Drive:
-        """In SI; `tick` [s]. Raises GainroomError as `delay`."""
+        """Drive in SI; `tick` [s]. Raises GainroomError as `delay`."""
         self.require_right()
         return Drive(bandwidth=self.bandwidth, damping_ratio=self.damping_ratio, delay=self.delay(tick))
 
     def delay(self, tick: float | None) -> float:
-        """[s]; `tick` [s]. Raises GainroomError where ticks have no length."""
+        """Delay [s]; `tick` [s]. Raises GainroomError for a delay in ticks without a tick."""
         if self.delay_ticks is None:
             return 1e-3 * (self.delay_ms or 0.0)
         if self.delay_ms is not None:
@@ -135,7 +135,7 @@ class DriveSection(Section):
 
 
 class FrequencySection(Section):
-    """A section with frequencies, each in rad/s under its key, one of EITHER, or in Hz under key_hz."""
+    """Section with frequencies, each in rad/s under its key, one of EITHER, or in Hz under key_hz."""
 
     EITHER: ClassVar[tuple[str, ...]] = ()
 
@@ -146,11 +146,11 @@ class FrequencySection(Section):
                 yield refusal(f"give either {key} [rad/s] or {key}_hz")
 
     def omega(self, key: str) -> float:
-        """[rad/s]."""
+        """Frequency under a key [rad/s]."""
         return rad_per_s(getattr(self, key), getattr(self, f"{key}_hz"))
 
     def require_below(self, key: str, owner: str, nyquist: float) -> None:
-        """Raise GainroomError unless the frequency is below half the sample rate [rad/s]; said in the unit that was typed."""
+        """Raise GainroomError unless the frequency is below half the sample rate [rad/s]; the message uses the unit that was typed."""
         if self.omega(key) >= nyquist:
             hertz = getattr(self, f"{key}_hz")
             typed = f": {getattr(self, key):g} rad/s" if hertz is None else f"_hz: {hertz:g} Hz"
@@ -159,12 +159,12 @@ class FrequencySection(Section):
 
 
 def rad_per_s(angular: float | None, hertz: float | None) -> float:
-    """[rad/s], of a frequency that was given as that or in Hz."""
+    """Frequency [rad/s] of one given in rad/s or in Hz."""
     return 2 * math.pi * (hertz or 0.0) if angular is None else angular
 
 
 class LowPassSection(FrequencySection):
-    """A low-pass filter on the velocity."""
+    """Low-pass filter on the velocity."""
 
     EITHER = ("bandwidth",)
 
@@ -179,13 +179,13 @@ class LowPassSection(FrequencySection):
             yield refusal("is for order 2 only", key="damping_ratio")
 
     def low_pass(self) -> LowPass:
-        """In rad/s."""
+        """Filter in rad/s."""
         optional = self.model_dump(include={"damping_ratio"}, exclude_none=True)
         return LowPass(bandwidth=self.omega("bandwidth"), order=self.order, **optional)
 
 
 class NotchSection(FrequencySection):
-    """A notch in the controller's output."""
+    """Notch in the controller's output."""
 
     EITHER = ("frequency",)
 
@@ -195,7 +195,7 @@ class NotchSection(FrequencySection):
     depth: Annotated[float, number(least=0, most=1)] | None = None
 
     def notch(self) -> Notch:
-        """In rad/s."""
+        """Notch in rad/s."""
         return Notch(frequency=self.omega("frequency"), **self.model_dump(include={"width", "depth"}, exclude_none=True))
 
 
@@ -206,12 +206,12 @@ class GainPathSection(Section):
     sample_rate_hz: SampleRate = Field(description="the rate at which kd runs [Hz], a number >= 1")
 
     def path(self) -> GainPath:
-        """In SI."""
+        """Path in SI."""
         return GainPath(delay=1e-3 * self.delay_ms, sample_time=1 / self.sample_rate_hz)
 
 
 class ControlSection(Section):
-    """The controller: its type, the side of its encoders, its filters; `control_section` adds the gains of all types."""
+    """Section `control`: its type, the side of its encoders, its filters; `control_section` adds the gains of all types."""
 
     ALLOWED: ClassVar[str] = ""
     """Allowed values of a gain, for messages."""
@@ -225,7 +225,7 @@ class ControlSection(Section):
 
     @property
     def gain_names(self) -> tuple[str, ...]:
-        """The gains of the type."""
+        """Gains of the type."""
         return CONTROLLERS[self.type].gain_names()
 
     @relation
@@ -288,19 +288,19 @@ class ControlSection(Section):
 
     @classmethod
     def described(cls, key: GainKey) -> str:
-        """A gain that is missing."""
+        """Description of a gain that is missing, for messages."""
         unit = f" [{key.unit}]" if key.unit else ""
         return f"{key.meaning}{unit}, a number {'> 0' if cls.may_not_be_zero(key) else '>= 0'}{cls.ALLOWED}"
 
     def controller(self, gains: Mapping[str, Any]) -> Controller:
-        """The controller of the type with `gains` and the filters."""
+        """Controller of the type with `gains` and the filters."""
         self.require_right()
         found = CONTROLLERS[self.type](**gains, **self.filters())
         found.require_consistent()
         return found
 
     def require_filters_below(self, nyquist: float) -> None:
-        """Raise GainroomError where a filter lies above half the rate at which it runs; `nyquist` [rad/s] is that of all gains but kd."""
+        """Raise GainroomError for a filter above half the rate at which it runs; `nyquist` [rad/s] is that of all gains but kd."""
         velocity = nyquist if self.kd_path is None else math.pi * self.kd_path.sample_rate_hz
         with Together() as together:
             if (low_pass := self.velocity_filter) is not None:
@@ -311,12 +311,12 @@ class ControlSection(Section):
 
 
 def known_gains() -> tuple[str, ...]:
-    """The gains of all types."""
+    """Gains of all types."""
     return tuple(dict.fromkeys(name for one in CONTROLLERS.values() for name in one.gain_names()))
 
 
 def control_section(base: type[ControlSection]) -> type[ControlSection]:
-    """`base` with the types and the gains of CONTROLLERS as keys."""
+    """Section `base` with the types and the gains of CONTROLLERS as keys."""
     return _control_section(base, tuple(CONTROLLERS.items()))
 
 
@@ -333,7 +333,7 @@ def _control_section(base: type[ControlSection], controllers: tuple[tuple[str, t
 
 
 def limits_section() -> type[Section]:
-    """Required margins, one key per requirement; a margin that is not named is not required."""
+    """Section `limits`: required margins, one key per requirement; a margin that is not named is not required."""
     return _limits_section(tuple(REQUIREMENTS.values()))
 
 
@@ -361,7 +361,9 @@ class UncertaintySection(Section):
             yield refusal("give either delay_ms or delay_ticks, not both")
 
     def uncertainty(self, nominal: Mapping[str, ArrayLike], tick: Callable[[], float | None]) -> Uncertainty:
-        """In SI; `nominal` by name of Uncertainty, a number or one for each of n joints, as far as known; `tick` gives its length [s].
+        """Uncertainty in SI.
+
+        `nominal`: values by name of Uncertainty, a number or one for each of n joints, as far as known; `tick` returns the sample time [s].
 
         Raises GainroomError where a range does not contain the nominal value, and where ticks have no length.
         """
@@ -385,7 +387,7 @@ class UncertaintySection(Section):
 
 
 def _around(key: str, given: str | list[float], nominal: Floats, unit: float) -> tuple[Floats, Floats]:
-    """(low, high) in SI of [low, high] in `unit`, or of a percentage around `nominal`, () or (n,); what is infinite stays so."""
+    """Interval (low, high) in SI from [low, high] in `unit`, or from a percentage around `nominal`, () or (n,); infinity stays."""
     finite = np.isfinite(nominal)
     if not finite.any():
         raise GainroomError(f"uncertainty.{key} has no meaning around a value of .inf")
@@ -412,7 +414,7 @@ class SystemFile(Section, Generic[Control, Ranges]):
     uncertainty: Ranges = Field(default_factory=dict, validate_default=True)  # type: ignore[assignment] - {} as a section
 
     def tick(self) -> float | None:
-        """[s], from whichever section has the rate. Raises GainroomError where they disagree."""
+        """Sample time [s], from the section with the rate. Raises GainroomError if two sections disagree."""
         control, drive = self.control.sample_rate_hz, self.drive.sample_rate_hz
         if control is not None and drive is not None and control != drive:
             raise GainroomError(f"drive.sample_rate_hz: {drive} must equal control.sample_rate_hz {control}, or be left out")
@@ -449,7 +451,7 @@ class SystemFile(Section, Generic[Control, Ranges]):
 
 
 def refuse_two_paths(control: ControlSection, two_paths: bool) -> None:
-    """Raise GainroomError where kd has a path of its own, unless `two_paths`: what reads the file knows that."""
+    """Raise GainroomError if kd has a path of its own, unless `two_paths`: the caller supports it."""
     if control.kd_path is not None and not two_paths:
         raise GainroomError(
             "control.kd_path: is known to `gainroom joint`, `robot` and `audit`, not here; leave it out: one rate and delay for all gains"
@@ -457,7 +459,7 @@ def refuse_two_paths(control: ControlSection, two_paths: bool) -> None:
 
 
 def refuse_long_delay(delay: float, sample_time: float | None, owner: str) -> None:
-    """Raise GainroomError where a sampled loop would carry too many ticks of delay; `sample_time` None: continuous.
+    """Raise GainroomError if a sampled loop would have too many ticks of delay; `sample_time` None: continuous.
 
     owner   the key or option that says so, and of which joint
     """

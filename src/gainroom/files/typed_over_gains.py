@@ -30,7 +30,7 @@ class Typed(Protocol):
 
 
 def typed_first(options: Typed, found: JointGains, names: Sequence[str], source: Path) -> JointGains:
-    """The gains without what the file says of gearboxes whose type is typed by name or pattern, which wins over the file.
+    """Gains of the file without its values for gearboxes whose type an option gives by name or pattern.
 
     Raises GainroomError where a value or a type that is typed of all joints contradicts the file, as one of the two would be lost.
     """
@@ -58,7 +58,7 @@ def typed_first(options: Typed, found: JointGains, names: Sequence[str], source:
 
 
 def _require_not_lost(key: str, options: Typed, found: JointGains, names: Sequence[str], source: Path) -> None:
-    """Raise GainroomError where the file has another value than is typed of all joints.
+    """Raise GainroomError if the file has another value than an option gives for all joints.
 
     A motor's inertia is that of the joints of which the file has none; where it has that of all, it would be lost, too.
     """
@@ -74,12 +74,12 @@ def _require_not_lost(key: str, options: Typed, found: JointGains, names: Sequen
 
 
 def _typed_of(key: str, options: Typed, names: Sequence[str], given: Sequence[int]) -> set[int]:
-    """The joints of which a value is typed by name or pattern."""
+    """Joints whose value an option gives by name or pattern."""
     return {k for each, pattern, _ in options.of_joints if each == key for k in _of(pattern, names, given)}
 
 
 def _of(pattern: str, names: Sequence[str], given: Sequence[int]) -> list[int]:
-    """Those of the `given` joints that a pattern matches, which is refused elsewhere where it matches none."""
+    """Indices of the `given` joints that a pattern matches; a pattern without a match is refused elsewhere."""
     matched = select_all([pattern], [names[k] for k in given], f"{pattern!r}", all_match=False)[0]
     return [given[k] for k in matched]
 
@@ -109,16 +109,16 @@ def with_joint_damping(typed: str | None, found: JointGains, body: RigidBody, so
 
 
 def _with(found: JointGains, damping: Floats) -> Floats:
-    """kd with the joints' own damping, both (n,), as a person would have added them."""
+    """Gain kd plus the joints' own damping, both (n,), added in decimal as by hand."""
     return np.array([as_typed(kd + own) if given else kd for kd, own, given in zip(found.kd, damping, found.given, strict=True)])
 
 
 def _damped(body: RigidBody, found: JointGains) -> list[tuple[int, str, float]]:
-    """The joints with gains and with damping of their own in the model: place, name and damping [N m s/rad]."""
+    """Joints with gains and with damping of their own in the model: index, name and damping [N m s/rad]."""
     columns = zip(body.joint_names, body.damping.tolist(), found.given[: body.size].tolist(), strict=True)
     return [(k, name, damping) for k, (name, damping, given) in enumerate(columns) if given and damping]
 
 
 def padded(column: Floats, size: int) -> Floats:
-    """A column of the joints that can move, with zeros for those that are locked."""
+    """Column of the movable joints, padded with zeros for the locked ones."""
     return np.concatenate([column, np.zeros(size - len(column))])

@@ -1,4 +1,4 @@
-"""Requirements as they are typed in options."""
+"""Requirements from command-line options."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,18 +11,18 @@ from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS, Requirements
 
 NONE = "none"
-"""The word that is typed in place of a number for a limit that is not required."""
+"""Word in place of a number for a limit that is not required."""
 
 
 def margin_factor(decibels: float) -> float:
-    """The factor of a gain margin in dB. Raises GainroomError."""
+    """Factor of a gain margin in dB. Raises GainroomError."""
     return from_db(checked("--margin-db", decibels, number(above=0, most=100, unit="dB")))
 
 
 def further_requirements(
     delay_margin_ms: float | None, phase_margin_deg: float | None, peak_sensitivity: float | None, named: Sequence[str] = ()
 ) -> Mapping[str, float | None]:
-    """Requirements besides --margin-db by name, in SI, as they are typed; None: not required. `named`: LIMIT=NUMBER or LIMIT=none each.
+    """Requirements other than --margin-db by name, in SI; None: not required. `named`: LIMIT=NUMBER or LIMIT=none each.
 
     Raises GainroomError, which names the option.
     """
@@ -48,7 +48,7 @@ def further_requirements(
 
 
 def unusual_limits(asked: Requirements) -> tuple[str, ...]:
-    """Limits that an audit has not anyway, and those that it has and nobody asked for, each as --require takes it."""
+    """Limits that an audit does not have by default, and default ones that were not required, each as --require takes it."""
     usual, found = Requirements.usual().needed, list[str]()
     for one, needed in asked.asked_for:
         if one.name not in usual or not math.isclose(needed, usual[one.name], rel_tol=1e-12):  # dB come back off by a digit

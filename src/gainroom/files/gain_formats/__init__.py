@@ -1,1 +1,1 @@
-"""Gains that somebody already has, one file per format: read as data, within bounds, never executed."""
+"""Formats of gain files, one module each: read as data, within bounds, never executed."""

@@ -39,12 +39,12 @@ WITHOUT_GAINS = {
     "XmlMotorActuatorCfg": "torque alone",
     "XmlMuscleActuatorCfg": "a muscle",
 }
-"""Classes that feed no position back, and what they do."""
+"""Actuator classes without position feedback, with a description of each."""
 IN_THE_MODEL = ("XmlPositionActuatorCfg", "XmlVelocityActuatorCfg", "XmlActuatorCfg", "XmlPdActuatorCfg")
 VELOCITY_ONLY = ("BuiltinVelocityActuatorCfg",)
 LAGS = (("delay_min_lag", "delay_max_lag"), ("min_delay", "max_delay"))
 LIBRARIES = ("isaaclab", "omni", "mjlab", "dataclasses", "enum", "typing", "abc")
-"""Whose classes have no gains of a robot."""
+"""Libraries whose classes hold no gains of a robot."""
 LAG = number(least=0, most=100_000)
 ARMATURE = number(least=0)
 EFFORT = number(above=0, infinite=True)
@@ -52,7 +52,10 @@ EFFORT = number(above=0, infinite=True)
 
 @dataclass(frozen=True)
 class Group:
-    """Actuators alike: patterns of the joints, and each quantity for all or by pattern; None: not named. `owner` begins messages."""
+    """Group of equal actuators: patterns of its joints, and each quantity for all or by pattern; None: not given.
+
+    `owner` begins messages.
+    """
 
     owner: str
     joints: tuple[str, ...]
@@ -64,13 +67,13 @@ class Group:
 
 @dataclass(frozen=True)
 class GroupedGains(GainFile):
-    """Gains by groups of joints, each joint in one of them."""
+    """Gains by groups of joints; each joint belongs to one group."""
 
     groups: tuple[Group, ...] = ()
 
     @property
     def own_names(self) -> tuple[str, ...]:
-        """The joints' names, where no group has a pattern."""
+        """Joint names, if no group has a pattern."""
         patterns = [joint for group in self.groups for joint in group.joints]
         names = [re.sub(r"\\(.)", r"\1", pattern) for pattern in patterns]
         return tuple(names) if [re.escape(name) for name in names] == patterns else ()
@@ -100,7 +103,7 @@ _COLUMNS = {"kp": "stiffness", "kd": "damping", "motor_inertia": "armature", "ef
 
 
 def _by_joint(value: float | Mapping[str, float] | None, names: Sequence[str], owner: str, title: str) -> list[float | None]:
-    """A quantity of each joint of a group; None where a mapping names it not."""
+    """Quantity of each joint of a group; None where a mapping does not name the joint."""
     if not isinstance(value, Mapping):
         return [value] * len(names)
     result: list[float | None] = [None] * len(names)
@@ -113,7 +116,7 @@ def _by_joint(value: float | Mapping[str, float] | None, names: Sequence[str], o
 
 
 def read_actuator_configs(text: str, source: str, chosen: str = "", folder: Path | None = None) -> GainFile:
-    """The actuators in a Python text that messages call `source`; of several robots in it the one of the name `chosen`.
+    """Actuators in a Python text that messages call `source`; of several robots the one with the name `chosen`.
 
     folder   in which files lie that the text names; None: none is read
 
@@ -158,7 +161,7 @@ def _written(data: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def read_actuator_data(data: Mapping[str, Any], source: str) -> GainFile:
-    """The actuators of a mapping that has_groups, in which a class is named by `class_type`. Raises GainroomError."""
+    """Actuators of a mapping found by has_groups, in which a class is named by `class_type`. Raises GainroomError."""
     notes: list[str] = []
 
     def read(name: str, each: Any) -> Group | None:
@@ -176,7 +179,7 @@ def read_actuator_data(data: Mapping[str, Any], source: str) -> GainFile:
 
 
 def _written_record(name: str, data: Mapping[str, Any], source: str) -> Record:
-    """A configuration as it is written into YAML."""
+    """Configuration record from YAML data."""
     kind = str(data.get("class_type", "")).rpartition(":")[2].rpartition(".")[2]
     inner = data.get("base_cfg")
     fields = {**data, "base_cfg": _written_record(f"{name}.base_cfg", inner, source)} if isinstance(inner, dict) else dict(data)
@@ -195,7 +198,7 @@ def _no_gains(notes: Sequence[str], source: str, name: str) -> GainroomError:
 
 
 def _without_actuators(values: PythonValues, source: str, chosen: str) -> GainFile:
-    """The gains of a file that has them in another form. Raises GainroomError where it has none."""
+    """Gains of a file that has them in another format. Raises GainroomError if it has none."""
     if classes := legged_gym_robots(values):
         return read_legged_gym(classes, source, chosen, values.notes)
     arrays = {name: each for name, each in {"": values.names, **_records(values)}.items() if any(map(is_gain_array, each))}
@@ -217,7 +220,7 @@ def _without_actuators(values: PythonValues, source: str, chosen: str) -> GainFi
 
 
 def _records(values: PythonValues) -> dict[str, dict[str, Any]]:
-    """The fields of each configuration of the file, and of each class, by its name."""
+    """Fields of each configuration and of each class of the file, by its name."""
     return {name: fields_of(each) for name, each in values.names.items() if isinstance(each, Record)}
 
 
@@ -231,7 +234,7 @@ def _is_built_on(value: Any) -> bool:
 
 
 def _not_looked_at(values: PythonValues, robots: Mapping[str, Any], source: str) -> list[str]:
-    """Notes of actuators that are in no robot, and of configurations that build on those of another file."""
+    """Notes about actuators outside every robot, and about configurations that build on those of another file."""
     alike = Alike()
     used = {_identity(each, alike) for robot in robots.values() for each in _actuators(robot)}
     notes = [
@@ -244,7 +247,7 @@ def _not_looked_at(values: PythonValues, robots: Mapping[str, Any], source: str)
 
 
 def _postures(values: PythonValues, robot: Any, source: str, alone: bool) -> tuple[dict[str, Mapping[str, float]], dict[str, str]]:
-    """The initial states of the parts of a `robot`, by the name that holds each; and those that are not understood, and why.
+    """Initial states of the parts of a `robot`, by name; and those that are not understood, with the reason.
 
     alone   whether it is the file's only one: without one of its own it has those of the file
     """
@@ -274,7 +277,7 @@ def _is_actuator(value: Any) -> bool:
 
 
 def _actuators(value: Any, depth: int = 0, seen: set[int] | None = None) -> list[Any]:
-    """The actuators that stand in a value, in order; among them whatever else stands where actuators must."""
+    """Actuators in a value, in order, and any other values in the places of actuators."""
     seen = set() if seen is None else seen
     if id(value) in seen or depth > DEEPEST:
         return []
@@ -296,7 +299,7 @@ def _actuators(value: Any, depth: int = 0, seen: set[int] | None = None) -> list
 
 
 def _understood(value: Any, source: str, name: str) -> Record:
-    """An actuator. Raises GainroomError for what else stands in its place."""
+    """Actuator record. Raises GainroomError for any other value."""
     if isinstance(value, Record) and _is_actuator(value) and not value.is_class:
         return value
     owner = f"{name}: actuators" if name else "actuators"
@@ -417,7 +420,7 @@ def _with_objects(values: PythonValues) -> PythonValues:
 
 
 def _foreign_class(values: PythonValues) -> str:
-    """Which class of the file inherits what is not read: the end of a message."""
+    """End of a message: the class of the file that inherits from one that is not read."""
     for name, each in values.names.items():
         if isinstance(each, Record) and each.is_class and each.foreign and each.foreign[0].partition(".")[0] not in LIBRARIES:
             base = each.foreign[0].rpartition(".")[2]
@@ -435,7 +438,7 @@ def _inside_functions(values: PythonValues) -> str:
 
 
 def _group(record: Record, source: str, notes: list[str]) -> Group | None:
-    """A record's gains; None, and a note, where it has none."""
+    """Actuator group of a record; None, with a note, if it has no gains."""
     owner = f"{record.source or source}: {f'line {record.line}: ' if record.line else ''}{record.name}"
     if REST in record.fields:
         raise GainroomError(f"{owner}: {record.fields[REST]} and may have changed it")
@@ -492,7 +495,7 @@ def _patterns(found: tuple[Any, str], owner: str) -> tuple[str, ...]:
 
 
 def _quantity(fields: Mapping[str, Any], key: str, owner: str, check: Any) -> float | Mapping[str, float] | None:
-    """A number, or numbers by pattern; None where it is missing or None."""
+    """Number, or numbers by pattern, of a field; None if it is missing or None."""
     value = fields.get(key)
     if isinstance(value, dict):
 
@@ -516,7 +519,7 @@ def _number(owner: str, value: Any, check: Any) -> float:
 
 
 def _note_lags(record: Record, owner: str, notes: list[str]) -> None:
-    """A note of the set-point's delay."""
+    """Adds a note about the set-point's delay."""
     for keys in LAGS:
         given = [key for key in keys if key in record.fields]
         if not given:

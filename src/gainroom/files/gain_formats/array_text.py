@@ -1,4 +1,4 @@
-"""Arrays of gains in C, C++ or plain text: `std::array<float, 29> Kp{60, 60.0f, …};`, `kp = [60, 60]`, or `kp: 60 60` on a line.
+"""Reader of gain arrays in C, C++ or plain text: `std::array<float, 29> Kp{60, 60.0f, …};`, `kp = [60, 60]`, or `kp: 60 60` on a line.
 
 Only numbers and names in quotes are understood in an array; comments are passed over.
 """
@@ -16,13 +16,13 @@ NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?[fF]?")
 NAME = r"(?<![\w.>])([A-Za-z_]\w{0,80})\b[ \t]{0,40}"
 ARRAY = re.compile(rf"{NAME}(?:\[\w{{0,40}}\][ \t]{{0,40}})?(?:[=:]\s{{0,40}}[{{\[(]|{{)([^{{}}\[\]();]*)[}}\])]", re.IGNORECASE)
 LINE = re.compile(rf"^[ \t]{{0,40}}{NAME}[=:]?[ \t]{{0,40}}([-+.\d\"'][^\n]*)$", re.IGNORECASE | re.MULTILINE)
-"""In plain text an array may be the rest of a line."""
+"""Pattern of an array that is the rest of a line, in plain text."""
 ENUM = re.compile(r"\benum\b[^{};]{0,200}\{([^{}]*)\}")
 ENUMERATOR = re.compile(r"([A-Za-z_]\w{0,199})\s*(?:=\s*(\d{1,4}))?")
 
 
 def read_array_text(text: str, source: str, is_code: bool) -> OrderedGains:
-    """The arrays of kp and kd in a text that messages call `source`; `is_code`: an array needs its brackets. Raises GainroomError."""
+    """Arrays of kp and kd in a text that messages call `source`; `is_code`: an array needs brackets. Raises GainroomError."""
     bare = COMMENT.sub(lambda found: re.sub(r"[^\n]", " ", found.group()), text)  # places stay
     data: dict[str, Any] = {}
     lines: dict[str, int] = {}
@@ -57,7 +57,7 @@ def _items(content: str, owner: str) -> list[Any]:
 
 
 def _enumerated(text: str, data: dict[str, Any]) -> dict[int, tuple[str, ...]]:
-    """The names by number of the enumeration that has as many numbers as there are gains."""
+    """Names by number in the enumeration with as many entries as there are gains."""
     count = next(len(value) for name, value in data.items() if name.lower() in KP)
     for found in ENUM.finditer(text):
         numbers: dict[int, tuple[str, ...]] = {}

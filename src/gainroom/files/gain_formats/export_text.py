@@ -1,4 +1,4 @@
-"""Gains as text in the forms that are whole files: plain YAML, ros2_control YAML, arrays, configurations of mjlab and Isaac Lab.
+"""Text of whole files of gains: plain YAML, ros2_control YAML, arrays, configurations of mjlab and Isaac Lab.
 
 Numbers are written in as many digits as it takes to read the same ones again: gains may lie at the edge of what is required.
 """
@@ -29,7 +29,7 @@ class Carried:
 
 
 def number_text(value: float) -> str:
-    """A number with a decimal point, so that no reader takes it for an integer (parameters of ROS have types)."""
+    """Number with a decimal point, so that no reader takes it for an integer (parameters of ROS have types)."""
     if math.isinf(value):
         return ".inf"  # in YAML, of a rigid gearbox
     text = repr(float(value))
@@ -43,17 +43,17 @@ def commented(header: Sequence[str]) -> str:
 
 
 def quoted(name: str) -> str:
-    """A name as a key of YAML."""
+    """Name as a YAML key, quoted where necessary."""
     return name if re.fullmatch(r"[A-Za-z_]\w*", name) and name.lower() not in WORDS else json.dumps(name)
 
 
 def _entries(values: Mapping[str, float]) -> str:
-    """Names and numbers, as YAML and Python have them between braces."""
+    """Names and numbers, as YAML and Python write them between braces."""
     return ", ".join(f"{quoted(name)}: {number_text(value)}" for name, value in values.items())
 
 
 def plain_text(goal: Carried, header: Sequence[str]) -> str:
-    """Joint → {kp, kd, …}, and where they run, at which rate, in which posture."""
+    """Plain YAML: joint → {kp, kd, …}, with location, rate and posture of the gains."""
     said = {key: getattr(goal.origin, key) for key in ("sample_rate_hz", "gains_run", "drive_rate_hz", "drive_delay_ms", "joint_damping")}
     lines = [f"{key}: {value if isinstance(value, str) else number_text(value)}\n" for key, value in said.items() if value is not None]
     lines += [f"posture: {{{_entries(goal.posture)}}}\n"] * bool(goal.posture)
@@ -69,13 +69,13 @@ def plain_text(goal: Carried, header: Sequence[str]) -> str:
 
 
 def ros2_terms(gain: Gain) -> dict[str, float]:
-    """p, i, d, and the effort limit as the clamp of what they make."""
+    """Terms p, i, d of a gain, and its effort limit as their clamp."""
     limit = gain.effort_limit
     return {"p": gain.kp, "i": gain.ki, "d": gain.kd} | ({} if limit is None else {"u_clamp_max": limit, "u_clamp_min": -limit})
 
 
 def ros2_control_text(goal: Carried, header: Sequence[str]) -> str:
-    """A joint_trajectory_controller that commands effort; its update_rate is a whole number."""
+    """YAML of a joint_trajectory_controller with effort commands; its update_rate is an integer."""
     rate = goal.origin.sample_rate_hz
     manager = "controller_manager:\n  ros__parameters:\n" + (f"    update_rate: {round(rate)}\n" if rate else "")
     lines = [f"      {quoted(name)}: {{{_entries(ros2_terms(gain))}}}\n" for name, gain in goal.gains.items()]
@@ -87,7 +87,7 @@ def ros2_control_text(goal: Carried, header: Sequence[str]) -> str:
 
 
 def arrays_text(goal: Carried, header: Sequence[str]) -> str:
-    """kps and kds with joint_names."""
+    """YAML of the arrays kps and kds with joint_names."""
     columns = {
         "joint_names": map(quoted, goal.gains),
         "kps": (number_text(gain.kp) for gain in goal.gains.values()),
@@ -97,7 +97,7 @@ def arrays_text(goal: Carried, header: Sequence[str]) -> str:
 
 
 def mjlab_text(goal: Carried, header: Sequence[str]) -> str:
-    """A tuple of BuiltinPositionActuatorCfg, joints with the same gains in one, and the posture."""
+    """Python text of a tuple of BuiltinPositionActuatorCfg, joints with equal gains together, and the posture."""
     entries = [
         f"    BuiltinPositionActuatorCfg(\n        target_names_expr=({_patterns(names)},),\n{_fields(gain, 'effort_limit')}    ),\n"
         for gain, names in _alike(goal.gains)
@@ -108,7 +108,7 @@ def mjlab_text(goal: Carried, header: Sequence[str]) -> str:
 
 
 def isaac_lab_text(goal: Carried, header: Sequence[str]) -> str:
-    """A dictionary of ImplicitActuatorCfg, joints with the same gains in one, and the posture."""
+    """Python text of a dictionary of ImplicitActuatorCfg, joints with equal gains together, and the posture."""
     entries = []
     for number, (gain, names) in enumerate(_alike(goal.gains)):
         joints = f"        joint_names_expr=[{_patterns(names)}],\n"
@@ -119,7 +119,7 @@ def isaac_lab_text(goal: Carried, header: Sequence[str]) -> str:
 
 
 def _initial_state(imported: str, owner: str, posture: Mapping[str, float]) -> tuple[str, str]:
-    """The line that imports, and the statement of, the initial state with a posture; both empty where there is none."""
+    """Import line and statement of an initial state with a posture; both "" if there is none."""
     if not posture:
         return "", ""
     angles = "".join(f"    {json.dumps(re.escape(name))}: {number_text(angle)},\n" for name, angle in posture.items())
@@ -127,7 +127,7 @@ def _initial_state(imported: str, owner: str, posture: Mapping[str, float]) -> t
 
 
 def legged_gym_text(goal: Carried, header: Sequence[str]) -> str:
-    """A class with a class `control`, and `init_state` with the posture of all joints.
+    """Python text of a class with a class `control`, and `init_state` with the posture of all joints.
 
     The shortest names first, as of the keys in a joint's name the last one counts there.
     """
@@ -148,7 +148,7 @@ def legged_gym_text(goal: Carried, header: Sequence[str]) -> str:
 
 
 def force_limits(effort: float) -> dict[str, str]:
-    """The attributes of an MJCF's actuator that limit its force either way."""
+    """Attributes of an MJCF's actuator that limit its force in both directions."""
     return {"forcerange": f"{number_text(-effort)} {number_text(effort)}", "forcelimited": "true"}
 
 
@@ -160,7 +160,7 @@ def _alike(gains: Mapping[str, Gain]) -> list[tuple[Gain, list[str]]]:
 
 
 def _patterns(names: Sequence[str]) -> str:
-    """Names as patterns that match them alone."""
+    """Patterns that match these names and no others."""
     return ", ".join(json.dumps(re.escape(name)) for name in names)
 
 

@@ -19,7 +19,10 @@ KP = ("kp", "kps", "p_gains", "kp_gains", "joint_stiffness", "joint_kp", "stiffn
 KD = ("kd", "kds", "d_gains", "kd_gains", "joint_damping", "joint_kd", "damping")
 ORDERS = ("joint_names", "joint_order", "joints", "dof_names", "joint_name", "motor_names", "joint_sequence")
 INDICES = ("joint2motor_idx", "leg_joint2motor_idx")
-"""Places of an array's numbers. (joint_ids_map of unitree_rl_lab is none: its stiffness and damping are in the motors' order already.)"""
+"""Keys of the indices of an array's numbers.
+
+joint_ids_map of unitree_rl_lab is not among them: its stiffness and damping are in the motors' order already.
+"""
 MOST_JOINTS = 500
 NO_GAINS = re.compile(r"rand|rang|scal|nois|ratio|factor|mult|limit|min|max|delta")
 """Parts of names that begin like kp's but hold no gains: stiffness_range, rand_kp."""
@@ -29,7 +32,7 @@ ENDING = re.compile(r"_?(joint|motor|dof)$")
 
 @dataclass(frozen=True)
 class ArrayNames:
-    """Whose numbers an array has: of joints by name (or several names for one), else by place in the model, else all in its order."""
+    """Joint order of an array: by name (or several names for one joint), else by index in the model, else the model's own order."""
 
     names: tuple[tuple[str, ...], ...] = ()
     places: tuple[int, ...] = ()
@@ -56,7 +59,7 @@ class ArrayNames:
 
 @dataclass(frozen=True)
 class OrderedGains(GainFile):
-    """Gains in an order of joints; `what` are the arrays, as messages call them; `of_model`: see in_order."""
+    """Gains in an order of joints; `what` names the arrays in messages; `of_model`: see in_order."""
 
     ordered: tuple[Gain, ...] = ()
     order: ArrayNames = ArrayNames()
@@ -70,7 +73,7 @@ class OrderedGains(GainFile):
 
     @property
     def own_names(self) -> tuple[str, ...]:
-        """The order's names, where each joint has one."""
+        """Names of the order, if each joint has one."""
         parts = [self.order.names, *(each.order.names for each in self.others)]
         known = all(names and all(len(each) == 1 for each in names) for names in parts)
         return tuple(each[0] for names in parts for each in names) if known else ()
@@ -138,7 +141,7 @@ class OrderedGains(GainFile):
 
 
 def _key(name: str) -> str:
-    """A name without case, underscores and the ending that some robots' joints have."""
+    """Name without case, underscores and the ending that some robots' joints have."""
     return re.sub(r"[^a-z0-9]", "", ENDING.sub("", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name[:200]).lower()))
 
 
@@ -153,7 +156,7 @@ def has_arrays(data: Mapping[str, Any]) -> bool:
 
 
 def read_arrays(data: Mapping[str, Any], order: ArrayNames, source: str, lines: Mapping[str, int] | None = None) -> OrderedGains:
-    """The arrays of kp and kd among a file's keys; `lines`: of the keys, where there is no better place. Raises GainroomError."""
+    """Gains from the arrays of kp and kd among a file's keys; `lines`: line of each key, for messages. Raises GainroomError."""
     keys = all_of(partial(_key_of, data, known, title, source) for known, title in ((KP, "kp"), (KD, "kd")))
     parts = (partial(_other, data, part, source, lines or {}) for part in _other_parts(data))
     found, *others = all_of([partial(_pair, data, keys, order, source, lines or {}), *parts])
@@ -202,7 +205,7 @@ def _other_parts(data: Mapping[str, Any]) -> dict[str, dict[str, str]]:
 
 
 def _other(data: Mapping[str, Any], part: str, source: str, lines: Mapping[str, int]) -> OrderedGains:
-    """The arrays of another part of the robot, which must name their joints. Raises GainroomError."""
+    """Arrays of another part of the robot, which must name their joints. Raises GainroomError."""
     keys = [_other_parts(data)[part][what] for what in ("kp", "kd")]
     named = next((key for key in data if part_of(key) == (part, "joints")), None)
     placed = next((key for key in data if key.lower() == f"{part}_{INDICES[0]}"), None)

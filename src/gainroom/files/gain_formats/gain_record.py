@@ -24,7 +24,7 @@ ACTUATOR = ("motor_inertia", "effort_limit", "stiffness", "damping", "link_visco
 
 @dataclass(frozen=True)
 class Gain:
-    """One joint's gains [N m/rad], [N m s/rad], [N m/(rad s)].
+    """Gains of one joint [N m/rad], [N m s/rad], [N m/(rad s)].
 
     Where the file names them also its reflected motor inertia [kg m²], the limit of its torque [N m], stiffness [N m/rad] and damping
     [N m s/rad] of its gearbox and the viscous friction of its link [N m s/rad].
@@ -119,7 +119,7 @@ class GainFile:
 
     @property
     def own_names(self) -> tuple[str, ...]:
-        """The joints that the file names, where it names them one by one; else none."""
+        """Joints that the file names one by one; () if it has patterns."""
         names = tuple(name for name in self.gains if name != DEFAULT)
         return names if len(names) == len(self.gains) and not any(re.search(r"[^\w\- ./:]|\.[*+?]", name) for name in names) else ()
 
@@ -128,11 +128,11 @@ class GainFile:
         return self
 
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
-        """For each joint of a model its gains, the last one first in rank. Raises GainroomError for what the model does not have."""
+        """Gains of each joint of a model, with the winning one first. Raises GainroomError for joints that the model does not have."""
         return assign(self.gains, joint_names, f"{self.source}: gains")
 
     def postures_for(self, joint_names: Sequence[str]) -> Mapping[str, Mapping[str, float]]:
-        """Postures that the file names, by name: angles of those joints of a model that they name [rad; m if prismatic]."""
+        """Postures of the file by name: angles of those joints of a model that they name [rad; m if prismatic]."""
         found = {title: _angles_of(angles, joint_names, f"{self.source}: {title}")[0] for title, angles in self.postures.items()}
         return {title: angles for title, angles in found.items() if angles}
 
@@ -155,7 +155,7 @@ def postures_of(system: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, An
 
 
 def _angles_of(angles: Mapping[str, float], joint_names: Sequence[str], owner: str) -> tuple[dict[str, float], list[str]]:
-    """The angles of a model's joints by name, later patterns over earlier ones, and the patterns that match none. Raises GainroomError."""
+    """Angles of a model's joints by name, later patterns before earlier ones, and the patterns without a match. Raises GainroomError."""
     places = select_all(angles, joint_names, owner, all_match=False)  # the file may be of more joints than the model has
     pairs = zip(places, angles.values(), strict=True)
     found = {joint_names[k]: angle for matched, angle in pairs for k in matched}

@@ -1,4 +1,4 @@
-"""The sets of gains in a YAML or JSON file, wherever they stand in it: one is read, of several one is chosen by the keys that lead to it.
+"""Sets of gains in a YAML or JSON file, at any depth: one of them is read, the only one or that with the chosen keys.
 
 A set is a mapping with arrays of gains, with plain gains by joint, with `stiffness` and `damping` by part of a joint's name, with actuators
 as Isaac Lab writes them, with a section `moteus`, or a controller of ros2_control.
@@ -28,7 +28,7 @@ Path = tuple[str, ...]
 
 @dataclass(frozen=True)
 class GainSet:
-    """A mapping that holds gains: the keys that lead to it, the mapping, what holds it, and who reads it.
+    """Mapping that holds gains: the keys that lead to it, its parent, and its reader.
 
     order   the orders of joints that stand around it
     """
@@ -46,7 +46,7 @@ class GainSet:
 
 
 def read_set(data: dict[str, Any], source: str, chosen: str, unknown: str) -> GainFile:
-    """The gains of the one set in a file's data, or of the one that is `chosen`; `unknown` is said of a file without any.
+    """Gains of the only set in a file's data, or of the `chosen` one; `unknown` is the message about a file without gains.
 
     Raises GainroomError, with the sets' names where one must be chosen.
     """
@@ -66,7 +66,7 @@ def read_set(data: dict[str, Any], source: str, chosen: str, unknown: str) -> Ga
 
 
 def _one(found: Sequence[GainSet], source: str, chosen: str) -> GainSet | None:
-    """The set that is chosen, or the only one; None where there is none. Controllers of ros2_control count as one."""
+    """Chosen set, or the only one; None if there is none. Controllers of ros2_control count as one set."""
     names = list(dict.fromkeys(each.name if each.read is not None else each.path[0] if each.path else "." for each in found))
     if chosen:
         fitting = [each for each in found if chosen in (each.name, ".".join((*each.path, "gains")))] or [
@@ -81,7 +81,7 @@ def _one(found: Sequence[GainSet], source: str, chosen: str) -> GainSet | None:
 
 
 def _sets(data: Any, path: Path = (), around: Mapping[str, Any] | None = None, order: Mapping[str, Any] | None = None) -> Iterator[GainSet]:
-    """Every set in the data: of those inside each other the outermost, but what stands beside arrays is looked at."""
+    """All sets of the data: of nested ones the outermost, except that keys beside arrays are searched too."""
     if isinstance(data, list):
         for place, each in enumerate(data):
             if isinstance(each, dict):
@@ -105,7 +105,7 @@ def _sets(data: Any, path: Path = (), around: Mapping[str, Any] | None = None, o
 
 
 def _reader(data: dict[str, Any], path: Path) -> Callable[[GainSet, str], GainFile] | None:
-    """Who reads a mapping as a set; None where it is none, or one of ros2_control."""
+    """Reader of a mapping that is a set; None if it is none, or belongs to ros2_control."""
     if "moteus" in data:
         return lambda each, source: read_moteus({"moteus": each.data["moteus"]} if path else each.data, source)
     if has_groups(data):
@@ -136,11 +136,11 @@ def _arrays(each: GainSet, source: str) -> GainFile:
 
 
 BESIDE_OTHERS: dict[Any, tuple[str, ...]] = {_arrays: (), _groups: ("actuators", "articulation"), _parts: ("stiffness", "damping")}
-"""Sets beside whose own keys others may stand."""
+"""Keys that may stand beside the own keys of a set, by its reader."""
 
 
 def _only(data: Any, path: Path) -> Any:
-    """The data without what stands beside a path."""
+    """Data reduced to the values on a path."""
     if not path:
         return data
     if isinstance(data, list):
@@ -150,7 +150,7 @@ def _only(data: Any, path: Path) -> Any:
 
 
 def _refuse_tags(data: Any, source: str, path: Path) -> None:
-    """Raise GainroomError where gains stand behind a tag that is not read."""
+    """Raise GainroomError for gains behind a tag that is not read."""
     for key, value in data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ():
         here = (*path, str(key))
         matters = any(each.lower() in VALUES for each in here) or here[-1].lower() in OF_GAINS

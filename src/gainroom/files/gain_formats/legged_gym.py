@@ -24,18 +24,18 @@ ANGLES = "default_joint_angles"
 CONTROL = "control"
 GAINS = ("stiffness", "damping")
 EVERY_JOINT = "default"
-"""The key of all other joints' angle, in YAML."""
+"""Key of the default angle of all other joints, in YAML."""
 
 
 @dataclass(frozen=True)
 class LeggedGymGains(GainFile):
-    """Gains by parts of joints' names, the key of `gains`, of which the last in the file's order counts; `angles` by joint."""
+    """Gains by parts of joint names, the keys of `gains`, of which the last match counts; `angles` by joint."""
 
     angles: Mapping[str, float]
 
     @property
     def own_names(self) -> tuple[str, ...]:
-        """The joints of the default posture, which names all."""
+        """Joints of the default posture, which names all of them."""
         return tuple(self.angles)
 
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
@@ -63,7 +63,7 @@ def legged_gym_robots(values: PythonValues) -> dict[str, Record]:
 
 
 def _changes_gains(kind: Record) -> Function | None:
-    """A method that may change the gains of a class when an object of it is made."""
+    """Method that may change the gains of a class when it is instantiated; None if there is none."""
     if not isinstance(kind.inherited("__init__"), Function):
         return None
     methods = [each for each in fields_of(kind).values() if isinstance(each, Function)]
@@ -94,7 +94,7 @@ def _section(record: Record, name: str) -> Mapping[str, Any]:
 
 
 def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, notes: Sequence[str]) -> LeggedGymGains:
-    """The gains of one of legged_gym_robots. Raises GainroomError, one line that names file, line and key."""
+    """Gains of one of legged_gym_robots. Raises GainroomError, one line that names file, line and key."""
     record = robots[one_robot(robots, source, chosen, "gains", "class")]
     control = _section(record, CONTROL)
     angles = _section(record, "init_state").get(ANGLES)
@@ -121,7 +121,7 @@ def has_parts(data: Mapping[str, Any], key: str) -> bool:
 
 
 def read_parts(control: Mapping[str, Any], around: Mapping[str, Any], source: str) -> LeggedGymGains:
-    """The gains of a mapping as has_parts finds, and the angles that stand `around` it. Raises GainroomError."""
+    """Gains of a mapping found by has_parts, and the angles that stand `around` it. Raises GainroomError."""
     asset = around.get("asset")
     with Together() as together:
         read = together.step(lambda: _gains(control, source))
@@ -139,7 +139,7 @@ def read_parts(control: Mapping[str, Any], around: Mapping[str, Any], source: st
 
 
 def _gains(control: Mapping[str, Any], owner: str) -> tuple[dict[str, Gain], tuple[str, ...]]:
-    """The gains of a `control` by part of joints' names, "" of all; and what is to be said of them."""
+    """Gains of a `control` by part of joint names, "" for all; and notes."""
     kind = control.get("control_type", POSITION)
     if kind != POSITION:
         raise GainroomError(
@@ -161,7 +161,7 @@ def _gains(control: Mapping[str, Any], owner: str) -> tuple[dict[str, Gain], tup
 
 
 def _armature(asset: Mapping[str, Any], owner: str) -> float:
-    """The motors' inertia [kg m²], 0 where none is said."""
+    """Inertia of the motors [kg m²], 0 if not given."""
     value = asset.get("armature")
     if isinstance(value, Unknown):
         raise GainroomError(f"{owner}: armature: {value}")
@@ -169,12 +169,15 @@ def _armature(asset: Mapping[str, Any], owner: str) -> float:
 
 
 def _with_armature(gains: Mapping[str, Gain], inertia: float) -> dict[str, Gain]:
-    """The gains with the motors' inertia, which the simulator adds to every joint."""
+    """Gains with the motors' inertia, which the simulator adds to every joint."""
     return {key: replace(each, motor_inertia=inertia or None) for key, each in gains.items()}
 
 
 def _by_part(value: Any, owner: str) -> dict[str, float]:
-    """Angles by pattern, of angles by part of joints' names, as some read them, or by joint, as others do: where both mean the same."""
+    """Angles by pattern.
+
+    Some readers take the keys as parts of joint names, others as joints: only angles for which both agree are used.
+    """
     angles = _numbers(value, owner, ANGLE)
     parts = [key for key in angles if key != EVERY_JOINT]
     for k, key in enumerate(parts):

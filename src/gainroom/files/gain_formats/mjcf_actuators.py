@@ -1,4 +1,4 @@
-"""An MJCF's own actuators, as MuJoCo compiles them (read by robot/formats)."""
+"""Reader of an MJCF's own actuators, as MuJoCo compiles them (robot/formats)."""
 
 from functools import partial
 from pathlib import Path

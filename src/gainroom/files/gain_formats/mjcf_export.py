@@ -1,4 +1,4 @@
-"""Gains into an MJCF: the actuators of the joints get them, and the rest of the text stays as it is.
+"""Export of gains into an MJCF: the actuators of the joints are changed, and the rest of the text stays as it is.
 
 A <motor> becomes a <position>; a joint without an actuator gets one. What MuJoCo makes of defaults and classes is asked of MuJoCo, and
 where that is another armature or limit of the torque than was known of a joint, the joint itself gets it.
@@ -27,12 +27,12 @@ COMMENT = re.compile(r"\n?[ \t]*<!-- gains by gainroom\b.*?-->", re.DOTALL)
 ATTRIBUTE = r"\s+{0}\s*=\s*(\"[^\"]*\"|'[^']*')"
 INDENT = "  "
 ROUND_OFF = 1e-12
-"""Relative, of sums and products of a few doubles."""
+"""Relative tolerance of sums and products of a few doubles."""
 
 
 @dataclass
 class Tag:
-    """An element's place in a text [bytes]: its start tag from `start` to `end`, and where its end tag begins; 0: it is empty."""
+    """Position of an element in a text [bytes]: start tag from `start` to `end`, and begin of its end tag; 0: it is empty."""
 
     name: str
     start: int
@@ -42,7 +42,7 @@ class Tag:
 
 @dataclass
 class _Places:
-    """The tags that matter, as expat finds them."""
+    """Parser that records the positions of joints and actuators."""
 
     content: bytes
     root: Tag | None = None
@@ -82,7 +82,7 @@ class _Places:
 
 
 def mjcf_text(text: str, path: Path, goal: Carried, header: Sequence[str]) -> str:
-    """The MJCF `text`, read from `path`, with these gains; damping of the joints that kd has in it is taken from them.
+    """Text of the MJCF read from `path`, with these gains; joint damping that kd includes is removed from the joints.
 
     Raises GainroomError where its actuators cannot take the gains.
     """
@@ -95,13 +95,13 @@ def mjcf_text(text: str, path: Path, goal: Carried, header: Sequence[str]) -> st
 
 
 def joint_values(text: str, path: Path, name: str) -> dict[str, float]:
-    """armature or damping of each joint of an MJCF with one degree of freedom, its own and its actuators' together [SI]."""
+    """Armature or damping of each joint of an MJCF with one degree of freedom, of the joint and its actuators together [SI]."""
     model = compile_mjcf(parse_xml(text, str(path)), path).model
     return {model.joint(k).name: joint_and_actuators(model, name, k) for k in range(model.njnt)}
 
 
 def _with_joints(text: str, path: Path, gains: Mapping[str, Gain], joint_damping: str | None) -> str:
-    """With the motors' inertia, the limits of the torque and the damping on those joints of this text that have others now."""
+    """Text with motor inertia, torque limits and damping of joints whose present values differ."""
     places = _Places(text.encode()).find()
     model = compile_mjcf(parse_xml(text, str(path)), path).model
     limits = position_gains(path, text).joints
@@ -126,7 +126,7 @@ def _with_joints(text: str, path: Path, gains: Mapping[str, Gain], joint_damping
 
 
 def _edited(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
-    """A text with parts of it [bytes] replaced."""
+    """Text with parts of it [bytes] replaced."""
     content = text.encode()
     for start, end, replacement in sorted(edits, reverse=True):
         content = content[:start] + replacement.encode() + content[end:]
@@ -134,7 +134,7 @@ def _edited(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
 
 
 def _with_gains(text: str, path: Path, gains: Mapping[str, Gain], damped_elsewhere: bool) -> str:
-    """With the gains on the actuators, and where one of them is all that moves a joint also the limit of its torque.
+    """Text with the gains on the actuators, and the torque limit where one actuator alone moves a joint.
 
     damped_elsewhere   what their own `damping` is counts in kd, or on the joints
     """
@@ -164,7 +164,7 @@ def _with_gains(text: str, path: Path, gains: Mapping[str, Gain], damped_elsewhe
 def _shared(
     joint: str, elements: Sequence[ActuatorElement], indices: Sequence[int], tags: Sequence[Tag], gain: Gain, path: Path
 ) -> list[tuple[int, tuple[float, float]]]:
-    """Which of a joint's actuators gets which gains: a servo both, or a servo kp and a <velocity> kd."""
+    """Gains of each of a joint's actuators: a servo gets both, or a servo kp and a <velocity> actuator kd."""
     names = [tags[k].name for k in indices]
     if len(indices) == 1:
         return [(indices[0], (gain.kp, gain.kd))]
@@ -179,7 +179,7 @@ def _shared(
 def _rewritten(
     places: _Places, tag: Tag, element: ActuatorElement, gain: Gain, path: Path, more: Mapping[str, str]
 ) -> list[tuple[int, int, str]]:
-    """The edits that give an actuator these gains, a limit, and `more`, on the joint's side; its own stand before the gear."""
+    """Edits that give an actuator these gains, a limit, and `more`; arguments on the joint's side, attributes before the gear."""
     source = places.content[tag.start : tag.end].decode()
     kp, kd = gain.kp / element.gear**2, gain.kd / element.gear**2
     limits = {} if gain.effort_limit is None else force_limits(gain.effort_limit / abs(element.gear))
@@ -207,7 +207,7 @@ def _rewritten(
 
 
 def _with(source: str, changes: Mapping[str, str | None]) -> str:
-    """A start tag with attributes changed, added, or (None) left out."""
+    """Start tag with attributes changed, added, or (None) left out."""
     for name, value in changes.items():
         pattern = re.compile(ATTRIBUTE.format(name))
         if value is None:
@@ -220,7 +220,7 @@ def _with(source: str, changes: Mapping[str, str | None]) -> str:
 
 
 def _inserted(places: _Places, missing: Sequence[str], gains: Mapping[str, Gain], path: Path) -> tuple[int, int, str]:
-    """New actuators behind those that are there."""
+    """Edit that adds new actuators after the existing ones."""
     if places.controls:
         raise GainroomError(
             f"{path}: joints without an actuator: {first_of_many(missing)}; add them, or leave ctrl out of the keyframe "

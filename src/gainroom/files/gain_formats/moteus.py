@@ -1,4 +1,4 @@
-"""Gains of moteus controllers, in their unit: N m per revolution of the output, which is 2π rad.
+"""Reader of the gains of moteus controllers, in their unit: N m per revolution of the output, which is 2π rad.
 
 Either the output of `moteus_tool --dump-config` (`servo.pid_position.kp 4.0` on a line), which is of one controller, or YAML with a section
 `moteus`: joint or pattern → {kp, ki, kd}.
@@ -22,7 +22,7 @@ TERM = re.compile(r"^(?:conf set )?servo\.pid_position\.(kp|ki|kd)[ \t]+(\S{1,60
 
 
 class MoteusFile(Section):
-    """Joint or pattern → gains per revolution."""
+    """Section `moteus`: joint or pattern → gains per revolution."""
 
     moteus: dict[str, AnyGain] = Field(description="the gains by joint or pattern")
 
@@ -33,7 +33,7 @@ def is_dump(text: str) -> bool:
 
 
 def read_dump(text: str, source: str) -> GainFile:
-    """The gains of one controller, for every joint of a model. Raises GainroomError."""
+    """Gains of one controller, for every joint of a model. Raises GainroomError."""
     found: dict[str, float] = {}
 
     def read(match: re.Match[str]) -> None:
@@ -61,7 +61,7 @@ def read_dump(text: str, source: str) -> GainFile:
 
 
 def read_moteus(data: dict[str, Any], source: str) -> GainFile:
-    """The section `moteus` of a YAML file. Raises GainroomError."""
+    """Gains in the section `moteus` of a YAML file. Raises GainroomError."""
     file = validate(MoteusFile, data, source)
     return GainFile(source, "moteus", {name: _in_radians(Gain(**each.model_dump())) for name, each in file.moteus.items()})
 

@@ -18,7 +18,7 @@ from .gain_record import ACTUATOR, ANGLE, GAINS_RUN, JOINT_DAMPING, NOT_NEGATIVE
 
 EVERYWHERE = "everywhere"
 AUDITED = "audited"
-"""The name of an audit's posture."""
+"""Name of an audit's posture."""
 PATH = {"rate_hz": "sample_rate_hz", "delay_ms": "delay_ms"}
 """Keys of a kd_path by the second half of the option's name, drive_…."""
 MOST_BYTES = 16 << 20
@@ -31,12 +31,12 @@ MARGINS = {
 }
 OF_ROBOT = {"states", "recommended", "unstable_at"}
 OF_AUDIT = {"states", "joints", "delay_limit_ms"}
-"""Keys by which an answer is known."""
+"""Keys that identify an audit's answer."""
 
 
 @dataclass(frozen=True)
 class AnsweredGains(GainFile):
-    """Gains by joint: an answer has no patterns, whatever its names look like."""
+    """Gains by joint name; an answer has no patterns."""
 
     @property
     def own_names(self) -> tuple[str, ...]:
@@ -50,7 +50,7 @@ class AnsweredGains(GainFile):
 
 
 def answer_in(text: str) -> dict[str, Any] | None:
-    """The data of an answer of ours, where a text is one; JSON is read by Python's own reader, in time that grows with the text."""
+    """Data of an answer of gainroom in a text; None if the text is none. JSON is read by Python's own reader, in linear time."""
     if not text.lstrip().startswith("{"):
         return None
     try:
@@ -62,7 +62,7 @@ def answer_in(text: str) -> dict[str, Any] | None:
 
 
 def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use: bool = False) -> GainFile:
-    """The gains in an answer; of several recommended sets the one for `contact`, else the one that is safe everywhere.
+    """Gains in an answer; of several recommended sets the one for `contact`, else the one that is safe everywhere.
 
     to_use   of an audit whose gains are not safe those to use in their place, where it has some; none that fail at the usual rate
 
@@ -120,7 +120,7 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
 
 
 def _number(data: Mapping[str, Any], key: str, owner: str) -> float | None:
-    """A number of an answer; None where it has none."""
+    """Number of an answer; None if it has none."""
     return None if data.get(key) is None else checked(f"{owner}: {key}", data[key], NOT_NEGATIVE)
 
 
@@ -142,7 +142,7 @@ def _place(data: Mapping[str, Any], delay: float | None, source: str) -> dict[st
 
 
 def _posture(data: Mapping[str, Any], source: str) -> dict[str, dict[str, float]]:
-    """The audited posture by joint, where some joint does not stand at 0."""
+    """Audited posture by joint, if some joint is not at 0."""
     angles = data.get("posture")
     if not isinstance(angles, dict):
         return {}
@@ -151,7 +151,7 @@ def _posture(data: Mapping[str, Any], source: str) -> dict[str, dict[str, float]
 
 
 def _said_rigid(data: Mapping[str, Any], key: str, source: str) -> set[str]:
-    """The joints under a `key` whose gearboxes somebody has said to be rigid: null stands for those, and for those that nobody knows."""
+    """Joints under a `key` whose gearboxes the user called rigid; the value null means either that or unknown."""
     if not isinstance(data.get("rigid_gearboxes"), list) or key not in data:
         return set()
     unknown = {str(name) for name in data["rigid_gearboxes"]} | _in_ranges(data, source).keys()
@@ -159,13 +159,13 @@ def _said_rigid(data: Mapping[str, Any], key: str, source: str) -> set[str]:
 
 
 def _in_ranges(data: Mapping[str, Any], source: str) -> dict[str, dict[str, Any]]:
-    """The joints of an audit whose gearboxes lie in ranges, by name."""
+    """Joints of an audit whose gearboxes have ranges, by name."""
     ranged = data.get("gearbox_range")
     return _named(ranged, "joints", f"{source}: gearbox_range") if isinstance(ranged, dict) else {}
 
 
 def _gearboxes(data: Mapping[str, Any], source: str) -> tuple[str, ...]:
-    """The types of those gearboxes, each as --gearbox takes it. Raises GainroomError."""
+    """Types of those gearboxes, each as --gearbox takes it. Raises GainroomError."""
     found = []
     for name, entry in _in_ranges(data, source).items():
         require_one_of(f"{source}: gearbox_range.joints.{shown(name)}.type", entry.get("type"), tuple(TYPES))
@@ -174,7 +174,7 @@ def _gearboxes(data: Mapping[str, Any], source: str) -> tuple[str, ...]:
 
 
 def _required(data: Mapping[str, Any]) -> tuple[str, ...]:
-    """The limits that this answer required, each as --require takes it, where that is not the usual; () where it does not say."""
+    """Limits that the answer required other than the usual ones, each as --require takes it; () if it names none."""
     required = data.get("required")
     if not isinstance(required, dict):
         return ()
@@ -191,7 +191,7 @@ def _required_text(data: Mapping[str, Any]) -> str:
 
 
 def _recommended(data: Mapping[str, Any], source: str, contact: str) -> tuple[dict[str, Gain], str]:
-    """The set of gains per joint for a contact state, and its margins as text."""
+    """Recommended gains per joint for a contact state, and their margins as text."""
     spaces = data["recommended"] or []
     joint = [each for each in spaces if isinstance(each, dict) and each.get("space") == "joint"] if isinstance(spaces, list) else []
     if not joint:
@@ -231,7 +231,7 @@ def _weight_text(one: Mapping[str, Any]) -> str:
 
 
 def _named(data: Mapping[str, Any], key: str, source: str) -> dict[str, dict[str, Any]]:
-    """A list of sections with a name each, by name."""
+    """List of sections with a name each, as a mapping by name."""
     entries = data.get(key)
     if not isinstance(entries, list) or not all(isinstance(each, dict) and isinstance(each.get("name"), str) for each in entries):
         raise GainroomError(f"{source}: {key}: must be a list of sections with a name each")

@@ -18,7 +18,7 @@ PLACE = ("sample_rate_hz", "gains_run", *DRIVE, "joint_damping")
 
 
 class PlainFile(Section):
-    """Joint or pattern → gains, and what holds for all of them."""
+    """Plain file: joint or pattern → gains, and values for all of them."""
 
     gains: dict[str, AnyGain] = Field(description="the gains by joint or pattern")
     sample_rate_hz: SampleRate | None = Field(None, description="of the controller [Hz]")
@@ -74,7 +74,7 @@ def _is_gain(value: object) -> bool:
 
 
 def read_plain(data: dict[str, Any], source: str) -> GainFile:
-    """Raises GainroomError."""
+    """Gains of a plain file. Raises GainroomError."""
     file = validate(PlainFile, data, source)
     postures, system = postures_of(read_carried(file.system, source, "system"))
     origin = Origin(**{key: getattr(file, key) for key in PLACE}, system=system)

@@ -1,4 +1,4 @@
-"""Calls in a Python file: functions and classes of the file, functions that are known by name, and configurations.
+"""Calls in a Python file: functions and classes of the file, known functions of libraries, and configurations.
 
 A call of a class that the file does not define, with keywords, is a configuration: a Record. Functions of the file are followed, as far
 as their turns are known; whatever else is called is not known, and neither is what it was given.
@@ -40,7 +40,7 @@ from .python_objects import (
 from .python_undecided import COPIES, HARMLESS, MOST_CALLS, Interpreter, Undecided, function_scope, own_nodes
 
 COPYING = ("isaaclab", "omni.isaac.lab", "omni.isaac.orbit")
-"""Libraries whose configurations take copies of what they are made with."""
+"""Libraries whose configurations copy their arguments."""
 BUILTINS = (
     *(
         "abs",
@@ -83,7 +83,7 @@ HARMLESS_CALLS = (
 
 
 class Return(Exception):  # noqa: N818 - how a function ends
-    """Raised where a function of the file returns."""
+    """Raised when a function of the file returns."""
 
     def __init__(self, value: Any) -> None:
         super().__init__()
@@ -130,7 +130,7 @@ class Calls(Interpreter):
         return self.call(node, function, given, named)
 
     def call(self, node: ast.AST, function: Any, given: list[Any], named: dict[str, Any]) -> Any:
-        """The value of a function with what it is given."""
+        """Value of a call of a function with its arguments."""
         self.count(node, len(given) + len(named))
         try:
             match function:
@@ -198,7 +198,7 @@ class Calls(Interpreter):
         return result
 
     def bound(self, function: Function, given: list[Any], named: dict[str, Any]) -> dict[str, Any] | None:
-        """The names of a function's arguments; None where they do not fit."""
+        """Arguments of a call by parameter name; None if they do not fit."""
         arguments = function.node.args
         places = [each.arg for each in (*arguments.posonlyargs, *arguments.args)]
         given = [function.this, *given] if function.this is not None else given
@@ -253,7 +253,7 @@ class Calls(Interpreter):
             self.calls -= 1
 
     def _object(self, node: ast.AST, kind: Record, given: list[Any], named: dict[str, Any]) -> Any:
-        """An object of a class of the file."""
+        """Instance of a class of the file."""
         line = getattr(node, "lineno", 0)
         if kind.is_enumeration:
             raise NotKnown
@@ -283,7 +283,7 @@ class Calls(Interpreter):
         return made
 
     def _imported(self, node: ast.AST, function: Unknown, given: list[Any], named: dict[str, Any]) -> Any:
-        """A call of what comes from elsewhere: known by name, a class, or not known."""
+        """Value of a call of an imported function: known by name, a class, or unknown."""
         path = function.path
         first, _, name = path.rpartition(".")
         first = library.MODULES.get(first, first)
@@ -347,7 +347,7 @@ class Calls(Interpreter):
         raise NotKnown
 
     def _shallow(self, node: ast.AST, value: Any, changes: dict[str, Any]) -> Any:
-        """A copy that shares what stands in it, unless the configuration takes copies itself."""
+        """Shallow copy, unless the configuration itself copies its arguments."""
         if isinstance(value, Record) and not value.is_class:
             result = replace(value, fields=value.fields | changes, line=getattr(node, "lineno", 0) if changes else value.line)
             if value.is_copied and changes:
@@ -477,7 +477,7 @@ class Calls(Interpreter):
         return self._of_values(node, name, given, named)
 
     def _of_values(self, node: ast.AST, name: str, given: list[Any], named: dict[str, Any]) -> Any:
-        """Functions of Python's own whose answer is a truth, a number or text."""
+        """Value of a builtin function that returns a truth value, a number or text."""
         match name, given:
             case "any" | "all", [value]:
                 turns = map(self._decided, self.items(node, value))
@@ -510,7 +510,7 @@ class Calls(Interpreter):
         return self.unknown(node, *value.left, why="is gone through later, which is not followed: write list(…)")
 
     def set_field(self, node: ast.AST, record: Record, name: str, value: Any) -> None:
-        """record.name = value, as Python has it."""
+        """Executes record.name = value as Python does."""
         own = record.method(name) if record.owner is not None else None
         if isinstance(own, Unknown) or (isinstance(own, Function) and own.kind == "property"):
             value = self.unknown(node, value, why="is set through a property, which is not followed")
@@ -519,7 +519,7 @@ class Calls(Interpreter):
             each.fields[name] = self.unknown(node, why="is changed in the class after objects of it were made")
 
     def _super(self) -> Any:
-        """The first class before the one in which the present function stands; its object is the function's first argument."""
+        """Object of super(): the next class of the lineage, with the present function's first argument."""
         around = self.scope
         while around is not None and "__class__" not in around.names:
             around = around.parent
@@ -565,7 +565,7 @@ class Calls(Interpreter):
         return self.items(node, value)
 
     def iterated(self, node: ast.AST, value: Any) -> Iterator[Any] | None:
-        """The items of a value one by one, as they are when asked for; None where they are not known."""
+        """Iterator over the items of a value as they are when asked for; None if they are not known."""
         if is_open(value) or (isinstance(value, View) and is_open(value.mapping)) or (isinstance(value, Once) and is_open(value.left)):
             return None
         size = len(value) if isinstance(value, list | tuple | dict | str) else len(contents(value)) if isinstance(value, View | Once) else 0
@@ -579,7 +579,7 @@ class Calls(Interpreter):
         return iter(value if not isinstance(value, dict) else list(value)) if isinstance(value, list | tuple | dict) else None
 
     def deep_copy(self, node: ast.AST, value: Any) -> Any:
-        """A copy, which costs as many steps as it has parts: configurations that hold each other twice double with every copy."""
+        """Deep copy. It costs as many steps as it has parts: configurations that hold each other twice double with every copy."""
         memo: dict[int, Any] = {}
         for _ in parts(value):
             self.count(node)
@@ -610,7 +610,7 @@ _PLAIN_METHODS = ("__init__", "__post_init__", "__repr__", "__str__", "__eq__", 
 
 
 def _unique(items: list[Any]) -> Unordered:
-    """A set."""
+    """Set of the items."""
     if not all(map(is_key, items)):
         raise NotKnown
     return Unordered(dict.fromkeys(items))

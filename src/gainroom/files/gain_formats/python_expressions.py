@@ -31,12 +31,12 @@ from .python_objects import (
 )
 
 MOST_DEPTH = 60
-"""Expressions inside each other, those of functions that are called among them."""
+"""Maximum depth of nested expressions, those of called functions included."""
 FALSE = ("typing.TYPE_CHECKING", "TYPE_CHECKING")
 
 
 class Expressions(Calls):
-    """Evaluates expressions in the present scope."""
+    """Evaluator of expressions in the present scope."""
 
     _depth = 0
 
@@ -53,7 +53,7 @@ class Expressions(Calls):
             self._depth -= 1
 
     def _known_in(self, node: ast.AST) -> list[Any]:
-        """The values of the names in a node: what an unknown value may be a part of."""
+        """Values of the names in a node, which an unknown value may contain."""
         names = [self.found(each.id, each) for each in ast.walk(node) if isinstance(each, ast.Name)]
         self.count(node, 8 * len(names))
         return [each for each in names if not isinstance(each, Unknown) or not each.is_free]
@@ -262,14 +262,14 @@ class Expressions(Calls):
         return found if isinstance(found, str) else ""
 
     def defaults(self, arguments: ast.arguments) -> dict[str, Any]:
-        """The values of a function's arguments that have one, as they are where it is defined."""
+        """Default values of a function's parameters at its definition."""
         places = [*arguments.posonlyargs, *arguments.args]
         pairs = list(zip(places[len(places) - len(arguments.defaults) :], arguments.defaults, strict=True))
         pairs += [(each, value) for each, value in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True) if value is not None]
         return {each.arg: self.value(value) for each, value in pairs}
 
     def _comprehended(self, node: ast.expr, make: Callable[[], Any], loops: list[ast.comprehension]) -> Any:
-        """The list of what a comprehension makes."""
+        """List of a comprehension's items."""
         result: list[Any] = []
         try:
             first = self.value(loops[0].iter)  # is evaluated outside

@@ -1,4 +1,4 @@
-"""Functions of Python, math, numpy and a few others that are known by name, and methods of text, lists and dictionaries.
+"""Known functions of Python, math, numpy and a few other libraries, and methods of text, lists and dictionaries.
 
 Each does what Python's own does with values that are known, within bounds; what it is not sure of it does not answer (NotKnown).
 """
@@ -27,7 +27,7 @@ from .python_objects import (
 
 
 class NotKnown(Exception):  # noqa: N818 - no error, an answer that is not known
-    """Raised where a function's result is not known; `because` of this, if of anything."""
+    """Raised if a function's result is not known; `because` is the unknown value that causes it."""
 
     def __init__(self, because: Unknown | None = None) -> None:
         super().__init__()
@@ -35,7 +35,7 @@ class NotKnown(Exception):  # noqa: N818 - no error, an answer that is not known
 
 
 MODULES = {"np": "numpy", "jnp": "numpy", "jax.numpy": "numpy"}
-"""Other names of a library whose constants and functions are the same."""
+"""Aliases of a library with the same constants and functions."""
 CONSTANTS = {"pi": math.pi, "e": math.e, "tau": math.tau, "inf": math.inf}
 OF_MATH = ("math", "numpy", "torch")
 FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -88,7 +88,7 @@ HELPERS: dict[str, Callable[..., Any]] = {
     "rpm_to_rad": lambda rpm: rpm * 2 * math.pi / 60,
     "reflect_rotary_to_linear": _to_linear,
 }
-"""Functions of mjlab's that make constants."""
+"""Functions of mjlab that make constants."""
 ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
     "Add": operator.add,
     "Sub": operator.sub,
@@ -121,11 +121,11 @@ TYPES: dict[str, type | tuple[type, ...]] = {
     "Iterable": (list, tuple, str, dict),
 }
 FORMAT = re.compile(r"0?\d{0,2}(\.\d{1,2})?[dfegs]?")
-"""Widths that are written out."""
+"""Format specifications that are evaluated."""
 
 
 def numbers(*values: Any) -> tuple[float, ...]:
-    """The values, all of them numbers. Raises NotKnown."""
+    """Values that must all be numbers. Raises NotKnown."""
     for each in values:
         if not is_number(each) and not isinstance(each, bool):
             raise NotKnown(each if isinstance(each, Unknown) else None)
@@ -133,7 +133,7 @@ def numbers(*values: Any) -> tuple[float, ...]:
 
 
 def computed(function: Callable[..., Any], *given: Any, **named: Any) -> Any:
-    """A function's number, or its Named numbers, for numbers, or for lists of them. Raises NotKnown."""
+    """Result of a function on numbers, or on lists of them: a number, or Named numbers. Raises NotKnown."""
     for value in (*given, *named.values()):
         numbers(*(value if isinstance(value, list | tuple) else [value]))
     try:
@@ -144,7 +144,7 @@ def computed(function: Callable[..., Any], *given: Any, **named: Any) -> Any:
 
 
 def arithmetic(op: str, left: Any, right: Any) -> Any:
-    """Two values by an operator, as Python has it. Raises NotKnown."""
+    """Result of a binary operator, as in Python. Raises NotKnown."""
     if isinstance(left, Array) or isinstance(right, Array):
         return _by_element(op, left, right)
     if isinstance(left, Unordered) or isinstance(right, Unordered):
@@ -178,7 +178,7 @@ def arithmetic(op: str, left: Any, right: Any) -> Any:
 
 
 def _whole(op: str, left: int, right: int) -> float:
-    """Two whole numbers, which Python has exactly, of a bounded size. Raises NotKnown."""
+    """Result of an operator on two integers, exact and of a bounded size. Raises NotKnown."""
     size = max(left.bit_length(), 1) * (right if op == "Pow" else 1) + (
         right if op == "LShift" else right.bit_length() if op != "Pow" else 0
     )
@@ -214,7 +214,7 @@ def _written(value: Any, whole: bool = False) -> str:
 
 
 def formatted(value: Any, form: str = "", conversion: int = -1) -> str:
-    """A value in an f-string. Raises NotKnown."""
+    """Value of an f-string's field. Raises NotKnown."""
     if not isinstance(value, str | int | float) or not FORMAT.fullmatch(form):
         raise NotKnown(value if isinstance(value, Unknown) else None)
     try:
@@ -224,14 +224,14 @@ def formatted(value: Any, form: str = "", conversion: int = -1) -> str:
 
 
 def bounded(text: str) -> str:
-    """Text that is not too long. Raises NotKnown."""
+    """Text, if it is not too long. Raises NotKnown."""
     if len(text) > LONGEST_TEXT:
         raise NotKnown
     return text
 
 
 def compared(op: str, left: Any, right: Any) -> bool:
-    """left == right and so on. Raises NotKnown."""
+    """Result of a comparison. Raises NotKnown."""
     if op in ("Is", "IsNot"):
         if isinstance(left, Unknown) or isinstance(right, Unknown):
             raise NotKnown(left if isinstance(left, Unknown) else right)
@@ -260,7 +260,7 @@ def compared(op: str, left: Any, right: Any) -> bool:
 
 
 def is_a(value: Any, kind: Any) -> bool:
-    """isinstance(value, kind); a kind is given by its name, or as a class of the file. Raises NotKnown."""
+    """Result of isinstance(value, kind); a kind is given by its name, or as a class of the file. Raises NotKnown."""
     if isinstance(kind, tuple | list):
         return any(is_a(value, each) for each in kind)
     name = getattr(kind, "name", "") or (kind.path.rpartition(".")[2] if isinstance(kind, Unknown) else "")
@@ -280,7 +280,7 @@ def is_a(value: Any, kind: Any) -> bool:
 
 
 def text_method(text: str, name: str, given: list[Any]) -> Any:
-    """A method of text. Raises NotKnown."""
+    """Result of a method of text. Raises NotKnown."""
     if name == "join" and len(given) == 1 and isinstance(given[0], list | tuple):
         words = [_text(each) for each in given[0]]
         return bounded(text.join(words) if sum(map(len, words)) + len(text) * len(words) <= LONGEST_TEXT else " " * (LONGEST_TEXT + 1))
@@ -303,7 +303,7 @@ def _text(value: Any) -> str:
 
 
 def format_method(text: str, given: list[Any], named: Mapping[str, Any]) -> str:
-    """str.format with plain places: {}, {0}, {name}. Raises NotKnown."""
+    """Result of str.format with plain fields: {}, {0}, {name}. Raises NotKnown."""
     pieces = re.split(r"\{(\w*)\}", text)
     if any("{" in piece or "}" in piece for piece in pieces[::2]):
         raise NotKnown
@@ -317,7 +317,7 @@ def format_method(text: str, given: list[Any], named: Mapping[str, Any]) -> str:
 
 
 def list_method(items: list[Any], name: str, given: list[Any]) -> Any:
-    """A method of a list, of whose items some may be unknown. Raises NotKnown, and then the list is as it was."""
+    """Result of a method of a list, some of whose items may be unknown. Raises NotKnown, and then the list is unchanged."""
     match name, given:
         case "append", [value]:
             items.append(value)
@@ -351,7 +351,7 @@ def list_method(items: list[Any], name: str, given: list[Any]) -> Any:
 
 
 def dict_method(mapping: dict[Any, Any], name: str, given: list[Any], named: dict[str, Any]) -> Any:
-    """A method of a dictionary, of whose values some may be unknown. Raises NotKnown, and then it is as it was."""
+    """Result of a method of a dictionary, some of whose values may be unknown. Raises NotKnown, and then it is unchanged."""
     match name, given:
         case "update", [] | [dict()]:
             more = (given[0] if given else {}) | named

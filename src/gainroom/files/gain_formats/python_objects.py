@@ -1,4 +1,4 @@
-"""Objects of a Python file that is read as text: configurations, functions of the file, and what is not known.
+"""Objects of a Python file that is read as text: configurations, functions of the file, and unknown values.
 
 Numbers, text, lists, tuples and dictionaries stand for themselves, so that what is one object in Python is one here.
 """
@@ -12,15 +12,15 @@ from typing import Any, Final
 from ...io.yaml_text import shown
 
 MOST_ITEMS = 2000
-"""Items of one collection, and of one range."""
+"""Maximum number of items of one collection, and of one range."""
 LONGEST_TEXT = 400
-"""Characters of text that is put together."""
+"""Maximum length of composed text [characters]."""
 DEEPEST = 60
-"""Collections inside each other."""
+"""Maximum depth of nested collections."""
 
 
 class _Rest:
-    """The key of what else may stand in a dictionary, or among the fields of a configuration."""
+    """Key for the unknown remaining entries of a dictionary, or fields of a configuration."""
 
     def __repr__(self) -> str:
         return "…"
@@ -31,7 +31,7 @@ REST: Final = _Rest()
 
 @dataclass(eq=False, repr=False)
 class Record:
-    """A call with keywords, or a class with fields.
+    """Configuration: a call with keywords, or a class with fields.
 
     name      of the class; line, source: where it stands
     kinds     the class and what it inherits from, by name
@@ -54,7 +54,7 @@ class Record:
     ancestors: tuple["Record", ...] = ()
     own_order: tuple[str, ...] = ()
     private: frozenset[str] = frozenset()
-    """Names of a class that begin with two underscores, which another class's are not."""
+    """Names of a class that begin with two underscores, which belong to this class alone."""
     is_enumeration: bool = False
     made: "list[Record]" = field(default_factory=list)
     """Instances of a class whose names are not fields; they see later changes of the class."""
@@ -76,7 +76,7 @@ class Record:
 
     @property
     def lineage(self) -> "tuple[Record, ...]":
-        """A class and the classes that it inherits from, in the order in which Python asks them for a name."""
+        """Class and its base classes, in the order in which Python looks up a name."""
         return (self, *self.ancestors)
 
 
@@ -106,25 +106,25 @@ class Unknown:
         return replace(self, is_free=False, kind="")
 
     def many(self) -> "Unknown":
-        """Any number of items in its place."""
+        """Unknown number of items in the place of this value."""
         return replace(self, kind="many")
 
 
 @dataclass
 class Scope:
-    """Names of a module, a class or a function, and the scope around it; `module`: the names of the file."""
+    """Names of a module, a class or a function, and the enclosing scope; `module`: scope of the file."""
 
     names: dict[str, Any]
     parent: "Scope | None" = None
     outside: dict[str, "Scope"] = field(default_factory=dict)
-    """Names that are another scope's: global, nonlocal."""
+    """Scopes of names declared global or nonlocal."""
     is_class: bool = False
     is_comprehension: bool = False
     unstable: "dict[str, Unknown]" = field(default_factory=dict)
-    """Names of what may be changed at any time, and by what."""
+    """Names whose values may change at any time, with the cause."""
 
     def find(self, name: str) -> Any:
-        """The value, or None where nobody has the name."""
+        """Value of a name; None if no scope has it."""
         if name in self.outside:
             return self.outside[name].find(name)
         if name in self.names:
@@ -153,7 +153,7 @@ class _Found:
 
 @dataclass(eq=False, repr=False)
 class Function:
-    """A function of the file, or a lambda, with its defaults; `this`: what it is bound to; `owner`: the class it stands in."""
+    """Function of the file, or a lambda, with its defaults; `this`: the object that it is bound to; `owner`: the class that defines it."""
 
     name: str
     node: ast.FunctionDef | ast.Lambda
@@ -161,21 +161,21 @@ class Function:
     defaults: dict[str, Any]
     source: str = ""
     kind: str = ""
-    """staticmethod, classmethod or property."""
+    """Decorator: staticmethod, classmethod or property."""
     this: Any = None
     owner: Record | None = None
 
 
 @dataclass(frozen=True)
 class Builtin:
-    """A function of Python's own by its name, or a library's by its dotted name."""
+    """Builtin function by its name, or a library's function by its dotted name."""
 
     name: str
 
 
 @dataclass(eq=False, repr=False)
 class Method:
-    """A method of text, a list, a dictionary or a configuration."""
+    """Method of text, a list, a dictionary or a configuration."""
 
     this: Any
     name: str
@@ -195,7 +195,7 @@ class Partial:
 
 @dataclass(eq=False)
 class View:
-    """keys, values or items of a dictionary, as they are when asked for."""
+    """View of a dictionary's keys, values or items as they are when asked for."""
 
     mapping: dict[Any, Any]
     what: str
@@ -206,7 +206,7 @@ class View:
 
 @dataclass(eq=False)
 class Once:
-    """A generator, or zip, map, …: its items can be had once."""
+    """Generator, or zip, map, …: its items can be taken once."""
 
     left: list[Any]
 
@@ -216,7 +216,7 @@ class Once:
 
 
 class Array(list):  # type: ignore[type-arg]
-    """A row of numbers of numpy's, whose arithmetic is by element; `family`: what shares its numbers, as a part of it does."""
+    """One-dimensional numpy array, with arithmetic by element; `family`: arrays that share its memory."""
 
     def __init__(self, items: Iterable[Any] = (), family: "list[Array] | None" = None) -> None:
         super().__init__(items)
@@ -225,12 +225,12 @@ class Array(list):  # type: ignore[type-arg]
 
 
 class Unordered(list):  # type: ignore[type-arg]
-    """A set: Python goes through it in an order that nobody knows."""
+    """Set, whose order of iteration is not known."""
 
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """One of an enumeration's, equal to itself alone, unless it `is_mixed` with text or numbers."""
+    """Member of an enumeration, equal to itself alone unless it `is_mixed` with text or numbers."""
 
     name: str
     value: Any
@@ -249,7 +249,7 @@ class Named(tuple):  # type: ignore[type-arg]
 
 
 def fields_of(record: Record) -> dict[Any, Any]:
-    """The fields of an object; of a class its own over those of its bases, of which the first counts."""
+    """Fields of an object; of a class its own fields over those of its bases in their order."""
     result: dict[Any, Any] = {}
     for each in reversed(record.lineage):
         result |= each.fields
@@ -257,7 +257,7 @@ def fields_of(record: Record) -> dict[Any, Any]:
 
 
 def linear(bases: Sequence[Record]) -> tuple[Record, ...] | None:
-    """The lineage of a class with these bases (C3, as Python has it); None where there is none."""
+    """Lineage of a class with these bases (C3 linearization, as in Python); None if there is none."""
     waiting = [list(base.lineage) for base in bases] + [list(bases)]
     result: list[Record] = []
     while waiting := [each for each in waiting if each]:
@@ -290,7 +290,7 @@ def contents(value: Any) -> list[Any]:
 
 
 def parts(value: Any, closed: Callable[[Record], bool] = lambda record: False) -> Iterator[Any]:
-    """A value and all that stands in it, in its order and each once; not what is in records that are `closed`."""
+    """Value and all values inside it, depth first and each once, without the contents of records that are `closed`."""
     seen, waiting, kept = set(), [value], []
     while waiting:
         each = waiting.pop()
@@ -309,7 +309,7 @@ def has_record(value: Any) -> bool:
 
 
 def spoil(value: Any, unknown: Unknown) -> None:
-    """Make all that stands in a value unknown, as something that is not followed may have changed it."""
+    """Makes all contents of a value unknown, as something that is not followed may have changed it."""
     told = unknown.held()
     for each in list(parts(value)):
         held = each.fields if isinstance(each, Record) else each.mapping if isinstance(each, View) else each
@@ -323,7 +323,7 @@ def spoil(value: Any, unknown: Unknown) -> None:
 
 
 class Alike:
-    """Numbers for values, the same for those that are alike: each part of a value is looked at once, however often it stands in it."""
+    """Numbering of values in which equal values have equal numbers; each part of a value is visited once."""
 
     def __init__(self) -> None:
         self._numbers: dict[Any, int] = {}
@@ -397,12 +397,12 @@ def truth(value: Any) -> bool | None:
 
 
 def last_name(node: ast.expr) -> str:
-    """The name that a dotted name ends with; empty for anything else."""
+    """Last part of a dotted name; "" for any other expression."""
     return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
 
 
 def text_of(node: ast.AST) -> str:
-    """The text of an expression, in one line and not too long."""
+    """Text of an expression on one line, shortened."""
     try:
         text = ast.unparse(node)
     except (RecursionError, ValueError):

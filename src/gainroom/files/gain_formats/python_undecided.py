@@ -1,4 +1,4 @@
-"""Python that is not run: a part of a file that cannot be decided, and all that it may change, which is unknown afterwards.
+"""Undecided parts of a Python file: they are not run, and all that they may change is unknown afterwards.
 
 A branch, a loop or a call whose outcome is not known is walked through as text: every name that it stores, every object that it
 stores into or calls a method on, and the same in the functions of the file that it calls, are unknown from there on.
@@ -14,14 +14,14 @@ from ...errors import GainroomError
 from .python_objects import REST, Function, Method, Record, Scope, Unknown, has_record, last_name, parts, spoil, text_of
 
 MOST_STEPS = 250_000
-"""Expressions that are evaluated of one file, and of those beside it that it names; an item that is made counts an eighth."""
+"""Maximum number of evaluated expressions of one file and of the files beside it that it names; an item that is made counts an eighth."""
 MOST_OF_ONE = 40_000
 """Maximum number of steps for one statement, which is undecided afterwards."""
 MOST_CALLS = 20
-"""Functions that call each other."""
+"""Maximum depth of functions that call each other."""
 COPIES = ("copy", "replace")
 HARMLESS = (*COPIES, *("get", "keys", "values", "items", "index", "count", "to_dict", "validate", "exists", "resolve", "tolist"))
-"""Methods that leave alone what they are called on."""
+"""Names of methods that do not change their object."""
 MUTATORS = ("append", "extend", "insert", "remove", "pop", "popitem", "clear", "update", "setdefault", "sort", "reverse")
 SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef)
 COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
@@ -29,7 +29,7 @@ NO_RUN = "cannot be decided without running the file"
 
 
 class Undecided(Exception):  # noqa: N818 - no error, a turn that is not known
-    """Raised where the rest of a function or a statement may be run or not."""
+    """Raised if the rest of a function or a statement may be run or not."""
 
     def __init__(self, unknown: Unknown) -> None:
         super().__init__(str(unknown))
@@ -37,18 +37,18 @@ class Undecided(Exception):  # noqa: N818 - no error, a turn that is not known
 
 
 class TooLong(Exception):  # noqa: N818
-    """Raised where one statement takes too many steps."""
+    """Raised if one statement takes too many steps."""
 
 
 @dataclass
 class Budget:
-    """Steps that are left, of all files that are read together."""
+    """Steps taken so far by all files that are read together."""
 
     steps: int = 0
 
 
 def own_nodes(body: Iterable[ast.AST], closed: tuple[type[ast.AST], ...] = SCOPES) -> Iterator[ast.AST]:
-    """The nodes of a text in their order, without those inside its functions and classes, or others that are `closed`."""
+    """Nodes of a syntax tree in order, without those inside its functions and classes, or other nodes that are `closed`."""
     waiting = list(body)[::-1]
     while waiting:
         node = waiting.pop()
@@ -58,7 +58,7 @@ def own_nodes(body: Iterable[ast.AST], closed: tuple[type[ast.AST], ...] = SCOPE
 
 
 class Interpreter:
-    """State of a file that is read: `scope` of what is looked at, `source` as messages call the file; `notes` for the reader.
+    """Interpreter of a file: `scope` of the present names, `source` as messages call the file; `notes` for the user.
 
     guarded   fields that must not be changed where it is not known whose they are
     main      the file that was asked for: messages of others name theirs
@@ -92,7 +92,7 @@ class Interpreter:
             raise TooLong
 
     def next_statement(self) -> None:
-        """The next of the file begins, with steps of its own."""
+        """Begins the next statement of the file, with a step count of its own."""
         self._statement_from = self.budget.steps
 
     def refusal(self, node: ast.AST, problem: str) -> GainroomError:
@@ -100,7 +100,7 @@ class Interpreter:
 
     @property
     def told(self) -> str:
-        """The file in messages, where it is another than the one that was asked for."""
+        """Name of the file in messages, if it is not the main file."""
         return "" if self.source == self.main else self.source
 
     @contextlib.contextmanager
@@ -168,7 +168,7 @@ class Interpreter:
                     self._spoil_by_call(node, unknown)
 
     def spoil_object(self, node: ast.AST, value: Any, unknown: Unknown, problem: str) -> None:
-        """All that stands in a value is unknown. Raises GainroomError where it is not known what does."""
+        """Makes all contents of a value unknown. Raises GainroomError if the value itself is not known."""
         if isinstance(value, Unknown) and not value.is_free:
             raise self.refusal(node, problem)
         spoil(value, unknown)
@@ -213,7 +213,7 @@ class Interpreter:
             self._spoiling.pop()
 
     def peek(self, node: ast.expr) -> Any:
-        """The value of a node without anything being called; unknown where that cannot be said."""
+        """Value of a node without calling anything; unknown if it needs a call."""
         match node:
             case ast.Constant(value=value):
                 return value
@@ -243,7 +243,7 @@ class Interpreter:
 
 
 def changed_names(function: Function, seen: set[ast.AST] | None = None) -> set[str]:
-    """The names around a function whose objects it may change when it is run."""
+    """Names around a function whose objects a call of it may change."""
     seen = set() if seen is None else seen
     if function.node in seen or len(seen) > MOST_CALLS:
         return set()
@@ -277,7 +277,7 @@ def _names_in(node: ast.AST) -> set[str]:
 
 
 def function_scope(function: Function, names: dict[str, Any]) -> Scope:
-    """A scope for a function's body, in which its global and nonlocal names are those of the scopes around it."""
+    """Scope of a function's body, in which its global and nonlocal names refer to the enclosing scopes."""
     scope = Scope(names, function.scope)
     if isinstance(function.node, ast.Lambda):
         return scope

@@ -38,26 +38,26 @@ from .python_objects import (
 from .python_undecided import Budget, TooLong, Undecided, changed_names, own_nodes
 
 MOST_FILES = 20
-"""Files beside that are read with one."""
+"""Maximum number of files beside the main one that are read with it."""
 LEAVES = (ast.Return, ast.Break, ast.Continue, ast.Raise, ast.Yield, ast.YieldFrom)
 ENUMERATIONS = ("Enum", "Flag")
-"""Whose members are no values; those of IntEnum and StrEnum are."""
+"""Enumerations whose members are not values; members of IntEnum and StrEnum are."""
 HARMLESS_DECORATORS = ("final", "unique", "total_ordering", "runtime_checkable", "dataclass_transform")
 MAKES_FIELDS = ("dataclass", "configclass", "define", "frozen")
-"""Decorators of classes whose names are fields; so does the base NamedTuple."""
+"""Decorators of classes whose names are fields; the base NamedTuple has the same effect."""
 
 
 class Break(Exception):  # noqa: N818
-    """Raised where a loop ends."""
+    """Raised when a loop ends."""
 
 
 class Continue(Exception):  # noqa: N818
-    """Raised where a loop goes on."""
+    """Raised when a loop continues."""
 
 
 @dataclass
 class PythonValues:
-    """The names of a Python file and what they hold, and where they are set.
+    """Names of a Python file with their values and lines.
 
     call   the value of a function that needs no arguments
     make   an object of a class that needs none
@@ -72,7 +72,10 @@ class PythonValues:
 
 
 def one_robot(robots: Collection[str], source: str, chosen: str, what: str, kind: str) -> str:
-    """The name among `robots` that is `chosen`, or the only one. Raises GainroomError, with `what` they have and the `kind` of name."""
+    """Name among `robots` that is `chosen`, or the only one.
+
+    Raises GainroomError, with `what` they have and the `kind` of name.
+    """
     if chosen and chosen not in robots:
         raise GainroomError(f"{source}: {shown(chosen)} holds no {what}{nearest(chosen, tuple(robots), kind)}")
     first = next(iter(robots))
@@ -83,7 +86,7 @@ def one_robot(robots: Collection[str], source: str, chosen: str, what: str, kind
 
 
 def read_python(text: str, source: str, guarded: tuple[str, ...], folder: Path | None = None) -> PythonValues:
-    """The module-level names of a Python text that messages call `source`.
+    """Module-level names of a Python text that messages call `source`.
 
     guarded   fields that must not be changed where it is not known whose they are
     folder    of the file, in which others that it names are read; None: none is
@@ -102,7 +105,7 @@ def read_python(text: str, source: str, guarded: tuple[str, ...], folder: Path |
 
 
 def parsed(text: str, source: str) -> ast.Module:
-    """The syntax tree of a text. Raises GainroomError, one line."""
+    """Syntax tree of a text. Raises GainroomError, one line."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of escapes in text that is no raw string, as regular expressions have them
@@ -114,7 +117,7 @@ def parsed(text: str, source: str) -> ast.Module:
 
 
 class _Beside:
-    """Files in the folder of the one that is read, each read once, and the steps that all of them may take together."""
+    """Files in the folder of the main one, each read once, and the number of steps that they may take together."""
 
     def __init__(self, folder: Path | None, guarded: tuple[str, ...], main: str) -> None:
         self.folder = folder.resolve() if folder is not None else None
@@ -145,7 +148,7 @@ class _Beside:
         return reader.scope.names
 
     def _path(self, module: str, level: int, source: str) -> Path | None:
-        """The file of a module inside the folder: named relatively, by itself, or with the folders that the folder lies in."""
+        """Path of a module's file inside the folder: named relatively, by itself, or with the names of the enclosing folders."""
         if self.folder is None:
             return None
         words = module.split(".") if module else []
@@ -168,7 +171,7 @@ class _Beside:
 
 
 class _Reader(Expressions):
-    """Evaluates the statements of one file."""
+    """Interpreter of the statements of one file."""
 
     def __init__(self, source: str, guarded: tuple[str, ...], beside: _Beside) -> None:
         super().__init__(source, guarded, beside.main, beside.budget)
@@ -190,7 +193,7 @@ class _Reader(Expressions):
                     raise self.refusal(statement, "takes too many steps, and so does telling what it changes") from error
 
     def without_arguments(self, function: Function) -> Any:
-        """The value of a function of the file that needs no arguments."""
+        """Value of a function of the file that needs no arguments."""
         self.next_statement()
         try:
             return self.call(function.node, function, [], {})
@@ -198,7 +201,7 @@ class _Reader(Expressions):
             return Unknown(function.node.lineno, f"{function.name}()", "takes too many steps")
 
     def object_of(self, kind: Record) -> Any:
-        """An object of a class of the file, made without arguments."""
+        """Instance of a class of the file, made without arguments."""
         self.next_statement()
         node = ast.Pass(lineno=kind.line)
         try:
@@ -280,7 +283,7 @@ class _Reader(Expressions):
                 self._not_decided(node)
 
     def _imported_either_way(self, node: ast.Try) -> None:
-        """try: import this, except: import that: a name stands for what is called the same in both; the others are not known."""
+        """Executes try: import …, except: import …: a name that both store stands for the library's object; other names are unknown."""
         self.block(node.body)
         first = {each: self._last_name_of(each) for each in _stored(node.body)}
         for handler in node.handlers:
@@ -298,7 +301,7 @@ class _Reader(Expressions):
         return found.value.path.rpartition(".")[2] if found is not None and isinstance(found.value, Unknown) else None
 
     def _not_decided(self, node: ast.stmt) -> None:
-        """A statement that is not followed: what it may change is unknown afterwards, and what follows it may be left out."""
+        """Skips a statement that is not followed: all that it may change is unknown afterwards, and later statements may be skipped."""
         unknown = Unknown(node.lineno, text_of(node), "cannot be decided without running the file", is_free=False, source=self.told)
         unknown = Unknown(node.lineno, unknown.text.partition(":")[0], unknown.why, is_free=False, source=self.told)
         self.spoil_by([node], unknown)
@@ -377,7 +380,7 @@ class _Reader(Expressions):
         return Unknown(node.lineno, path.rpartition(".")[2], why, "import", path, source=self.told)
 
     def _import_all(self, node: ast.stmt, dotted: str, names: dict[str, Any] | str) -> None:
-        """from x import *: all names of a file beside, or any names at all, those that the file has already among them."""
+        """Executes from x import *: all names of a file beside, or unknown names, which may include those of this file."""
         if isinstance(names, dict):
             chosen = names.get("__all__")
             public = chosen if isinstance(chosen, list | tuple) else [name for name in names if not name.startswith("_")]
@@ -517,7 +520,7 @@ class _Reader(Expressions):
         return result
 
     def _class(self, node: ast.ClassDef) -> Any:
-        """The class with its own fields, and with the classes of this file that it inherits from."""
+        """Class with its own fields, and with the classes of this file that it inherits from."""
         bases = [self.value(base) for base in node.bases]
         known = tuple(base for base in bases if isinstance(base, Record) and base.is_class)
         decorators = [last_name(each.func if isinstance(each, ast.Call) else each) for each in node.decorator_list]
@@ -568,7 +571,7 @@ class _Reader(Expressions):
                 scope.unstable[name] = told
 
     def _not_followed_in(self, node: ast.ClassDef, record: Record, ancestors: tuple[Record, ...] | None, bases: list[Any]) -> str:
-        """Why a class is none that is followed; empty for one that is."""
+        """Reason why a class is not followed; "" if it is."""
         if ancestors is None:
             return "inherits in an order that is not followed"
         metaclass = next((each.value for each in node.keywords if each.arg == "metaclass"), None)
@@ -588,7 +591,7 @@ class _Reader(Expressions):
         return ""
 
     def _decorated(self, node: ast.ClassDef, record: Record) -> Any:
-        """A class as its decorators leave it."""
+        """Class after its decorators."""
         result: Any = record
         for each in reversed(node.decorator_list):
             name = last_name(each.func if isinstance(each, ast.Call) else each)
@@ -611,7 +614,7 @@ def _imports(body: list[ast.stmt], more: tuple[type[ast.stmt], ...]) -> bool:
 
 
 def _stored(body: list[ast.stmt]) -> list[str]:
-    """The names that imports and assignments store."""
+    """Names that imports and assignments store."""
     aliases = [each for statement in body for each in ast.walk(statement) if isinstance(each, ast.alias)]
     names = [inner.id for each in body for inner in ast.walk(each) if isinstance(inner, ast.Name) and isinstance(inner.ctx, ast.Store)]
     return [*((each.asname or each.name).partition(".")[0] for each in aliases), *names]
@@ -625,7 +628,7 @@ def _imported_name(statement: ast.stmt, name: str) -> str | None:
 
 
 def _dataclass_names(node: ast.ClassDef) -> list[str]:
-    """The names that a dataclass takes by place."""
+    """Positional parameters of a dataclass."""
     written = [each for each in node.body if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name) and _has_place(each)]
     return [each.target.id for each in written if "ClassVar" not in text_of(each.annotation)]  # type: ignore[union-attr]
 

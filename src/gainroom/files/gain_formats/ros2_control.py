@@ -1,4 +1,4 @@
-"""ros2_control YAML: p, i, d under a joint's name, read, and written into a file that is there.
+"""Gains of ros2_control YAML: p, i, d under a joint's name, read from a file and written into an existing one.
 
 They stand in joint_trajectory_controller's and pid_controller's `gains`, in gazebo's `pid_gains`, in effort_controllers'
 JointPositionController (`joint` and `pid`) and JointGroupPositionController (`pid` per joint). Controllers that command position or
@@ -21,7 +21,7 @@ from .gain_record import NOT_NEGATIVE, Gain, GainFile, Origin
 
 TERMS = {"p": "kp", "i": "ki", "d": "kd"}
 WRAPPERS = ("gains", "pid", "pid_gains", "ros__parameters")
-"""Keys between a controller and its joints that name neither."""
+"""Keys between a controller and its joints that name neither of them."""
 HOLDERS = ("gains", "pid", "pid_gains")
 """Keys among them that hold nothing but gains."""
 BESIDE = (
@@ -48,13 +48,13 @@ RATE = number(least=0, most=1e6)
 
 @dataclass(frozen=True)
 class Ros2Gains(GainFile):
-    """Gains per joint; `paths`: the keys that lead to each joint's p, i, d."""
+    """Gains by joint; `paths`: keys that lead to each joint's p, i, d."""
 
     paths: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def read_ros2_control(data: dict[str, Any], source: str, unknown: str) -> Ros2Gains:
-    """p, i, d wherever they stand under a joint's name; `unknown` is said of a file without any. Raises GainroomError."""
+    """Gains p, i, d at any place under a joint's name; `unknown` is the message about a file without any. Raises GainroomError."""
     types = {name: each["type"] for _, node in _mappings(data) for name, each in node.items() if isinstance(each, dict) and "type" in each}
     gains: dict[str, Gain] = {}
     paths: dict[str, tuple[str, ...]] = {}
@@ -96,7 +96,7 @@ def read_ros2_control(data: dict[str, Any], source: str, unknown: str) -> Ros2Ga
 
 
 def _rate(data: dict[str, Any], controllers: Collection[str], source: str) -> float | None:
-    """The slowest of these controllers' own update_rate, of one that has none the manager's; None where nothing is said."""
+    """Lowest update_rate of these controllers, with the manager's rate for controllers without one; None if none is given."""
     rates: dict[str, float] = {}
     for path, node in _mappings(data):
         if "update_rate" in node and not isinstance(node["update_rate"], dict):
@@ -108,7 +108,7 @@ def _rate(data: dict[str, Any], controllers: Collection[str], source: str) -> fl
 
 
 def _mappings(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
-    """Every mapping in a file's data with the keys that lead to it."""
+    """All mappings in a file's data with the keys that lead to them."""
     if isinstance(node, dict):
         yield path, node
         for key, value in node.items():
@@ -116,7 +116,7 @@ def _mappings(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str
 
 
 def _along(data: dict[str, Any], path: Sequence[str]) -> list[dict[str, Any]]:
-    """The mappings from the top down to the one at `path`."""
+    """Mappings from the top down to the one at `path`."""
     nodes = [data]
     for key in path:
         nodes.append(nodes[-1][key])
@@ -124,7 +124,7 @@ def _along(data: dict[str, Any], path: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _joint(data: dict[str, Any], path: Sequence[str]) -> str | None:
-    """Whose gains stand at `path`: the nearest key that is no wrapper's, or the value of `joint` beside the wrapper."""
+    """Joint of the gains at `path`: the nearest key that is no wrapper, or the value of `joint` beside the wrapper."""
     nodes = _along(data, path)
     for depth in range(len(path) - 1, -1, -1):
         if path[depth] not in WRAPPERS:
@@ -136,7 +136,7 @@ def _joint(data: dict[str, Any], path: Sequence[str]) -> str | None:
 
 
 def _no_torque(data: dict[str, Any], path: Sequence[str], types: Mapping[str, Any]) -> str:
-    """Why a controller's gains are not N m/rad; empty where they are, or nothing says otherwise."""
+    """Reason why a controller's gains are not N m/rad; "" if they are, or may be."""
     for key, node in zip(("", *path), _along(data, path), strict=True):
         commands = node.get("command_interfaces", node.get("command_interface"))
         commands = commands if isinstance(commands, list) else [] if commands is None else [commands]
@@ -169,7 +169,10 @@ def _found(node: Mapping[str, Any]) -> str:
 
 
 def _pid(node: Mapping[str, Any], owner: str) -> Gain:
-    """p must be there: a controller takes 0 for it, which nobody means. A short key that is not known was meant to be one of the three."""
+    """Gain of a mapping with p, i, d.
+
+    p is required: a controller takes 0 for a missing one, which nobody means. An unknown short key was meant to be one of the three.
+    """
     meant = {key: typo_of(key, (*TERMS, *BESIDE)) for key in node if key not in (*TERMS, *BESIDE)}
     wrong = [
         f"{owner}.{dotted(key)}: unknown key" + (f"; did you mean {term}?" if term else f" beside {', '.join(TERMS)}")
@@ -186,14 +189,14 @@ def _pid(node: Mapping[str, Any], owner: str) -> Gain:
 
 
 def _clamp(node: Mapping[str, Any]) -> float | None:
-    """The larger of the bounds of what p, i and d make; None where it has not both."""
+    """Larger of the two clamps of the output; None unless both are given."""
     bounds = [node.get(key) for key in ("u_clamp_max", "u_clamp_min")]
     found = [abs(float(each)) for each in bounds if isinstance(each, int | float) and math.isfinite(each)]
     return max(found) or None if len(found) == len(bounds) else None
 
 
 def ros2_control_onto(text: str, source: str, gains: Mapping[str, Gain], header: Sequence[str]) -> str:
-    """The YAML `text` of a file that messages call `source`, with these p, i and d; the rest of it stays as it is.
+    """YAML `text` of a file that messages call `source`, with these p, i and d; the rest of it stays as it is.
 
     Raises GainroomError where a joint is not in it.
     """

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from ...identification.record import SHORTEST
 
 Way = tuple[tuple[str, ...], ...]
-"""Groups of channels; one of each group is needed."""
+"""Groups of channels; one channel of each group is needed."""
 TORQUES = ("actual_torque", "demand_torque", "target_torque")
 POSITIONS = ("motor_position", "link_position")
 QUESTIONS: dict[str, tuple[Way, ...]] = {
@@ -21,7 +21,7 @@ QUESTIONS: dict[str, tuple[Way, ...]] = {
 }
 """Channels that answer each question, the better way first. Without torque, command delay and loop delay can seldom be separated."""
 MAY_REST = {"identify gains": ("reference",)}
-"""Channels that need not change: a controller acts on what differs from its set-point."""
+"""Channels that may be constant: a controller acts on the difference to its set-point."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Ability:
 
 
 def abilities(channels: Iterable[str], resting: Iterable[str] = (), rows: int | None = None) -> tuple[Ability, ...]:
-    """One per question, of a log that has these channels of a joint.
+    """Answers to all questions for a log that has these channels of a joint.
 
     resting   those of them that never change
     rows      how many there are; None: enough

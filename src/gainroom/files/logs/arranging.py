@@ -18,7 +18,7 @@ MOTION = {"motor_position": "link_position", "motor_velocity": "link_velocity"}
 """Channels of motion on the motor side, each with its channel on the link side."""
 POSITIONS = ("motor_position", "link_position")
 LONG = 6
-"""Entries of an array from which on it is that of a robot."""
+"""Number of entries from which on an array belongs to a whole robot."""
 KIND = {"motor_position": "position", "motor_velocity": "velocity", "actual_torque": "torque"}
 OUTPUT_DOUBT = "at the gearbox's output, but measured there or computed from the motor's is not said"
 MEASURED_MOTION = {*MOTION, *MOTION.values()}
@@ -26,7 +26,7 @@ MEASURED_MOTION = {*MOTION, *MOTION.values()}
 
 @dataclass(frozen=True)
 class Claim:
-    """A column that may be a channel of a joint; `rank` orders several that may be the same: smaller is surer.
+    """Column that may be a channel of a joint; of several candidates the one with the smallest `rank` is used.
 
     given   the user said so
     side, doubt   as in Guess
@@ -44,7 +44,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Arranged:
-    """The claims that stand, and texts about the others; `told`: the columns that these name."""
+    """Accepted claims, and texts about the others; `told`: the columns that these texts name."""
 
     claims: list[Claim]
     notes: list[str]
@@ -52,7 +52,7 @@ class Arranged:
 
 
 def arrange(claims: Iterable[Claim]) -> Arranged:
-    """Claims of one file."""
+    """Arrangement of the claims of one file."""
     every = _outputs(_one_name(list(claims)))
     notes, told = [], set()
     doubtful = [claim for claim in every if claim.doubt]
@@ -104,7 +104,7 @@ def _asked(claims: Sequence[Claim], why: str, joints: set[str]) -> str:
 
 
 def _one_name(claims: list[Claim]) -> list[Claim]:
-    """Joints that are numbered in two ways, as `q1` and `tau_joint1`, by one name."""
+    """Claims with one joint name for joints that are numbered in two ways, such as `q1` and `tau_joint1`."""
     joints = {claim.joint for claim in claims}
     again = {joint: found[1] for joint in joints if (found := NUMBERED.fullmatch(joint)) and found[1] in joints}
     return [replace(claim, joint=again.get(claim.joint, claim.joint)) for claim in claims]
@@ -120,7 +120,7 @@ def _outputs(claims: list[Claim]) -> list[Claim]:
 
 
 def _uneven(claims: list[Claim]) -> tuple[list[Claim], list[tuple[list[Claim], str]]]:
-    """Without arrays that have another number of entries than the positions.
+    """Claims without arrays whose number of entries differs from that of the positions, and the removed ones with the reason.
 
     Of a robot on a free base entry 7 of `qpos` and entry 7 of `qvel` are two joints.
     """
@@ -140,7 +140,7 @@ def _uneven(claims: list[Claim]) -> tuple[list[Claim], list[tuple[list[Claim], s
 
 
 def _sides(claims: list[Claim]) -> tuple[list[Claim], list[Claim]]:
-    """`joint_angle` beside `motor_angle` is the link's, and so is `q` beside `theta`; and those that were changed."""
+    """Claims in which `joint_angle` beside `motor_angle` is the link's, and `q` beside `theta` too; and those that were changed."""
     changed: dict[int, Claim] = {}
     joints: dict[str, list[tuple[int, Claim]]] = {}
     for k, claim in enumerate(claims):
@@ -158,7 +158,7 @@ def _sides(claims: list[Claim]) -> tuple[list[Claim], list[Claim]]:
 
 
 def _joints_that_are_none(claims: list[Claim]) -> tuple[list[Claim], list[tuple[list[Claim], str]]]:
-    """Without columns whose joint is doubtful: those of no joint beside some with names, and of names that hold another joint's."""
+    """Claims of certain joints, and the removed ones: without a name beside named ones, or with a name that extends another's."""
     channels: dict[str, set[str]] = {}
     for claim in claims:
         if claim.channel != TIME:

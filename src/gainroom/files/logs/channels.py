@@ -1,4 +1,4 @@
-"""The channels of a log: `time` and identification's SIGNALS, and in which unit."""
+"""Channels of a log with their units: `time` and the signals of identification."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from ...simulation.run_record import REFERENCE_SIGNAL
 
 ONE_JOINT = "joint"
-"""The name of the joint of a log that names none."""
+"""Joint name in a log that names none."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One quantity, joint side, SI.
+    """Quantity of a joint, on the joint side, in SI.
 
     dimension    of its unit: a key of UNITS in units.py
     largest      where half of the rows are beyond, they are in another unit, or damaged [SI]
@@ -25,7 +25,10 @@ class Channel:
 
 
 _ANGLE, _SPEED, _TORQUE, _CURRENT = 1e5, 1e6, 1e9, 1e6
-"""[rad, rad/s, N m, A] A wheel that turns at 20 rad/s for an hour is at 0.7e5 rad; a simulation that diverges asks for 1e7 N m."""
+"""Largest values of channels [rad, rad/s, N m, A].
+
+A wheel that turns at 20 rad/s for an hour is at 0.7e5 rad; a simulation that diverges asks for 1e7 N m.
+"""
 
 _ALL = (
     Channel("time", "time", 1e12),

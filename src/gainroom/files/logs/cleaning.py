@@ -1,4 +1,4 @@
-"""Rows of a log put in order as they come: what is not finite, doubled or late is cut and counted, and the clock's evenness measured."""
+"""Cleaning of a log's rows as they arrive: rows that are not finite, repeated or late are removed and counted; the clock is measured."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,22 +12,22 @@ from .clock import LEAST_ROWS, PAUSE, tick_of, ticks_of
 from .record import Quality
 
 MOST_MISSING = 0.5
-"""Share of rows with a number missing from which on a log is refused: its channels were then hardly ever recorded together."""
+"""Share of rows with a missing number above which a log is refused: its channels were then hardly ever recorded together."""
 MOST_BACKWARDS = 0.2
 """Share of rows that are late, or have a stamp that was there already, from which on a log is refused: threads that log into one file
 exchange a few rows; more, and it is another column, two logs in one file, or a clock that is too coarse."""
 JUDGED = 20
-"""Rows from which on these shares say something."""
+"""Number of rows from which on these shares are judged."""
 AHEAD = 100.0
-"""Ticks that a stamp is later than all that follow, to be wrong by itself: the rows behind it are not late."""
+"""Distance [ticks] by which a wrong stamp is later than all later ones; the rows after it are not late."""
 FEW_AHEAD, SHARE_AHEAD = 3, 1e-3
-"""Rows of a block that may be so; more, and a clock began again."""
+"""Maximum number and share of such rows in a block; if there are more, the clock has restarted."""
 BLOCK = 8192
-"""Stamps that are looked at together; smaller blocks of rows wait for each other."""
+"""Number of stamps that are evaluated together; smaller blocks of rows are collected."""
 
 
 class Cleaner:
-    """Takes blocks of rows, gives back those that are good, and counts.
+    """Filter for blocks of rows that returns the good ones and counts the others.
 
     names   of the columns beside time, for messages and counts
     """
@@ -40,7 +40,7 @@ class Cleaner:
         self._clock = _Clock()
 
     def clean(self, time: Floats, columns: Sequence[Floats], window: tuple[float, float]) -> tuple[Floats, list[Floats]]:
-        """The rows within `window` [s] that are finite and later than all before; the first row of all may lie anywhere."""
+        """Rows within `window` [s] that are finite and later than all before; the first row of all may lie anywhere."""
         inside = ~((time < window[0]) | (time > window[1]))  # what is no number is counted
         if not inside.all():
             time, columns = time[inside], [values[inside] for values in columns]
@@ -83,7 +83,7 @@ class Cleaner:
         )
 
     def require_enough(self) -> None:
-        """Raises GainroomError where too little of the rows is left to be a log."""
+        """Raises GainroomError if too few rows are left to be a log."""
         quality, path = self.quality, self._path
         if quality.rows < JUDGED:
             return
@@ -103,7 +103,7 @@ class Cleaner:
 
 
 def ahead(stamps: Floats) -> Booleans:
-    """(m,) a few stamps that are far later than all that follow."""
+    """True (m,) for a few stamps that are far later than all later ones."""
     found = np.zeros(len(stamps), dtype=bool)
     steps = np.diff(stamps)
     if len(stamps) < JUDGED or not (steps < 0).any():
@@ -164,7 +164,7 @@ class _Counted:
     off: float = 0.0
 
     def with_steps(self, stamps: Floats, tick: float) -> "_Counted":
-        """With those between stamps (m,) of this tick [s]."""
+        """Sums with the steps between further stamps (m,) of this tick [s]."""
         found = ticks_of(stamps, tick)
         passed, steps, about = np.diff(found.numbers), np.diff(stamps), self.about or tick
         gap, bridged = passed > 1, passed <= PAUSE  # a longer one is no measure of the tick

@@ -1,4 +1,4 @@
-"""The tick of a log, and which tick each row is, from time stamps that jitter, with rows missing or not.
+"""Tick of a log, and the tick number of each row, from time stamps with jitter and possibly missing rows.
 
 Rows come from a loop that runs once per tick, and their stamps are read a little sooner or later: t_k = T n_k + phase + jitter, with whole
 numbers n_k that rise. The mean of e^{2πj t/T} over some rows tells their phase whatever rows are missing; how it turns from there to
@@ -15,21 +15,20 @@ import numpy as np
 from ...system.linear.arrays import Complexes, Floats, Integers
 
 GAP = 1.5
-"""Ticks between two rows from which on at least one is missing, where the stamps are of no even clock."""
+"""Number of ticks between two rows from which on at least one row is missing, for stamps without an even clock."""
 PAUSE = 20
-"""Ticks: after a longer gap a clock may begin anew."""
+"""Length of a gap [ticks] after which a clock may restart."""
 ROWS = (8, 32, 128)
-"""Over which the phase is taken, one after the other: the tick is known ever better."""
+"""Numbers of rows over which the phase is averaged, in this order: the estimate of the tick improves each time."""
 PHASE_ROWS = 64
 EVEN = 0.25
-"""Length of the mean of e^{2πj t/T}: 1 of an even clock, 0.64 with a jitter of 0.15 ticks, 0.29 with 0.25; below it
-stamps do not tell ticks."""
+"""Minimum length of the mean of e^{2πj t/T} for an even clock: 1 without jitter, 0.64 with 0.15 ticks, 0.29 with 0.25."""
 LEAST_ROWS = 32
 
 
 @dataclass(frozen=True)
 class Ticks:
-    """Which tick each row is.
+    """Tick number of each row.
 
     numbers   (m,) rising, 0 first
     off       (m,) how far each stamp lies from its tick [ticks]
@@ -42,7 +41,7 @@ class Ticks:
 
 
 def tick_of(time: Floats) -> float:
-    """[s] from stamps (m,) rising, m ≥ 2."""
+    """Tick [s] of rising stamps (m,), m ≥ 2."""
     steps = np.diff(time)
     tick = float(np.mean(steps[steps <= GAP * np.median(steps)]))
     start = tick
@@ -84,11 +83,11 @@ def _without_pause(time: Floats, tick: float) -> Ticks:
 
 
 def _means(time: Floats, tick: float, rows: int) -> Complexes:
-    """(c,) of e^{2πj t/T} over so many rows each; a rest at the end is left out."""
+    """Means (c,) of e^{2πj t/T} over `rows` rows each; a remainder at the end is left out."""
     turns = np.exp(2j * np.pi * (time - time[0]) / tick)
     return turns[: len(time) // rows * rows].reshape(-1, rows).mean(axis=1)
 
 
 def _phase(means: Complexes) -> Floats:
-    """[ticks] without jumps."""
+    """Phase [ticks] without jumps."""
     return np.unwrap(np.angle(means)) / (2 * np.pi)

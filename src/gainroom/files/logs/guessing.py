@@ -1,4 +1,4 @@
-"""Which channel of which joint a column holds, by its name: all of its words count, and what is left of them is the joint's.
+"""Channel and joint of a column by its name: all of its words count, and words without a meaning of their own name the joint.
 
 A name is a path of parts (`low_state/motor_state[3].tau_est`). The last part that has a word for a quantity says which; words for commands,
 for what is measured, and for a side of the gearbox stand beside it, or in the path. A word that no list has is the joint's name, unless
@@ -40,21 +40,21 @@ from .vocabulary import (
 COMMAND_OF = {"motor_position": REFERENCE_SIGNAL, "motor_velocity": "reference_velocity", "actual_torque": "target_torque"}
 """Command channel by measured channel: next to a word for commands a name means the command, as `/joint_commands` has an `effort`."""
 LESS_SURE = 100
-"""Ranks that a name found so is behind one that says it itself."""
+"""Rank added to a name whose meaning is inferred rather than stated."""
 BARE, LOCAL, QUALIFIED = 20, 10, 40
-"""Ranks lost where neither side nor role is said, where a weak word says that it is a command, and where it was processed."""
+"""Rank added to a name without side or role, to a command by a weak word, and to a processed signal."""
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 BRACKETED = re.compile(r"[\s_]*[\[(<{]([^\])>}]*)[\])>}]\s*$")
 DIMENSIONS = {"time": "time", "position": "angle", "velocity": "speed", "torque": "torque", "current": "current"}
 SAYING = COMMANDING | MEASURING | FEEDFORWARD | OTHER | FILLERS | LOCALLY_COMMANDING
 LETTERS = {"p": "position", "v": "velocity", "t": "torque"}
-"""Quantities of motor protocols: `p_des`, `v_fb`."""
+"""Quantities of the letters in motor protocols: `p_des`, `v_fb`."""
 MOST_LETTERS = 300
 """Maximum length of a name; longer texts are no names."""
 MOST_KEPT = 1 << 14
-"""Parts of names whose words are kept: those of one file, again and again."""
+"""Maximum number of cached parts of names."""
 COORDINATES = frozenset(("q", "theta", "encoder", "enc", "angle"))
-"""Words that name a coordinate where another quantity stands beside them: `theta_vel`, `q_torque`."""
+"""Words for a coordinate beside another quantity: `theta_vel`, `q_torque`."""
 FEED_FORWARD_DOUBT = "a feed-forward torque, which is all of the command only where the drive's own kp and kd are 0"
 GAINS = frozenset(("kp", "kd"))
 COMMAND_DOUBT = "a command, but of torque or of position is not said"
@@ -135,7 +135,7 @@ def _plain(word: str) -> str:
 
 @cache
 def _spellings() -> dict[tuple[str, ...], tuple[str, int]]:
-    """Words → quantity and place in its list."""
+    """Quantity and rank of each spelling."""
     return {tuple(text.split("_")): (quantity, place) for quantity, texts in QUANTITIES.items() for place, text in enumerate(texts)}
 
 
@@ -174,7 +174,7 @@ def is_commanding(path: str, otherwise: bool = False) -> bool:
 
 
 def _own(text: str) -> Guess | None:
-    """A column as logs of this package name it, whatever the joint is called."""
+    """Guess for a column as logs of this package name it, for any joint name."""
     for name in sorted(CHANNELS, key=len, reverse=True):
         rest = text[len(name) + 1 :]
         if text == name or (name != "time" and rest and text.startswith(f"{name}_")):
@@ -187,7 +187,7 @@ def _own(text: str) -> Guess | None:
 
 
 def _without_unit(text: str) -> tuple[str, str]:
-    """`torque [Nm]` as its name and unit. An index, `q[3]`, stays."""
+    """Name and unit of `torque [Nm]`. An index, `q[3]`, stays in the name."""
     found = BRACKETED.search(text)
     if found and not found[1].strip().isdigit() and any(known_unit(found[1], channel.dimension) for channel in CHANNELS.values()):
         return text[: found.start()], found[1]
@@ -195,7 +195,7 @@ def _without_unit(text: str) -> tuple[str, str]:
 
 
 def _stems(text: str, unit: str) -> list[tuple[str, str]]:
-    """A name without its unit, and that: its last one or two words may be one (`pos_deg`, `vel_rad_s`, `tau_N_m`), or not."""
+    """Possible names and units of a text whose last one or two words may be a unit (`pos_deg`, `vel_rad_s`, `tau_N_m`)."""
     if unit:
         return [(text, unit), (text, "")]
     found = [*WORD.finditer(text)]
@@ -212,7 +212,7 @@ def _stems(text: str, unit: str) -> list[tuple[str, str]]:
 
 @dataclass(frozen=True)
 class _Word:
-    """A word of a part: as it is written, in lower case and the singular, its places, and the piece of the name that it is in."""
+    """Word of a part: as written, in lower case and the singular, its positions, and the piece of the name that it belongs to."""
 
     text: str
     plain: str
@@ -236,7 +236,7 @@ def _words(part: str) -> list[_Word]:
 
 @lru_cache(MOST_KEPT)
 def _pieces(word: str) -> tuple[str, ...]:
-    """A word, or the two that are written as one: `poscmd`, `qdes`, `motorpos`."""
+    """Pieces of a word: itself, or two words written as one: `poscmd`, `qdes`, `motorpos`."""
     plain = word.lower()
     if _plain(plain) in ONE_WORD:
         return (word,)
@@ -248,7 +248,7 @@ def _pieces(word: str) -> tuple[str, ...]:
 
 
 class _Parse:
-    """One reading of a name: with its unit, if it has one, taken off; bracketed: it is a unit for certain."""
+    """One reading of a name after its unit is removed; bracketed: the unit is certain."""
 
     def __init__(self, text: str, unit: str, bracketed: bool, naming: Naming, whole: bool) -> None:
         self._parts = re.split(r"[/.]", text.strip("_ ./-"))
@@ -257,7 +257,7 @@ class _Parse:
         self._used: set[int] = set()
 
     def guess(self, commanded: bool) -> Guess | None:
-        """None where this reading says nothing."""
+        """Guess of this reading; None if it names no channel."""
         for place in range(len(self._parts) - 1, -1, -1):
             self._words, self._used = _words(self._parts[place]), set()
             found = self._quantity()
@@ -268,7 +268,7 @@ class _Parse:
         return self._bare()
 
     def _quantity(self) -> tuple[str, int, int, int] | None:
-        """Which quantity, its place in the list of its spellings, and the words (first, last) that say it. None: none, or two."""
+        """Quantity, its rank, and the positions (first, last) of its words; None if there is none, or two."""
         words = self._words
         matches, end = [], 0
         for k in range(len(words)):
@@ -293,7 +293,7 @@ class _Parse:
         return min(matches, key=lambda each: each[1])
 
     def _names_a_joint(self, first: int, last: int) -> bool:
-        """`q3` of `q3_tau`."""
+        """True if the words are part of a joint's name, such as `q3` in `q3_tau`."""
         words = self._words
         behind = words[last] if last + 1 < len(words) else None
         return first == 0 and behind is not None and behind.text.isdigit() and behind.piece == words[0].piece
@@ -344,7 +344,7 @@ class _Parse:
         return command and measured and bool(roles & COMMANDING)
 
     def _side(self, spelled: str, first: int, last: int, above: list[str]) -> tuple[str, bool]:
-        """The side of the gearbox that words beside the quantity say, or the part above it; and whether a `d` behind it says desired."""
+        """Side of the gearbox by the words beside the quantity or the part above it; and True if a `d` after it means desired."""
         words, side, letter = self._words, "", False
         for places in (range(last, len(words)), range(first - 1, -1, -1)):
             for k in places:
@@ -369,7 +369,7 @@ class _Parse:
         return side or {"theta": "theta", "dtheta": "theta", "q": "q", "dq": "q", "qd": "q", "qdot": "q"}.get(spelled, ""), letter
 
     def _joint(self, first: int, above: list[str], below: str = "") -> tuple[str, str]:
-        """The joint's name: what is left of the part, else of the path above it; and what stands behind a name that has begun before.
+        """Name of the joint: the remaining words of the part, else of the path above it; and the words after the quantity.
 
         below   an index behind the part: `effort/commands[2]`
         """
@@ -387,7 +387,7 @@ class _Parse:
         return (f"{upper}[{index}]" if upper and index else upper or index), ""
 
     def _text(self, places: list[int]) -> str:
-        """Words that are left, those of one piece of the name joined as they stand there."""
+        """Text of the remaining words; words of one piece are joined as written."""
         pieces: dict[int, str] = {}
         for k in places:
             pieces[self._words[k].piece] = pieces.get(self._words[k].piece, "") + self._words[k].text
@@ -399,7 +399,7 @@ class _Parse:
         return Guess("time", joint_in("/".join(above)), self._unit, rank + 1 + len(said))
 
     def _bare(self) -> Guess | None:
-        """A command whose quantity its name does not say: its unit may, and set-points are positions."""
+        """Guess for a command without a quantity: its unit decides, and set-points are positions."""
         words = self._words = _words(self._parts[-1])
         said = {word.plain for word in words}
         self._used = {k for k, word in enumerate(words) if word.plain in ROLES | BARE_COMMAND | BARE_POSITION}
@@ -429,7 +429,7 @@ SIDE_OF = {
 }
 ROLES = COMMANDING | LOCALLY_COMMANDING | MEASURING | FEEDFORWARD | FILLERS
 TURNING = COORDINATES | {"tau", "dq", "qd", "omega", "dtheta", "qdot"}
-"""Words behind which an `m` is the motor's."""
+"""Words after which an `m` stands for the motor."""
 
 BESIDE = ROLES | {*SIDE_OF}
 MEASURABLE = frozenset(word for quantity, words in QUANTITIES.items() for word in words if quantity != "time")
@@ -446,7 +446,7 @@ def _is_command(quantity: str, roles: set[str], letter: bool) -> bool | None:
 
 
 def _channel(quantity: str, commanded: bool, side: str, spelled: str, roles: set[str]) -> tuple[str, str]:
-    """The channel, "" for none, and the side that is left to be said."""
+    """Channel, "" for none, and the side that is still to be named."""
     if quantity == "current":
         return ("" if commanded else "current"), side
     if quantity == "torque":
@@ -466,14 +466,14 @@ def _elsewhere(above: Iterable[str]) -> bool:
 
 
 def joint_in(path: str) -> str:
-    """The joint's name in what is left of a column's, or in a topic's: the last part of a path that names one."""
+    """Joint name in the rest of a column's name, or in a topic: the last part of a path that names one."""
     path = path[-MOST_LETTERS:]
     parts = (_joint_part(part) for part in re.split(r"[/.]", path.strip("_ ./-[](){}<>:")))
     return ([part for part in parts if part] or [""])[-1]
 
 
 def _joint_part(part: str) -> str:
-    """Without the words for commands and states: `l_knee_cmd` as l_knee, `motorState[2]` as motor[2], `joint_states` as nothing."""
+    """Part without the words for commands and states: `l_knee_cmd` → l_knee, `motorState[2]` → motor[2], `joint_states` → ""."""
     name, bracket, index = part.partition("[")
     if name.lower() in CONTAINERS:
         name = ""

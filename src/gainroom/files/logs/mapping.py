@@ -1,4 +1,4 @@
-"""Which of a file's columns are read, as which channel of which joint, and by which factor: as the user says, else by their names."""
+"""Mapping from a file's columns to channels, joints and factors: as the user's options say, else by their names."""
 
 import re
 import shlex
@@ -19,7 +19,10 @@ from .units import SI, known_unit
 
 @dataclass(frozen=True)
 class Mapped:
-    """time None: rows come at a rate that the user gave. origins: of the channels, joint by joint. notes: texts. unused: columns."""
+    """Mapped columns.
+
+    time None: rows come at a rate that the user gave. origins: of the channels, joint by joint. notes: texts. unused: columns.
+    """
 
     time: Origin | None
     origins: tuple[Origin, ...]
@@ -28,7 +31,7 @@ class Mapped:
 
 
 def map_columns(columns: Sequence[Column], options: LogOptions, path: Path, left: Sequence[str] = ()) -> Mapped:
-    """`left`: what the file's columns are without, and why.
+    """Mapping of the columns of a file; `left`: parts of the file that are not among them, with reasons.
 
     Raises GainroomError where there is no time, no channel, a column that was named is not there, or a unit is not known.
     """
@@ -68,7 +71,7 @@ def map_columns(columns: Sequence[Column], options: LogOptions, path: Path, left
 
 
 def _passed_over(second: Sequence[Claim], chosen: Mapping[tuple[str, str], Claim]) -> list[str]:
-    """One text per channel that several columns may be, with what to type to have another."""
+    """Texts about channels with several candidate columns, with the option that selects another."""
     notes = []
     for channel in dict.fromkeys(claim.channel for claim in second):
         first, *others = (claim for claim in second if claim.channel == channel)
@@ -104,7 +107,7 @@ def _given(columns: Sequence[Column], options: LogOptions, path: Path) -> list[C
 
 
 def _named(columns: Sequence[Column], text: str) -> list[Column]:
-    """The column of that name, or the only one whose name ends in it."""
+    """Columns with that name, or the only one whose name ends in it."""
     exact = [column for column in columns if column.name == text]
     ends = [column for column in columns if column.name.endswith((f"/{text}", f".{text}"))]
     return exact or (ends if len(ends) == 1 else [])
@@ -125,7 +128,7 @@ def _guessed(columns: Sequence[Column]) -> list[Claim]:
 def _joints(
     chosen: Mapping[tuple[str, str], Claim], options: LogOptions, path: Path, columns: Sequence[Column], left: Sequence[str]
 ) -> tuple[dict[str, list[Claim]], list[str], set[str]]:
-    """The channels of every joint that is wanted, by the name that the log will have; texts about what was left out; columns used."""
+    """Channels of every wanted joint, by the joint's name in the log; texts about omitted columns; columns used."""
     found: dict[str, list[Claim]] = {}
     named = [joint for joint in dict.fromkeys(joint for joint, _ in chosen) if joint]
     still = any(joint == "" and channel in MEASURED_MOTION and not claim.given for (joint, channel), claim in chosen.items())
@@ -167,7 +170,7 @@ def _joints(
 
 
 def _origin(claim: Claim, joint: str, options: LogOptions, path: Path) -> Origin:
-    """With its unit: as given, as the file says, as the column's name says, or SI."""
+    """Origin of a claim's column, with its unit: from the user, the file, the column's name, or SI."""
     channel, column = claim.channel, claim.column
     dimension = CHANNELS[channel].dimension
     owner = f"{path}: column {column.name!r}"

@@ -98,7 +98,7 @@ def _pattern(text: str) -> None:
 
 
 def assignments(texts: Sequence[str], owner: str) -> dict[str, str]:
-    """`target_torque=cmd,motor_position=enc` as a mapping; may be given in parts. Raises GainroomError."""
+    """Mapping from the text `target_torque=cmd,motor_position=enc`, which may come in parts. Raises GainroomError."""
     found: dict[str, str] = {}
     for text in texts:
         for part in text.split(","):
@@ -128,7 +128,7 @@ Assignments = Annotated[dict[str, str], BeforeValidator(_texts)]
 
 
 class LogSection(Section):
-    """A file that says how a log is read: LogOptions, in YAML."""
+    """File of log options: LogOptions in YAML."""
 
     columns: Assignments = Field(default_factory=dict)
     units: Assignments = Field(default_factory=dict)
@@ -141,7 +141,7 @@ class LogSection(Section):
 
 
 def load_options(path: Path) -> dict[str, Any]:
-    """The fields of LogOptions that a YAML file gives. Raises GainroomError."""
+    """Fields of LogOptions in a YAML file. Raises GainroomError."""
     with named(str(path)), Together() as together:
         data = parse_yaml(read_text(path), str(path), together=together)
         section = partly(LogSection, data if data is not None else {}, str(path), together)

@@ -1,4 +1,4 @@
-"""A log from a file: block by block within bounded memory, or as a whole."""
+"""Reader of a log from a file: block by block within bounded memory, or as a whole."""
 
 import contextlib
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -27,17 +27,20 @@ from .units import SI, UNITS
 MOST_BYTES = 1 << 31
 """Maximum size of a log that is read as a whole: 2 GiB are 4 h of 8 channels at 2 kHz. Longer ones are read in blocks or in part."""
 EPOCH = 1e6
-"""[s] A log that begins later than 11 days after its clock's zero counts from an epoch; it then begins at 0, with all its digits."""
+"""Age of a first stamp [s] from which on stamps count from an epoch, 11 days; such a log is shifted to begin at 0, with all digits."""
 RATES = (9.0, 2e5)
-"""[Hz] Within these is the rate of a log whose time stamps have no stated unit."""
+"""Range of the sample rate [Hz] by which the unit of time stamps without one is decided."""
 MOST_FILLED = 0.12
-"""Share of ticks without a row: of virtual logs with a tenth missing the intervals held the truth, with a fifth the delay's did not."""
+"""Maximum share of ticks without a row.
+
+Intervals of simulated logs held the truth with a tenth missing; with a fifth, that of the delay did not.
+"""
 LONGEST = 1e9
-"""[s] 31 years: beyond, the time stamps are something else."""
+"""Longest duration [s], 31 years: larger time stamps are something else."""
 
 
 class LogReader:
-    """An open log.
+    """Open log.
 
     origins       where time and each channel come from
     joint_names   in the file's order
@@ -70,7 +73,7 @@ class LogReader:
         return (*self._own_notes, *self._table.notes)
 
     def blocks(self) -> Iterator[Log]:
-        """The rows that are good, in order, a few ten thousand at a time; quality, and whether the file is complete, up to there.
+        """Good rows in order, a few ten thousand at a time; each block has quality and completeness up to its end.
 
         The last block is empty. Raises GainroomError where the file cannot be read, or too little of it is left to be a log.
         """
@@ -102,7 +105,7 @@ class LogReader:
         yield self._log(np.zeros(0), [np.zeros(0)] * len(channels), cleaner.quality, stamps.began)
 
     def _parts(self, channels: Sequence[Origin]) -> Generator[tuple[Floats | None, list[Floats]], None, None]:
-        """Time stamps and channels as the file has them."""
+        """Time stamps and channels as stored in the file."""
         stamped = self._time is not None
         names = [origin.column for origin in ((self._time, *channels) if self._time is not None else channels)]
         held = [origin.column for origin in channels if CHANNELS[origin.channel].commanded]
@@ -110,7 +113,7 @@ class LogReader:
             yield (part[0], part[1:]) if stamped else (None, part)
 
     def whole(self) -> Log:
-        """All of it. Raises GainroomError also where it is larger than MOST_BYTES."""
+        """Log as a whole. Raises GainroomError also if it is larger than MOST_BYTES."""
         time, columns = _Growing(), [_Growing() for _ in self._channels]
         quality, began = Quality(), 0.0
         for part in self.blocks():
@@ -147,7 +150,7 @@ class LogReader:
         return Log(time, joints, self._table.complete, self.origins, quality, began, self.notes)
 
     def _scaled(self, values: Floats, origin: Origin) -> Floats:
-        """In SI. Raises GainroomError for what cannot be a joint's: another unit, or damage."""
+        """Values in SI. Raises GainroomError for values that a joint cannot have: another unit, or damage."""
         scaled = values if origin.factor == 1 else values * origin.factor
         channel = CHANNELS[origin.channel]
         size = np.abs(scaled[np.isfinite(scaled)])
@@ -163,7 +166,7 @@ class LogReader:
 
 
 class _Stamps:
-    """From a file's time stamps, or from none, to seconds.
+    """Conversion of a file's time stamps, or of row numbers, to seconds.
 
     factor  of the file's unit; of rows without stamps their rate [Hz]
     zero    in the file's unit: what is taken off first, so that no digits are lost
@@ -189,7 +192,7 @@ class _Stamps:
         return made
 
     def seconds(self, stamps: Floats | None, count: int) -> Floats:
-        """(count,) of the next rows."""
+        """Seconds (count,) of the next rows."""
         if stamps is None:
             self._rows += count
             return np.arange(self._rows - count, self._rows) / self._factor
@@ -198,7 +201,7 @@ class _Stamps:
 
 
 def guessed_time_unit(stamps: Floats) -> tuple[str, str]:
-    """The unit of time stamps that none is stated of, and how that is known: seconds, unless only another one gives a rate within RATES."""
+    """Unit of time stamps without one, and the reason: seconds, unless only another unit gives a rate within RATES."""
     finite = stamps[np.isfinite(stamps)]
     steps = np.diff(finite)
     steps = steps[steps > 0]
@@ -215,7 +218,7 @@ def guessed_time_unit(stamps: Floats) -> tuple[str, str]:
 
 
 class _Growing:
-    """A column that grows in place: pieces that are joined at the end would take twice its memory."""
+    """Column that grows in place: joining pieces at the end would take twice its memory."""
 
     def __init__(self) -> None:
         self._room, self.count = np.zeros(0), 0
@@ -236,7 +239,7 @@ class _Growing:
 
 @contextlib.contextmanager
 def log_reader(path: Path, options: LogOptions | None = None, progress: Progress = quiet) -> Iterator[LogReader]:
-    """Open a log for reading, of which `progress` is told. The file's ending, or that it is a folder, says which format it has.
+    """Open log at `path`, for reading with `progress`; the file's ending, or that it is a folder, decides its format.
 
     Raises GainroomError where it cannot be read, or where no channel is found in it.
     """
@@ -250,7 +253,7 @@ def log_reader(path: Path, options: LogOptions | None = None, progress: Progress
 
 @dataclass(frozen=True, eq=False)
 class LoggedJoint:
-    """One joint of a log, as identification takes it.
+    """Joint of a log, prepared for identification.
 
     log      where it came from, what was cut, notes
     joint    its rows
@@ -265,7 +268,7 @@ class LoggedJoint:
     outliers: Outliers
 
     def require_dense(self) -> None:
-        """Raises GainroomError where too many ticks of the record were filled in: when a command came is then not known."""
+        """Raises GainroomError if too many ticks of the record were filled in: the arrival of commands is then not known."""
         ticks = len(self.record.time)
         missing = ticks - len(self.joint.time)
         if missing > MOST_FILLED * ticks:
@@ -276,7 +279,7 @@ class LoggedJoint:
 
 
 def read_joint(path: Path, options: LogOptions | None = None, progress: Progress = quiet) -> LoggedJoint:
-    """The only joint of a log, or the only one that the options choose. Raises GainroomError as read_log, and where there are several."""
+    """Only joint of a log, or the only one that the options choose. Raises GainroomError as read_log, and if there are several."""
     path = Path(path)
     with log_reader(path, options, progress) as reader:
         if len(reader.joint_names) > 1:
@@ -297,14 +300,14 @@ def read_joint(path: Path, options: LogOptions | None = None, progress: Progress
 
 
 def _constant_torques(joint: JointLog) -> list[str]:
-    """Torques that never change beside one that does: as of commands of a position, whose effort is 0."""
+    """Constant torques beside one that changes, such as the effort 0 of position commands."""
     torques = [name for name in TORQUES if name in joint.channels]
     constant = [name for name in torques if np.ptp(joint.channels[name]) == 0]
     return constant if len(constant) < len(torques) else []
 
 
 def read_log(path: Path, columns: Mapping[str, str] | None = None, options: LogOptions | None = None) -> Log:
-    """A log as a whole, in SI and on the joint side.
+    """Log as a whole, in SI and on the joint side.
 
     columns   what the file calls a column, by this package's name for it, e.g. {"target_torque": "cmd"}; LogOptions says the rest
 

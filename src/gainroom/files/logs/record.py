@@ -66,13 +66,13 @@ class Quality:
 
     @property
     def cut(self) -> int:
-        """Rows that were left out."""
+        """Number of rows that were left out."""
         return self.not_finite + self.duplicate + self.backwards + self.ahead
 
 
 @dataclass(frozen=True, eq=False)
 class JointLog:
-    """One joint's rows.
+    """Rows of one joint.
 
     time          (m,) rising [s]
     channels      by name, one of SIGNALS, (m,) each; only those that the log has
@@ -86,7 +86,7 @@ class JointLog:
     name: str = ONE_JOINT
 
     def even_parts(self, longest_gap: int = 3, least: int = 2) -> "list[JointLog]":
-        """Parts without gaps, with rows exactly `sample_time` apart: what a Fourier transform and a shift by ticks need.
+        """Parts without gaps, with rows exactly `sample_time` apart, as a Fourier transform and a shift by ticks need.
 
         longest_gap   so many ticks that are missing one after the other are filled in; a longer gap ends a part
         least         rows of the shortest part
@@ -123,11 +123,11 @@ class JointLog:
 
 
 NEAR = 0.25
-"""Ticks: stamps that jitter less are those of an even clock that was read a little late."""
+"""Jitter [ticks] below which stamps belong to an even clock that was read a little late."""
 
 
 def aligned(time: Floats, stamps: Floats, values: Floats, held: bool) -> Floats:
-    """`values` at `stamps` (k,) rising, as they are at `time` (m,): the last one before (held), or on the line between two."""
+    """Values at `stamps` (k,) rising, resampled at `time` (m,): the last one before if `held`, else linearly interpolated."""
     if len(time) == len(stamps) and np.array_equal(time, stamps):
         return values
     if not held:
@@ -159,7 +159,7 @@ class Log:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """(n,) in the file's order."""
+        """Joint names (n,) in the file's order."""
         return tuple(self.joints)
 
     @property
@@ -169,12 +169,12 @@ class Log:
 
     @cached_property
     def signals(self) -> Mapping[str, Floats]:
-        """(k, n) by channel: those that every joint has."""
+        """Signals (k, n) by channel, those that every joint has."""
         every = [name for name in SIGNALS if all(name in channels for channels in self.joints.values())]
         return {name: np.stack([channels[name] for channels in self.joints.values()], axis=1) for name in every}
 
     def joint(self, name: str | None = None) -> JointLog:
-        """One joint; None: the only one. Raises GainroomError for a name that it has not, and for none where it has several."""
+        """Joint of the log; None: the only one. Raises GainroomError for an unknown name, and for None if there are several."""
         if name is None and len(self.joints) > 1:
             raise GainroomError(f"the log holds {len(self.joints)} joints and one must be chosen{nearest('', self.joint_names, 'joint')}")
         if name is not None and name not in self.joints:

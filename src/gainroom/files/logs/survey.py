@@ -1,4 +1,4 @@
-"""A pass over a whole log, block by block: what is in it, without its rows."""
+"""Survey of a whole log, block by block: its contents without the rows."""
 
 import math
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Survey:
 
     @classmethod
     def of(cls, reader: LogReader) -> "Survey":
-        """Reads all of it, block by block. Raises GainroomError."""
+        """Survey of an open log, block by block. Raises GainroomError."""
         first, end, last = None, 0.0, None
         ranges: dict[tuple[str, str], tuple[float, float]] = {}
         for last in reader.blocks():

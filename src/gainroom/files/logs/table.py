@@ -16,18 +16,18 @@ from ...io.run_files import note_read
 from ...system.linear.arrays import Floats, Integers
 
 BLOCK_ROWS = 1 << 16
-"""Rows that are in memory at a time beside the result: 0.5 MB a column, long enough that numpy and not Python takes the time."""
+"""Rows per block in memory beside the result: 0.5 MB a column, long enough that numpy and not Python takes the time."""
 MOST_ROWS = 10**9
-"""139 hours at 2 kHz. More is a damaged header, or belongs into several files."""
+"""Maximum number of rows: 139 hours at 2 kHz. More is a damaged header, or belongs into several files."""
 MOST_COLUMNS = 10_000
-"""A humanoid's log with every quantity of 50 joints has about 1000."""
+"""Maximum number of columns. A humanoid's log with every quantity of 50 joints has about 1000."""
 MOST_PIECE = 1 << 28
 """Bytes of one piece that a file makes us hold at once, uncompressed: a chunk, a page, a message, an array that cannot be read in parts.
 Writers make pieces of 1 kB to 64 MB; this is 256 MiB."""
 MOST_RATIO = 1100
-"""Uncompressed by compressed size: deflate, the best of what these formats use on arrays, ends at 1032."""
+"""Maximum ratio of uncompressed to compressed size: deflate, the best of what these formats use on arrays, ends at 1032."""
 MOST_WHOLE = 1 << 30
-"""Bytes of a file that only can be read as a whole (JSON, MATLAB 5, .pt)."""
+"""Maximum size of a file that can only be read as a whole (JSON, MATLAB 5, .pt) [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Table:
 
 TIME = "time"
 MOST_EXACT = 1 << 53
-"""Whole numbers beyond are not all floats."""
+"""Largest integer up to which all integers are floats."""
 FULL_SECONDS = 1 << 30
 """Step of the offset that is subtracted from time stamps: about a second in ns, so that the offset is an exact float."""
 
@@ -108,16 +108,16 @@ class LogFormat:
     title: ClassVar[str]
     endings: ClassVar[tuple[str, ...]]
     makes: ClassVar[type | None] = None
-    """The Sink of formats that can be written; made from a path."""
+    """Sink of a format that can be written; made from a path."""
 
     def table(self, path: Path, time: str | None) -> contextlib.AbstractContextManager[Table]:
-        """The file, open; `time`: the user's name for the column of time stamps. Raises GainroomError, or what its library raises."""
+        """Open table of a file; `time`: the user's name for the column of time stamps. Raises GainroomError, or what its library raises."""
         raise NotImplementedError
 
 
 @contextlib.contextmanager
 def guarded(path: Path, title: str) -> Iterator[None]:
-    """Whatever reading a hostile file raises, as one GainroomError about `path`."""
+    """Context that turns any error from reading a hostile file into one GainroomError about `path`."""
     try:
         yield
     except GainroomError:
@@ -132,7 +132,7 @@ def guarded(path: Path, title: str) -> Iterator[None]:
 
 
 def checked_file(path: Path) -> int:
-    """The size of a regular file that is about to be read [bytes]; a FIFO would wait for its writer. Raises GainroomError, OSError."""
+    """Size of a regular file that is about to be read [bytes]; a FIFO would wait for its writer. Raises GainroomError, OSError."""
     try:
         status = os.stat(path)
     except FileNotFoundError as error:
@@ -148,19 +148,19 @@ def checked_file(path: Path) -> int:
 
 
 def bounded(path: Path, what: str, value: float, most: float, unit: str = "") -> None:
-    """Refuse what a file announces beyond a bound."""
+    """Refuses a size that a file announces beyond a bound."""
     if value > most:
         raise GainroomError(f"{path}: {what} {value:.15g}{unit} must be at most {most:.15g}{unit}")
 
 
 def whole_file(path: Path) -> bytes:
-    """The content of a file of a format that must be read at once. Raises GainroomError."""
+    """Content of a file of a format that must be read at once. Raises GainroomError."""
     bounded(path, "size", checked_file(path), MOST_WHOLE, " bytes")
     return path.read_bytes()
 
 
 def whole_numbers(name: str, values: Integers, taken_off: dict[str, float]) -> Floats:
-    """A column of whole numbers as floats: where they are too long for that, less the first of them, which is noted in `taken_off`."""
+    """Column of integers as floats; if they are too long for that, less the first of them, which is noted in `taken_off`."""
     if name not in taken_off and len(values) and abs(int(values[0])) > MOST_EXACT:
         taken_off[name] = float(values[0] // FULL_SECONDS * FULL_SECONDS)
     if name in taken_off:
@@ -169,7 +169,7 @@ def whole_numbers(name: str, values: Integers, taken_off: dict[str, float]) -> F
 
 
 def library(name: str, *modules: str) -> Any:
-    """An optional library with its modules. Raises GainroomError where it is not installed."""
+    """Optional library with its modules. Raises GainroomError if it is not installed."""
     from importlib import import_module
 
     try:
@@ -181,5 +181,5 @@ def library(name: str, *modules: str) -> Any:
 
 
 def column_names(joints: Sequence[str], signals: Sequence[str]) -> list[str]:
-    """`time`, then signal by signal; with several joints each with its joint's name."""
+    """Column names: `time`, then signal by signal; with several joints each with its joint's name."""
     return ["time", *(signal if len(joints) == 1 else f"{signal}_{joint}" for signal in signals for joint in joints)]

@@ -15,9 +15,9 @@ UNITS: dict[str, dict[str, float]] = {
 }
 """Factors to SI by dimension and unit; lengths and forces are those of prismatic joints."""
 SI = {"time": "s", "angle": "rad", "speed": "rad/s", "torque": "Nm", "current": "A"}
-"""The unit of numbers that none is stated of."""
+"""Units of numbers without a stated unit."""
 TICKS = {"angle": re.compile(r"ticks/([0-9.eE+]{1,20})"), "speed": re.compile(r"ticks/([0-9.eE+]{1,20})/s")}
-"""Encoder steps: how many of them are one revolution."""
+"""Patterns of encoder steps: the number of steps per revolution."""
 MOST_LETTERS = 40
 """Maximum length of a unit's name."""
 SPELLINGS = {
@@ -41,7 +41,7 @@ SPELLINGS = {
 
 
 def known_unit(text: str, dimension: str) -> str | None:
-    """The unit of `dimension` that `text` writes, in whatever spelling; None where it writes none."""
+    """Unit of `dimension` in any spelling of `text`; None if it is none."""
     return _known(text, dimension) if len(text) <= MOST_LETTERS else None
 
 
@@ -77,7 +77,7 @@ def factor(text: str, dimension: str, owner: str) -> float:
 
 
 def _positive(text: str) -> float | None:
-    """A number above 0 and below what a factor can be; None for all else."""
+    """Number above 0 and within the range of factors; None for any other text."""
     try:
         value = float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The words that names of columns are made of, in lower case, and what each says."""
+"""Vocabulary of column names, in lower case, with the meaning of each word."""
 
 from collections.abc import Mapping
 
@@ -15,7 +15,7 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = {
     "torque": words("torque tau effort eff moment trq qfrc jointfrc actuatorfrc force frc"),
     "current": words("current curr iq i_q amps"),
 }
-"""Spellings of each, the surest first; some words have two parts."""
+"""Spellings of each quantity, the surest first; some words have two parts."""
 PLURALS = {
     "positions": "position",
     "angles": "angle",
@@ -70,20 +70,20 @@ DEMAND = frozenset(words("demand demanded dem"))
 """Words for a torque that has arrived at the drive."""
 FEEDFORWARD = frozenset(words("ff feedforward feed_forward fwd"))
 BARE_POSITION = frozenset(words("setpoint set_point goal reference"))
-"""Commands that are positions where no quantity is said."""
+"""Words for commands that are positions unless a quantity is named."""
 BARE_COMMAND = frozenset(words("command cmd ctrl u action"))
-"""Those of which it is not said what they command."""
+"""Words for commands of an unnamed quantity."""
 MOTOR = frozenset(words("motor rotor mot mtr gear"))
 LINK = frozenset(words("link load"))
 OUTPUT = frozenset(words("output out"))
-"""The gearbox's; also what a controller puts out."""
+"""Words for the gearbox's output, or for a controller's."""
 NEUTRAL = frozenset(words("joint j dof actuator axis_angle jnt"))
 """Words for the joint without a side of the gearbox."""
 SENSOR = frozenset(words("sensor ts"))
 FILLERS = frozenset(words("value data signal raw filtered filt lpf smoothed smooth internal reading now"))
-"""Words that change nothing in what is held."""
+"""Words that do not change the quantity."""
 QUALIFIERS = frozenset(words("raw filtered filt lpf smoothed smooth internal"))
-"""Those of them that make one column of two the surer one."""
+"""Fillers that make one of two columns the better one."""
 OTHER = frozenset(
     words(
         """enable enabled limit max min error err temperature temp volt volts voltage mode flag flags count counter index id norm std cov
@@ -101,7 +101,7 @@ ELSEWHERE = frozenset(
         default"""
     )
 )
-"""Words in a path that make all below them something that is no joint's."""
+"""Words in a path for things other than joints."""
 CONTAINERS = frozenset(
     words(
         """log logs data robot out logsout yout record recording joint_states signals run ans result controller controllers field msg
@@ -109,18 +109,18 @@ CONTAINERS = frozenset(
         interface interfaces observation observations stats servo control trajectory dynamic encoder"""
     )
 )
-"""Parts of a path, and words in one, that name no joint."""
+"""Parts of a path, and words in a part, that name no joint."""
 TIME_BESIDE = frozenset(
     words(
         """from since start sim simulation ros robot pi system log relative rel monotonic unix epoch utc elapsed time stamp recv rx
         local abs field"""
     )
 )
-"""Words beside one for time that leave it the time of the rows."""
+"""Words beside one for time that keep its meaning as the time of the rows."""
 SIDES = frozenset(
     words(
         """l r left right fl fr rl rr hl hr lf rf lh rh lr bl br front rear back hind upper lower inner outer roll pitch yaw x y z lx rx a
         b c first second"""
     )
 )
-"""Words behind a quantity that belong to a joint's name which stands before it."""
+"""Words after a quantity that belong to the joint's name before it."""

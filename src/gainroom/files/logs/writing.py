@@ -1,4 +1,4 @@
-"""A log of a run, written row by row as CSV, Parquet or MCAP; the file's ending says which.
+"""Writer of a run's log, row by row as CSV, Parquet or MCAP; the file's ending decides.
 
 It is written during the run under a temporary name in its folder and renamed when the run ends, in any way: its rows up to then can be
 read. A run that fails before its first row leaves the old file. A number that is not finite ends the log.
@@ -19,14 +19,14 @@ from .table import Sink
 
 
 class LogWriter:
-    """Takes the rows of a run, block after block."""
+    """Log that takes the rows of a run, block after block."""
 
     def __init__(self, path: Path, joint_names: tuple[str, ...], signals: tuple[str, ...], sink: Sink) -> None:
         self.path, self.joint_names, self.signals, self._sink = path, joint_names, signals, sink
         self.rows = 0
 
     def write(self, columns: Mapping[str, Floats]) -> None:
-        """Add rows: `time` (k,) and this log's signals, (k, n) each; others are passed over.
+        """Adds rows: `time` (k,) and this log's signals, (k, n) each; other columns are ignored.
 
         Raises GainroomError at the first number that is not finite; the rows before it are written.
         """
@@ -49,7 +49,7 @@ class LogWriter:
 
 @contextlib.contextmanager
 def open_log(path: Path, joint_names: Sequence[str], signals: Sequence[str] = LOGGED) -> Iterator[LogWriter]:
-    """Open a log for writing; it can be read when the block has ended, however it ends.
+    """Open log for writing; it is readable once the block has ended, however it ends.
 
     path         ends in .csv, .parquet (needs pyarrow) or .mcap (needs mcap)
     joint_names  (n,)
