@@ -1,8 +1,8 @@
-"""Results → pictures and pages.
+"""Presentation of results: terminal text, JSON, pictures and pages.
 
 `X.py` is the page of a command, `X_text.py` its sentences, `X_columns.py` its numbers as columns of terminal, JSON, page and documentation.
-XPresentation is all of it that command, page and app show, in one record: keys of --json and lines of the terminal; it stands in
-`X_tables.py` of a joint and of a robot, else in `X_text.py`.
+XPresentation holds all of it, in one record for command, page and app; it is in `X_tables.py` for a joint and a robot, otherwise in
+`X_text.py`.
 
 joint        joint, joint_text, joint_tables; gain_map and map_lines; bode
 robot        robot, robot_text, robot_columns, robot_tables (states, joints, tasks), recommended_gains; robot_units;
@@ -12,6 +12,6 @@ simulate     simulation, simulation_text; curves
 sweep        sweep, sweep_text; workspace: a sweep as a part of another page
 verify       verification, verification_text
 identify     identification, identified_text, log_text, estimates; plan; diagnosis, diagnosis_text
-of several   words (every sentence about safety), verdict (requirements and gains to use, first on every page), gains_to_use,
+shared       words (every sentence about safety), verdict (requirements and gains to use, first on every page), gains_to_use,
              next_commands, margin_columns, columns, presentation, page (HTML), page_parts, number_format, style; two_paths
 """

@@ -1,4 +1,4 @@
-"""The page of an audit: verdict, gains to use, numbers, what fails, the vibration, and closed below all tables and how it was computed."""
+"""Page of an audit: verdict, gains to use, numbers, failures, vibration, and, folded below, all tables and methods."""
 
 import math
 import re
@@ -33,23 +33,23 @@ from .words import in_simulator, safe_means, tone
 from .workspace import advice_there, in_workspace, workspace_card, workspace_section
 
 UNSAFE_STATES = 3
-"""The place of that card."""
+"""Index of the card of unsafe states."""
 
 if TYPE_CHECKING:
     from ..studies.simulator_audit import SimulatorAudit
 MOST_ROWS = 12
-"""In the picture: the tightest; the heat map has all joints."""
+"""Most rows of the headroom picture, the tightest; the heat map has all joints."""
 ALIKE = 5e-3
-"""Relative: joints of both sides whose least factors differ by less share a row."""
+"""Relative difference of least factors up to which joints of both sides share a row."""
 PATHS = "kp or kd by itself"
 WHOLE = (TOGETHER, PATHS)
-"""Names of the rows that are no joint's."""
+"""Names of the rows that belong to no joint."""
 WIDEST = 30.0
-"""Ratio of the factors on the axis; what lies beyond is drawn at its end."""
+"""Largest ratio of the factors on the axis; factors beyond are drawn at its end."""
 
 
 def audit_page(shown: AuditPresentation, command: str) -> str:
-    """The report of an audit as one HTML page; `command`: that makes it."""
+    """HTML page of an audit; `command`: the command that makes it."""
     result, simulated, swept = shown.result, shown.simulated, shown.swept
     system, factors, count = result.system, joint_factors(result), len(result.joints)
     assumed = (*system.assumptions, *gearbox_assumptions(result))
@@ -86,7 +86,7 @@ def audit_page(shown: AuditPresentation, command: str) -> str:
 
 
 def _reasons(result: Audit) -> list[Section]:
-    """What is open: the picture of what fails, what the verdict rests on, and the motion."""
+    """Unfolded sections: the picture of the failure, the basis of the verdict, and the motion."""
     gain, picture = _gain_margin_text(result), [headroom(result)]
     if result.safe:
         first = [Section(f"Gain margin {gain}", picture)]
@@ -109,7 +109,7 @@ def _reasons(result: Audit) -> list[Section]:
 
 
 def _gain_margin_text(result: Audit) -> str:
-    """The row with the least headroom, in its state."""
+    """Gain margin of the row with the least headroom, with its state, as text."""
     row = row_of_verdict(result, headroom_rows(result))
     state = result.states[first_least(row.factors)] if math.isfinite(row.least) else result.tightest
     where = f" in {state.contact}" if len(result.states) > 1 else ""
@@ -134,7 +134,7 @@ def _lead(shown: AuditPresentation) -> Lead:
 
 
 def _do_this(result: Audit, call: str) -> Html | str:
-    """What to do, with the margins of these gains and of those to use."""
+    """Advice box with the margins of these gains and of the gains to use."""
     found = what_to_do(result, call)
     if not result.stable and result.to_use is None:
         return advice_box(found)
@@ -145,7 +145,7 @@ def _do_this(result: Audit, call: str) -> Html | str:
 
 
 def _cards(result: Audit) -> list[Card]:
-    """The margins that are required, the delay, the joints and the gearboxes, each the worst of all states."""
+    """Cards of the required margins, the delay, the joints and the gearboxes, each the worst of all states."""
     worst, asked = result.tightest, result.required
     limit = worst.limit
     first, paths = unstable_card(asked, limit, f", {worst.contact}", worst.contact), worst.margins.paths
@@ -181,7 +181,7 @@ def _cards(result: Audit) -> list[Card]:
 
 
 def _margin(result: Audit, one: Requirement) -> Card:
-    """A card with one requirement's margin in the contact state that has the least of it, its frequency, and whether it is met."""
+    """Card of one requirement's margin in the contact state with the least of it, its frequency, and whether it is met."""
     state = result.worst[one.name]
     where = f"{at_frequency(one.frequency(state.counted), '', hertz)}, {state.contact}".lstrip(", ")
     label = one.titled(state.counted, len(result.joints) > 1)
@@ -189,7 +189,7 @@ def _margin(result: Audit, one: Requirement) -> Card:
 
 
 def _gearboxes(result: Audit) -> Card:
-    """What the verdict takes them for."""
+    """Card of the gearbox stiffness that the verdict is based on."""
     actuators, rigid = result.system.source.actuators, result.assumed_rigid
     units, count = joint_units(result.system.source.body), int(np.count_nonzero(rigid))
     revolute = units["kp"].partition(";")[0]
@@ -227,12 +227,12 @@ def _certificate(result: Audit) -> Html:
 
 
 def shown_requirements(result: Audit) -> list[Requirement]:
-    """What is required first; then what is not."""
+    """All requirements, required ones first."""
     return sorted(REQUIREMENTS.values(), key=lambda one: one.name not in result.required.asked)
 
 
 def audited_margins(result: Audit) -> list[Column]:
-    """Of requirements: what the present gains have of each, in the worst state, and those to use where there are some."""
+    """Columns with requirements as rows: the margin of the present gains in the worst state, and of the gains to use, if any."""
     step, required = result.system.control.sample_time, result.required
 
     def value(one: Requirement, found: Audit) -> float:
@@ -264,7 +264,7 @@ def audited_margins(result: Audit) -> list[Column]:
 
 @dataclass(frozen=True)
 class Row:
-    """Factors by state (k,), of joints that share a row the least; NaN where there is none. `sides`: what their names begin with."""
+    """Row of factors by state (k,), the least of joints that share it; NaN: none. `sides`: the prefixes of their names."""
 
     name: str
     sides: tuple[str, ...]
@@ -272,17 +272,17 @@ class Row:
 
     @property
     def title(self) -> str:
-        """The names of its joints, in a sentence."""
+        """Names of its joints, for a sentence."""
         return ", ".join(f"{side}{self.name}" for side in self.sides) or self.name
 
     @property
     def least(self) -> float:
-        """Over the states."""
+        """Least factor over the states."""
         return float(np.min(self.factors, initial=math.inf, where=~np.isnan(self.factors)))
 
 
 def headroom_rows(result: Audit) -> list[Row]:
-    """All gains together, single paths where kd has its own, and every joint as it is judged, the one with the least headroom first."""
+    """Rows of the headroom picture: all gains together, single paths if kd has its own, and every joint as judged, least headroom first."""
     rows = [Row(TOGETHER, (), np.array([state.limit.gain for state in result.states]))]
     paths = [state.margins.paths for state in result.states]
     if any(path is not None for path in paths):
@@ -305,21 +305,21 @@ def headroom_rows(result: Audit) -> list[Row]:
 
 
 def row_of_verdict(result: Audit, rows: list[Row]) -> Row:
-    """The row of the picture that the verdict names, the least of those that count: all gains together and single paths.
+    """Row that the verdict names, the least of those that count: all gains together and single paths.
 
-    Where a stable robot misses the gain margin the rows of joints count too.
+    For a stable robot that misses the gain margin the rows of joints count too.
     """
     short = result.stable and "gain_margin" in result.missed
     return min([row for row in rows if short or row.name in WHOLE], key=lambda row: rank(row.least))
 
 
 def _is_named(result: Audit) -> bool:
-    """True where the verdict rests on a factor on the gains: the gains are safe, or a gain margin is missed."""
+    """True if the verdict rests on a factor on the gains: they are safe, or a gain margin is missed."""
     return result.safe or "gain_margin" in result.missed
 
 
 def headroom(result: Audit) -> Html:
-    """The picture of the factors at which vibration starts: a row for all gains together and for each of the tightest joints.
+    """Figure of the factors at which vibration starts: a row for all gains together and for each of the tightest joints.
 
     A row has a mark for each contact state: the worst is filled, the one that the verdict names is a star.
     """
@@ -374,7 +374,7 @@ def _level(value: float) -> str:
 
 
 def _label(row: Row) -> str:
-    """One line, and a smaller one with the sides."""
+    """Row label: the name, and in smaller letters its sides."""
     below = f'<br><span style="font-size:11px;color:{style.SOFT}">{escape(", ".join(row.sides), quote=False)}</span>' if row.sides else ""
     return escape(row.name.lstrip("_- ") if row.sides else row.name, quote=False) + below
 

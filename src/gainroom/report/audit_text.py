@@ -1,4 +1,4 @@
-"""An audit in sentences, the verdict, why, what to do, and warnings with remedies; and all that is shown of it in one record."""
+"""Audit as text: verdict, reasons, advice, and warnings with remedies; and its presentation."""
 
 import math
 import re
@@ -42,15 +42,15 @@ if TYPE_CHECKING:
     from ..studies.simulator_audit import SimulatorAudit
 
 FEW_LINES = 4
-"""Shown without being asked for all; of more, the table has the factors."""
+"""Most lines of a gain file in the short answer; for more, the table has the factors."""
 FEW_JOINTS = 4
-"""Shown without being asked for all, at most: those with the least headroom."""
+"""Most joints in the short answer: those with the least headroom."""
 ELSEWHERE = ("gain_margin", "delay_margin")
-"""Requirements whose least margins have keys of their own."""
+"""Requirements whose least margins have their own JSON keys."""
 SLIGHT = 0.05
-"""Damping ratio of a motor on its spring proposed as a first guess where none is given."""
+"""Damping ratio of a motor on its spring proposed as a first guess if none is given."""
 FEW_OWN = 2
-"""Joints with a factor of their own that are named one by one."""
+"""Most joints with individual factors that are named one by one."""
 
 
 def audit_sentence(result: Audit) -> str:
@@ -59,7 +59,7 @@ def audit_sentence(result: Audit) -> str:
 
 
 def verdict(result: Audit) -> str:
-    """The verdict on the gains as text: safe or not, what fails first, where, and in which joints. No number in it is a gain to use."""
+    """Verdict text: safe or not, the first failure, its state and joints. It contains no gain to use."""
     over, unsafe = over_range(result), sum(not joint.safe for joint in result.joints)
     if result.doubts:
         return headline(result)
@@ -74,14 +74,14 @@ def verdict(result: Audit) -> str:
 
 
 def _readings(result: Audit) -> str:
-    """The flag that nobody gave, and what each of its values means and gives."""
+    """Sentence on the ambiguous option, with the meaning and result of each of its values."""
     flag = result.readings[0].option.split()[0]
     each = [f"{one.option.removeprefix(flag).strip()} ({one.meaning}): {_unsafe(one.audit)}" for one in result.readings]
     return f"{flag} is not given: {'; '.join(each)}."
 
 
 def _unsafe(found: Audit) -> str:
-    """How many joints are not safe, and where vibration starts."""
+    """Clause with the number of unsafe joints, and the factor at which vibration starts."""
     limit = found.tightest.limit
     start = "nothing makes it vibrate" if math.isinf(limit.gain) else f"vibration starts at {digits(limit.gain, '×', 4)} these gains"
     joints = unsafe_joints(sum(not joint.safe for joint in found.joints), len(found.joints)).rstrip(".")
@@ -94,7 +94,7 @@ def _given(result: Audit) -> str:
 
 
 def _mainly(result: Audit) -> str:
-    """Where, and in which joints: an audit has one posture."""
+    """Clause with the contact states that fail and the main joints; an audit has one posture."""
     short = sum(not result.enough_in(state) for state in result.states)
     every = f" in {'both' if short == 2 else f'all {short}'} states, worst" if short == len(result.states) else ""
     where = f"{every} in {result.tightest.contact}" if len(result.states) > 1 else ""
@@ -102,7 +102,7 @@ def _mainly(result: Audit) -> str:
 
 
 def reason(result: Audit) -> str:
-    """At which factor and at which delay these gains vibrate: limits, which leave no margin."""
+    """Sentences with the factor and the delay at which these gains vibrate: limits, which leave no margin."""
     worst, where = result.tightest, f"{_read_as(result)}{worst_gearboxes(result)}"
     limit, delay = worst.limit, "The delay limit is not known."
     if math.isfinite(result.delay_limit):
@@ -133,12 +133,12 @@ def reason(result: Audit) -> str:
 
 
 def _read_as(result: Audit) -> str:
-    """Of which reading all numbers are, where there are some."""
+    """Clause with the reading that all numbers belong to; "" without readings."""
     return next((f" With {one.option}:" for one in result.readings if one.audit.every is result.every), "")
 
 
 def besides(result: Audit) -> list[str]:
-    """What there is too little of besides the gain margin, each beside what is required, and where."""
+    """Clauses on requirements other than the gain margin that are missed, with the required value and the state."""
     parts = []
     for one, needed in result.required.asked_for:
         state = result.worst[one.name]
@@ -152,7 +152,7 @@ def besides(result: Audit) -> list[str]:
 
 
 def _beside_required(result: Audit, one: Requirement, needed: float) -> str:
-    """The least that is left of a requirement, beside what is asked for, and where."""
+    """Clause with the least value of a requirement, the required value, and the state."""
     state = result.worst[one.name]
     shown = margin_value(result.required, one.name, result.value_in(state, one), False, 3)
     where = f" in {state.contact}" if len(result.states) > 1 else ""
@@ -160,13 +160,13 @@ def _beside_required(result: Audit, one: Requirement, needed: float) -> str:
 
 
 def audit_scale(result: Audit) -> float | None:
-    """The factor on all gains that makes unsafe ones safe, rounded down; None where none is known, and for safe gains."""
+    """Factor on all gains that makes unsafe ones safe, rounded down; None if none is known, and for safe gains."""
     scale = result.scale
     return None if result.safe or math.isnan(scale) else typed_factor(scale)
 
 
 def _no_lower_gains(result: Audit) -> str:
-    """Why no lower gains help where gearboxes have no damping, and a first guess: a twentieth of the critical damping."""
+    """Sentences on why no lower gains help with undamped gearboxes, and a first guess: a twentieth of the critical damping."""
     actuators = result.system.source.actuators
     bare = np.isfinite(actuators.stiffness) & (actuators.damping == 0)
     if not np.any(bare):
@@ -179,7 +179,7 @@ def _no_lower_gains(result: Audit) -> str:
 
 
 def _weakest_path(paths: PathMargins) -> str:
-    """At which factor on kp alone, or on kd alone, vibration starts."""
+    """Clause with the factor on kp alone, or on kd alone, at which vibration starts."""
     factors = {"kp": (paths.others, paths.lower_others), "kd": (paths.kd, paths.lower_kd)}
     name, (upper, lower) = min(factors.items(), key=lambda one: min(one[1][0], 1 / one[1][1] if one[1][1] > 0 else math.inf))
     if lower * upper > 1:
@@ -188,7 +188,7 @@ def _weakest_path(paths: PathMargins) -> str:
 
 
 def audit_warnings(result: Audit) -> tuple[str, ...]:
-    """Warnings of an audit, each with its remedy: what decides first, then how the files were understood."""
+    """Warnings of an audit, each with its remedy: deciding ones first, then how the files were understood."""
     system, found = result.system, []
     if system.control.sample_time is None and not result.safe and result.to_use is None:  # else verdict and advice say what a rate costs
         found.append("continuous model: hold and velocity difference of a loop cost about one tick; give --rate-hz")
@@ -209,11 +209,11 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
 def what_to_do(
     result: Audit, call: str = "gainroom audit MODEL --delay-ms MS", written: Path | None = None, most: int | None = None
 ) -> Advice:
-    """Gains that are safe, or the command that finds some; of safe ones what is still to be known.
+    """Advice with safe gains, or the command that finds some; for safe gains the data still missing.
 
     call      the command of this audit
     written   the robot.yaml that it writes
-    most      lines that a file of gains to use may have, else how to get it stands in its place; None: any number
+    most      most lines of a file of gains to use; a longer one is replaced by how to get it; None: any number
     """
     actuators, found = result.system.source.actuators, result.to_use
     if result.doubts:
@@ -260,7 +260,7 @@ def what_to_do(
 
 
 def _with_option(call: str, option: str) -> str:
-    """The command with one of the readings; gains on the drive have no rate on the host."""
+    """Audit command with the option of one reading; gains on the drive have no rate on the host."""
     return f"{re.sub(r' --rate-hz [^ ]+', '', call) if '--gains-run drive' in option else call} {option}"
 
 
@@ -272,7 +272,7 @@ MOTORS_FIRST = (
 
 
 def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:
-    """Advice to give the motors' inertias first, with the gains that hold where these are what they count as."""
+    """Advice to give the motor inertias first, with the gains that hold for the assumed ones."""
     multiply = _multiply(result, found)
     what = motor_inertias(result)
     without = f"Where they are really {what}: {multiply[0].lower()}{multiply[1:]}; then {_required(result)}."
@@ -281,13 +281,13 @@ def _inertia_first(result: Audit, found: GainsToUse[Audit]) -> Advice:
 
 
 def _searched(call: str, written: Path | None = None) -> list[str]:
-    """The commands that search gains joint by joint, and audit those."""
+    """Commands that search gains joint by joint, and audit those."""
     found = [] if written else [f"{call} --write-robot robot.yaml"]
     return [*found, *search_and_audit(call, str(written or "robot.yaml"))]
 
 
 def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
-    """The gains to use, with all that is known of the joints' actuators but what the model says itself, and a posture not typed."""
+    """Lines of a gain file: gains to use, known actuator data that the model does not contain, and a posture not typed by the user."""
     source = result.system.source
     actuators = result.given_actuators
     inertia = actuators["motor_inertia"]
@@ -300,7 +300,7 @@ def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
 
 
 def _to_decide(result: Audit, call: str) -> Advice:
-    """Advice for gains that are safe under assumptions: the options that state rate and gearboxes; none where nothing is assumed."""
+    """Advice for gains that are safe under assumptions: options for rate and gearboxes; "may stay" if nothing is assumed."""
     given, options = _assumed(result)
     if not given:
         return Advice("These gains may stay.")
@@ -309,7 +309,7 @@ def _to_decide(result: Audit, call: str) -> Advice:
 
 
 def _assumed(result: Audit) -> tuple[list[str], str]:
-    """Rate and gearboxes where they were assumed, in words, and options that state them, to type behind the command."""
+    """Names of assumed data (rate, gearboxes), and options that state them, to append to the command."""
     rigid, options, given = result.assumed_rigid, "", []
     if result.system.rate_is_missing:
         given, options = ["your loop's rate"], f" --rate-hz {USUAL_RATE:.0f}"
@@ -321,7 +321,7 @@ def _assumed(result: Audit) -> tuple[list[str], str]:
 
 
 def _not_yet(result: Audit, found: GainsToUse[Audit], call: str) -> Advice:
-    """Advice where gains with the required margins are known, but not the loop's rate."""
+    """Advice if gains with the required margins are known, but not the loop's rate."""
     factors, extra = _factors(result, found), found.audited.least_extra_delay
     margin = to_db(found.audited.tightest.limit.gain)
     lost = f"; at rates below about {digits(1 / extra, 'Hz', 3)} these gains, too, may vibrate" if 0 < extra < math.inf else ""
@@ -334,7 +334,7 @@ def _not_yet(result: Audit, found: GainsToUse[Audit], call: str) -> Advice:
 
 
 def _by_factor(result: Audit, found: GainsToUse[Audit]) -> dict[float, list[str]]:
-    """The joints whose gains are lowered, by the factor on them, the least first."""
+    """Joints whose gains are lowered, by factor, the least first."""
     names, groups = result.system.source.joint_names, dict[float, list[str]]()
     for name, factor in sorted(zip(names, found.factors.tolist(), strict=True), key=lambda one: one[1]):
         if name in found.joints:
@@ -343,7 +343,7 @@ def _by_factor(result: Audit, found: GainsToUse[Audit]) -> dict[float, list[str]
 
 
 def _factors(result: Audit, found: GainsToUse[Audit]) -> str:
-    """The factors on the gains with the joints that each is on, as text: "× 0.42 on ankle and × 0.83 on knee"."""
+    """Factors on the gains with their joints, as text: "× 0.42 on ankle and × 0.83 on knee"."""
     groups, every = _by_factor(result, found), len(found.joints) == len(result.joints)
     if len(groups) > 2:
         return f"× {min(groups):.4g} to {max(groups):.4g} on {'all' if every else len(found.joints)} joints (each its own)"
@@ -352,9 +352,9 @@ def _factors(result: Audit, found: GainsToUse[Audit]) -> str:
 
 
 def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
-    """An instruction to multiply gains by their factors: "Multiply the gains of ankle by 0.557 (kp 54.98, kd 3.498) and leave the others".
+    """Instruction to multiply gains: "Multiply the gains of ankle by 0.557 (kp 54.98, kd 3.498) and leave the others".
 
-    The new values are given of the joint with the least headroom, or of each joint where FEW_OWN or fewer have a factor of their own.
+    New values are given for the joint with the least headroom, or for each joint if at most FEW_OWN have individual factors.
     """
     first = next(joint.name for joint in result.joints_tightest_first if joint.name in found.joints)
     of_first, count = _values(result, found, first), len(found.joints)
@@ -382,23 +382,23 @@ def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
 
 
 def _values(result: Audit, found: GainsToUse[Audit], joint: str) -> str:
-    """A joint's gains to use: "kp 41.45, kd 2.638"."""
+    """Gains to use of one joint: "kp 41.45, kd 2.638"."""
     k = result.system.source.joint_names.index(joint)
     return ", ".join(f"{name} {values[k]:.4g}" for name, values in found.gains.items() if name != "ki")
 
 
 def _required(result: Audit) -> str:
-    """The required margins as a clause that says that they hold: "gain margin ≥ 6 dB and delay margin ≥ 1 ms hold"."""
+    """Clause that the required margins hold: "gain margin ≥ 6 dB and delay margin ≥ 1 ms hold"."""
     parts = [f"{one.heading} {requirement(result.required, one.name, 3)}" for one, _ in result.required.asked_for] or ["stability"]
     return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}"
 
 
 @dataclass(frozen=True)
 class AuditPresentation(Presentation):
-    """All that is shown of an audit.
+    """Presentation of an audit.
 
-    of          the robot as it was read, and how
-    simulated   the simulator's answer, and swept the whole workspace; None where it was not asked for: then it is not loaded
+    of          the robot as it was read
+    simulated   results in the simulator, and `swept` of the whole workspace; None if not asked for: then it is not loaded
     """
 
     result: Audit
@@ -408,7 +408,7 @@ class AuditPresentation(Presentation):
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict on the robot together with that of the simulator and of the whole workspace, as far as these were asked for."""
+        """Verdict on the robot, with those of simulator and workspace if asked for."""
         return self.result.verdict_with(self.simulated, self.swept)
 
     def facts(self) -> dict[str, Any]:
@@ -458,7 +458,7 @@ class AuditPresentation(Presentation):
         }
 
     def _further_facts(self) -> dict[str, Any]:
-        """The answers of the simulator and of the whole workspace, in JSON; None where they were not asked for."""
+        """JSON of simulator and workspace; None for each that was not asked for."""
         found: dict[str, Any] = {"simulator": None, "workspace": None}
         if self.simulated is not None:
             from .simulator_text import simulator_facts
@@ -485,7 +485,7 @@ class AuditPresentation(Presentation):
             yield [*doubts, *answer, *_tightest_joints(result, count), *closing(self.files, warned), posture + how]
 
     def _answer(self, do: Advice) -> tuple[list[Part], tuple[str, ...]]:
-        """The verdict, what to do, why, and paragraphs on what was asked for besides; and what the simulator assumes."""
+        """Parts with verdict, advice, reason and further questions; and the simulator's assumptions."""
         result, swept = self.result, self.swept
         said, there, more, assumed = in_simulator(verdict(result), self.simulated), do_this(do), [], ()
         if self.simulated is not None:
@@ -501,9 +501,9 @@ class AuditPresentation(Presentation):
 
 
 def _to_use_facts(result: Audit) -> dict[str, Any] | None:
-    """The factor (None: each has its own), the joints whose gains it is on, whether they may be used yet, and every joint's gains as typed.
+    """JSON of the gains to use: factor (null: individual), joints it applies to, readiness, and every joint's gains as rounded.
 
-    None for safe gains, and where none are known.
+    None for safe gains, and if none are known.
     """
     found = result.to_use
     if found is None:
@@ -533,7 +533,7 @@ def _reading_facts(result: Audit) -> list[dict[str, Any]]:
 
 
 def _tightest_joints(result: Audit, count: int) -> list[Part]:
-    """The `count` rows of joints with the least headroom, and what is left out."""
+    """Table of the `count` joints with the least headroom, and a note on the rest."""
     kept = "limit_others_closed" if result.stable else "gain_limit"  # what joints are judged by
     kept = "" if result.stable and "gain_margin" in result.required.asked else kept  # which has a column of its own
     columns = [
@@ -550,7 +550,7 @@ def _tightest_joints(result: Audit, count: int) -> list[Part]:
 
 
 def _all_there_is(result: Audit) -> list[Part]:
-    """Every contact state and joint."""
+    """Tables of every contact state and joint."""
     control, columns = result.system.control, audited_states(result.enough_in)
     title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
     states = Grid.of(title, columns, result.states + result.immobile)
@@ -566,7 +566,7 @@ def _all_there_is(result: Audit) -> list[Part]:
 
 
 def _rigid(result: Audit) -> str:
-    """A clause with the number of gearboxes that are assumed to be rigid; "" where the stiffness of all is given."""
+    """Clause with the number of gearboxes assumed rigid; "" if all stiffnesses are given."""
     rigid = result.assumed_rigid.tolist()
     count = sum(rigid)
     which = "" if all(rigid) else f"{count} of {len(rigid)} "

@@ -1,4 +1,4 @@
-"""The open loop over frequency, with and without elasticity and delay, as Fig. 9 of Jung et al. 2017; and how near it comes to −1."""
+"""Bode and Nyquist figures of the open loop, with and without elasticity and delay, as Fig. 9 of Jung et al. 2017."""
 
 import math
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Case:
 
 
 def cases(study: JointStudy) -> list[Case]:
-    """The loop as it is, then without elasticity, without delay, without both, as far as they differ."""
+    """Loops of the figure: the given one, then without elasticity, without delay, without both, as far as they differ."""
     present = [name for name in ("elasticity", "delay") if name in study.others]
     found = [Case(f"with {' and '.join(present)}" if present else "this loop", study.loop, study.margins)]
     names = {"elasticity": "without elasticity", "delay": "without delay", "delay and elasticity": "without both"}
@@ -38,7 +38,7 @@ def cases(study: JointStudy) -> list[Case]:
 
 
 def bode(study: JointStudy, shown: list[Case]) -> Html:
-    """Magnitude and phase on one frequency axis; the deciding margins as arrows."""
+    """Figure of magnitude and phase on one frequency axis, with the deciding margins as arrows."""
     span = frequency_span(study, shown)
     curves = [response(case.loop, *span) for case in shown]
     traces = []
@@ -67,7 +67,7 @@ def bode(study: JointStudy, shown: list[Case]) -> Html:
 
 
 def response(loop: Loop, low: float, high: float) -> tuple[Floats, Floats, Floats]:
-    """omega [rad/s], |L| [dB] and arg L [°] of a scalar loop built with build_loop, all (k,).
+    """Frequencies omega [rad/s], |L| [dB] and arg L [°] of a scalar loop built with build_loop, all (k,).
 
     The phase is continuous and begins between −360° and 0°; the delay may turn it any number of times between samples.
     """
@@ -87,7 +87,7 @@ def grid(loop: Loop, low: float, high: float) -> Floats:
 
 
 def frequency_span(study: JointStudy, shown: list[Case]) -> tuple[float, float]:
-    """From well below the first crossover to well above the last landmark, to the Nyquist frequency in sampled time."""
+    """Frequency range [rad/s] from well below the first crossover to well above the last landmark, or to the Nyquist frequency."""
     joint, drive = study.system.source, study.system.drives[0]
     marks = [joint.resonance, joint.antiresonance, drive.bandwidth]
     for case in shown:
@@ -100,14 +100,14 @@ def frequency_span(study: JointStudy, shown: list[Case]) -> tuple[float, float]:
 
 
 def _range(values: Floats, least: float, margin: float) -> list[float]:
-    """An axis that shows `values` from `least` up, with `margin` on either side."""
+    """Axis range that shows `values` from `least` up, with `margin` on either side."""
     return [max(float(values.min()) - margin, least), float(values.max()) + margin]
 
 
 def _margin_arrows(
     study: JointStudy, span: tuple[float, float], omega: Floats, phase: Floats
 ) -> tuple[list[style.Annotation], list[float]]:
-    """The gain and the phase margin, each at the crossing that decides it; and the phases that the arrows reach."""
+    """Arrows of the gain and the phase margin, each at the deciding crossing; and the phases that they reach."""
     found, notes, reached = study.margins, [], []
     crossings = [c for c in found.phase_crossings if c.omega > 0 and 0 < c.gain < 1e3]
     if crossings:
@@ -137,12 +137,12 @@ def _margin_arrows(
 
 
 def _place(omega: float, span: tuple[float, float]) -> float:
-    """Where a frequency stands on the axis, from 0 to 1."""
+    """Position of a frequency on the axis, from 0 to 1."""
     return math.log(omega / span[0]) / math.log(span[1] / span[0])
 
 
 def _landmark_names(study: JointStudy, span: tuple[float, float]) -> list[style.Annotation]:
-    """Resonance and anti-resonance named at the foot of the magnitude, the current loop and half the sample rate at its top."""
+    """Labels of landmarks: resonance and anti-resonance at the foot of the magnitude, current loop and half the sample rate at its top."""
     joint, drive, step = study.system.source, study.system.drives[0], study.system.control.sample_time
     named = [
         ("anti-resonance", joint.antiresonance, 0.475),
@@ -166,7 +166,7 @@ def _landmark_names(study: JointStudy, span: tuple[float, float]) -> list[style.
 
 
 def _lines(study: JointStudy, angles: list[float]) -> list[dict]:
-    """0 dB, −180° and its repeats, and the landmarks."""
+    """Lines at 0 dB, at −180° and its repeats, and at the landmarks."""
     flat = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "line": {"color": "#777", "width": 1.2}, "layer": "below"}
     shapes = [flat | {"y0": 0, "y1": 0}]
     shapes += [flat | {"yref": "y2", "y0": y, "y1": y} for y in (180, -180, -540) if angles[0] < y < angles[1]]
@@ -199,7 +199,7 @@ WINDOW = ((-3.2, 1.6), (-2.4, 2.4))  # real, imaginary
 
 
 def nyquist(study: JointStudy, shown: list[Case]) -> Html:
-    """L(jω) near −1, with the disk about −1 that the disk margin excludes."""
+    """Figure of L(jω) near −1, with the disk about −1 that the disk margin excludes."""
     low, high = frequency_span(study, shown)
     omega = grid(study.loop, 0.05 * low, high if study.system.control.sample_time is not None else 4 * high)
     value = study.loop.response(omega)

@@ -1,7 +1,7 @@
-"""Every number on screen, once: terminal, JSON, page and documentation are made from lists of columns.
+"""Columns: one definition per displayed number, from which terminal, JSON, page and documentation are made.
 
 Margins are in margin_columns.py, states, joints and tasks of a robot in robot_columns.py, a robot's recommended gains in
-recommended_gains.py. A further column is one more entry in one of those lists; nothing else has to know it.
+recommended_gains.py. A further column is one more entry in one of those lists.
 """
 
 import math
@@ -17,18 +17,18 @@ from .number_format import digits
 
 @dataclass(frozen=True)
 class Column:
-    """One quantity of a row: a state, a joint, a direction of a task, a set of margins.
+    """One quantity of a row: of a state, a joint, a direction of a task, a set of margins.
 
-    title        heading; "" for what is in JSON alone
-    key          name in JSON, which carries the unit where that is not SI; "" for what is shown alone
-    value        row → what JSON holds: a number in the unit of `key`, a text, a list, an interval; None where there is none
-    unit         shown behind the number
-    definition   what it is, in a sentence without its subject
-    significant  digits shown
-    shown        row → the text shown, where that is not `value` with its unit
-    at           row → the frequency [rad/s] that belongs to it
-    margin       the field of Margins that it is, where a requirement may bound it
-    interval     row → the text of its 95 % interval; None where it has none
+    title        heading; "": in JSON alone
+    key          name in JSON, with the unit if it is not SI; "": displayed alone
+    value        row → JSON value: a number in the unit of `key`, a text, a list, an interval; None: no value
+    unit         displayed behind the number
+    definition   definition, a sentence without its subject
+    significant  number of digits displayed
+    shown        row → displayed text, if that is not `value` with its unit
+    at           row → frequency [rad/s] of the quantity
+    margin       field of Margins, which a requirement may bound
+    interval     row → text of its 95 % interval; None: no interval
     """
 
     title: str
@@ -44,11 +44,11 @@ class Column:
 
     @property
     def requirement(self) -> str:
-        """The name of the requirement that bounds it; "" where none does."""
+        """Name of the requirement that bounds the column; "" if none does."""
         return self.margin if self.margin in REQUIREMENTS else ""
 
     def text(self, row: Any) -> str:
-        """The text shown."""
+        """Displayed text of a row."""
         if self.shown is not None:
             return self.shown(row)
         value = self.value(row)
@@ -56,12 +56,12 @@ class Column:
 
 
 def facts(columns: Iterable[Column], row: Any) -> dict[str, Any]:
-    """A row in JSON."""
+    """JSON object of a row."""
     return {column.key: column.value(row) for column in columns if column.key}
 
 
 def tabulated(columns: Sequence[Column], rows: Iterable[Any]) -> tuple[list[str], list[tuple[str, ...]]]:
-    """Headings and rows of a table: the first column and those with a title, without those that are empty in every row."""
+    """Headings and rows of a table: the first column and those with a title, without columns that are empty in every row."""
     placed, rows = [column for k, column in enumerate(columns) if column.title or k == 0], [*rows]
     texts = [[column.text(row) for row in rows] for column in placed]
     filled = [k for k, cells in enumerate(texts) if k == 0 or any(cell not in ("", "–") for cell in cells)]
@@ -69,12 +69,12 @@ def tabulated(columns: Sequence[Column], rows: Iterable[Any]) -> tuple[list[str]
 
 
 ALIKE = 1e-3
-"""Relative: numbers of two rows that differ by less, as those of a left and a right leg do, count as one."""
+"""Relative difference of numbers, as of a left and a right leg, up to which two rows share one."""
 _WORDS, _NUMBER = re.compile(r"[^\W_]+|[\W_]+"), re.compile(r"\d+(?:\.\d+)?")
 
 
 def alike_rows(texts: Sequence[Sequence[str]]) -> list[list[int]]:
-    """The places of rows that may share one, in groups: names, in the first cell, that differ in one word; all other cells print alike."""
+    """Groups of row indices that may share one row: first cells differ in one word, all other cells print alike."""
     groups: list[list[int]] = []
     for k, row in enumerate(texts):
         alike = (
@@ -91,12 +91,12 @@ def alike_rows(texts: Sequence[Sequence[str]]) -> list[list[int]]:
 
 
 def shared_row(texts: Sequence[Sequence[str]], group: Sequence[int]) -> tuple[str, ...]:
-    """The first row of a group of alike_rows, under the name of all: "left/right_knee"."""
+    """Row that represents a group of alike_rows, named after all: "left/right_knee"."""
     return (_shared_name([texts[k][0] for k in group]), *texts[group[0]][1:])
 
 
 def _prints_alike(one: str, other: str) -> bool:
-    """True where two cells are the same text, but for a number that differs by less than ALIKE."""
+    """True if two cells have the same text, except for numbers that differ by less than ALIKE."""
     if one == other:
         return True
     numbers = [[float(found) for found in _NUMBER.findall(text.replace(THIN, ""))] for text in (one, other)]
@@ -105,7 +105,7 @@ def _prints_alike(one: str, other: str) -> bool:
 
 
 def _shared_name(names: Sequence[str]) -> str:
-    """Names in one, "left/right_knee"; "" where they differ in more than one word."""
+    """Common name, "left/right_knee"; "" if names differ in more than one word."""
     words = [_WORDS.findall(name) for name in names]
     if len({len(each) for each in words}) > 1:
         return ""
@@ -114,16 +114,16 @@ def _shared_name(names: Sequence[str]) -> str:
 
 
 def definitions(columns: Sequence[Column], shown: Collection[str]) -> str:
-    """The definitions of columns, below a table that shows those with these titles."""
+    """Definitions of the columns with these titles, as a text below a table."""
     found = "; ".join(f"{column.title}: {column.definition}" for column in columns if column.title in shown and column.definition)
     return found and f"{found}."
 
 
 def units_of(shown: Collection[str], units: Mapping[str, str]) -> str:
-    """The units of the columns that a table shows, by their titles: "kp [N·m/rad], kd [N·m·s/rad]"."""
+    """Units of the columns with these titles: "kp [N·m/rad], kd [N·m·s/rad]"."""
     return ", ".join(f"{title} [{unit}]" for title, unit in units.items() if title in shown)
 
 
 def yes(value: bool | None) -> str:
-    """A verdict in a table; a dash where there is none."""
+    """Table cell of a truth value: "yes", "no", or a dash for None."""
     return "–" if value is None else "yes" if value else "no"

@@ -1,4 +1,4 @@
-"""Curves over time, panel under panel."""
+"""Figures of curves over time, in stacked panels."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from ..system.linear.arrays import Floats, Integers, distinct
 from . import style
 from .page import Html, figure
 
-MOST_POINTS = 2400  # of a curve
+MOST_POINTS = 2400  # most points of a curve
 MARGINS = {"l": 78, "r": 24, "t": 8, "b": 52}  # [px]
 PANEL_GAP, LEGEND_LINE = 14, 21  # [px] between panels, and what a line of a legend takes
 WIDE, PHONE = 920, 300  # [px] that a legend has
@@ -21,7 +21,7 @@ LETTER, KEY = 7.0, 46  # [px] of a legend's entry: about that much per letter, a
 
 @dataclass(frozen=True)
 class Curve:
-    """A signal (k,) over time; `named`: it stands in its panel's legend."""
+    """Signal (k,) over time; `named`: True if it is in its panel's legend."""
 
     name: str
     values: Floats
@@ -32,7 +32,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Panel:
-    """Curves in one pair of axes: what they are and in which unit, and the share of the picture's height that they take."""
+    """Curves in one pair of axes, with title, unit, and share of the figure's height."""
 
     title: str
     unit: str
@@ -50,7 +50,7 @@ def stacked(
     most: int = MOST_POINTS,
     shapes: Sequence[dict[str, Any]] = (),
 ) -> Html:
-    """Panels under each other over one time axis, `height` [px] in all, each under its own legend; `most` points per curve."""
+    """Figure of panels over one time axis, `height` [px] in all, each under its own legend; `most` points per curve."""
     traces, legends, axes = [], {}, {}
     for index, panel in enumerate(panels):
         number = "" if index == 0 else str(index + 1)
@@ -81,7 +81,7 @@ def stacked(
 
 
 def _domains(panels: Sequence[Panel], height: float, width: float) -> list[list[float]]:
-    """Where each panel is, from the bottom 0 to the top 1 of `height` [px], with space for its legend of `width` [px] above it."""
+    """Vertical extent of each panel, from the bottom 0 to the top 1 of `height` [px], with space above for its legend of `width` [px]."""
     above = [LEGEND_LINE * _legend_lines(panel, width) + (PANEL_GAP if index else 0) for index, panel in enumerate(panels)]
     left = height - sum(above)
     shares = [panel.share / sum(panel.share for panel in panels) for panel in panels]
@@ -94,7 +94,7 @@ def _domains(panels: Sequence[Panel], height: float, width: float) -> list[list[
 
 
 def _legend_lines(panel: Panel, width: float) -> int:
-    """How often it wraps. Plotly gives all entries of a legend the space of the longest."""
+    """Number of lines of a panel's legend. Plotly gives all entries of a legend the width of the longest."""
     names = [curve.name for curve in panel.curves if curve.named]
     if not names:
         return 0
@@ -103,7 +103,7 @@ def _legend_lines(panel: Panel, width: float) -> int:
 
 
 def thinned(values: Floats, most: int = MOST_POINTS) -> Integers:
-    """Places in `values` (k,), in order, that draw the same picture: all, or the lowest and the highest of every stretch."""
+    """Indices of `values` (k,) that draw the same curve: all, or the lowest and the highest of every stretch."""
     count = len(values)
     if count <= most:
         return np.arange(count)

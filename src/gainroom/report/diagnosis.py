@@ -1,4 +1,4 @@
-"""The page of a diagnosis: the answer, what to do, signals over time, spectrogram, spectrum with harmonics, evidence."""
+"""Page of a diagnosis: answer, advice, signals over time, spectrogram, spectrum with harmonics, evidence."""
 
 import math
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ from .diagnosis_text import (
 from .number_format import digits, frequency, hertz, motion_unit
 from .page import Card, Html, Lead, Section, details, facts, figure, page, paragraph, table
 
-CLOSE_PERIODS = 8  # of the vibration in the enlarged figure
+CLOSE_PERIODS = 8  # periods of the vibration in the enlarged figure
 COLUMNS, LINES = 160, 160  # of the spectrogram, at most
 FLOOR = 60.0  # [dB] below the largest: black
 ORDERS = 6  # harmonics that are marked
@@ -43,7 +43,7 @@ ASSUMPTIONS = (
 
 
 def diagnosis_page(shown: DiagnosisPresentation, command: str) -> str:
-    """The report as one HTML page; `command`: that makes it."""
+    """HTML page of a diagnosis; `command`: the command that makes it."""
     found, texts = shown.found, advice(shown.found)
     sections = [
         Section("What to do", texts) if texts else None,
@@ -110,7 +110,7 @@ def _evidence(cause: Cause) -> Html:
 
 
 def _panels(found: Diagnosis, part: slice, torque_names: Sequence[str]) -> list[Panel]:
-    """Position with set-point, and torques, of the rows `part`."""
+    """Panels of position with set-point, and torques, over the rows `part`."""
     channels = found.record.channels
     side = next((name for name in POSITIONS if name in channels), None)
     panels = []
@@ -169,7 +169,7 @@ def _close_up(found: Diagnosis) -> Html:
 
 
 def _signal(found: Diagnosis) -> tuple[str, Floats]:
-    """Deviation from the set-point, else what there is."""
+    """Title and values of the examined signal: the deviation from the set-point, otherwise an available channel."""
     channels = found.record.channels
     side = (
         found.oscillation.side
@@ -183,7 +183,7 @@ def _signal(found: Diagnosis) -> tuple[str, Floats]:
 
 
 def _highest(found: Diagnosis) -> float:
-    """[Hz] to which the pictures go."""
+    """Highest frequency in the figures [Hz]."""
     nyquist = 0.5 / found.record.sample_time
     marks = [omega for omega in (_seen(found), _expected(found)) if omega > 0]
     return min(nyquist, HIGHEST * max(marks) / (2 * math.pi)) if marks else nyquist
@@ -296,7 +296,7 @@ def _spectrum(found: Diagnosis) -> Html:
 
 
 def _amplitudes(values: Floats, tick: float, high: float) -> tuple[Floats, Floats]:
-    """Frequencies [Hz] and amplitudes of (k,) values, the largest of every stretch, without the trend."""
+    """Frequencies [Hz] and amplitudes of `values` (k,) without trend, the largest of every stretch."""
     from scipy.signal import detrend
 
     rest = detrend(values)

@@ -1,4 +1,4 @@
-"""What vibrates a joint, as text: the answer, the evidence for each cause, and what to change or to record."""
+"""Diagnosis as text: answer, evidence for each cause, and changes or recordings advised."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -33,7 +33,7 @@ NAMES = {
     "outer_loop": "an outer loop: the set-point swings, and is made of the position",
     UNKNOWN: "none of these",
 }
-"""Causes as they stand in a sentence."""
+"""Causes in sentences, by name."""
 SHORT = {
     "gain_limit": "gain limit",
     "stick_slip": "stick-slip",
@@ -46,9 +46,9 @@ SHORT = {
     "aliasing": "aliasing",
     "outer_loop": "outer loop",
 }
-"""As they stand on a card."""
+"""Causes on cards, by name."""
 LIKELY = 0.02
-"""Causes of less are shown on demand."""
+"""Likelihood below which causes are displayed on demand only."""
 NOTCH_ABOVE = 2 * math.pi * 10.0  # [rad/s] without a model: slower, a notch is in the band in which the loop works
 NO_MARGIN = "How much margin is left, a log without vibration does not tell: `gainroom joint FILE` does."
 UNTIL_KNOWN = "Halve kp and kd before the next run."
@@ -60,7 +60,7 @@ RECORDS = {
 
 
 def sentence(found: Diagnosis) -> str:
-    """The answer in two or three short sentences."""
+    """Answer of a diagnosis in two or three short sentences."""
     seen, driven, away = found.oscillation, found.search.driven, found.search.away
     if found.ran_away and not found.vibrates:
         assert away is not None
@@ -94,13 +94,13 @@ def sentence(found: Diagnosis) -> str:
 
 
 def _band(found: Diagnosis) -> str:
-    """Of the excitation in the torque."""
+    """Frequency band of the excitation in the torque, as text."""
     assert found.search.excited is not None
     return " to ".join(frequency_text(omega) for omega in found.search.excited)
 
 
 def size(seen: RecordedOscillation) -> str:
-    """The amplitude at the end, in the unit of its channel."""
+    """Amplitude at the end, in the unit of its channel."""
     value = seen.vibration.amplitude
     if seen.side not in POSITIONS:
         return digits(value, "rad/s" if "velocity" in seen.side else "N·m", 3)
@@ -108,7 +108,7 @@ def size(seen: RecordedOscillation) -> str:
 
 
 def growth(seen: RecordedOscillation) -> str:
-    """Whether it is sustained, or its doubling or halving time."""
+    """State of an oscillation: sustained, or its doubling or halving time."""
     if seen.state == "sustained":
         return "sustained, without a single frequency" if seen.irregular else "sustained"
     rate = seen.vibration.growth_rate
@@ -116,7 +116,7 @@ def growth(seen: RecordedOscillation) -> str:
 
 
 def percent(cause: Cause) -> str:
-    """Its likelihood."""
+    """Likelihood of a cause in percent."""
     share = 100 * cause.likelihood
     return f"{'more than 99' if share > 99 else 'less than 1' if share < 1 else f'{share:.0f}'} % likely"
 
@@ -192,27 +192,27 @@ TEXTS: dict[str, Callable[[Evidence], str]] = {
         else "position over torque at that frequency is as in the model"
     ),
 }
-"""By name of an evidence."""
+"""Sentences on evidence, by its name."""
 
 
 def evidence_text(one: Evidence) -> str:
-    """With what was measured and expected."""
+    """Sentence on one observation, with its measured and expected values."""
     return TEXTS[one.name](one)
 
 
 def strength(one: Evidence) -> str:
-    """For or against."""
+    """Sign and strength of one observation, for or against a cause."""
     return ("+" if one.weight > 0 else "−") * min(4, max(1, round(abs(one.weight))))
 
 
 def ranked(found: Diagnosis, everything: bool = True) -> list[Cause]:
-    """The causes that are shown, the likeliest first: all that there is evidence for or against, or the likely ones."""
+    """Displayed causes, the likeliest first: all with evidence, or the likely ones."""
     shown = [one for one in found.causes if one.name != UNKNOWN and (one.evidence or one.likelihood >= LIKELY)]
     return shown if everything else [one for index, one in enumerate(shown) if index == 0 or one.likelihood >= LIKELY]
 
 
 def evidence_lines(found: Diagnosis, everything: bool) -> list[str]:
-    """Each cause and under it what speaks for it (+) and against it (−), the strongest first."""
+    """Lines with each cause and its evidence, for (+) and against (−), the strongest first."""
     lines = []
     for cause in ranked(found, everything):
         lines.append(f"{NAMES[cause.name][0].upper()}{NAMES[cause.name][1:]}: {percent(cause)}")
@@ -224,7 +224,7 @@ def evidence_lines(found: Diagnosis, everything: bool) -> list[str]:
 
 
 def warnings(found: Diagnosis) -> list[str]:
-    """What limits the answer."""
+    """Limitations of the answer."""
     texts = outliers_text(found.outliers, found.record.time)
     if "reference" in found.missing:
         texts.append("without the set-point (reference) a commanded oscillation cannot be distinguished from a vibration")
@@ -252,13 +252,13 @@ def _log(value: complex) -> float:
 
 
 OTHER_LAW = ("aliasing", "outer_loop")
-"""Causes with which torque and position at the frequency seen are not those of the joint's controller."""
+"""Causes under which torque and position at the observed frequency do not follow the joint's controller."""
 SCALED = (*AT_LIMIT, "quantisation")
-"""Causes that a factor on all gains ends, by the model."""
+"""Causes that a factor on all gains removes, by the model."""
 
 
 def advice(found: Diagnosis) -> list[str]:
-    """Sentences of advice: the changes that end the vibration, each by how much, or the signals to record until its cause is known."""
+    """Sentences of advice: changes that end the vibration, each with its size, or signals to record until its cause is known."""
     if found.ran_away and not found.vibrates:
         return [
             "Look at the signs of position, torque and gains, at the units of kp and kd, and at what the joint ran into or was pushed by."
@@ -359,11 +359,11 @@ OTHER_REMEDIES: dict[str, Callable[[Diagnosis, RecordedOscillation], list[str]]]
     "backlash": _backlash,
     "outer_loop": _outer,
 }
-"""By cause."""
+"""Functions that give the remedies of a cause, by its name."""
 
 
 def _to_record(found: Diagnosis) -> list[str]:
-    """Sentences that ask for the recordings which would tell the possible causes apart; none where the cause is known."""
+    """Sentences that ask for recordings that would distinguish the possible causes; none if the cause is known."""
     if found.cause is not None:
         return []
     texts = [f"Record {RECORDS[name]}." for name in found.missing]
@@ -380,7 +380,7 @@ def _to_record(found: Diagnosis) -> list[str]:
 
 @dataclass(frozen=True)
 class DiagnosisPresentation(Presentation):
-    """All that is shown of a diagnosis; `log`: as it is called."""
+    """Presentation of a diagnosis; `log`: name of the log."""
 
     found: Diagnosis
     logged: "LoggedJoint"

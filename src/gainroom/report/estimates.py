@@ -1,4 +1,4 @@
-"""Numbers with their 95 % intervals, as people and programs read them; and the answer of a command that identifies."""
+"""Estimates with 95 % intervals as columns and text; and the presentation of an identification."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from .number_format import digits
 INTERVAL = "95 % interval"
 MOST_DIGITS, LEAST_DIGITS = 6, 2
 TITLES = ("", "value", INTERVAL)
-"""Of the table that Answer.rows make."""
+"""Headings of the table from Answer.rows."""
 
 
 def estimated(
@@ -24,9 +24,9 @@ def estimated(
     definition: str = "",
     shown_in: tuple[str, float] | None = None,
 ) -> Column:
-    """A column whose value is {"value", "low", "high"} in `unit`, SI times `scale`; None where `estimate` has none.
+    """Column whose value is {"value", "low", "high"} in `unit`, SI times `scale`; None if `estimate` returns None.
 
-    shown_in   another unit that people read, and SI's factor to it
+    shown_in   another displayed unit, and the factor to it from SI
     """
     shown_unit, shown_scale = (unit, scale) if shown_in is None else shown_in
 
@@ -46,7 +46,7 @@ def estimated(
 
 
 def warranted_digits(value: float, low: float, high: float) -> int:
-    """Significant digits of a value that its interval warrants: two of its half-width."""
+    """Number of significant digits that an interval warrants: two of its half-width."""
     half = (high - low) / 2
     if not (half > 0 and math.isfinite(half) and value):
         return 4
@@ -55,19 +55,19 @@ def warranted_digits(value: float, low: float, high: float) -> int:
 
 
 def interval_text(low: float, high: float) -> str:
-    """Two ends of an interval, with digits enough to tell them apart."""
+    """Interval as text, with enough digits to distinguish its ends."""
     return f"{digits(low, '', warranted_digits(low, low, high))} to {digits(high, '', warranted_digits(high, low, high))}"
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command that identifies says.
+    """Answer of an identification.
 
     title        of its table
-    sentence     the answer, and first of all whether it can be relied on
-    columns      its numbers, out of `result`
-    parameters   those that stand together under this key in JSON, without those that there are none of
-    warnings     what the reader should know
+    sentence     answer, beginning with whether it can be relied on
+    columns      its numbers, from `result`
+    parameters   columns collected under the JSON key `parameters`, without absent ones
+    warnings     for the user
     """
 
     title: str
@@ -78,13 +78,13 @@ class Answer:
     parameters: Sequence[Column] = ()
 
     def facts(self) -> dict[str, Any]:
-        """In JSON."""
+        """JSON object of the answer."""
         together = {key: value for key, value in facts(self.parameters, self.result).items() if value is not None}
         nested = {"parameters": together} if self.parameters else {}
         return {"sentence": self.sentence, **facts(self.columns, self.result), **nested, "warnings": list(self.warnings)}
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """As TITLES says, of the numbers that there are."""
+        """Table rows (TITLES) of the numbers that exist."""
         shown = [column for column in (*self.parameters, *self.columns) if column.title and column.value(self.result) is not None]
         return [
             (column.title, column.text(self.result), "" if column.interval is None else column.interval(self.result)) for column in shown

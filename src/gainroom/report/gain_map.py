@@ -1,4 +1,4 @@
-"""The gain map: the stable (kp, kd), those that meet the requirements, lines of equal margin, and vibration frequencies at the edge."""
+"""Gain map: stable (kp, kd), those that meet the requirements, lines of equal margin, and vibration frequencies at the boundary."""
 
 import math
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ BINS = 12  # colours along the boundary
 def vibration_edge(
     region: PDRegion, stable: list[Floats], view: View, taken: list[style.Annotation]
 ) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """The boundary of stability, coloured by the frequency at which the joint vibrates there."""
+    """Boundary of stability, coloured by the frequency at which the joint vibrates there."""
     pieces = [opened(outline) for outline in stable]
     found = [edge_frequencies(region, piece) for piece in pieces]
     known = np.concatenate([np.zeros(0), *found])
@@ -48,7 +48,7 @@ def vibration_edge(
 
 
 def edge_frequencies(region: PDRegion, piece: Floats) -> Floats:
-    """ω of the closed-loop root on the imaginary axis at each point of the boundary; NaN where there is no point."""
+    """Frequency ω of the closed-loop root on the imaginary axis at each boundary point [rad/s]; NaN where there is no point."""
     omega = np.full(len(piece), math.nan)
     index = np.flatnonzero(np.isfinite(piece[:, 1]))
     for k in index:
@@ -61,7 +61,7 @@ def edge_frequencies(region: PDRegion, piece: Floats) -> Floats:
 
 
 def _frequency_labels(points: list[tuple[float, float, float]], view: View, taken: list[style.Annotation]) -> list[style.Annotation]:
-    """Frequencies written along the visible boundary, clear of the labels in `taken`."""
+    """Frequency labels along the visible boundary, clear of the labels in `taken`."""
     notes = []
     for share, lower in ((0.12, False), (0.35, False), (0.6, False), (0.85, False), (0.66, True)):
         near = [p for p in points if abs(p[0] / view.kp - share) < 0.06 and p[1] < 0.97 * view.kd]
@@ -78,7 +78,7 @@ def _frequency_labels(points: list[tuple[float, float, float]], view: View, take
 
 
 def _shade(height: float) -> str:
-    """A colour between dark blue (slow) and orange (fast), of falling darkness so that it survives a grey print."""
+    """Colour from dark blue (slow) to orange (fast), with falling darkness so that it survives a grey print."""
     channels = ((20, 130, 235), (30, 60, 130), (110, 140, 30))
     return "rgb(" + ",".join(str(round(float(np.interp(height, (0, 0.5, 1), channel)))) for channel in channels) + ")"
 
@@ -87,14 +87,14 @@ HOVER = (15, 11)  # points of the map that show their margins
 REQUIRED = "rgba(86,180,233,0.38)"
 PLOT = (700.0, 480.0)  # [px] that the picture has, about; on wider ones names are farther from others
 LETTER, LINE = 8.0, 20.0  # [px] of a name's bold letter, and of its line
-MARK = (24 / PLOT[0], 24 / PLOT[1])  # of the picture: a mark
+MARK = (24 / PLOT[0], 24 / PLOT[1])  # width and height of a mark, in shares of the picture
 Box = tuple[float, float, float, float]
-"""Middle, width and height, in shares of the picture."""
+"""Box as centre x, y, width and height, in shares of the picture."""
 
 
 @dataclass(frozen=True)
 class GainPoint:
-    """A pair of gains to be drawn."""
+    """Marked pair of gains."""
 
     name: str
     kp: float
@@ -104,7 +104,7 @@ class GainPoint:
 
 
 def gain_map(study: JointStudy) -> Html:
-    """The map as a figure with its caption."""
+    """Figure of the gain map with its caption."""
     spots = gain_points(study)
     view = around(study, spots)
     stable = outlines(study.region, view)
@@ -133,7 +133,7 @@ def gain_map(study: JointStudy) -> Html:
 
 
 def gain_points(study: JointStudy) -> list[GainPoint]:
-    """The file's gains, the recommended ones and the 10 Hz rule's, where they exist and are points of this plane."""
+    """Marked gains: the file's, the recommended ones and the 10 Hz rule's, if they exist and lie in this plane."""
     found = []
     if study.max_kd is not None:
         kp, kd = study.system.control.controller.plane_gains()
@@ -146,7 +146,7 @@ def gain_points(study: JointStudy) -> list[GainPoint]:
 
 
 def around(study: JointStudy, spots: list[GainPoint]) -> View:
-    """Around the gains of interest, no wider than the stable region."""
+    """View around the marked gains, no wider than the stable region."""
     outline = np.vstack(study.region.boundary) if study.region.boundary else np.zeros((1, 2))
     widest = max(float(outline[:, 0].max()), 1e-12)
     wanted = max(spot.kp for spot in spots)
@@ -158,14 +158,14 @@ def around(study: JointStudy, spots: list[GainPoint]) -> View:
 
 
 def _zoom(view: View) -> dict[str, Any]:
-    """Two buttons: around the gains, or the whole stable region."""
+    """Zoom buttons: around the gains, or the whole stable region."""
     ranges = (("Around these gains", view.kp, view.kd), ("All stable gains", view.whole_kp, view.whole_kd))
     buttons = [{"label": text, "method": "relayout", "args": [{"xaxis.range": [0, kp], "yaxis.range": [0, kd]}]} for text, kp, kd in ranges]
     return {"type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom", "buttons": buttons}
 
 
 def _stable_area(stable: list[Floats], view: View, name: str) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """A hatched background, and the stable region on it, which the legend calls `name`."""
+    """Hatched background, and on it the stable region, named `name` in the legend."""
     kp, kd = 3 * view.whole_kp, 3 * view.whole_kd
     hatch = {"shape": "/", "fgcolor": "#b5b5b5", "bgcolor": "#efefef", "size": 9, "solidity": 0.18}
     ground = _area(np.array([[0, 0], [kp, 0], [kp, kd], [0, kd], [0, 0]]), "#efefef") | {"fillpattern": hatch}
@@ -175,7 +175,7 @@ def _stable_area(stable: list[Floats], view: View, name: str) -> tuple[list[styl
 
 
 def _areas(outlines: list[Floats], color: str, name: str) -> list[style.Trace]:
-    """Parts of one area, as one entry of the legend."""
+    """Traces of the parts of one area, as one legend entry."""
     legend = {"name": name, "legendgroup": name}
     return [_area(outline, color) | legend | {"showlegend": place == 0} for place, outline in enumerate(outlines)]
 
@@ -185,7 +185,7 @@ def _area(outline: Floats, color: str) -> style.Trace:
 
 
 def _marks(spots: list[GainPoint], view: View, names: tuple[str, str]) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """Dot, star and cross with their names, which cover no mark and no other name; gains that coincide share one name."""
+    """Marks (dot, star, cross) with labels that cover no mark or other label; coinciding gains share one label."""
     traces, notes, named = [], [], set()
     taken: list[Box] = [(spot.kp / view.kp, spot.kd / view.kd, *MARK) for spot in spots]
     for place, spot in enumerate(spots):
@@ -205,7 +205,7 @@ def _marks(spots: list[GainPoint], view: View, names: tuple[str, str]) -> tuple[
 
 
 def _free_side(x: float, y: float, letters: int, taken: list[Box]) -> tuple[Box, dict[str, Any]]:
-    """Where a name stands beside its mark at (x, y), in shares of the picture: right, or where it covers least of `taken`."""
+    """Position of a label beside its mark at (x, y), in shares of the picture: right, or where it covers least of `taken`."""
     width, height = letters * LETTER / PLOT[0], LINE / PLOT[1]
     beside, over = 11 / PLOT[0] + width / 2, 12 / PLOT[1] + height / 2
     sides = [
@@ -218,18 +218,18 @@ def _free_side(x: float, y: float, letters: int, taken: list[Box]) -> tuple[Box,
 
 
 def _overlap(one: Box, other: Box) -> float:
-    """The area that two boxes share."""
+    """Common area of two boxes."""
     low, high = (np.array([box[:2] for box in (one, other)]) + sign * np.array([box[2:] for box in (one, other)]) for sign in (-0.5, 0.5))
     return float(np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0.0)))
 
 
 def _outside(box: Box) -> float:
-    """The area that lies outside the picture."""
+    """Area of a box outside the picture."""
     return box[2] * box[3] - _overlap(box, (0.5, 0.5, 1.0, 1.0))
 
 
 def _hover(study: JointStudy, view: View) -> style.Trace:
-    """An invisible grid of points that show their margins."""
+    """Invisible grid of points that show their margins."""
     kp, kd = ((np.arange(count) + 0.5) / count * end for count, end in zip(HOVER, (view.kp, view.kd), strict=True))
     grid_kp, grid_kd = (part.ravel() for part in np.meshgrid(kp, kd))
     stable = study.region.contains(grid_kp, grid_kd)

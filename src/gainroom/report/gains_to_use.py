@@ -1,4 +1,4 @@
-"""Gains to use, as they are typed into the file that was read, and what they keep."""
+"""Gains to use as file lines, and their margins as text."""
 
 import math
 import re
@@ -14,7 +14,7 @@ from .margin_columns import margin_value
 from .number_format import own_gains, typed
 
 MOST_COLUMNS = 78
-"""Of a line that a terminal shows whole."""
+"""Most characters of a line, which every terminal shows unbroken."""
 
 
 def joint_gains(controller: Any) -> list[str]:
@@ -23,7 +23,7 @@ def joint_gains(controller: Any) -> list[str]:
 
 
 def robot_gains(names: Sequence[str], own: Sequence[Any], space: str) -> list[str]:
-    """Lines of `control` in a robot.yaml, by patterns where joints are alike; of task gains lines of `tasks`.
+    """Lines of `control` in a robot.yaml, with patterns where joints are alike; for task gains lines of `tasks`.
 
     own   the gains of each of `names`, joints or task directions, as a controller of its own
     """
@@ -34,7 +34,7 @@ def robot_gains(names: Sequence[str], own: Sequence[Any], space: str) -> list[st
 
 
 def gain_file(names: Sequence[str], columns: Mapping[str, Any]) -> list[str]:
-    """Lines of a file of gains: joint or pattern → {kp, kd, …}, without what is NaN."""
+    """Lines of a gain file: joint or pattern → {kp, kd, …}, without NaN."""
     groups: dict[str, list[str]] = {}
     for name, *values in zip(names, *columns.values(), strict=True):
         text = ", ".join(f"{key}: {_exactly(value)}" for key, value in zip(columns, values, strict=True) if not math.isnan(value))
@@ -43,13 +43,13 @@ def gain_file(names: Sequence[str], columns: Mapping[str, Any]) -> list[str]:
 
 
 def _exactly(value: float) -> str:
-    """A gain as text, as short as it is typed, or with as many digits as it takes to read back the same number."""
+    """Gain as text, rounded if that reads back exactly, otherwise with all digits."""
     text = typed(value)
     return text if float(text) == value else repr(float(value))
 
 
 def gain_lines(key: str, names: Sequence[str], values: Any) -> list[str]:
-    """key: {name: value, …} in YAML, on lines of MOST_COLUMNS."""
+    """YAML lines key: {name: value, …} of at most MOST_COLUMNS."""
     groups: dict[str, list[str]] = {}
     for name, value in zip(names, np.nan_to_num(values).tolist(), strict=True):
         groups.setdefault(typed(value), []).append(name)
@@ -59,19 +59,19 @@ def gain_lines(key: str, names: Sequence[str], values: Any) -> list[str]:
 
 
 def posture_lines(angles: Mapping[str, float]) -> list[str]:
-    """posture: {joint: angle, …} of a file of gains, with all digits."""
+    """Lines posture: {joint: angle, …} of a gain file, with all digits."""
     return _wrapped("posture: {", [f"{quoted(name)}: {angle!r}" for name, angle in angles.items()])
 
 
 def _in_order(groups: Mapping[str, list[str]], names: Sequence[str]) -> list[str]:
-    """pattern: text of each group of joints, in the order of the first of `names` that each matches, whatever is alike."""
+    """Lines pattern: text of each group of joints, in the order of the first of `names` that each matches."""
     items = [(pattern, text) for text, group in groups.items() for pattern in patterns(group, names)]
     first = {pattern: next(k for k, name in enumerate(names) if re.fullmatch(pattern, name)) for pattern, _ in items}
     return [f"{quoted(pattern)}: {text}" for pattern, text in sorted(items, key=lambda item: first[item[0]])]
 
 
 def patterns(group: Sequence[str], names: Iterable[str]) -> list[str]:
-    """Few patterns that together match these of the `names` alone, none of them twice; a name that shares no part stands for itself."""
+    """Few patterns that together match exactly `group` among `names`, none twice; a name that shares no part stands for itself."""
     left, every, found = list(group), list(names), []
     if len(left) > 1 and set(left) == set(every):
         return [".*"]
@@ -84,7 +84,7 @@ def patterns(group: Sequence[str], names: Iterable[str]) -> list[str]:
 
 
 def _shared_parts(name: str) -> list[str]:
-    """Patterns of the words that follow each other in `name`, separators and all."""
+    """Patterns of consecutive words of `name`, with separators."""
     cuts = [0, *(found.start() for found in re.finditer(r"[^A-Za-z0-9]+", name)), len(name)]
     ends = [0, *(found.end() for found in re.finditer(r"[^A-Za-z0-9]+", name)), len(name)]
     places = [(a, b) for a in cuts[:-1] for b in ends[1:] if a < b]
@@ -92,7 +92,7 @@ def _shared_parts(name: str) -> list[str]:
 
 
 def _covered(pattern: str, wanted: Sequence[str], every: Sequence[str]) -> tuple[int, int]:
-    """How many names it matches, none but `wanted` ones; of as many the pattern with the fewest open ends is the better one."""
+    """Score of a pattern: number of `wanted` names it matches (0 if it matches others), then fewer open ends."""
     matched = [name for name in every if re.fullmatch(pattern, name)]
     return (len(matched) if set(matched) <= set(wanted) else 0), -pattern.count(".*")
 
@@ -110,7 +110,7 @@ def _wrapped(start: str, items: Sequence[str]) -> list[str]:
 
 
 def _of_tasks(names: Sequence[str], own: Sequence[Any]) -> list[str]:
-    """Of each task its lists."""
+    """Lines of `tasks` with the gain lists of each task."""
     owners: dict[str, list[Any]] = {}
     for name, one in zip(names, own, strict=True):
         owners.setdefault(name.rsplit(" ", 1)[0], []).append(one)
@@ -122,6 +122,6 @@ def _of_tasks(names: Sequence[str], own: Sequence[Any]) -> list[str]:
 
 
 def kept(margins: Margins, asked: Requirements) -> str:
-    """The margins of a stable loop that are asked for, in a sentence: "gain margin 7.38 dB, phase margin 30°, Ms 2"."""
+    """Required margins of a stable loop, as text: "gain margin 7.38 dB, phase margin 30°, Ms 2"."""
     values = {one: (one.value(margins), one.met(needed, one.value(margins))) for one, needed in asked.asked_for}
     return ", ".join(f"{one.heading} {margin_value(asked, one.name, value, met, 3)}" for one, (value, met) in values.items())

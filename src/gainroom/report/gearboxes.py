@@ -1,4 +1,4 @@
-"""Ranges that an audit judges at their worst, of gearboxes' types and of a file's uncertainty, as text and in JSON."""
+"""Ranges of gearbox types and of a file's uncertainty that an audit judges at their worst, as text and JSON."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from ..studies.audit import Audit
 
 OF_GEARBOX = {"stiffness": ("K", "kp"), "damping": ("B", "kd")}
-"""Symbol and unit of what a type of gearbox leaves open."""
+"""Symbol and unit of the quantities that a gearbox type leaves open."""
 LEFT_OUT = (
     "the ranges leave out backlash, stiffness that grows with the load, friction, the links' own elasticity, series springs, and wear"
 )
 
 
 def over_range(result: "Audit") -> str:
-    """What a verdict holds for, behind its first word; "" without ranges."""
+    """Clause on the scope of a verdict over ranges, to follow its first word; "" without ranges."""
     if result.over is None:
         return ""
     kinds, count = gearbox_types(result.over.system), len(result.over.tried)
@@ -31,7 +31,7 @@ def over_range(result: "Audit") -> str:
 
 
 def worst_gearboxes(result: "Audit") -> str:
-    """The place in the ranges that the numbers are of, a sentence; "" without ranges."""
+    """Sentence on the place in the ranges that the numbers belong to; "" without ranges."""
     over = result.over
     if over is None:
         return ""
@@ -52,7 +52,7 @@ def worst_gearboxes(result: "Audit") -> str:
 
 
 def gearbox_assumptions(result: "Audit") -> tuple[str, ...]:
-    """How ranges were tried, and what they leave out."""
+    """Assumptions on how ranges were examined, and what they leave out."""
     over = result.over
     if over is None:
         return ()
@@ -66,7 +66,7 @@ def gearbox_assumptions(result: "Audit") -> tuple[str, ...]:
 
 
 def range_facts(result: "Audit") -> dict[str, Any] | None:
-    """In JSON."""
+    """JSON of the ranges of an audit."""
     over = result.over
     if over is None:
         return None
@@ -78,18 +78,18 @@ def range_facts(result: "Audit") -> dict[str, Any] | None:
 
 
 def typed_facts(system: System) -> dict[str, Any] | None:
-    """The same of a robot that is not at one place of the ranges: the joints of which the type of gearbox alone is known; None: none."""
+    """JSON of the joints known by gearbox type alone, for a robot at nominal values; None: none."""
     rows = [row for _, row in _typed_rows(system)]
     return {"joints": rows} if rows else None
 
 
 def gearbox_types(system: System) -> list[str]:
-    """The types of gearboxes of which no more is known, each once."""
+    """Names of the gearbox types of joints without further data, each once."""
     return [*dict.fromkeys(filter(None, system.source.actuators.gearbox))]
 
 
 def _typed_rows(system: System) -> list[tuple[int, dict[str, Any]]]:
-    """Of each joint of which the type alone is known its place and its ranges."""
+    """Index and JSON ranges of each joint known by its gearbox type alone."""
     if not gearbox_types(system):
         return []
     inertia, uncertain = system.source.quantities["motor_inertia"], system.uncertainty

@@ -1,4 +1,4 @@
-"""The pages of `gainroom identify`: the answer with its interval, the pictures that show it, the numbers, what to record next."""
+"""Pages of `gainroom identify`: answer with interval, figures, numbers, and recordings advised."""
 
 import math
 from collections.abc import Sequence
@@ -28,13 +28,13 @@ REMEDIES = {
 }
 BEFORE, AFTER = 2.0, 8.0  # delays and current loops shown before and after the change
 LEAST_WINDOW = 12  # ticks
-BARS = 25  # of a jitter's law, at most
+BARS = 25  # most bars of a jitter's distribution
 NORMAL = 1.96  # standard errors of a 95 % band
 MOST_BEYOND = 1.5  # decades that the fitted response is shown beyond the measured one
 
 
 def delay_page(found: TorqueDelay, record: Record, answer: Answer, command: str) -> str:
-    """Of `identify delay` from torques."""
+    """HTML page of `identify delay` from torques."""
     cards = [
         _card("delay", found.delay.scaled(1e3), "ms"),
         _card("in ticks", found.ticks, f"of {digits(1e3 * found.sample_time, 'ms')}"),
@@ -49,12 +49,12 @@ def _torques(found: TorqueDelay, record: Record) -> list[Section | None]:
 
 
 def setpoint_delay_page(answer: Answer, command: str) -> str:
-    """Of `identify delay` from set-point and position: numbers alone."""
+    """HTML page of `identify delay` from set-point and position: numbers alone."""
     return _page("delay", answer, "warn" if answer.warnings else "good", [], [], [], command)
 
 
 def joint_page(fit: JointFit, record: Record, answer: Answer, command: str) -> str:
-    """Of `identify joint`."""
+    """HTML page of `identify joint`."""
     found, delay = fit.parameters, fit.parameters.get("delay")
     cards = [
         _card("stiffness K", found.get("stiffness"), "N·m/rad"),
@@ -72,7 +72,7 @@ def joint_page(fit: JointFit, record: Record, answer: Answer, command: str) -> s
 
 
 def stiffness_page(fit: StiffnessFit, answer: Answer, command: str) -> str:
-    """Of `identify stiffness`."""
+    """HTML page of `identify stiffness`."""
     cards = [
         _card("stiffness K", fit.stiffness, "N·m/rad"),
         _card("friction", fit.friction, "N·m"),
@@ -84,7 +84,7 @@ def stiffness_page(fit: StiffnessFit, answer: Answer, command: str) -> str:
 
 
 def gains_page(fit: GainsFit, record: Record, asked: Sequence[tuple[str, float]], answer: Answer, command: str) -> str:
-    """Of `identify gains`; `asked`: gains by name."""
+    """HTML page of `identify gains`; `asked`: gains asked for, by name."""
     cards = [
         _card("kp", fit.kp, "N·m/rad"),
         _card("kd", fit.kd, "N·m·s/rad"),
@@ -114,7 +114,7 @@ def _page(
 
 
 def _card(label: str, estimate: Estimate | None, unit: str) -> Card | None:
-    """A value with its interval; None where there is none."""
+    """Card of a value with its interval; None without an estimate."""
     if estimate is None:
         return None
     value = digits(estimate.value, "", warranted_digits(estimate.value, estimate.low, estimate.high))
@@ -122,7 +122,7 @@ def _card(label: str, estimate: Estimate | None, unit: str) -> Card | None:
 
 
 def joint_advice(fit: JointFit) -> list[str]:
-    """The widest interval and its remedy; what an inadequate model asks for."""
+    """Advice on the widest interval and its remedy, and on an inadequate model."""
     found = []
     if not fit.adequate:
         found.append(
@@ -143,7 +143,7 @@ def joint_advice(fit: JointFit) -> list[str]:
 
 
 def delay_advice(found: TorqueDelay) -> list[str]:
-    """Channels that are missing, and excitation."""
+    """Advice on missing channels and excitation."""
     if "actual_torque" not in found.channels:
         return ["Record actual_torque as well: it shows when within a tick a command arrives."]
     if "demand_torque" not in found.channels and found.jitter.deviation > WIDE_TICKS * found.sample_time:
@@ -152,14 +152,14 @@ def delay_advice(found: TorqueDelay) -> list[str]:
 
 
 def stiffness_advice(fit: StiffnessFit) -> list[str]:
-    """More torque, or turns, where K is not well known."""
+    """Advice to load the joint further, if K is not well known."""
     if _relative(fit.stiffness) <= WIDE:
         return []
     return [f"The stiffness is known {_half(fit.stiffness)}. Load the joint several times back and forth, further beyond friction."]
 
 
 def gains_advice(fit: GainsFit) -> list[str]:
-    """Motion that shows the gain that is known worst."""
+    """Advice on motion that determines the less well known gain."""
     found = []
     for name, estimate, remedy in (("kp", fit.kp, "larger set-points"), ("kd", fit.kd, "faster motion, and motor_velocity")):
         if _relative(estimate) > WIDE:
@@ -178,7 +178,7 @@ def _half(estimate: Estimate) -> str:
 
 
 def torques(found: TorqueDelay, record: Record) -> Html:
-    """Target, demand and actual torque about the largest change of the target, the delay marked."""
+    """Figure of target, demand and actual torque about the largest change of the target, with the delay marked."""
     tick, target = record.sample_time, record.channels["target_torque"]
     lag = (found.lag or found.delay).value / tick
     before, after = (max(round(times * max(lag, 1.0)), LEAST_WINDOW // 2) for times in (BEFORE, AFTER))
@@ -231,7 +231,7 @@ def torques(found: TorqueDelay, record: Record) -> Html:
 
 
 def jitter(found: TorqueDelay) -> Html:
-    """The law of single commands' delays, in ticks."""
+    """Figure of the distribution of single commands' delays, in ticks."""
     law = found.jitter
     order = np.argsort(-law.probability)[:BARS]
     bars = {
@@ -260,7 +260,7 @@ def jitter(found: TorqueDelay) -> Html:
 
 
 def frequency_response(fit: JointFit) -> Html:
-    """Torque to acceleration, measured and fitted: magnitude, phase, coherence."""
+    """Figure of torque to acceleration, measured and fitted: magnitude, phase, coherence."""
     measured = fit.measured
     used, omega = measured.excited, measured.omega
     around = omega[used] if used.any() else np.array(list(_marks(fit).values()) or omega[[0, -1]])
@@ -356,7 +356,7 @@ def _padded(*values: Floats) -> list[float]:
 
 
 def autocorrelation(fit: JointFit) -> Html:
-    """The picture of the prediction errors' autocorrelation over lag, with the bounds of white noise, and what it means for the fit."""
+    """Figure of the prediction errors' autocorrelation over lag, with the bounds of white noise, and its interpretation."""
     tests = fit.residuals
     lags = 1e3 * fit.sample_time * np.arange(1, len(tests.autocorrelation) + 1)
     stems_x, stems_y = np.repeat(lags, 3), np.zeros(3 * len(lags))
@@ -391,12 +391,12 @@ def autocorrelation(fit: JointFit) -> Html:
     return figure({"data": traces, "layout": layout}, "Residuals", caption, 320, style.NARROW)
 
 
-MOST_POINTS = 2500  # of a hysteresis loop
-SHOWN_SECONDS = 2.0  # of predicted and logged torque
+MOST_POINTS = 2500  # most points of a hysteresis loop
+SHOWN_SECONDS = 2.0  # [s] of predicted and logged torque in the figure
 
 
 def hysteresis(fit: StiffnessFit) -> Html:
-    """The loop of a locked output: both ways, and the lines that go through them."""
+    """Figure of the hysteresis loop of a locked output: both directions, and the fitted lines."""
     step = max(1, len(fit.torque) // MOST_POINTS)
     traces, span = [], np.array([fit.deflection.min(), fit.deflection.max()])
     for way, name, color, symbol in ((1, "turning forward", style.BLUE, "circle"), (-1, "turning back", style.VERMILION, "x-thin-open")):
@@ -423,7 +423,7 @@ def hysteresis(fit: StiffnessFit) -> Html:
 
 
 def predicted(fit: GainsFit, record: Record) -> Html:
-    """Logged torque and that of the law, over the part of the log where most happens."""
+    """Figure of logged and predicted torque, over the most active part of the log."""
     rows, logged, law = predicted_torque(fit, record)
     count = min(len(logged), max(round(SHOWN_SECONDS / rows.sample_time), LEAST_WINDOW))
     power = np.convolve(np.square(np.diff(logged, prepend=logged[0])), np.ones(count), "valid")
@@ -441,7 +441,7 @@ def predicted(fit: GainsFit, record: Record) -> Html:
 
 
 def gains_beside(fit: GainsFit, asked: Sequence[tuple[str, float]]) -> Html:
-    """Applied over asked, with intervals, on a logarithmic scale; 1 is right."""
+    """Figure of applied over requested gains, with intervals, on a logarithmic scale; 1 is correct."""
     traces, names = [], []
     for name, value in reversed(asked):
         if not value:

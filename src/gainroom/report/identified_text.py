@@ -1,4 +1,4 @@
-"""What `gainroom identify` finds of a joint, of the gains on it, and of a locked output, in numbers and in a sentence."""
+"""Identification as text and columns: joint, gains and stiffness, delay."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -112,7 +112,7 @@ STIFFNESS_COLUMNS = (
 
 
 def joint_answer(fit: JointFit) -> Answer:
-    """Whether the model is adequate, and what it is."""
+    """Answer of a joint identification: adequacy of the model, and its parameters."""
     first = ""
     if not fit.adequate:
         first = f"Not adequate: {_left_text(fit)}: something in the joint is not in the model, and the intervals do not allow for it. "
@@ -120,7 +120,7 @@ def joint_answer(fit: JointFit) -> Answer:
 
 
 def _left_text(fit: JointFit) -> str:
-    """Which of the tests of a fit's residuals failed."""
+    """Clause with the failed tests of a fit's residuals."""
     tests, balance = fit.residuals, fit.residuals.balance
     if tests.copies:
         return "positions are copies of those a row before, again and again: log what was measured in each row"
@@ -146,7 +146,7 @@ def _model_text(fit: JointFit) -> str:
 
 
 def stiffness_answer(fit: StiffnessFit) -> Answer:
-    """The slope, and how wide the hysteresis is."""
+    """Answer of a stiffness identification: slope, and width of the hysteresis."""
     sentence = (
         f"The stiffness is {digits(fit.stiffness.value, 'N·m/rad')} ({interval_text(fit.stiffness.low, fit.stiffness.high)}); friction of "
         f"{digits(fit.friction.value, 'N·m', 3)} makes a hysteresis of {digits(1e3 * fit.hysteresis.value, 'mrad', 3)}."
@@ -184,7 +184,7 @@ ASKED_TITLES = ("", "asked for", "applied", "applied/asked", "")
 
 
 def gains_answer(fit: GainsFit) -> Answer:
-    """The gains, what of the torque they do not explain, and errors of units."""
+    """Answer of a gain identification: gains, unexplained torque, and errors of units."""
     explained = digits(100 * fit.explained, "%", 3)
     adequate = fit.explained >= MOST_EXPLAINED
     first = (
@@ -201,7 +201,7 @@ def _gain(estimate: Estimate, unit: str) -> str:
 
 
 def asked_rows(fit: GainsFit, asked: Sequence[tuple[str, float]]) -> list[tuple[str, ...]]:
-    """As ASKED_TITLES says."""
+    """Table rows (ASKED_TITLES) of requested and identified gains."""
     named = {error.gain: error.name for error in fit.unit_errors}
     rows = []
     for name, value in asked:
@@ -218,7 +218,7 @@ def _verdict(found: Estimate, asked: float) -> str:
 
 
 def torque_delay_answer(found: TorqueDelay) -> Answer:
-    """The answer on the delay from target to actual torque, as identified from a log's torques."""
+    """Answer on the delay from target to actual torque, identified from a log's torques."""
     tick = digits(1e3 * found.sample_time, "ms")
     low, high = (digits(1e3 * end, "", 4) for end in (found.delay.low, found.delay.high))
     if not found.confounded or "actual_torque" not in found.channels:
@@ -230,7 +230,7 @@ def torque_delay_answer(found: TorqueDelay) -> Answer:
 
 
 def setpoint_delay_answer(found: SetpointDelay) -> Answer:
-    """The answer on the loop's delay and that of set-points, as identified from a log's set-points and positions."""
+    """Answer on loop delay and command delay, identified from a log's set-points and positions."""
     total = f"{digits(1e3 * found.total.value, 'ms')} ({digits(1e3 * found.total.low)} to {digits(1e3 * found.total.high)} ms)"
     if found.confounded:
         sentence = f"Command delay and loop delay are confounded: together they are {total}; which part acts in the loop is not known."

@@ -1,4 +1,4 @@
-"""The page of one joint: verdict, numbers, gain map, figures, its step, tables, certification."""
+"""Page of one joint: verdict, numbers, gain map, figures, step response, tables, certification."""
 
 import math
 
@@ -25,7 +25,7 @@ from .words import tone
 
 
 def joint_page(shown: JointPresentation, command: str) -> str:
-    """The report of a study as one HTML page; `command` is the command that makes it."""
+    """HTML page of a joint study; `command`: the command that makes it."""
     study, found = shown.study, shown.study.margins
     pictured = cases(study)
     sections = [
@@ -58,7 +58,7 @@ def _lead(shown: JointPresentation) -> Lead:
 
 
 def _cards(study: JointStudy) -> list[Card]:
-    """Three to five numbers."""
+    """Cards of the main numbers, three to five."""
     found, asked = study.margins, study.system.requirements
     worst = study.in_range.margins if study.system.uncertainty.names else None
     time = "continuous time" if study.system.rate_is_missing else ""
@@ -69,7 +69,7 @@ def _cards(study: JointStudy) -> list[Card]:
 
 
 def _margin_card(column: Column, found: Margins, worst: Margins | None, asked: Requirements, time: str) -> Card:
-    """The margin at the worst of the uncertainty, the nominal one beside it where there is one (`worst`); `time` ends the note."""
+    """Card of a margin at the worst of the uncertainty, with the nominal value where there is a `worst`; `time` ends the note."""
     one = REQUIREMENTS[column.requirement]
     note = "" if column.at is None else at_frequency(column.at(found), "at ", hertz)
     nominal = getattr(found, one.name, one.value(found))
@@ -126,7 +126,7 @@ CURVE_POINTS = 1200  # drawn per curve
 
 
 def time_response(study: JointStudy) -> Html:
-    """Two panels over one time axis."""
+    """Figure of the step responses: two panels over one time axis."""
     own = step_response(study.loop)
     shown = [("this file", own, style.BLACK, "solid", 2.6)]
     recommended = study.recommended
@@ -166,7 +166,7 @@ def time_response(study: JointStudy) -> Html:
 
 
 def _vibration(response: StepResponse) -> style.Annotation:
-    """The frequency of a growing vibration, at the top of the figure."""
+    """Label of a growing vibration's frequency, at the top of the figure."""
     words = f"vibrates at {hertz(response.frequency)}" if response.frequency > 0 else "diverges"
     doubling = math.log(2) / response.growth
     text = f"<b>{words}</b>, doubling every {digits(1e3 * doubling, 'ms', 3)}"

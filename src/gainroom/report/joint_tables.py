@@ -1,4 +1,4 @@
-"""All that is shown of a joint's study in one record; its tables, and its inputs as text."""
+"""Presentation of a joint study; its tables, and its inputs as text."""
 
 import math
 from collections.abc import Iterator
@@ -28,13 +28,13 @@ if TYPE_CHECKING:  # which loads the pictures
 
 @dataclass(frozen=True)
 class JointPresentation(Presentation):
-    """All that is shown of a joint's study."""
+    """Presentation of a joint study."""
 
     study: JointStudy
 
     @property
     def to_use(self) -> ToUse:
-        """Gains to use."""
+        """Recommended gains with their heading and margins."""
         return joint_to_use(self.study, self.call)
 
     def facts(self) -> dict[str, Any]:
@@ -100,7 +100,7 @@ def _recommended_facts(study: JointStudy, recommended: "Recommendation") -> dict
 
 
 def _rate_facts(study: JointStudy) -> dict[str, Any]:
-    """The recommended gains of continuous time at the usual rate, and those that are recommended there."""
+    """JSON of the recommended gains at the usual rate, and of those recommended for that rate."""
     return {
         "sample_rate_hz": 1 / (study.system.control.sample_time or 1.0),
         "margins": _margins(study.in_range.margins),
@@ -120,7 +120,7 @@ def _cost_facts(found: "UncertaintyCost") -> dict[str, Any]:
 
 
 def _all_there_is(study: JointStudy) -> list[Part]:
-    """All margins, the largest gains, what limits the recommended ones, what to measure better."""
+    """Tables of all margins, the largest gains, what limits the recommended ones, and what to measure better."""
     model = model_text(study.system.control.sample_time)
     ranges = "; met: at the worst of the ranges" if study.system.uncertainty.names else ""
     own, *others = gains_beside(study)
@@ -149,7 +149,7 @@ def _margin_rows(study: JointStudy) -> list[tuple[str, ...]]:
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains on a controller's kp–kd plane under a name, with the margins that they leave; None for the largest, which leave none."""
+    """Gains on a controller's kp–kd plane under a name, with their margins; None for the largest gains, which have none."""
 
     name: str
     kp: float | None
@@ -158,7 +158,7 @@ class Gains:
 
 
 def gains_beside(study: JointStudy) -> list[Gains]:
-    """The file's, the recommended ones, and the 10 Hz rule's."""
+    """Gains to compare: the file's, the recommended ones, and the 10 Hz rule's."""
     controller, best, rule = study.system.control.controller, study.recommended, study.rule
     kp, kd = controller.plane_gains() if controller.has_plane else (None, None)
     found = [Gains("this file's", kp, kd, study.margins)]
@@ -171,7 +171,7 @@ def gains_beside(study: JointStudy) -> list[Gains]:
 
 
 def largest_gains(study: JointStudy) -> list[Gains]:
-    """The largest kd at the file's kp, and the largest kp with the kd that is stable there."""
+    """Gains at the limit: the largest kd at the file's kp, and the largest kp with a kd that is stable there."""
     (kp_name, kd_name), (own, *_) = study.template.plane_names, gains_beside(study)
     return [
         Gains(f"largest {kd_name} at this {kp_name}", own.kp, study.max_kd),
@@ -180,7 +180,7 @@ def largest_gains(study: JointStudy) -> list[Gains]:
 
 
 def plane_columns(study: JointStudy) -> list[Column]:
-    """The two gains of the plane, under the names that its controller gives them; the unit is the heading's."""
+    """Columns of the plane's two gains, named as in the controller; the unit is in the heading."""
     kp_name, kd_name = study.template.plane_names
     return [
         Column(kp_name, "kp", lambda row: row.kp, "N·m/rad", shown=lambda row: digits(row.kp)),
@@ -189,7 +189,7 @@ def plane_columns(study: JointStudy) -> list[Column]:
 
 
 def gain_columns(study: JointStudy) -> list[Column]:
-    """Of Gains: name, gains, and the margins that are required, or usually are."""
+    """Columns of a row Gains: name, gains, and the margins that are required, or are by default."""
     asked = study.system.requirements.asked
 
     def margin(column: Column, verdict: str) -> Column:
@@ -204,7 +204,7 @@ def gain_columns(study: JointStudy) -> list[Column]:
 
 
 def margin_table(study: JointStudy) -> Html:
-    """All margins of the file's gains beside the recommended ones and the 10 Hz rule's."""
+    """Table of all margins of the file's gains, the recommended ones and the 10 Hz rule's."""
     gains = gains_beside(study)
     found = [one.margins for one in gains if one.margins is not None]
     rows = [
@@ -219,7 +219,7 @@ def margin_table(study: JointStudy) -> Html:
 
 
 def uncertainty_table(study: JointStudy) -> Html:
-    """Recommended gains with what is known, with each uncertain quantity known exactly, and with all of them."""
+    """Table of recommended gains under the given uncertainty, with each uncertain quantity known exactly, and with all."""
     found = study.uncertainty_cost
     assert found is not None
     plane, (kp_name, _) = plane_columns(study), study.template.plane_names
@@ -237,7 +237,7 @@ def uncertainty_table(study: JointStudy) -> Html:
 
 
 def crossing_table(found: Margins) -> Html:
-    """Every crossing of the file's loop, by frequency."""
+    """Table of every crossing of the file's loop, by frequency."""
     rows = [
         (c.omega, ("phase", digits(c.omega), digits(c.omega / (2 * math.pi)), digits(to_db(c.gain), "dB"), "–", "–"))
         for c in found.phase_crossings
@@ -257,7 +257,7 @@ def crossing_table(found: Margins) -> Html:
 
 
 def case_table(shown: "list[Case]") -> Html:
-    """The four cases of the Bode picture in numbers."""
+    """Table of the loops in the Bode figure."""
     rows = [
         (
             case.name,
@@ -272,7 +272,7 @@ def case_table(shown: "list[Case]") -> Html:
 
 
 def inputs(study: JointStudy) -> Html:
-    """The joint, the drive, the controller and what is required, as used on the page."""
+    """Inputs used on the page: joint, drive, controller and requirements."""
     system = study.system
     pairs = [
         *machine(system),
@@ -285,7 +285,7 @@ def inputs(study: JointStudy) -> Html:
 
 
 def machine(system: System) -> list[tuple[str, str]]:
-    """The joint and its drive."""
+    """Names and values of the joint and its drive."""
     joint, drive = system.source, system.drives[0]
     elastic = math.isfinite(joint.stiffness)
     ideal = "ideal" if drive.is_ideal else f"bandwidth ω_c {digits(drive.bandwidth, 'rad/s')}, ζ {digits(drive.damping_ratio)}"

@@ -1,4 +1,4 @@
-"""The results for one joint in sentences, for terminal and page."""
+"""Results for one joint as sentences, for terminal and page."""
 
 import math
 from typing import TYPE_CHECKING
@@ -25,11 +25,11 @@ CONTINUOUS = (
     "continuous model: a real controller's hold and velocity difference cost about one more tick of delay, unless the delay contains "
     "them; set control.sample_rate_hz for the sampled answer"
 )
-"""A warning, for a joint and for a robot."""
+"""Warning about continuous time, for a joint and for a robot."""
 
 
 def lost_at_usual_rate(study: Analysis) -> list[str]:
-    """A warning where continuous time calls gains stable that a usual loop would not hold."""
+    """Warning that gains stable in continuous time would be unstable in a usual sampled loop; [] otherwise."""
     state = study.unstable_at_usual_rate
     if state is None:
         return []
@@ -45,7 +45,7 @@ RULE = "10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2,
 
 
 def sentence(study: "JointStudy") -> str:
-    """Verdict, unmet requirements, and the gain limit with its frequency; first of all, where the uncertainty makes it unstable."""
+    """Verdict, unmet requirements, and gain limit with its frequency, as text; an unstable case of the uncertainty comes first."""
     if study.unstable_at:
         return f"{headline(study)}{_instead(study)}"
     limit, worst = study.limit, study.in_range.margins.limit
@@ -77,23 +77,23 @@ def _instead(study: "JointStudy") -> str:
 
 
 def cause(study: "JointStudy") -> str:
-    """What sets the gain limit, in a sentence; "" where there is no limit."""
+    """Sentence on what sets the gain limit; "" if there is no limit."""
     return _cause(study.limit.gain, study.without).strip() if 0 < study.limit.gain < math.inf else ""
 
 
 def vibration_starts(study: Analysis) -> str:
-    """How the sentence on the gain limit begins: in continuous time it is another one than at the rate of a loop."""
+    """Beginning of the sentence on the gain limit, which differs between continuous time and a sampled loop."""
     return "In continuous time vibration starts" if study.system.rate_is_missing else "Vibration starts"
 
 
 def at_usual_rate_text(study: Analysis) -> str:
-    """What the present gains are known to miss in a usual loop, a sentence; "" where that is nothing."""
+    """Sentence on requirements that the present gains miss in a usual sampled loop; "" if none is known."""
     missed = short_text(study.system.requirements, study.missed_at_usual_rate)
     return f" At a rate of {AT_USUAL}, for example, these gains have {missed}." if missed else ""
 
 
 def _cause(gain: float, without: dict[str, float]) -> str:
-    """What sets the limit, by its rise when one influence is removed."""
+    """Sentence on what sets the limit, from its rise when one influence is removed."""
     rises = {name: to_db(limit / gain) for name, limit in without.items()}
     changes = ", ".join(f"{_change(rises[name])} without {name}" for name in ("delay", "elasticity") if name in rises)
     strong = [name for name in ("delay", "elasticity") if rises.get(name, 0.0) > 3.0]
@@ -103,14 +103,14 @@ def _cause(gain: float, without: dict[str, float]) -> str:
 
 
 def _change(rise: float) -> str:
-    """A rise of the gain limit [dB] as text."""
+    """Rise of the gain limit [dB] as text."""
     if math.isinf(rise):
         return "no limit" if rise > 0 else "never stable"
     return f"{abs(rise):.3g} dB {'more' if rise >= 0 else 'less'}"
 
 
 def recommended_text(recommended: "Recommendation") -> str:
-    """The requirement that limits the recommended kp, and the largest kp without each."""
+    """Sentence on the requirement that limits the recommended kp, and the largest kp without each."""
     without = {name: f"without the {title_of(name)}" for name in recommended.costs}
     kp_name, _ = recommended.controller.plane_names
     worst = ", ".join(quantity(name, value) for name, value in recommended.worst_case.items())
@@ -125,7 +125,7 @@ def recommended_text(recommended: "Recommendation") -> str:
 
 
 def uncertainty_cost_text(study: "JointStudy", ranked: bool) -> str:
-    """What the uncertainty costs in gain; `ranked`: and what to measure better, which takes longer. Empty where that has no meaning."""
+    """Sentences on the gain that the uncertainty costs; `ranked`: also what to measure better, which takes longer. "" if not applicable."""
     exact, cost = study.exact, study.cost
     if exact is None or cost is None:
         return ""
@@ -152,24 +152,24 @@ def uncertainty_cost_text(study: "JointStudy", ranked: bool) -> str:
 
 
 def _range_text(study: "JointStudy", name: str) -> str:
-    """What is uncertain with the range that the file gives: "delay (2 to 3 ms)"."""
+    """Uncertain quantity with its range as text: "delay (2 to 3 ms)"."""
     low, high = getattr(study.system.uncertainty, name)
     return f"{name.replace('_', ' ')} ({_ends(name, float(low), float(high))})"
 
 
 def _ends(name: str, low: float, high: float) -> str:
-    """A range in the unit that a person reads: "2 to 3 ms"."""
+    """Range in the displayed unit: "2 to 3 ms"."""
     scale, unit = QUANTITIES[name]
     return f"{digits(scale * low)} to {digits(scale * high, unit)}"
 
 
 def gains_by(study: "JointStudy", known: "KnownExactly") -> bool:
-    """Whether more is recommended once that is known exactly."""
+    """True if exact knowledge of a quantity raises the recommended kp."""
     return known.kp > 0 and (study.recommended is None or known.kp >= (1 + COST_ACCURACY) * study.recommended.kp)
 
 
 def rise_text(study: "JointStudy", known: "KnownExactly") -> str:
-    """Of the recommended kp: "22 % more", "2.4 times as much", "nothing more"; of none at all "instead of none"."""
+    """Rise of the recommended kp as text: "22 % more", "2.4 times as much", "nothing more"; "instead of none"."""
     if not gains_by(study, known):
         return "nothing more"
     if study.recommended is None:
@@ -179,7 +179,7 @@ def rise_text(study: "JointStudy", known: "KnownExactly") -> str:
 
 
 def warnings(study: "JointStudy") -> tuple[str, ...]:
-    """What changes the decision, each with its remedy; first what takes certainty from the verdict, as only the first are always shown."""
+    """Warnings that change the decision, each with its remedy; those that weaken the verdict first, as only the first are always shown."""
     system, found = study.system, study.margins
     joint, control = system.source, system.control
     said = list(unusual_values(system))
@@ -203,7 +203,7 @@ def warnings(study: "JointStudy") -> tuple[str, ...]:
 
 
 def undamped_link_feedback(study: Analysis, what: str) -> str:
-    """A warning; `what`: vibrates. Where lag keeps the resonance stable, or lower gains would, it does not say that all gains vibrate."""
+    """Warning about link-side encoders without gearbox damping; `what` vibrates: at almost all gains only if no state is stable at any."""
     hopeless = any(not state.limit.stable and state.limit.gain == 0 for state in study.states)
     vibrates = f"{what} vibrates at almost any gain" if hopeless else f"only the lag of delay and drive damps the resonance of {what}"
     return (
@@ -213,7 +213,7 @@ def undamped_link_feedback(study: Analysis, what: str) -> str:
 
 
 def notes(study: "JointStudy") -> tuple[str, ...]:
-    """What else a user should know."""
+    """Further notes for the user."""
     said, system, found = [], study.system, study.margins
     if not found.stable and 0 < study.limit.gain < math.inf:
         instead = "" if study.recommended is None else ", or use the recommended ones"
@@ -229,7 +229,7 @@ def notes(study: "JointStudy") -> tuple[str, ...]:
 
 
 def _recommended_without_rate(study: "JointStudy") -> list[str]:
-    """A note where gains that are recommended for continuous time fail in a usual loop."""
+    """Note that gains recommended for continuous time fail in a usual sampled loop; [] otherwise."""
     usual = study.at_usual_rate
     if usual is None or usual.requirements_met is not False:
         return []
@@ -239,14 +239,14 @@ def _recommended_without_rate(study: "JointStudy") -> list[str]:
 
 
 def _drifts(system: System) -> bool:
-    """Whether the controller gives no torque against a constant error of the joint's position."""
+    """True if the controller gives no torque against a constant position error."""
     controller = system.control.controller
     control = controller.combine(controller.terms(), system.control.sample_time).reduced
     return control.gain == 0 or bool(np.any(control.zeros == 0))
 
 
 def _no_gains(system: System) -> str:
-    """A warning without recommended gains, and remedies."""
+    """Warning without recommended gains, with remedies."""
     controller, uncertain = system.control.controller, bool(system.uncertainty.names)
     kind, remedies = controller.kind if controller.has_plane else "PD", ["relax limits", "shorten the delay"]
     if controller.has_held_gain:

@@ -1,4 +1,4 @@
-"""A log as text: what was found in it, how each guess was made, what was cut, and what can be identified from it."""
+"""Log as text: contents, how each guess was made, what was cut, and what can be identified from it."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,16 +9,16 @@ from ..identification.record import SHORTEST
 from .number_format import digits
 
 READ = {"given": "stated", "file": "the file", "name": "name", "values": "numbers", "convention": "convention", "assumed": "assumed"}
-"""By what a column or a unit is known, in a table."""
+"""Source of a column's or unit's meaning, in a table."""
 COARSE = 0.05
-"""Jitter in ticks from which on it is mentioned: a twentieth of a tick is what a delay is asked to be known to, within a factor of two."""
+"""Jitter in ticks above which it is reported: a twentieth of a tick is the accuracy asked of a delay, within a factor of two."""
 
 UNSURE, UNKNOWN = 0.18, 0.27
-"""Ticks by which stamps miss theirs (root mean square) from which on a gap is not certain, and from which on no gap is."""
+"""Deviation of time stamps in ticks (root mean square) above which a gap is uncertain, and above which no gap is certain."""
 
 
 def sentence(survey: Survey) -> str:
-    """What the log is, in one sentence."""
+    """Description of the log in one sentence."""
     quality, joints = survey.last.quality, survey.last.joint_names
     rows = digits(quality.rows - quality.cut, significant=6)
     many = f"{len(joints)} joints" if len(joints) > 1 else "one joint"
@@ -26,7 +26,7 @@ def sentence(survey: Survey) -> str:
 
 
 def remarks(log: Log) -> list[str]:
-    """What was repaired, cut and left out, and what may be wrong."""
+    """Remarks on repairs, cuts, omissions and possible errors of a log."""
     quality = log.quality
     found = [] if log.complete else ["The file ends in the middle of a record; what came before was read."]
     found += _cuts(quality)
@@ -50,7 +50,7 @@ def remarks(log: Log) -> list[str]:
 
 
 def logged_remarks(logged: LoggedJoint) -> list[str]:
-    """Of a joint that is identified: as `remarks`, of what concerns it, and how much of the log is on even ticks."""
+    """Remarks on the log of an identified joint, and on the share of it on even ticks."""
     found = remarks(logged.log)
     breaks = int(logged.record.fresh.sum()) - 1
     if breaks:
@@ -63,7 +63,7 @@ def logged_remarks(logged: LoggedJoint) -> list[str]:
 
 
 def logged_facts(logged: LoggedJoint) -> dict[str, Any]:
-    """In JSON: which joint, and which rows."""
+    """JSON of the identified joint and rows."""
     record = logged.record
     return {
         "file": str(logged.path),
@@ -78,7 +78,7 @@ def logged_facts(logged: LoggedJoint) -> dict[str, Any]:
 
 
 def _unstated_side(origin: Origin) -> bool:
-    """Whether nothing says which side of the gearbox an encoder is on: `position`, `q`."""
+    """True if no name tells which side of the gearbox an encoder is on: `position`, `q`."""
     return (origin.channel, origin.column_from) == ("motor_position", "name") and "motor" not in origin.column.lower()
 
 
@@ -114,7 +114,7 @@ def _cuts(quality: Quality) -> list[str]:
 
 
 def ability_text(ability: Ability) -> str:
-    """What answers a question, or what is missing."""
+    """Channels that answer a question, or those missing."""
     if ability.missing:
         return f"needs {', and '.join(_needed(group, ability.resting) for group in ability.missing)}"
     if ability.too_few:
@@ -124,7 +124,7 @@ def ability_text(ability: Ability) -> str:
 
 
 def _needed(group: Sequence[str], resting: Sequence[str]) -> str:
-    """One of a group of channels: one that is there, but never changes, else any."""
+    """One channel of a group: one that exists but never changes, otherwise any."""
     still = [name for name in group if name in resting]
     return f"{listed(still, 'or', 2)} to change" if still else listed(group, "or", 2)
 
@@ -133,7 +133,7 @@ CHANNEL_TITLES = ("", "joint", "column", "by", "unit", "by", "range")
 
 
 def channel_rows(survey: Survey, most: int | None = None) -> list[tuple[str, ...]]:
-    """As CHANNEL_TITLES says, of the first `most` joints."""
+    """Table rows (CHANNEL_TITLES) of the channels of the first `most` joints."""
     shown = survey.last.joint_names[:most]
     return [
         (
@@ -159,7 +159,7 @@ def _range_text(survey: Survey, origin: Origin) -> str:
 
 
 def facts(survey: Survey) -> dict[str, Any]:
-    """In JSON."""
+    """JSON of a log survey."""
     log, quality = survey.last, survey.last.quality
     return {
         "sentence": sentence(survey),

@@ -1,4 +1,4 @@
-"""Outlines of the allowed region in the gain map, and lines of equal margin, exact on every line kp = const that is drawn."""
+"""Outlines of the allowed region in the gain map, and lines of equal margin, exact on every drawn line kp = const."""
 
 import itertools
 import math
@@ -15,12 +15,12 @@ from .margin_columns import margin_value
 
 COLUMNS = 40  # lines kp = const on which a boundary is computed
 LINES = ((style.GREEN, "solid"), (style.BLUE, "dash"), (style.PURPLE, "dot"), (style.VERMILION, "dashdot"))
-"""Colour and dash of one requirement after the other."""
+"""Colour and dash of the requirements, in order."""
 
 
 @dataclass(frozen=True)
 class View:
-    """What is drawn: from 0 to kp and kd; `whole_kp`, `whole_kd` with everything stable."""
+    """Displayed range, from 0 to kp and kd; `whole_kp`, `whole_kd`: with the whole stable region."""
 
     kp: float
     kd: float
@@ -52,7 +52,7 @@ def _columns(region: PDRegion, view: View) -> tuple[Floats, list[Floats]]:
 
 
 def _tip(region: PDRegion, widest: float) -> float:
-    """The largest allowed kp within [0, widest], to about 0.1 %; 0 where there is none. For drawing: the ends are not polished."""
+    """Largest allowed kp within [0, widest], to about 0.1 %; 0: none. For drawing: the ends are not polished."""
     inside, outside = 0.0, widest
     kps = np.concatenate([np.geomspace(1e-3, 0.1, 9), np.linspace(0.13, 1, 16)]) * widest
     for _ in range(3):
@@ -69,7 +69,7 @@ def _tip(region: PDRegion, widest: float) -> float:
 
 
 def contours(study: JointStudy, view: View, taken: list[style.Annotation]) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """Lines of equal gain margin, phase margin and Ms; those that are required are drawn thicker."""
+    """Lines of equal gain margin, phase margin and Ms; required levels are thicker."""
     traces, notes = [], []
     for place, (level, text, color, dash, asked) in enumerate(_levels(study.system.requirements)):
         drawn = []
@@ -85,13 +85,13 @@ def contours(study: JointStudy, view: View, taken: list[style.Annotation]) -> tu
 
 
 def required_lines(study: JointStudy, view: View) -> list[tuple[str, list[Floats]]]:
-    """The line of each required margin, by its label."""
+    """Line of each required margin, by its label."""
     asked = [(level, text) for level, text, _, _, required in _levels(study.system.requirements) if required]
     return [(text, [opened(outline) for outline in outlines(replace(study.region, required=level), view)]) for level, text in asked]
 
 
 def _levels(asked: Requirements) -> list[tuple[Requirements, str, str, str, bool]]:
-    """Contours to draw: (one requirement, label, colour, dash, whether it is the one asked for), each usual level and a stricter one."""
+    """Contours to draw: (one requirement, label, colour, dash, True if asked for), each default or required level and a stricter one."""
     result = []
     for one, (color, dash) in zip(REQUIREMENTS.values(), itertools.cycle(LINES), strict=False):
         value = asked.needed.get(one.name, one.usual)
@@ -104,7 +104,7 @@ def _levels(asked: Requirements) -> list[tuple[Requirements, str, str, str, bool
 
 
 def opened(outline: Floats) -> Floats:
-    """The outline without its edge along the first line kp = const and along kd = 0, which are no contours."""
+    """Outline without its edge along the first line kp = const and along kd = 0, which are no contours."""
     line = outline.copy()
     first = line[:, 0] == line[:, 0].min()
     line[(line[:, 1] <= 0) | (first & np.roll(first, 1) & np.roll(first, -1))] = np.nan
@@ -112,7 +112,7 @@ def opened(outline: Floats) -> Floats:
 
 
 def _label_spot(lines: list[Floats], view: View, place: int, taken: list[style.Annotation]) -> tuple[float, float] | None:
-    """The point of a line that is farthest from the labels already there, and not too near the frame."""
+    """Point of a line farthest from existing labels, and not too near the frame; None: none."""
     points = np.vstack(lines) if lines else np.zeros((0, 2))
     scaled = points / [view.kp, view.kd]
     good = np.flatnonzero(np.all((scaled > [0.1, 0.04]) & (scaled < [0.9, 0.95]), axis=1))

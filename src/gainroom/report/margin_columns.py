@@ -1,4 +1,4 @@
-"""The margins of a loop as columns, beside what is required of them."""
+"""Margins of a loop as columns, compared with requirements."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -48,16 +48,16 @@ MARGIN = [
     ),
     Column("disk margin", "disk_margin", lambda m: m.disk_margin, at=lambda m: m.disk_margin_frequency, margin="disk_margin"),
 ]
-"""The margins of one loop."""
+"""Columns of one loop's margins."""
 
 
 def _own(one: Requirement, margins: Margins) -> float:
-    """The margin that has a requirement's name, of the gain margin the upper one; what it bounds where none has."""
+    """Margin with the requirement's name (of the gain margin the upper one); the bounded value if there is none."""
     return getattr(margins, one.name, one.value(margins))
 
 
 def margin_columns() -> list[Column]:
-    """MARGIN, and further margins that a requirement bounds."""
+    """Columns MARGIN, and further margins that a requirement bounds."""
     known, keys = {column.margin for column in MARGIN}, {column.key for column in MARGIN}
     further = [one for one in REQUIREMENTS.values() if one.name not in known or one.key not in keys]
     return MARGIN + [
@@ -74,30 +74,30 @@ def margin_columns() -> list[Column]:
 
 
 def bounded_columns() -> list[Column]:
-    """Those that requirements bound."""
+    """Margin columns that requirements bound."""
     return [column for column in margin_columns() if column.title and column.requirement]
 
 
 def margin_facts(margins: Margins) -> dict[str, Any]:
-    """The margins that requirements bound, in JSON."""
+    """JSON of the margins that requirements bound."""
     return {key: value for one in REQUIREMENTS.values() for key, value in one.facts(margins).items()}
 
 
 def required_facts(required: Requirements) -> dict[str, Any]:
-    """The requirements, in JSON, in the units of a file; None where there is none."""
+    """JSON of the requirements, in the units of a file; null: not required."""
     needed = required.needed
     return {one.key: as_typed(one.in_unit(needed[name])) if name in needed else None for name, one in REQUIREMENTS.items()}
 
 
 def margins_text(margins: Margins) -> str:
-    """The margins that requirements bound, in a sentence: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
+    """Margins that requirements bound, as text: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
     several = len(margins.one_loop.gain_margin) > 1
     named = ((one, one.titled(margins, several)) for one in REQUIREMENTS.values())
     return ", ".join(f"{name} {digits(one.in_unit(one.value(margins)), one.unit, 3)}" for one, name in named)
 
 
 def margin_value(asked: Requirements, name: str, value: float, met: bool | None, significant: int = 4) -> str:
-    """A margin (`name`: of a requirement) with its unit; with digits enough to tell it from a requirement that is not met."""
+    """Margin with its unit, with enough digits to distinguish it from a missed requirement; `name`: of the requirement."""
     one, needed = REQUIREMENTS[name], asked.needed.get(name)
     if met is False and needed is not None:
         significant = apart(one.in_unit(value), one.in_unit(needed), significant)
@@ -105,7 +105,7 @@ def margin_value(asked: Requirements, name: str, value: float, met: bool | None,
 
 
 def judged_columns(asked: Requirements) -> list[Column]:
-    """Margins of an audit's joints, one for each requirement that is asked for, which its heading names; missed ones are marked."""
+    """Columns of an audit's joints, one for each requirement asked for, named in the heading; missed values are marked."""
 
     def text(row: Any, name: str) -> str:
         missed = name in row.missed
@@ -118,25 +118,25 @@ def judged_columns(asked: Requirements) -> list[Column]:
 
 
 def judged_title(asked: Requirements, one: Requirement) -> str:
-    """The heading of its column: "phase ≥ 30°"."""
+    """Heading of a requirement's column: "phase ≥ 30°"."""
     return f"{one.heading.removesuffix(' margin')} {requirement(asked, one.name, 3)}"
 
 
 def judged_legend(asked: Requirements, shown: Collection[str]) -> str:
-    """The meaning of those columns that a table `shown` by their titles has, in a clause; "" where there are none."""
+    """Legend of those columns in a table with the titles `shown`; "" if there are none."""
     names = [one.heading.removesuffix(" margin") for one, _ in asked.asked_for if judged_title(asked, one) in shown]
     worse = "of the joint's own loop, others closed, or, where it takes part, of all loops, the worse"
     return f"{', '.join(names)}: {worse} ({MISSED} missed)" if names else ""
 
 
 def requirement(asked: Requirements, name: str, significant: int = 4) -> str:
-    """A required margin by the requirement's name: "≥ 6 dB"; empty where nothing is required."""
+    """Required margin as text: "≥ 6 dB"; "" if nothing is required."""
     one, needed = REQUIREMENTS[name], asked.needed.get(name)
     return "" if needed is None else f"{one.sign} {digits(one.in_unit(needed), one.unit, significant)}"
 
 
 def short_text(asked: Requirements, values: Mapping[str, float]) -> str:
-    """Margins that are too small, each beside what is required: "gain margin 0.916 dB (≥ 6 dB), Ms 14.4 (≤ 2)"."""
+    """Missed margins with the required values: "gain margin 0.916 dB (≥ 6 dB), Ms 14.4 (≤ 2)"."""
     return ", ".join(
         f"{REQUIREMENTS[name].heading} {margin_value(asked, name, value, False, 3)} ({requirement(asked, name, 3)})"
         for name, value in values.items()
@@ -144,7 +144,7 @@ def short_text(asked: Requirements, values: Mapping[str, float]) -> str:
 
 
 def lacking(asked: Requirements, margins: Margins) -> str:
-    """What gains with these margins lack, behind "these gains": "have Ms 2.25 (≤ 2)", "are unstable", "have all that is required"."""
+    """Predicate for "these gains": "have Ms 2.25 (≤ 2)", "are unstable", "have all that is required"."""
     if not margins.stable:
         return "are unstable"
     missed = {one.name: one.value(margins) for one, needed in asked.asked_for if not one.met(needed, one.value(margins))}
@@ -152,7 +152,7 @@ def lacking(asked: Requirements, margins: Margins) -> str:
 
 
 def margin_rows(margins: Margins, worst: Margins, required: Requirements) -> list[tuple[str, ...]]:
-    """Every margin of one loop: name, value, frequency, what is required, and whether it is met at the `worst` of the uncertainty."""
+    """Table rows of every margin: name, value, frequency, requirement, and whether it is met at the `worst` of the uncertainty."""
     rows = []
     for column in margin_columns():
         if column.title:
@@ -166,7 +166,7 @@ def margin_rows(margins: Margins, worst: Margins, required: Requirements) -> lis
 
 
 def compared_rows(found: Sequence[Margins]) -> list[tuple[str, ...]]:
-    """Every margin of several loops side by side, each with its frequency below it."""
+    """Table rows of every margin of several loops, each with its frequency below it."""
     rows = []
     for column in margin_columns():
         if column.title:

@@ -1,4 +1,4 @@
-"""The commands that carry gains on: from `gainroom robot`, which finds them, into a file, and from that file into an audit."""
+"""Commands that carry gains from `gainroom robot` into a file, and from that file into an audit."""
 
 import re
 import shlex
@@ -12,23 +12,23 @@ from ..robot.formats.model_names import is_name
 from ..system.system import System
 
 FOUND = "found.json"
-"""The name of the file between the two commands, to which the first one's answer goes."""
+"""Name of the file between the two commands, which receives the answer of the first."""
 
 
 def search_and_audit(call: str, robot: str) -> list[str]:
-    """The commands that find gains for the file `robot` and audit them as `call`, an audit's command, did others."""
+    """Commands that find gains for the file `robot` and audit them; `call`: command of the present audit."""
     return [kept(shlex.join(["gainroom", "robot", robot])), with_found(call)]
 
 
 def kept(call: str) -> str:
-    """A command whose answer goes to FOUND."""
+    """Command with its answer redirected to FOUND."""
     return f"{call} --json > {FOUND}"
 
 
 def with_found(call: str) -> str:
-    """An audit's command with the gains in FOUND in place of its own.
+    """Audit command with the gains in FOUND in place of its own.
 
-    FOUND has the stiffness that gains were found with: a type of gearbox that is typed of all joints is named so that it wins over that.
+    FOUND holds the stiffness that the gains were found with; a gearbox type given for all joints is written as a pattern that wins over it.
     """
     words, found = shlex.split(call), list[str]()
     for before, word in zip(["", *words], words, strict=False):
@@ -38,7 +38,7 @@ def with_found(call: str) -> str:
 
 
 def audit_of_found(sections: Mapping[str, Any], folder: Path, system: System) -> str:
-    """The command that audits the gains in FOUND, of a robot.yaml with these `sections` in `folder`; all else goes along with them."""
+    """Command that audits the gains in FOUND, of a robot.yaml with these `sections` in `folder`, with all its other data."""
     model, control = sections["model"], system.control
     package, file = model.get("package"), str(model["file"])
     file = f"{package}:{file}" if package else file if is_name(file) else str(folder / file)

@@ -1,8 +1,8 @@
-"""The skeleton of every report page: one self-contained HTML file with its style, its pictures and the library that draws them.
+"""HTML report pages: one self-contained file with style, figures and the drawing library.
 
-A page is  page(title, lead, cards, sections, command);  a section holds what figure, table, paragraph, facts, block and details make.
-Plain strings are escaped wherever they enter; only Html, made here, passes as it is. Figures are dicts in plotly's own format
-({"data": [...], "layout": {...}}); numpy arrays may stand anywhere in them.
+A page is  page(title, lead, cards, sections, command);  a section holds the results of figure, table, paragraph, facts, block and details.
+Plain strings are escaped wherever they enter; only Html, made here, passes unchanged. Figures are dicts in plotly's own format ({"data":
+[...], "layout": {...}}), which may contain numpy arrays.
 """
 
 import json
@@ -25,16 +25,16 @@ SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 
 
 class Html(str):
-    """Markup that is already safe to insert."""
+    """Markup that is safe to insert."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True)
 class Lead:
-    """The answer: one sentence, and how it must look. `state` "bad" puts a banner with `headline` before everything else.
+    """Answer of a page: one sentence and its tone. `state` "bad" puts a banner with `headline` before everything else.
 
-    advice     what to do, right under the sentence
+    advice     right under the sentence
     warnings   one line each, after it
     """
 
@@ -47,7 +47,7 @@ class Lead:
 
 @dataclass(frozen=True)
 class Card:
-    """One number of the first glance. `met`: whether `requirement` is met; None where nothing is required."""
+    """Main number of a page. `met`: True if `requirement` is met; None if nothing is required."""
 
     label: str
     value: str
@@ -59,9 +59,9 @@ class Card:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it: Html from the functions below, or plain text for a paragraph.
+    """Section of a page: heading and content, Html from the functions below, or plain text for a paragraph.
 
-    summary   what is in it, in a line: then it is closed until it is clicked on
+    summary   one line on its content: the section is then folded
     """
 
     title: str
@@ -72,9 +72,9 @@ class Section:
 def page(
     title: str, lead: Lead, cards: Sequence[Card | None], sections: Sequence[Section | None], command: str, sources: Sequence[str] = ()
 ) -> str:
-    """The whole page, without the cards and sections that are None. The drawing library is put in once, where a figure needs it.
+    """Complete HTML page; cards and sections that are None are left out. The drawing library is included if there is a figure.
 
-    command   that makes it, for the last section
+    command   command that makes the page, for the last section
     sources   closing lines before the version and the date
     """
     last = Section("Command", [block(command)], "that makes this page")
@@ -99,7 +99,7 @@ def page(
 
 
 def figure(fig: Mapping[str, Any], title: str, caption: str, height: int = 480, narrow: Mapping[str, Any] | None = None) -> Html:
-    """A picture with a title that says what it shows and a caption that says what to conclude.
+    """Figure with a title that names its content and a caption that gives the conclusion.
 
     fig      a dict in plotly's format
     height   [px]
@@ -115,11 +115,11 @@ def figure(fig: Mapping[str, Any], title: str, caption: str, height: int = 480, 
 
 
 MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet"}
-"""The CSS class of a table's cells, by their text; one that starts with MISSED is unmet, too."""
+"""CSS class of table cells, by their text; a cell that starts with MISSED is unmet, too."""
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", sorts: bool = True) -> Html:
-    """A table. The first column is left-aligned, the others right; a click on a heading `sorts` the rows."""
+    """HTML table. The first column is left-aligned, the others right; `sorts`: a click on a heading sorts the rows."""
 
     def cell(text: str) -> str:
         kind = MARKS.get(text, "unmet" if text.startswith(MISSED) else "")
@@ -134,7 +134,7 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[str]], caption: str = 
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> Html:
-    """Names and values, one pair per line."""
+    """List of names and values, one pair per line."""
     return Html("<dl>" + "".join(f"<dt>{_inline(name)}</dt><dd>{_inline(value)}</dd>" for name, value in pairs) + "</dl>")
 
 
@@ -144,17 +144,17 @@ def paragraph(text: str) -> Html:
 
 
 def block(text: str) -> Html:
-    """A command or a file as it is typed."""
+    """Command or file, in fixed width."""
     return Html(f"<pre>{escape(text)}</pre>")
 
 
 def details(summary: str, *parts: str) -> Html:
-    """Parts to be opened by a click on their summary line."""
+    """Folded parts, opened by a click on their summary line."""
     return Html(f"<details><summary>{_inline(summary)}</summary>{''.join(map(_flow, parts))}</details>")
 
 
 def advice(heading: str, text: str, *parts: str) -> Html:
-    """What to do: a heading, lines to copy, and parts under them."""
+    """Advice box: a heading, lines to copy, and parts under them."""
     lines = copied(text.splitlines()) if text else ""
     return Html(f'<section class="advice"><h2>Do this</h2>{_flow(heading)}{lines}{"".join(map(_flow, parts))}</section>')
 
@@ -165,12 +165,12 @@ def copied(lines: Sequence[str]) -> Html:
 
 
 def coded(text: str) -> Html:
-    """A paragraph in which `…` is typed."""
+    """Paragraph whose `…` parts are set as code."""
     return paragraph(Html(re.sub(r"`([^`]*)`", r"<code>\1</code>", _inline(text))))
 
 
 def beside(*parts: str) -> Html:
-    """Parts next to each other where there is room, under each other on a phone."""
+    """Parts side by side if there is room, under each other on a phone."""
     return Html('<div class="beside">' + "".join(map(_flow, parts)) + "</div>")
 
 
@@ -196,7 +196,7 @@ def _lead(lead: Lead) -> str:
 
 
 def _headline(sentences: str) -> str:
-    """The first sentence, which is the verdict, large; what follows in the weight of text."""
+    """First sentence, the verdict, in large letters; the rest as text."""
     verdict, *rest = SENTENCE_END.split(sentences, maxsplit=1)
     return escape(verdict) + "".join(f" <span>{escape(text)}</span>" for text in rest)
 
@@ -227,10 +227,10 @@ def _resource(name: str) -> str:
 
 @dataclass(frozen=True)
 class Advice:
-    """`heading` says what to do, with a colon before `lines`, which can be typed; `remarks` follow. What stands in `…` is typed, too.
+    """Advice: `heading` with the instruction, ending in a colon before `lines` to type; `remarks` follow. Parts in `…` are code.
 
     then     commands to type after that: a heading and their lines
-    folded   gains that are not to be used as they are: a heading that says so, and their lines; shown where all is
+    folded   gains that may not be used yet: a heading that says so, and their lines; displayed with all details only
     """
 
     heading: str
@@ -241,7 +241,7 @@ class Advice:
 
 
 def advice_box(found: Advice | None, *parts: str) -> Html | str:
-    """On a page; "" where there is none. `parts` stand under it."""
+    """Advice on a page, with `parts` under it; "" without advice."""
     if found is None:
         return ""
     folded = [] if found.folded is None else [details(found.folded[0].replace("`", "").rstrip(":"), copied(found.folded[1]))]

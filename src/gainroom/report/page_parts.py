@@ -1,4 +1,4 @@
-"""Parts of the pages of a joint and of a robot: cards of margins, limits, assumptions."""
+"""Parts shared by the pages of a joint and a robot: cards of margins, limits, assumptions."""
 
 import math
 from collections.abc import Sequence
@@ -16,15 +16,15 @@ from .number_format import digits, quantity, rounded_up
 from .page import Card, Html, facts, paragraph
 
 ON_TOP = 2
-"""Warnings shown first; the others are listed with the assumptions."""
+"""Number of warnings shown first; the others are listed with the assumptions."""
 
 
 def margin_card(asked: Requirements, name: str, value: float, note: str, bounded: float | None = None, label: str = "") -> Card:
-    """A margin (`name`: of a requirement) beside what is required of it; a degree sign follows its number.
+    """Card of a margin with its requirement (`name`); a degree sign follows its number.
 
-    value   as it is shown: factor, rad, factor
-    bounded the value that is judged, where that is not `value`
-    label   the card's name, where it is not the usual one
+    value   displayed value: factor, rad, factor
+    bounded the judged value, if that is not `value`
+    label   the card's name, if not the default
     """
     one = REQUIREMENTS[name]
     unit = "" if one.unit == "°" or not math.isfinite(value) else one.unit
@@ -37,9 +37,9 @@ def margin_card(asked: Requirements, name: str, value: float, note: str, bounded
 def unstable_card(
     asked: Requirements, limit: GainLimit, where: str, what: str, above: float = math.nan, whose: str = "these gains"
 ) -> Card:
-    """The factor below which unstable gains become stable, or `above` which; the limit's factors are on the gains `whose`.
+    """Card of the factor below which unstable gains become stable, or `above` which; the limit's factors are on the gains `whose`.
 
-    `where` ends the note, `what` is who has none.
+    `where` ends the note, `what` is the subject that has no stable gains.
     """
     required = requirement(asked, "gain_margin", 3)
     required = f"gain margin {required}" if required else ""
@@ -53,7 +53,7 @@ def unstable_card(
 
 
 def limit_proofs(states: Sequence[State], immobile: Sequence[State]) -> list[tuple[str, str]]:
-    """How the limits of several coupled loops were certified, state by state, as facts; `immobile`: states without a verdict."""
+    """Certification of the limits of several coupled loops, state by state, as facts; `immobile`: states without a verdict."""
     limits = [state.limit for state in states]
     known = [limit.certificate for limit in limits if limit.certificate is not None]
     holding = sum(proof.holds for proof in known)
@@ -72,7 +72,7 @@ def limit_proofs(states: Sequence[State], immobile: Sequence[State]) -> list[tup
 
 
 def assumptions(model: str, control: Control, further: str = "") -> str:
-    """The assumptions of a model; `model` begins the sentence, `further` ends it."""
+    """Assumptions of a model as text; `model` begins the sentence, `further` ends it."""
     text = (
         f"{model}, small motions: no friction other than viscous, no torque limit, no backlash, no quantisation{further}. The delay is "
         "exact, never approximated by a rational function."
@@ -85,12 +85,12 @@ def assumptions(model: str, control: Control, further: str = "") -> str:
 
 
 def assumed_and_warned(assumed: Sequence[str], further: Sequence[str]) -> list[Html]:
-    """What is assumed, and the warnings and notes that are not shown on top."""
+    """Assumptions, and the warnings and notes not shown first."""
     return [*([facts([("assumed", text) for text in assumed])] if assumed else []), *map(paragraph, further)]
 
 
 def uncertainty_text(system: System) -> str:
-    """The ranges that values may lie in; of several joints, from the least to the largest."""
+    """Ranges of uncertain values as text; for several joints, from the least to the largest."""
     ranges = []
     for name in system.uncertainty.names:
         low, high = map(np.atleast_1d, getattr(system.uncertainty, name))
@@ -100,7 +100,7 @@ def uncertainty_text(system: System) -> str:
 
 
 def filters(controller: Any) -> str:
-    """The velocity filter and the notches of a controller, as text."""
+    """Velocity filter and notches of a controller, as text."""
     low_pass = controller.velocity_filter
     text = (
         "no velocity filter" if low_pass is None else f"velocity filter of order {low_pass.order} at {digits(low_pass.bandwidth, 'rad/s')}"

@@ -1,4 +1,4 @@
-"""The page of a planned excitation: what to run, what the joint will do, what its log will tell; and the same in sentences and in JSON."""
+"""Planned excitation as page, sentences and JSON: signal, predicted motion, and accuracy expected from its log."""
 
 import math
 from typing import Any
@@ -21,7 +21,7 @@ EXPECTED_TITLES = ("", "95 % interval")
 
 
 def sentence(plan: Plan) -> str:
-    """What to run, and how well the stiffness will be known."""
+    """Sentence on the signal to run, and the accuracy of the stiffness."""
     low, high = (digits(omega / (2 * math.pi), "", 3) for omega in (plan.excitation.frequencies[0], plan.excitation.frequencies[-1]))
     return (
         f"Run a {plan.kind} of {digits(plan.amplitude, 'N·m', 3)} peak from {low} to {high} Hz for "
@@ -30,12 +30,12 @@ def sentence(plan: Plan) -> str:
 
 
 def percent(share: float) -> str:
-    """Of one, in two digits."""
+    """Share in percent, two digits."""
     return digits(100 * share, "%", 2)
 
 
 def limit_rows(plan: Plan) -> list[tuple[str, ...]]:
-    """As LIMIT_TITLES says."""
+    """Table rows (LIMIT_TITLES) of the limits."""
     rows = []
     for name in NAMES:
         allowed = getattr(plan.bounds, name)
@@ -45,7 +45,7 @@ def limit_rows(plan: Plan) -> list[tuple[str, ...]]:
 
 
 def expected_rows(plan: Plan) -> list[tuple[str, str]]:
-    """As EXPECTED_TITLES says."""
+    """Table rows (EXPECTED_TITLES) of the expected accuracy."""
     widths = {name: f"± {percent(plan.expected[name])}" for name in EXPECTED}
     if plan.expected["damping"] >= 1:
         widths["damping"] = "not told"
@@ -53,7 +53,7 @@ def expected_rows(plan: Plan) -> list[tuple[str, str]]:
 
 
 def assumptions(plan: Plan) -> list[str]:
-    """What limits and accuracy rest on."""
+    """Assumptions behind limits and accuracy."""
     shown = {"encoder_step": digits(plan.hardware.encoder_step, "rad", 2), "torque_noise": digits(plan.hardware.torque_noise, "N·m", 2)}
     assumed = [MEANT[name].format(shown.get(name, "")) for name in plan.assumed]
     held = "the controller of the file holds the joint" if plan.closed else "nothing holds the joint"
@@ -72,7 +72,7 @@ def assumptions(plan: Plan) -> list[str]:
 
 
 def facts(plan: Plan) -> dict[str, Any]:
-    """In JSON."""
+    """JSON of a plan."""
     return {
         "sentence": sentence(plan),
         "kind": plan.kind,
@@ -95,7 +95,7 @@ BEYOND = 1.3  # times the first and the last frequency: as far as the spectrum i
 
 
 def plan_page(plan: Plan, command: str) -> str:
-    """The report as one HTML page; `command` is the command that makes it."""
+    """HTML page of a plan; `command`: the command that makes it."""
     cards = [Card(TITLES[name], f"± {percent(plan.expected[name]).removesuffix(' %')}", "%", note="95 % interval") for name in CARDS]
     cards.append(Card("limit that binds", plan.binding, note=digits(getattr(plan.bounds, plan.binding), UNITS[plan.binding], 3)))
     middle = float(plan.excitation.time[-1]) / 2
@@ -130,7 +130,7 @@ def _in_time(plan: Plan, start: float, end: float, title: str) -> Html:
 
 
 def _spectrum(plan: Plan) -> Html:
-    """Amplitudes of torque and motion, and where antiresonance and resonance may lie."""
+    """Figure of the amplitudes of torque and motion, with the ranges of antiresonance and resonance."""
     run, tick = plan.run, plan.run.sample_time
     omega = 2 * np.pi * np.fft.rfftfreq(len(run.time), tick)
     low, high = plan.excitation.frequencies[0] / BEYOND, min(plan.excitation.frequencies[-1] * BEYOND, math.pi / tick)
@@ -179,5 +179,5 @@ def _spectrum(plan: Plan) -> Html:
 
 
 def _amplitudes(values: Floats) -> Floats:
-    """(k,) of the sines in (m,)."""
+    """Amplitudes (k,) of the sines in `values` (m,)."""
     return 2 * np.abs(np.fft.rfft(values)) / len(values)

@@ -1,4 +1,4 @@
-"""A study as it is shown, in one record: the keys of --json and the lines of the terminal, for the command, the page and the app.
+"""Presentation: JSON keys and terminal lines of a study in one record, shared by command, page and app.
 
 A further key of --json is one more entry in `facts` of the study's own record.
 """
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 
 class Typed(str):
-    """A line of the terminal that is not broken, however long: a path, or what is typed or copied."""
+    """Line of the terminal that is never wrapped: a path, or text to type or copy."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A table of the terminal, as text.
+    """Table of the terminal, as text.
 
-    drops    headings of columns that may be left out where there is no room, the first first
-    shares   rows that print alike share one (see `shared`)
+    drops    headings of columns that may be left out for lack of room, the first first
+    shares   True: rows that print alike share one (see `shared`)
     """
 
     title: str
@@ -38,16 +38,16 @@ class Grid:
 
     @classmethod
     def of(cls, title: str, columns: Sequence[Column], rows: Iterable[Any], drops: Sequence[str] = ()) -> "Grid":
-        """A table of columns."""
+        """Table of columns and rows."""
         return cls(title, *tabulated(columns, rows), drops)
 
     @property
     def sharing(self) -> "Grid":
-        """The table in which rows that print alike share one."""
+        """Table in which rows that print alike share one."""
         return replace(self, shares=True)
 
     def shared(self, shown: Sequence[str]) -> "Grid":
-        """The table of the columns `shown`, with one row for those that print alike there under names that differ in one word."""
+        """Table of the columns `shown`, with one row for those that print alike under names that differ in one word."""
         places = [k for k, heading in enumerate(self.headings) if heading in shown]
         rows = [[row[k] for k in places] for row in self.rows]
         return replace(self, headings=[*shown], rows=[shared_row(rows, group) for group in alike_rows(rows)], shares=False)
@@ -55,24 +55,24 @@ class Grid:
 
 @dataclass(frozen=True)
 class Legend:
-    """A text below tables; `text` takes the headings of the columns that there was room for."""
+    """Text below tables; `text` takes the headings of the columns displayed."""
 
     tables: Sequence[Grid]
     text: Callable[[Sequence[str]], str]
 
 
 MOST_WARNINGS = 3
-"""That a terminal shows without being asked for all."""
+"""Most warnings on a terminal without --verbose."""
 Part = str | Grid | Legend
-"""A part of what the terminal shows: a text that is broken into lines, or what stands above."""
+"""Part of a terminal answer: text to be wrapped, or a table or legend."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Presentation(ABC):
-    """A study with all that is shown of it.
+    """Study with everything displayed of it.
 
-    call    the command that makes the study, without a page: to go on from
-    files   the names of what the command writes, with their paths; None where one is not asked for
+    call    the command that makes the study, without a page
+    files   names of the files that the command writes, with their paths; None: not asked for
     """
 
     call: str = "gainroom COMMAND FILE"
@@ -80,26 +80,26 @@ class Presentation(ABC):
 
     @abstractmethod
     def facts(self) -> dict[str, Any]:
-        """The keys of --json."""
+        """JSON object for --json."""
 
     @abstractmethod
     def screens(self, verbose: bool) -> Iterator[list[Part]]:
-        """The terminal's answer, `verbose` or not; of several the longest first, for the first that is short enough."""
+        """Terminal answers, `verbose` or not, the longest first; the first that fits is displayed."""
 
 
 def closing(
     files: Mapping[str, Path | None], warnings: Iterable[str] = (), assumed: Iterable[str] = (), notes: Iterable[str] = ()
 ) -> list[Part]:
-    """The last lines of an answer; `files`: see Presentation."""
+    """Last lines of an answer; `files`: see Presentation."""
     written = [Typed(f"{name}: {path}") for name, path in files.items() if path is not None]
     kinds = {"Assumed": assumed, "Warning": warnings, "Note": notes}
     return [*written, *(f"{kind}: {text}" for kind, texts in kinds.items() for text in texts)]
 
 
 def warned_first(warnings: Sequence[str], every: bool) -> tuple[list[Part], list[str]]:
-    """Lines that stand before the answer, as what they warn of makes its numbers doubtful; the other warnings, and how many are not shown.
+    """Warnings before the answer, which make its numbers doubtful; and the other warnings, with the number not displayed.
 
-    every   all of either, not MOST_WARNINGS, so that many doubts hide nothing else
+    every   True: all of either, not MOST_WARNINGS, so that many doubts hide nothing else
     """
     most = None if every else MOST_WARNINGS
     doubts, others = by_doubt(warnings)
@@ -109,7 +109,7 @@ def warned_first(warnings: Sequence[str], every: bool) -> tuple[list[Part], list
 
 
 def do_this(found: "Advice | None") -> list[Part]:
-    """Advice as parts of the terminal: "Do this: …", the lines to type, remarks, and commands for afterwards; no parts without advice."""
+    """Advice as parts of the terminal: "Do this: …", lines to type, remarks, and commands for afterwards; [] without advice."""
     if found is None:
         return []
     plain = [text.replace("`", "") for text in (found.heading, *found.remarks)]
@@ -118,7 +118,7 @@ def do_this(found: "Advice | None") -> list[Part]:
 
 
 def folded(found: "Advice") -> list[Part]:
-    """Gains that are shown only where all is, as they are not to be used as they are."""
+    """Gains that may not be used yet, displayed with --verbose only."""
     heading, lines = found.folded or ("", ())
     return [*filter(None, [heading.replace("`", "")]), *_typed(lines)]
 

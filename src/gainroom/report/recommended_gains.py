@@ -1,4 +1,4 @@
-"""Recommended gains of a robot: in sentences what limits them, what one set for all states costs, and where there are none; as columns."""
+"""Recommended gains of a robot, as sentences and columns: limits, cost of one set for all states, and missing gains."""
 
 import math
 from collections import Counter
@@ -19,11 +19,11 @@ from .margin_columns import margin_facts, margins_text, requirement
 from .number_format import digits
 
 LEAST_COST = 1.02
-"""Stiffer by less is not worth a switch of gains."""
+"""Least factor of stiffness that is worth a switch of gains."""
 
 
 def gains_text(gains: RobotGains, first: tuple[str, str]) -> list[str]:
-    """What stands below the gains that are safe in every state, or in their place; `first`: posture and contact state."""
+    """Sentences below the gains that are safe in every state, or in place of them; `first`: posture and contact state."""
     found = gains.everywhere
     if found is None:
         text = f"No gains were found that meet the requirements in every state, {gains.space} space; nearest: {gains.nearest['']}."
@@ -40,12 +40,12 @@ def gains_text(gains: RobotGains, first: tuple[str, str]) -> list[str]:
 
 
 def inertia_text(first: tuple[str, str]) -> str:
-    """What kp/J and kd/J are divided by; `first`: posture and contact state."""
+    """Sentence on the inertia J in kp/J and kd/J; `first`: posture and contact state."""
     return f"J: the motor's inertia and the load 1/W_ii in {', '.join(first)}, the first state; in another, kp/J and kd/J differ."
 
 
 def cost_text(gains: RobotGains) -> str:
-    """What one set for all states costs beside one for each contact state; "" where there is nothing to compare."""
+    """Sentences on the cost of one set for all states relative to one for each contact state; "" if there is nothing to compare."""
     costs = {contact: cost for contact, cost in gains.cost.items() if math.isfinite(cost)}
     if len(gains.per_contact) < 2 or not costs:
         return ""
@@ -60,14 +60,14 @@ def cost_text(gains: RobotGains) -> str:
 
 
 def limited_by(found: GainSet, names: Sequence[str]) -> str:
-    """The limit of the softest joint or direction: its name, the margin, and the state."""
+    """Limit of the softest joint or direction: its name, the margin, and the state."""
     margin = title_of(found.margin[found.softest]) if found.margin else ""
     weight = ", without the weight" if found.without_weight else ""
     return f"{names[found.softest]}: {margin}, {found.binding}{weight}" if margin else f"no requirement{weight}"
 
 
 def weight_warnings(gains: RobotGains) -> list[str]:
-    """Warnings where recommended gains do not meet the requirements with the robot's weight."""
+    """Warnings about recommended gains that do not meet the requirements with the robot's weight."""
     found, safe = [], gains.everywhere
     if gains.unweighed:
         why = "because contacts there leave the base free to move; take a foot as flat and rigid"
@@ -89,20 +89,20 @@ def weight_warnings(gains: RobotGains) -> list[str]:
 
 
 def _limits(found: GainSet, names: Sequence[str]) -> str:
-    """The limit of the softest joint or direction, and the number of joints limited by each margin."""
+    """Limit of the softest joint or direction, and the number of joints limited by each margin."""
     reasons = Counter(f"{title_of(margin)} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
     counted = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(4))
     return f"the softest is limited by {limited_by(found, names)}; of all, {counted}"
 
 
 def _of_one_contact(gains: RobotGains) -> list[str]:
-    """The contact states that have gains of their own where no set is safe in all."""
+    """Sentence on contact states with gains of their own, if no set is safe in all."""
     found = [name for name, one in gains.per_contact.items() if one is not None and one.moves]
     return [f"Contact {', '.join(found)} by itself has recommended gains: see --json and --report."] if found else []
 
 
 def _immobile(gains: RobotGains) -> list[str]:
-    """Joints or directions without gains, as they cannot move."""
+    """Sentences on joints or directions without gains, as they cannot move."""
     assert gains.everywhere is not None
     immobile = [name for name, none in zip(gains.names, np.isnan(gains.everywhere.kp).tolist(), strict=True) if none]
     nowhere = [name for name, one in gains.per_contact.items() if one is not None and not one.moves]
@@ -113,7 +113,7 @@ def _immobile(gains: RobotGains) -> list[str]:
 
 @dataclass(frozen=True)
 class Row:
-    """A set of gains: of one contact state, or ("") the one that is safe in all; `gain_set` is None where there is none."""
+    """Set of gains of one contact state, or ("") the one safe in all; `gain_set` None: there is none."""
 
     contact: str
     gain_set: GainSet | None
@@ -121,23 +121,23 @@ class Row:
 
     @property
     def title(self) -> str:
-        """Its name in a table."""
+        """Name of the set in a table."""
         return self.contact or "for all states"
 
     @property
     def acts(self) -> bool:
-        """Whether there are gains that move something."""
+        """True if there are gains that act on some motion."""
         return self.gain_set is not None and self.gain_set.moves
 
     @property
     def limit(self) -> str:
-        """What limits the gains, or why there are none."""
+        """Limit of the gains, or the reason why there are none, as text."""
         if self.gain_set is None:
             return f"none found that meet the requirements; nearest: {self.gains.nearest.get(self.contact, '')}"
         return limited_by(self.gain_set, self.gains.names) if self.gain_set.moves else "nothing moves there: gains have no effect"
 
     def margin_text(self, one: Requirement) -> str:
-        """The least of a margin over all loops together and one at a time, and which it is where that is not plain."""
+        """Least value of a margin over all loops together and one at a time, with the loops it belongs to if not obvious."""
         if self.gain_set is None or not self.acts:
             return "–"
         margins = self.gain_set.margins
@@ -145,7 +145,7 @@ class Row:
 
 
 def rows(gains: RobotGains) -> list[Row]:
-    """All sets, the one that is safe in all first."""
+    """Sets of gains, the one safe in all states first."""
     return [Row(EVERYWHERE, gains.everywhere, gains), *(Row(contact, found, gains) for contact, found in gains.per_contact.items())]
 
 
@@ -169,11 +169,11 @@ SET = [
     Column("", "nearest_with_weight", lambda row: row.gain_set.nearest or None),
     Column("", "topples", lambda row: list(row.gain_set.topples)),
 ]
-"""A set of gains; what is in JSON alone is asked of sets that were found."""
+"""Columns of a set of gains; columns in JSON alone are evaluated for existing sets only."""
 
 
 def set_columns(required: Requirements) -> list[Column]:
-    """SET, the margins that requirements bound, each with what is `required`, what limits the gains, and the number of cases."""
+    """Columns SET, bounded margins with their requirement, the limit of the gains, and the number of cases."""
     margins = []
     for name, one in REQUIREMENTS.items():
         needed = requirement(required, name, 3)
@@ -183,7 +183,7 @@ def set_columns(required: Requirements) -> list[Column]:
 
 
 def recommended_facts(gains: RobotGains) -> dict[str, Any]:
-    """Recommended gains of one space in JSON."""
+    """JSON of the recommended gains of one space."""
     return {
         "space": gains.space,
         "type": "pd" if gains.space == "joint" else None,
@@ -195,7 +195,7 @@ def recommended_facts(gains: RobotGains) -> dict[str, Any]:
 
 
 def gain_columns(sets: Sequence[Row], inertia: Floats | None = None) -> list[Column]:
-    """The gains of a joint or a task direction, a row by its place, in every set; with `inertia` (n,) divided by it."""
+    """Columns of the gains of a joint or task direction, by index, in every set; with `inertia` (n,) divided by it."""
     gains = sets[0].gains
     cascade = any(row.gain_set is not None and row.gain_set.ki is not None for row in sets)
     titles = {"kp": "kp", "kd": "kv or kd", "ki": "ki"} if cascade else {"kp": "kp", "kd": "kd"}

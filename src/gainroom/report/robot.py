@@ -1,4 +1,4 @@
-"""The page of a robot: verdict, numbers, vibration at the limit, gain headroom, causes, remedies, gains to use, tables, proofs."""
+"""Page of a robot: verdict, numbers, vibration at the limit, gain headroom, causes, remedies, gains to use, tables, proofs."""
 
 import math
 from collections import Counter
@@ -35,7 +35,7 @@ from .words import tone
 from .workspace import workspace_section
 
 FEW = 4
-"""States of which each has a picture; of more, the tightest posture of each contact state has one."""
+"""Most states with a figure each; of more, the tightest posture of each contact state has one."""
 MOST_PICTURES = 8
 LOCI = (
     "The eigenvalues λ of L(jω), all loops together, for ω > 0. Multiplying all gains by g multiplies every locus by g: the robot "
@@ -45,12 +45,12 @@ LOCI = (
 WIDEST = 6.0  # |Re L| beyond which nothing is drawn; crossings outside are labelled
 TO_DRAW = 0.012  # longest step between samples, relative to the window
 TO_WRITE = 0.012  # points closer than this along a locus are not written into the page
-AROUND = math.log(3)  # of the frequency at the limit: the part of the critical locus that is drawn bold
+AROUND = math.log(3)  # |ln| of frequency over that at the limit: the part of the critical locus that is drawn bold
 MOST = 40_000  # eigenvalues in one sweep
 
 
 def robot_page(shown: RobotPresentation, command: str) -> str:
-    """The report of a study as one HTML page; `command`: that makes it."""
+    """HTML page of a robot study; `command`: the command that makes it."""
     study, swept = shown.study, shown.swept
     drawn, sample_time = _shown(study), study.system.control.sample_time
     noted = [*warnings(study)[ON_TOP:], *notes(study)]
@@ -85,7 +85,7 @@ def robot_page(shown: RobotPresentation, command: str) -> str:
 
 
 def _shown(study: RobotStudy) -> list[State]:
-    """All states if they are few; else the tightest posture of each contact state; of many contact states, the tightest."""
+    """States with figures: all if few; else the tightest posture of each contact state; of many contact states, the tightest."""
     if len(study.states) <= FEW:
         return list(study.states)
     found = study.tightest_by_contact
@@ -94,7 +94,7 @@ def _shown(study: RobotStudy) -> list[State]:
 
 
 def _decisive_title(study: RobotStudy) -> str:
-    """Names the requirement that fails, or is tightest."""
+    """Title that names the requirement that fails, or is tightest."""
     motion = study.decisive_motion
     if motion is None:
         return "Vibration at the limit"
@@ -107,7 +107,7 @@ def _decisive_title(study: RobotStudy) -> str:
 
 
 def _decisive_picture(study: RobotStudy) -> Html:
-    """The motion that belongs to it, else the vibration at the gain limit."""
+    """Figure of the motion at the decisive requirement, or of the vibration at the gain limit."""
     motion = study.decisive_motion
     if motion is None:
         return hero(study.tightest, len(study.states) == 1)
@@ -130,7 +130,7 @@ def _vibrations(study: RobotStudy, shown: Sequence[State]) -> list[Html]:
 
 
 def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
-    """The operational space, where the file has tasks."""
+    """Sections on the operational space, if the file has tasks."""
     if not study.system.source.stack:
         return []
     factors = task_factors(study)
@@ -154,7 +154,7 @@ def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
 
 
 def _tightest_tasks(study: RobotStudy) -> list[State]:
-    """Of each contact state the posture in which the tasks have the least headroom, at most MOST_PICTURES; none where nothing moves."""
+    """State of each contact state in which the tasks have the least headroom, at most MOST_PICTURES; [] if no task moves."""
     found: dict[str, State] = {}
     for state in study.states:
         if state.task_limit is not None and (state.contact not in found or task_headroom(state) < task_headroom(found[state.contact])):
@@ -192,7 +192,7 @@ def _lead(shown: RobotPresentation) -> Lead:
 
 
 def _cards(study: RobotStudy) -> list[Card]:
-    """Three to five numbers, each the worst of all states."""
+    """Cards of the main numbers, three to five, each the worst of all states."""
     cards = _stable_cards(study) if study.stable else _unstable_cards(study)
     if study.stable:
         state = min(study.states, key=lambda state: unknown_first(state.margins.disk_margin))
@@ -239,7 +239,7 @@ def _in_range(study: RobotStudy) -> str:
 
 
 def _disk_words(study: RobotStudy) -> str:
-    """The disk margin's definition and proof."""
+    """Definition and proof of the disk margin, as text."""
     known = [state.margins.disk_certified for state in study.states if state.margins.disk_certified is not None]
     words = "every motor's torque is multiplied by a complex factor of its own (2 + δ)/(2 − δ); no factors with |δ| below the margin"
     if not known:
@@ -273,7 +273,7 @@ MORE, LESS = 1.25, 0.8
 
 
 def remedies(study: RobotStudy) -> list[Html]:
-    """A paragraph for every unmet requirement."""
+    """Paragraphs, one for every unmet requirement."""
     paragraphs = [paragraph(" ".join(_sentences(study, name, state))) for name, state in study.unmet.items()]
     if paragraphs and any(gains.everywhere is not None for gains in study.recommended):
         paragraphs.append(paragraph("The recommended gains below meet every requirement."))
@@ -291,7 +291,7 @@ def _sentences(study: RobotStudy, name: str, state: State) -> list[str]:
 
 
 def _trials(study: RobotStudy, one: Requirement, state: State) -> str:
-    """The margin with 1.25 and 0.8 times the damping gains, and with 0.8 times the stiffness gains."""
+    """Sentence on the margin with 1.25 and 0.8 times the damping gains, and with 0.8 times the stiffness gains."""
     system, asked = study.system, study.system.requirements
     controller = system.controller(state.model)
     rate = controller.damping_name
@@ -316,14 +316,14 @@ def _trials(study: RobotStudy, one: Requirement, state: State) -> str:
 
 
 def loci_window(states: Sequence[State]) -> tuple[float, float]:
-    """(left end, half the height) of a window that shows −1 and where the loci cross, the same for every state."""
+    """Window (left end, half the height) that shows −1 and the crossings of the loci, equal for every state."""
     crossings = [1 / state.limit.gain for state in states if 0 < state.limit.gain < math.inf]
     left = -min(max([1.25, *(1.2 * one for one in crossings)]), WIDEST)
     return left, 0.4 * (0.35 - left)
 
 
 def loci(state: State, window: tuple[float, float]) -> Html:
-    """The loci for ω > 0; the one that sets the limit bold near it."""
+    """Figure of the loci for ω > 0; the one that sets the limit is bold near it."""
     left, half = window
     right = left + 1.15 * (0.35 - left)
     sweep = _fine(state, window)
@@ -350,7 +350,7 @@ def loci(state: State, window: tuple[float, float]) -> Html:
 
 
 def _fine(state: State, window: tuple[float, float]) -> Sweep:
-    """The sweep of the state's loop with samples close enough to be joined by straight lines inside the window."""
+    """Sweep of the state's loop with samples close enough to be joined by straight lines inside the window."""
     sweep = Sweep(state.loop)
     longest = -TO_DRAW * window[0]
     for _ in range(8):
@@ -365,7 +365,7 @@ def _fine(state: State, window: tuple[float, float]) -> Sweep:
 
 
 def _followed(sweep: Sweep) -> Complexes:
-    """(k, r) the eigenvalues, each column one locus: the next one is that closest to where the last two point."""
+    """Eigenvalues (k, r), each column one locus: the next value is the one closest to the extrapolation of the last two."""
     omega, curves = sweep.omega, sweep.loci.copy()
     for k in range(1, len(omega)):
         ahead = curves[k - 1]
@@ -378,7 +378,7 @@ def _followed(sweep: Sweep) -> Complexes:
 
 
 def _critical(state: State, omega: Floats, curves: Complexes) -> int | None:
-    """The locus that crosses the negative real axis at the limit; None where there is no limit."""
+    """Index of the locus that crosses the negative real axis at the limit; None without a limit."""
     if not math.isfinite(state.limit.frequency):
         return None
     k = int(np.clip(np.searchsorted(omega, state.limit.frequency), 1, len(omega) - 1))
@@ -388,7 +388,7 @@ def _critical(state: State, omega: Floats, curves: Complexes) -> int | None:
 
 
 def _drawn(curve: Complexes, window: tuple[float, float]) -> tuple[Integers, Complexes]:
-    """Samples to draw and their values: what the window may show and its neighbours, none nearly on another; −1 and NaN break the line."""
+    """Samples to draw and their values: those visible in the window and their neighbours, thinned; −1 and NaN break the line."""
     reach, close = -1.6 * window[0], -TO_WRITE * window[0]
     inside = np.abs(curve) <= reach
     edge = np.convolve(inside, [1, 1, 1], "same").astype(bool) & ~inside
@@ -400,14 +400,14 @@ def _drawn(curve: Complexes, window: tuple[float, float]) -> tuple[Integers, Com
 
 
 def _bold(omega: Floats, curve: Complexes, window: tuple[float, float]) -> style.Trace:
-    """A locus near the limit, with its frequencies."""
+    """Locus near the limit, with its frequencies."""
     index, values = _drawn(curve, window)
     text = ["" if k < 0 else frequency(float(omega[k])) for k in index]
     return style.line(values.real, values.imag, style.BLACK, width=2.8, hoverinfo="text", text=text)
 
 
 def _crossing(state: State, window: tuple[float, float]) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """The crossing that sets the limit, with its frequency."""
+    """Crossing that sets the limit, with its frequency."""
     limit = state.limit
     if not math.isfinite(limit.frequency):
         return [], []
@@ -426,7 +426,7 @@ def _crossing(state: State, window: tuple[float, float]) -> tuple[list[style.Tra
 
 
 def _beyond(left: float) -> dict:
-    """A bar on the real axis from −1 to `left`, as a shape of the picture: a locus that crosses it is beyond its stability limit."""
+    """Bar on the real axis from −1 to `left`, as a plotly shape: a locus that crosses it is beyond its stability limit."""
     line = {"color": style.VERMILION, "width": 4}
     return {"type": "line", "x0": left, "x1": -1, "y0": 0, "y1": 0, "line": line, "opacity": 0.55, "layer": "below"}
 

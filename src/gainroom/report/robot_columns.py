@@ -1,4 +1,4 @@
-"""States, joints and tasks of a robot as columns, and those of an audit."""
+"""Columns of states, joints and tasks of a robot, and of an audit."""
 
 import math
 from collections.abc import Callable, Collection
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 
 def _if_moving(value: Callable[["State"], Any]) -> Callable[["State"], Any]:
-    """None for a state in which the gains act on no motion."""
+    """Column value, None for a state in which the gains act on no motion."""
     return lambda state: value(state) if state.moves else None
 
 
 def _mainly(state: "State") -> str:
-    """The joints with the largest participation factors in the vibration at the limit."""
+    """Names of the joints with the largest participation factors in the vibration at the limit."""
     if not state.moves:
         return "nothing moves"
     first, *others = state.limiting_joints or ("–",)
@@ -119,11 +119,11 @@ STATE = [
     Column("", "tasks_gain_limit", lambda state: state.tasks.limit.gain if state.moves and state.tasks else None),
     Column("", "tasks_limit_frequency_rad_s", lambda state: state.tasks.limit.frequency if state.moves and state.tasks else None),
 ]
-"""A posture in a contact state."""
+"""Columns of a posture in a contact state."""
 
 
 def state_columns() -> list[Column]:
-    """STATE, and further margins that a requirement bounds."""
+    """Columns STATE, and further margins that a requirement bounds."""
     known = {column.margin for column in STATE}
     further = [one for one in REQUIREMENTS.values() if one.name not in known]
     return STATE + [
@@ -172,7 +172,7 @@ JOINT = [
         shown=lambda row: digits(row.participation, significant=2) if row.participation >= 1e-3 else "–",
     ),
 ]
-"""A joint of a robot in one state."""
+"""Columns of a robot's joint in one state."""
 
 TASK = [
     Column("direction", "", lambda row: f"{row.name} {row.direction}"),
@@ -185,11 +185,11 @@ TASK = [
     Column("alone", "gain_limit", lambda row: row.gain_limit, definition="the factor on its gains, other directions open"),
     CLOSED,
 ]
-"""A direction of a task."""
+"""Columns of a direction of a task."""
 
 
 def audited_states(safe: Callable[["State"], bool]) -> list[Column]:
-    """A contact state of an audit; `safe` judges one."""
+    """Columns of an audit's contact state; `safe` judges one."""
     return [
         Column("contact", "contact", lambda state: state.contact),
         POSTURE,
@@ -213,7 +213,7 @@ def audited_states(safe: Callable[["State"], bool]) -> list[Column]:
 
 
 def worst_facts(study: "Analysis", name: str) -> dict[str, Any]:
-    """A requirement's worst over states and uncertainty, beside the nominal value there, in JSON."""
+    """JSON of a requirement's worst value over states and uncertainty, with the nominal value there."""
     one, state = REQUIREMENTS[name], study.worst[name]
     value, nominal = study.least(state, name), one.value(state.counted)
     case = study.case_of(name) or None
@@ -221,7 +221,7 @@ def worst_facts(study: "Analysis", name: str) -> dict[str, Any]:
 
 
 def actuator_facts(system: "System") -> list[dict[str, Any]]:
-    """Motor, gearbox, friction and delay of each joint in JSON; None: a guessed inertia, a rigid gearbox, and no friction."""
+    """JSON of motor, gearbox, friction and delay of each joint; null for an assumed inertia, a rigid gearbox, and no friction."""
     columns = system.source.actuators.known
     rows = zip(system.source.joint_names, system.drives, *(column.tolist() for column in columns.values()), strict=True)
     return [{"name": name, "delay_ms": 1e3 * drive.delay, **dict(zip(columns, values, strict=True))} for name, drive, *values in rows]
@@ -240,7 +240,7 @@ AUDITED_JOINT = [
     Column("", "margins", lambda row: {REQUIREMENTS[name].key: REQUIREMENTS[name].in_unit(value) for name, value in row.margins.items()}),
     Column("", "unmet", lambda row: list(row.missed)),
 ]
-"""A joint of an audit, in its worst state."""
+"""Columns of an audit's joint, in its worst state."""
 
 
 USE = "gains times this factor"
@@ -248,10 +248,7 @@ KEPT = "; × 1 on a joint that fails now: it has enough with the others lowered"
 
 
 def audited_joints(result: "Audit") -> list[Column]:
-    """AUDITED_JOINT, with the factor on gains where that differs.
-
-    With the margins that are required, each beside what is required, too.
-    """
+    """Columns AUDITED_JOINT, with the factor on gains if that differs, and with required margins."""
     use = result.ready_to_use
     columns = list(AUDITED_JOINT)
     if use is not None and (len(use.joints) < len(result.joints) or use.factor is None):
@@ -266,7 +263,7 @@ def audited_joints(result: "Audit") -> list[Column]:
 
 
 def legend(result: "Audit", shown: Collection[str]) -> str:
-    """What the columns with these titles are, in a line or two."""
+    """Legend of the columns with these titles, in a line or two."""
     units = joint_units(result.system.source.body)
     endless = " (∞: none up to 1000)" if any(math.isinf(joint.limit_others_closed) for joint in result.joints) else ""
     parts = {
@@ -280,7 +277,7 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
 
 
 def joint_caption(result: "Audit", shown: Collection[str]) -> str:
-    """What the columns of AUDITED_JOINT with these titles are, with their units."""
+    """Caption of the columns of AUDITED_JOINT with these titles, with their units."""
     units = joint_units(result.system.source.body)
     by_title = {**{name: units[name] for name in ("kp", "kd", "ki")}, "motor inertia": units["load"]}
     margins = judged_legend(result.required, shown)
@@ -290,5 +287,5 @@ def joint_caption(result: "Audit", shown: Collection[str]) -> str:
 
 
 def asked(result: "Audit") -> str:
-    """The margin that an audit requires."""
+    """Gain margin that an audit requires, as text."""
     return f"{digits(result.margin, '', 4)} ({digits(to_db(result.margin), 'dB', 3)})"

@@ -1,4 +1,4 @@
-"""How a robot would vibrate, in pictures: the tightest state, large, and one for each of the others."""
+"""Drawings of a vibrating robot: the tightest state, large, and one for each of the others."""
 
 import math
 
@@ -20,9 +20,9 @@ WIDTH = 1028  # [px] of a picture on a wide screen
 
 
 def hero(state: State, alone: bool, motion: GainLimit | None = None, title: str = "") -> Html:
-    """The state with the least gain headroom, large, with each joint's participation factor beside it. `alone`: it is the only one.
+    """Large figure of the state with the least headroom, with each joint's participation factor. `alone`: it is the only state.
 
-    motion   another one than at the gain limit, with the picture's `title`
+    motion   another motion than at the gain limit, with the figure's `title`
     """
     view, limit = common_view([state], NAMES_BETWEEN), motion or state.limit
     title = title or _title(state, alone)
@@ -58,9 +58,9 @@ def hero(state: State, alone: bool, motion: GainLimit | None = None, title: str 
 
 
 def small(state: State, limit: GainLimit, view: View, others: int) -> Html:
-    """One contact state among others, in the common view, with the vibration at `limit`: of its joints' gains or its tasks'.
+    """Small figure of one contact state in the common view, with the vibration at `limit`: of its joints' gains or its tasks'.
 
-    others   postures of this contact state with more gain headroom
+    others   number of postures of this contact state with more headroom
     """
     traces, notes = drawn(state.model, limit, view, 12)
     picture = drawing_layout(limit, notes, view, [0, 1], {"len": 0.7, "xpad": 4})
@@ -75,13 +75,13 @@ def small(state: State, limit: GainLimit, view: View, others: int) -> Html:
 
 
 def _title(state: State, alone: bool) -> str:
-    """The hero's."""
+    """Title of the large figure."""
     found = _vibrates(state.limit)
     return f"{found[0].upper()}{found[1:]}" if alone else f"The tightest state, {state.title}: {found}"
 
 
 def _vibrates(limit: GainLimit, short: bool = False) -> str:
-    """At which factor vibration starts, and at which frequency."""
+    """Sentence on the factor at which vibration starts, and its frequency."""
     if math.isnan(limit.gain):
         return f"{'stable' if limit.stable else 'UNSTABLE'}; gain limit not known"
     if not math.isfinite(limit.frequency):
@@ -96,7 +96,7 @@ def _vibrates(limit: GainLimit, short: bool = False) -> str:
 
 
 def _parts(state: State) -> str:
-    """What the marks of the drawing are, from the joints' rings on."""
+    """Explanation of the marks in the drawing, from the joints' rings on."""
     fixed = state.model.body.base == "fixed"
     patches = (
         "Dark patches are contacts" + " and the fixed base" * fixed if state.model.contacts else "The dark patch is the fixed base" * fixed
@@ -121,7 +121,7 @@ def _hero_caption(state: State) -> str:
 
 
 def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, domain: list[float], bar: dict) -> dict:
-    """The axes of a drawing, equal in both directions and hidden, in `domain` of the width; `bar`: the place of the colour bar."""
+    """Layout with hidden, equally scaled axes in `domain` of the width; `bar`: place of the colour bar."""
     hidden = {"showgrid": False, "showline": False, "showticklabels": False, "ticks": "", "zeroline": False, "fixedrange": True}
     ground = "white" if limit.stable else style.UNSTABLE_GROUND
     return style.layout(
@@ -141,7 +141,7 @@ def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, 
 
 
 def _bars(model: RobotModel, limit: GainLimit) -> tuple[style.Trace, list[str]]:
-    """The joints with the largest participation factors, the largest on top."""
+    """Bars of the joints with the largest participation factors, the largest on top."""
     parts, mode = np.abs(limit.mode), limit.mode
     chosen = [k for k in strongest_first(mode)[:MOST_BARS] if parts[k] >= LEAST_BAR]
     values = parts[chosen].tolist()

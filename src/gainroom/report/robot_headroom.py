@@ -1,4 +1,4 @@
-"""Gain headroom by joint or task direction and state: the factors on the gains until vibration, and their map; the cost of coupling."""
+"""Gain headroom by joint or task direction and state: heat map of the factors until vibration, and the cost of coupling."""
 
 import math
 from collections.abc import Sequence
@@ -40,12 +40,12 @@ class Factors:
 
     @property
     def together(self) -> Floats:
-        """(states,) the factor on all gains together."""
+        """Factor (states,) on all gains together."""
         return np.array([limit.gain for limit in self.limits])
 
     @property
     def stable(self) -> tuple[bool, ...]:
-        """(states,) with the gains as they are."""
+        """(states,) True if stable with the present gains."""
         return tuple(limit.stable for limit in self.limits)
 
     @property
@@ -59,7 +59,7 @@ class Factors:
         return self.tightest_first[0]
 
     def few(self) -> "Factors":
-        """At most MOST_STATES states, the tightest, in their order."""
+        """Factors of at most MOST_STATES states, the tightest, in their order."""
         shown = sorted(self.tightest_first[:MOST_STATES])
         return Factors(
             tuple(self.states[k] for k in shown),
@@ -71,7 +71,7 @@ class Factors:
 
 
 def joint_factors(study: Analysis) -> Factors:
-    """Of the file's loops, joint by joint."""
+    """Factors of the file's loops, joint by joint."""
     return Factors(
         study.states,
         study.system.source.joint_names,
@@ -82,7 +82,7 @@ def joint_factors(study: Analysis) -> Factors:
 
 
 def task_factors(study: Analysis) -> Factors | None:
-    """Of the tasks, direction by direction, in the states in which they can move; None without any."""
+    """Factors of the tasks, direction by direction, in the states in which they can move; None without any."""
     found = [(state, state.tasks) for state in study.states if state.tasks is not None and state.tasks.moves]
     if not found:
         return None
@@ -96,7 +96,7 @@ def task_factors(study: Analysis) -> Factors | None:
 
 
 def heat_map(factors: Factors, what: str) -> Html:
-    """Rows: all together, then every part; columns: states. `what` is scaled: "joint" or "task direction"."""
+    """Heat map; rows: all together, then every part; columns: states. `what` is scaled: "joint" or "task direction"."""
     total, factors = len(factors.states), factors.few()
     known = any(factors.stable)  # where nothing is stable, single parts have no factor
     values = np.vstack([factors.together, factors.other_loops_closed.T]) if known else factors.together[None]
@@ -149,7 +149,7 @@ def _colour_bar() -> dict:
 
 
 def _columns(states: Sequence[State]) -> tuple[list[str], bool]:
-    """Names of the columns, and whether they have to stand upright."""
+    """Column names, and True if they have to stand upright."""
     postures = len({state.posture for state in states}) > 1
     labels = [f"<b>{style.shown(state.contact)}</b>" + (f"<br>{style.shown(state.posture)}" if postures else "") for state in states]
     longest = max(len(word) for state in states for word in (state.contact, state.posture if postures else ""))
@@ -157,7 +157,7 @@ def _columns(states: Sequence[State]) -> tuple[list[str], bool]:
 
 
 def _rule(columns: int) -> dict:
-    """A line between all gains together and the single parts."""
+    """Line between all gains together and the single parts."""
     return {"type": "line", "x0": -0.5, "x1": columns - 0.5, "y0": 0.5, "y1": 0.5, "line": {"color": style.INK, "width": 2}}
 
 
@@ -174,7 +174,7 @@ def _unstable_labels(factors: Factors) -> list[style.Annotation]:
 
 
 def _no_gains(factors: Factors) -> list[style.Annotation]:
-    """A dash where a stable state has no gains to scale."""
+    """Dashes where a stable state has no gains to scale."""
     empty = [(k, row) for k, row in np.argwhere(np.isnan(factors.other_loops_closed)).tolist() if factors.stable[k]]
     return [style.label(k, row + 1, "–", style.SOFT, bgcolor="rgba(0,0,0,0)") for k, row in empty]
 
@@ -201,18 +201,18 @@ def _map_caption(factors: Factors, total: int, what: str) -> str:
 
 
 WIDEST = 1e3  # ratio of the factors on one axis; what lies beyond is drawn at its end
-NEGLIGIBLE = 0.97  # of the factor alone: where more remains, the cost of coupling is not reported
+NEGLIGIBLE = 0.97  # relative to the factor alone: above it the cost of coupling is not reported
 MARKS = (
     ("alone", "circle-open", style.BLUE, 15),
     ("other loops closed", "circle", style.BLACK, 10),
     ("all together", "diamond", style.VERMILION, 8),
 )
 Row = tuple[str, tuple[float, float, float]]
-"""Name; factor alone, with the other loops closed, all together. NaN: none."""
+"""Name, and factors: alone, with the other loops closed, all together. NaN: none."""
 
 
 def coupling(factors: Factors, what: str) -> tuple[Html, Html]:
-    """The factors on one part alone, on one with the other loops closed, and on all: by state, and by part in the tightest state."""
+    """Figures of the factors on one part alone, with the other loops closed, and on all: by state, and by part in the tightest state."""
     few, tight = factors.few(), factors.tightest
     by_state: list[Row] = [
         (style.shown(state.title), (_least(few.alone[k]), _least(few.other_loops_closed[k]), float(few.together[k])))
@@ -233,7 +233,7 @@ def _least(values: Floats) -> float:
 
 
 def _dumbbells(rows: Sequence[Row], whole: float, title: str, caption: str) -> Html:
-    """Three marks per row on a logarithmic scale of factors, joined; `whole`: one value for all rows, drawn as a line."""
+    """Figure of three joined marks per row on a logarithmic scale; `whole`: one value for all rows, drawn as a line."""
     finite = [value for _, values in rows for value in (*values, whole) if math.isfinite(value) and value > 0]
     low, high = min([1.0, *finite]), max([1.0, *finite])
     left, right = 0.75 * low, 1.6 * min(high, WIDEST * low)
@@ -261,7 +261,7 @@ def _dumbbells(rows: Sequence[Row], whole: float, title: str, caption: str) -> H
 
 
 def _marks(rows: Sequence[Row], left: float, right: float) -> list[style.Trace]:
-    """The bars first, the three kinds of marks over them; none outside [left, right]."""
+    """Traces of the bars, then the three kinds of marks; none outside [left, right]."""
     edge = (right / left) ** 0.03
     names, values = [name for name, _ in rows], np.array([values for _, values in rows])
     places = np.clip(values, left * edge, right / edge)
@@ -280,7 +280,7 @@ def _marks(rows: Sequence[Row], left: float, right: float) -> list[style.Trace]:
 
 
 def _cost_caption(factors: Factors, what: str) -> str:
-    """Where the coupling costs most."""
+    """Caption with the state in which coupling costs most."""
     pairs = [(_least(alone), float(whole)) for alone, whole in zip(factors.alone, factors.together, strict=True)]
     costs = [(whole / alone, k) for k, (alone, whole) in enumerate(pairs) if 0 < alone < math.inf and math.isfinite(whole)]
     if not costs and np.any(factors.alone == 0):
@@ -298,7 +298,7 @@ def _cost_caption(factors: Factors, what: str) -> str:
 
 
 def _lost_alone(factors: Factors, what: str) -> str:
-    """Parts that are unstable by themselves at any factor: coupling is not the cause."""
+    """Caption on parts unstable by themselves at any factor: coupling is not the cause."""
     lost = [part for k, part in enumerate(factors.parts) if np.any(factors.alone[:, k] == 0)]
     known = int(np.count_nonzero(~np.isnan(factors.alone).all(axis=0)))
     if len(lost) == known:
@@ -309,7 +309,7 @@ def _lost_alone(factors: Factors, what: str) -> str:
 
 
 def _part_caption(factors: Factors, what: str) -> str:
-    """The effect of closing the other loops on each part."""
+    """Caption on the effect of closing the other loops on each part."""
     tight = factors.tightest
     if not factors.stable[tight]:
         whole = factors.together[tight]

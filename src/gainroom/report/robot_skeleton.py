@@ -1,4 +1,4 @@
-"""A robot as a skeleton, seen from its right and from the front, its joints coloured by their participation factors."""
+"""Robot skeleton seen from its right and from the front, joints coloured by participation factors."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -14,18 +14,18 @@ from . import style
 from .number_format import digits
 
 DEPTH = 0.5 * np.array([math.cos(math.pi / 6), math.sin(math.pi / 6)])  # cabinet projection: what is farther stands higher, at half scale
-SAME_PLACE = 0.015  # of the robot's size: joints closer than this are drawn around one point
+SAME_PLACE = 0.015  # relative to the robot's size: joints closer than this are drawn around one point
 NEAR, FAR = "#7d7d7d", "#bdbdbd"  # links
 GHOST = "#b9dcf2"  # links in another posture
 SMALLEST_PART = 0.05  # participation factors below it get no angle
 LINE = 17  # [px] a line of text is high
-NAMES_BETWEEN = 0.72  # of the robot's size: a gap between the sides that holds names
+NAMES_BETWEEN = 0.72  # relative to the robot's size: a gap between the two views that holds names
 Projection = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True)
 class View:
-    """Both views side by side in one plane, the same for every state. The front view is moved to the right by `shift`.
+    """Side and front view in one plane, equal for every state. The front view is moved to the right by `shift`.
 
     low, high   (2,) corners of the whole drawing [m]
     """
@@ -36,21 +36,21 @@ class View:
     size: float
 
     def side(self, points: Floats) -> Floats:
-        """(k, 2) of points (k, 3): seen from its right, forward to the right."""
+        """Projection (k, 2) of points (k, 3) seen from the robot's right, forward to the right."""
         return points[:, [0, 2]] + points[:, [1]] * DEPTH
 
     def front(self, points: Floats) -> Floats:
-        """(k, 2): seen from the front, its left on the right."""
+        """Projection (k, 2) of points (k, 3) seen from the front, the robot's left on the right."""
         return points[:, [1, 2]] - points[:, [0]] * DEPTH + np.array([self.shift, 0.0])
 
 
 def common_view(states: Sequence[State], gap: float = 0.3) -> View:
-    """A view that holds the robot in each of `states`, with `gap` of its size between the two sides."""
+    """View that holds the robot in each of `states`, with `gap` of its size between the two projections."""
     return view_of([state.model for state in states], gap)
 
 
 def view_of(models: Sequence[RobotModel], gap: float = 0.3) -> View:
-    """The same for models."""
+    """View that holds each of `models`, with `gap` of the robot's size between the two projections."""
     nodes = np.vstack([_outline(model) for model in models])
     size = float(np.ptp(nodes, axis=0).max()) or 1.0
     bare = View(np.zeros(2), np.zeros(2), 0.0, size)
@@ -62,25 +62,25 @@ def view_of(models: Sequence[RobotModel], gap: float = 0.3) -> View:
 
 
 def vibration(limit: GainLimit) -> Floats | None:
-    """(n,) participation factor of each joint in the vibration at the limit; None where there is none."""
+    """Participation factor (n,) of each joint in the vibration at the limit; None without one."""
     return np.abs(limit.mode) if math.isfinite(limit.frequency) else None
 
 
 def participation_text(part: complex) -> str:
-    """A joint's participation factor, and its phase lag behind the strongest."""
+    """Participation factor of a joint, and its phase lag behind the strongest, as text."""
     angle = round(math.degrees(-np.angle(part))) % 360
     lag = f", {angle}°" if abs(part) >= SMALLEST_PART else ""
     return f"{100 * abs(part):.0f} %{lag}"
 
 
 def _outline(model: RobotModel) -> Floats:
-    """(k, 3) points that must be in the picture."""
+    """Points (k, 3) that must be in the picture."""
     body, q = model.body, model.q
     return np.vstack([body.skeleton(q).positions, body.com(q), *(body.frame_placement(q, one.frame)[1] for one in model.contacts)])
 
 
 def drawn(model: RobotModel, limit: GainLimit, view: View, size: int) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """Links, contacts, joints, centre of mass and a scale."""
+    """Traces and labels of links, contacts, joints, centre of mass and a scale."""
     points = model.body.skeleton(model.q).positions
     traces: list[style.Trace] = []
     for project, depth in ((view.side, points[:, 1]), (view.front, -points[:, 0])):
@@ -92,7 +92,7 @@ def drawn(model: RobotModel, limit: GainLimit, view: View, size: int) -> tuple[l
 
 
 def _links(model: RobotModel, plane: Floats, depth: Floats, view: View) -> list[style.Trace]:
-    """Lines from every node to its parent; those in the farther half lighter, and first. What leads to a fixed base is no limb: dashed."""
+    """Lines from every node to its parent, the farther half first and lighter; a stand on a fixed base is dashed."""
     parents, held = model.body.skeleton(model.q).parents, [(k, 0) for k in stand(model)]
     ends = [(k, int(parent)) for k, parent in enumerate(parents) if parent >= 0 and (k, 0) not in held]
     middle = 0.5 * (depth.min() + depth.max())
@@ -106,7 +106,7 @@ def _links(model: RobotModel, plane: Floats, depth: Floats, view: View) -> list[
 
 
 def stand(model: RobotModel) -> list[int]:
-    """The nodes that a fixed base holds away from itself, as on a stand."""
+    """Indices of nodes held at a distance by a fixed base, as on a stand."""
     if model.body.base != "fixed":
         return []
     skeleton = model.body.skeleton(model.q)
@@ -121,20 +121,20 @@ def _between(plane: Floats, ends: Sequence[tuple[int, int]], color: str, width: 
 
 
 def ghost(model: RobotModel, view: View) -> list[style.Trace]:
-    """The links of another posture, faint, to be drawn first."""
+    """Links of another posture, faint, to be drawn first."""
     skeleton = model.body.skeleton(model.q)
     ends = [(k, int(parent)) for k, parent in enumerate(skeleton.parents) if parent >= 0]
     return [_between(project(skeleton.positions), ends, GHOST, 4) for project in (view.side, view.front)]
 
 
 def path(points: Floats, view: View) -> list[style.Trace]:
-    """The path of a point (k, 3) [m] in both views."""
+    """Path of a point (k, 3) [m] in both views."""
     planes = (project(points) for project in (view.side, view.front))
     return [style.line(plane[:, 0], plane[:, 1], style.BLUE, width=2.5) for plane in planes]
 
 
 def _joints(model: RobotModel, limit: GainLimit, plane: Floats, depth: Floats, size: int, view: View) -> list[style.Trace]:
-    """Every joint as a disc; those at one place as rings around each other. Base, locked joints and ends of chains are small and grey."""
+    """Joints as discs, coincident ones as rings; base, locked joints and ends of chains are small and grey."""
     skeleton, parts, mode = model.body.skeleton(model.q), vibration(limit), limit.mode
     rings = _rings(skeleton.positions, skeleton.joints, view.size)
     order = sorted(range(len(plane)), key=lambda k: (-round(float(depth[k]) / view.size, 2), -rings[k], k))
@@ -161,14 +161,14 @@ def _joints(model: RobotModel, limit: GainLimit, plane: Floats, depth: Floats, s
 
 
 def _rings(positions: Floats, joints: Integers, size: float) -> list[int]:
-    """How many joints further down the chain share the place of each one."""
+    """Number of joints further down the chain at the place of each joint."""
     moving = [k for k in range(len(positions)) if joints[k] >= 0]
     close = {k: [j for j in moving if np.linalg.norm(positions[j] - positions[k]) < SAME_PLACE * size] for k in moving}
     return [sum(j > k for j in close[k]) if k in close else 0 for k in range(len(positions))]
 
 
 def _contacts(model: RobotModel, view: View, project: Projection) -> list[style.Trace]:
-    """A patch under each contact: flat, line or point, not to scale; one under a fixed base, too."""
+    """Patches under contacts: flat, line or point, not to scale; and one under a fixed base."""
     body, q = model.body, model.q
     half = 0.075 * view.size
     marks = []
@@ -193,7 +193,7 @@ def _centre(model: RobotModel, project: Projection) -> style.Trace:
 
 
 def _scale(view: View) -> style.Trace:
-    """A bar of a round length at the foot of the picture."""
+    """Scale bar of a round length at the foot of the picture."""
     length = _round_length(0.35 * view.size)
     x, y = view.low[0] + 0.04 * view.size, view.low[1] + 0.05 * view.size
     bar = style.line([x, x + length], [y, y], style.SOFT, width=2, mode="lines+text", text=["", f"  {digits(length, 'm')}"])
@@ -206,7 +206,7 @@ def _round_length(length: float) -> float:
 
 
 def _names(model: RobotModel, limit: GainLimit, view: View) -> list[style.Annotation]:
-    """Which view is which, whether anything touches the ground, and whether it is unstable."""
+    """Labels of the two views, with a note if nothing touches the ground, or if the state is unstable."""
     middle = view.side(_outline(model))[:, 0], view.front(_outline(model))[:, 0]
     notes = []
     flies = not model.contacts and model.body.base == "floating"
@@ -219,7 +219,7 @@ def _names(model: RobotModel, limit: GainLimit, view: View) -> list[style.Annota
 
 
 def labels(model: RobotModel, limit: GainLimit, view: View, scale: float) -> list[style.Annotation]:
-    """The limiting joints by name beside the front view, left ones to the right, none over another. `scale` [px/m]."""
+    """Names of the limiting joints beside the front view, left ones to the right, without overlap. `scale` [px/m]."""
     skeleton = model.body.skeleton(model.q)
     plane = view.front(skeleton.positions)
     strong = set(limiting_joints(limit, model.joint_names)[:8])

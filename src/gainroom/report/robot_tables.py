@@ -1,4 +1,4 @@
-"""All that is shown of a robot's study in one record; the tables of its page, and its inputs as text."""
+"""Presentation of a robot study; the tables of its page, and its inputs as text."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ GRAVITY = {
     None: "left out; its stiffness is counted in recommended gains where rigid contacts hold the base",
 }
 MOST_ROWS = 600
-"""Of one table: beyond it a page becomes slow; --json has everything."""
+"""Most rows of one table: beyond it a page becomes slow; --json has everything."""
 SET_CAPTION = (
     "The least of each margin over all loops, all together and one at a time with the other loops closed, in every case examined. "
     "Limited by: the requirement that fails, and where, if the softest joint or direction is made 5 % stiffer."
@@ -48,12 +48,12 @@ TASK_UNITS = "PD: kp [1/s²], kd [1/s]; P/PI: kp [1/s], kv [1/s], ki [1/s²]."
 
 @dataclass(frozen=True)
 class RobotPresentation(Presentation):
-    """All that is shown of a robot's study.
+    """Presentation of a robot study.
 
     file         the robot.yaml
-    over_sweep   whether postures of a sweep count, too
-    swept        what recommended gains keep in them; None where there are none
-    worse        without a sweep a posture with a lower limit than the file's, and the search that found it; None where none was found
+    over_sweep   True if postures of a sweep count, too
+    swept        limits of the recommended gains in them; None without recommended gains
+    worse        without a sweep, a posture with a lower limit than the file's, and the search that found it; None: none was found
     """
 
     study: RobotStudy
@@ -64,7 +64,7 @@ class RobotPresentation(Presentation):
 
     @property
     def to_use(self) -> ToUse:
-        """Gains to use, and of joints the commands that audit them; none where the file is not at hand."""
+        """Recommended gains, and for joints the commands that audit them; no commands without a file."""
         from ..files.robot_yaml import robot_sections
 
         found = robot_to_use(self.study, self.call)
@@ -111,7 +111,7 @@ class RobotPresentation(Presentation):
 
     @property
     def elsewhere(self) -> list[str]:
-        """Sentences on postures that the file does not name: one with a lower gain limit, or those of a sweep."""
+        """Sentences on postures outside the file: one with a lower gain limit, or those of a sweep."""
         if self.worse is not None:
             return [worse_note(*self.worse, self.study.tightest.limit.gain)]
         if self.over_sweep and self.swept is None:
@@ -131,7 +131,7 @@ class RobotPresentation(Presentation):
 
 
 def _all_there_is(study: RobotStudy) -> list[Part]:
-    """Every state, joint and task, and all recommended gains."""
+    """Tables of every state, joint and task, and all recommended gains."""
     columns = state_columns()
     title = f"All joints together ({model_text(study.system.control.sample_time)})"
     states = Grid.of(title, columns, study.states + study.immobile, ("delay", "one-loop phase", "disk"))
@@ -156,7 +156,7 @@ def _task_parts(state: State) -> list[Part]:
 
 
 def _gains_parts(gains: RobotGains, first: tuple[str, str]) -> list[Part]:
-    """The gains that are safe in every state, and their cost; `first`: posture and contact state."""
+    """Parts with the gains that are safe in every state, and their cost; `first`: posture and contact state."""
     safe, *_ = rows(gains)
     text: list[Part] = [*gains_text(gains, first), ""]
     if not safe.acts:
@@ -168,7 +168,7 @@ def _gains_parts(gains: RobotGains, first: tuple[str, str]) -> list[Part]:
 
 
 def state_table(study: RobotStudy) -> Html:
-    """Every state: the factor on all gains together, and the margins."""
+    """Table of every state: the factor on all gains together, and the margins."""
     columns = state_columns()
     rows = study.states + study.immobile
     headings, texts = tabulated(columns, rows[:MOST_ROWS])
@@ -177,19 +177,19 @@ def state_table(study: RobotStudy) -> Html:
 
 
 def joint_table(states: Sequence[State], caption: str = "") -> Html:
-    """Every joint in the given states."""
+    """Table of every joint in the given states."""
     rows = [(state, row) for state in states for row in state.joints]
     return _several(JOINT, rows, len(states) > 1, lambda shown: f"{caption} {joint_legend(states[0].model.body, shown)}")
 
 
 def joint_legend(body: Any, shown: Collection[str]) -> str:
-    """What the columns of JOINT with these titles are, with their units."""
+    """Legend of the columns of JOINT with these titles, with their units."""
     units = joint_units(body)
     return f"{definitions(JOINT, shown)} {units_of(shown, {name: units[name] for name in ('load', 'kp', 'kd')})}.{units['prismatic']}"
 
 
 def task_table(states: Sequence[State]) -> Html:
-    """Every task direction in the given states."""
+    """Table of every task direction in the given states."""
     found = [(state, state.tasks) for state in states if state.tasks is not None]
     together = [f"{state.title}: {tasks_together(tasks)}" for state, tasks in found]
 
@@ -203,12 +203,12 @@ def task_table(states: Sequence[State]) -> Html:
 
 
 def tasks_together(tasks: TaskStudy) -> str:
-    """The factor on all gains of the tasks."""
+    """Factor on all gains of the tasks, as text."""
     return f"{digits(tasks.limit.gain)}{at_frequency(tasks.limit.frequency, text=hertz)}{'' if tasks.limit.stable else ', UNSTABLE'}"
 
 
 def _several(columns: Sequence[Column], rows: Sequence[tuple[State, Any]], named: bool, caption: Callable[[Collection[str]], str]) -> Html:
-    """Rows of states, whose first cell has the state's name behind it where there are several. `caption`: of the titles shown."""
+    """Table of rows of states, with the state's name in the first cell if there are several. `caption`: from the titles displayed."""
     headings, texts = tabulated(columns, [row for _, row in rows[:MOST_ROWS]])
     names = [f", {state.title}" if named else "" for state, _ in rows]
     return table(
@@ -223,7 +223,7 @@ def _cut(rows: int) -> str:
 
 
 def gain_tables(gains: RobotGains, system: System) -> list[Html]:
-    """Recommended gains: the one safe set and one per contact state, of joints over their inertia, too, and the margins of each set."""
+    """Tables of recommended gains: the common set and one per contact state, for joints also over their inertia, and their margins."""
     sets = rows(gains) if len(gains.per_contact) > 1 else rows(gains)[:1]  # of one contact state the set would be the same again
     margins = table(*tabulated(set_columns(system.requirements), sets), SET_CAPTION, sorts=False)
     if not any(row.acts for row in sets):
@@ -250,7 +250,7 @@ def _gain_caption(gains: RobotGains, shown: Sequence[Row]) -> str:
 
 
 def inputs(system: System) -> Html:
-    """The robot, its actuators, drives and control as used on this page."""
+    """Inputs used on the page: robot, actuators, drives and control."""
     pairs = [
         *machine(system),
         ("gravity", GRAVITY[system.source.gravity]),
@@ -262,7 +262,7 @@ def inputs(system: System) -> Html:
 
 
 def machine(system: System) -> list[tuple[str, str]]:
-    """The robot, its actuators, drives and control."""
+    """Names and values of the robot, its actuators, drives and control."""
     body, actuators = system.source.body, system.source.actuators
     rigid = int(np.count_nonzero(np.isinf(actuators.stiffness)))
     drives, units = system.drives, joint_units(body)
@@ -296,12 +296,12 @@ def _control(system: System) -> str:
 
 
 def angles_text(posture: Posture) -> str:
-    """Its joint angles as text."""
+    """Joint angles of a posture as text."""
     angles, unit = posture.angles, "rad, m" if posture.body.prismatic.any() else "rad"
     text = ", ".join(f"{name} {digits(angle, '', 3)}" for name, angle in list(angles.items())[:40])
     return f"{text} {unit}; others 0" if text else "all joints at 0"
 
 
 def contacts_text(contacts: Sequence[Contact]) -> str:
-    """The contacts of a state as text."""
+    """Contacts of a state as text."""
     return "; ".join(f"{one.frame}, {one.kind}, {'rigid' if one.stiffness is None else 'on springs'}" for one in contacts) or "none"

@@ -1,4 +1,4 @@
-"""The results of a study or an audit of a robot in sentences: the answer, and warnings with remedies."""
+"""Results of a robot study or audit as sentences: the answer, and warnings with remedies."""
 
 import math
 from collections.abc import Iterable
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 EXACT_ROBOT = "stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range"
 COUPLED = 0.95
-"""Coupling is reported where the limit is below this part of the tightest joint's own."""
+"""Ratio of the limit to the tightest joint's own below which coupling is reported."""
 
 
 def sentence(study: "RobotStudy") -> str:
-    """Verdict, unmet requirements, gain limit with frequency, state and joints, cost of coupling; more where something is not known.
+    """Verdict, unmet requirements, gain limit with frequency, state and joints, cost of coupling, and limitations, as text.
 
-    Of a study that lacks some of the robot's states (Analysis.examined) it begins with which it is of, unless one of them is unstable.
+    A study that lacks some of the robot's states (Analysis.examined) begins with its scope, unless one of them is unstable.
     """
     parts = [_so_far(study, _verdict(study)), *_lost_tasks(study), *_weak_tasks(study)]
     unlimited = [state.title for state in study.without_limit]
@@ -47,7 +47,7 @@ def sentence(study: "RobotStudy") -> str:
 
 
 def _so_far(study: "RobotStudy", text: str) -> str:
-    """A verdict that claims no more than is known: "safe" is said of all states alone, "not safe" of the first that is not."""
+    """Verdict text restricted to the examined states: "safe" applies to all states only, "not safe" to the first unsafe one."""
     if not study.examined or not study.stable:
         return text
     text = text.removeprefix(f"{LEVELS['safe']}: ")
@@ -55,7 +55,7 @@ def _so_far(study: "RobotStudy", text: str) -> str:
 
 
 def _lost_tasks(study: "RobotStudy") -> list[str]:
-    """A sentence where the file's tasks, which its controller does not close, are unstable in some states."""
+    """Sentence on tasks, not closed by the file's controller, that are unstable in some states; [] otherwise."""
     lost = study.unstable_tasks
     if not lost:
         return []
@@ -67,7 +67,7 @@ def _lost_tasks(study: "RobotStudy") -> list[str]:
 
 
 def _weak_tasks(study: "RobotStudy") -> list[str]:
-    """A sentence where those tasks are stable, but have less gain margin than is required."""
+    """Sentence on such tasks that are stable, but with less gain margin than required; [] otherwise."""
     state = study.weakest_tasks
     if state is None or state.task_limit is None:
         return []
@@ -78,7 +78,7 @@ def _weak_tasks(study: "RobotStudy") -> list[str]:
 
 
 def _uncontrolled(study: "RobotStudy") -> list[str]:
-    """Motions that no task controls: the verdict on the tasks counts them as at rest."""
+    """Sentences on motions that no task controls: the verdict on the tasks counts them as at rest."""
     found: dict[str, list[str]] = {}
     for state in study.states:
         if state.tasks is not None and state.tasks.moves and state.tasks.tasks.free:
@@ -128,7 +128,7 @@ def _verdict(study: "RobotStudy") -> str:
 
 
 def _coupling(state: State) -> str:
-    """The cost of coupling: the limit of the tightest joint with all other loops open, where that is higher."""
+    """Sentence on the cost of coupling: the limit of the tightest joint with all other loops open, if it is higher; "" otherwise."""
     alone = min((limit for limit in state.limits_others_open.tolist() if not math.isnan(limit)), default=math.nan)
     if not state.limit.gain < COUPLED * alone:
         return ""
@@ -136,7 +136,7 @@ def _coupling(state: State) -> str:
 
 
 def warnings(study: "RobotStudy") -> tuple[str, ...]:
-    """What changes the decision, each with its remedy."""
+    """Warnings that change the decision, each with its remedy."""
     system, in_tasks = study.system, study.system.control.space == "task"
     found = [f"{state.title}: the tasks' gains are unstable{_at_most(state.task_limit)}" for state in study.unstable_tasks]
     found += [*lost_at_usual_rate(study), *_immobile(study)]
@@ -150,7 +150,7 @@ def warnings(study: "RobotStudy") -> tuple[str, ...]:
 
 
 def notes(study: "RobotStudy") -> tuple[str, ...]:
-    """What else a user should know."""
+    """Further notes for the user."""
     system, in_tasks = study.system, study.system.control.space == "task"
     found = _unstable(study)
     found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
@@ -163,7 +163,7 @@ def notes(study: "RobotStudy") -> tuple[str, ...]:
 
 
 def _of_weights(study: "RobotStudy", own_space: bool) -> list[str]:
-    """Of recommended gains in the file's own space, or in others."""
+    """Warnings about the weight under recommended gains in the file's own space, or in others."""
     from .recommended_gains import weight_warnings  # loads the search for gains, which audits do without
 
     space = study.system.control.space
@@ -171,13 +171,13 @@ def _of_weights(study: "RobotStudy", own_space: bool) -> list[str]:
 
 
 def _not_found(study: "RobotStudy") -> list[str]:
-    """A warning where no gains for every state were found."""
+    """Warnings that no gains for every state were found."""
     missing = [gains for gains in study.recommended if gains.space == study.system.control.space and gains.everywhere is None]
     return [f"no gains were found that meet the requirements in every state; nearest: {gains.nearest['']}" for gains in missing]
 
 
 def unconfirmed(states: Iterable[State]) -> list[str]:
-    """A warning that names the states in which a limit or margin is not certified."""
+    """Warning with the states in which a limit or margin is not certified; [] if all are."""
     names = [state.title for state in states if not state.margins.certified]
     if not names:
         return []
@@ -192,7 +192,7 @@ def _unstable(study: "RobotStudy") -> list[str]:
 
 
 def _immobile(study: "RobotStudy") -> list[str]:
-    """The states without a verdict, and those whose verdict has no limit."""
+    """Warnings about states without a verdict, and states whose verdict has no limit."""
     found = []
     if study.immobile:
         remedy = "lock those joints, or check the contacts"
@@ -211,7 +211,7 @@ def _immobile(study: "RobotStudy") -> list[str]:
 
 
 def free_joints(system: System) -> list[str]:
-    """Joints without a restoring torque: the verdict counts their drift as at rest."""
+    """Warning about joints without a restoring torque: the verdict counts their drift as at rest."""
     if system.control.controller is None:
         return []
     stiffness = np.zeros(system.source.body.size)
@@ -229,7 +229,7 @@ def free_joints(system: System) -> list[str]:
 
 
 def _toppling(study: "RobotStudy") -> list[str]:
-    """A warning where the weight, which does not count, topples the robot on the file's gains."""
+    """Warning that the weight, which is not included, topples the robot on the file's gains; [] otherwise."""
     if not study.topples:
         return []
     return [
@@ -239,7 +239,7 @@ def _toppling(study: "RobotStudy") -> list[str]:
 
 
 def _weightless(study: "RobotStudy") -> list[str]:
-    """A warning where gravity is left out for a standing robot."""
+    """Warning that gravity is left out for a standing robot; [] otherwise."""
     robot = study.system.source
     if study.topples or robot.gravity or robot.body.base == "fixed" or not any(robot.contacts.values()):
         return []

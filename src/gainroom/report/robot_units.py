@@ -1,4 +1,4 @@
-"""Units of a robot's joints, and what is required, as text for terminal and page."""
+"""Units of a robot's joints, and requirements, as text."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -8,16 +8,16 @@ if TYPE_CHECKING:
     from ..system.controller import GainKey
 
 _UNITS = {"load": ("kg·m²", "kg"), "kp": ("N·m/rad", "N/m"), "kd": ("N·m·s/rad", "N·s/m"), "ki": ("N·m/(rad·s)", "N/(m·s)")}
-"""Of a revolute and of a prismatic joint; a load is a motor's inertia too."""
+"""Units of a revolute and of a prismatic joint; "load" applies to a motor's inertia, too."""
 
 
 def unit_of_gain(key: "GainKey", body: Any) -> str:
-    """The unit of a gain of a RigidBody's joints."""
+    """Unit of a gain of a RigidBody's joints."""
     return joint_units(body)[key.name] if key.unit == _UNITS.get(key.name, ("",))[0] else key.unit
 
 
 def joint_units(body: Any) -> dict[str, str]:
-    """The units of a RigidBody's joints by quantity; under `prismatic` a sentence that names such joints among revolute ones."""
+    """Units of a RigidBody's joints by quantity; `prismatic`: a sentence that names prismatic joints among revolute ones."""
     prismatic = [name for name, is_prismatic in zip(body.joint_names, body.prismatic.tolist(), strict=True) if is_prismatic]
     if len(prismatic) in (0, body.size):
         return {name: both[bool(prismatic)] for name, both in _UNITS.items()} | {"prismatic": ""}
@@ -26,7 +26,7 @@ def joint_units(body: Any) -> dict[str, str]:
 
 
 def requirements_text(system: Any) -> str:
-    """The requirements of a System, and the gains that they apply to."""
+    """Requirements of a System, with the gains that they apply to, as text."""
     required = f"Required: {system.requirements}"
     if system.control.space == "task":
         return f"{required}; of all tasks closed together, and of recommended gains."

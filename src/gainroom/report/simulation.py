@@ -1,4 +1,4 @@
-"""The page of a simulation of a joint or a robot: verdict, what to do, numbers, what fails, the whole run; the rest closed below."""
+"""Page of a simulation of a joint or a robot: verdict, advice, numbers, failures, the whole run; details are folded below."""
 
 import math
 from collections.abc import Callable
@@ -50,7 +50,7 @@ LARGE_POINTS, SMALL_POINTS = 1200, 400  # of a curve, in a figure of full and of
 MOST_LINK_TICKS = 1200  # at which true link positions are computed
 POSES = 200  # on the path of the centre of mass
 ROUNDED = 9  # decimals [m, rad, N m] of what is drawn
-CLOSE_PERIODS = 12  # of the vibration in its own figure
+CLOSE_PERIODS = 12  # periods of the vibration in its own figure
 DIVERGED_RANGE = 3.0  # times the reference's range: a run that diverges is drawn up to it
 LEAST_RANGE = 0.01  # [rad, m] of a reference that hardly moves
 COLORS = ((style.BLUE, "solid"), (style.VERMILION, "dash"), (style.DARK[style.GREEN], "dashdot"), (style.DARK[style.PURPLE], "longdash"))
@@ -58,7 +58,7 @@ TORQUES = ((style.BLACK, "solid"), (style.ORANGE, "dash"), (style.DARK[style.PUR
 
 
 def inputs(outcome: Outcome) -> list[Pair]:
-    """In the units of the file."""
+    """Inputs of the run, in the units of the file."""
     spec, run = outcome.spec, outcome.run
     ticks = f"{digits(1 / run.sample_time, 'Hz')}, {len(run.time)} rows over {digits(outcome.duration, 's')}"
     return [*KINDS[spec.kind].inputs(outcome), ("ticks", ticks)]
@@ -113,14 +113,14 @@ def _sole(sole: Sole) -> str:
 
 
 def _limits(limits: np.ndarray) -> str:
-    """The torque limits of the joints that have one."""
+    """Torque limits of the joints that have one, as text."""
     limited = np.isfinite(limits)
     which = "" if limited.all() else f", {int(limited.sum())} of {len(limits)} joints"
     return span(limits[limited], "N·m") + which if limited.any() else "none"
 
 
 def _gains(simulation: RobotSimulation) -> str:
-    """The gains of the file."""
+    """Gains of the file, as text."""
     law = simulation.system.control.controller
     if law is not None:
         return ", ".join(f"{name} {span(np.broadcast_to(getattr(law, name), simulation.setup.body.size))}" for name in law.gain_names())
@@ -182,7 +182,7 @@ def _poses(outcome: Outcome) -> list[Section]:
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of simulation: title, inputs, assumptions, and sections that only its page has."""
+    """Kind of simulation: title, inputs, assumptions, and page sections of its own."""
 
     title: str
     inputs: Callable[[Outcome], list[Pair]]
@@ -195,15 +195,15 @@ KINDS = {
     "testbed": Kind("virtual testbed", _joint, _testbed),
     "mujoco": Kind("MuJoCo", _robot, _mujoco, _poses),
 }
-"""By SimulationSpec.kind."""
+"""Kinds of simulation, by SimulationSpec.kind."""
 
 
 SHOWN_AS_ZERO = 1e-3
-"""[N·m], and a participation factor: less is shown as 0."""
+"""Torque [N m] or participation factor below which 0 is displayed."""
 
 
 def simulation_page(shown: SimulationPresentation, command: str) -> str:
-    """The report of a run as one HTML page; `command` is the command that makes it."""
+    """HTML page of a run; `command`: the command that makes it."""
     outcome = shown.outcome
     kind, size, names = KINDS[outcome.spec.kind], len(outcome.run.joint_names), len(outcome.run.channels)
     fell = outcome.run.ending == "fell"
@@ -221,7 +221,7 @@ def simulation_page(shown: SimulationPresentation, command: str) -> str:
 
 
 def _first(outcome: Outcome) -> list[Section]:
-    """The picture of what fails, and the whole run."""
+    """First sections: the figure of the failure, and the whole run."""
     run, whole, worst = outcome.run, in_time(outcome), farthest_off(outcome)
     if outcome.vibrates:
         assert outcome.oscillation is not None
@@ -238,7 +238,7 @@ def _first(outcome: Outcome) -> list[Section]:
 
 
 def _lead(shown: SimulationPresentation) -> Lead:
-    """The verdict with its sentence, warnings and advice."""
+    """Lead of the page: verdict with its sentence, warnings and advice."""
     outcome, do = shown.outcome, advice_box(shown.advice)
     if outcome.sound:
         return Lead(sentence(outcome), tone(outcome.verdict), "", warnings(outcome), do)
@@ -248,7 +248,7 @@ def _lead(shown: SimulationPresentation) -> Lead:
 
 
 def _cards(outcome: Outcome) -> list[Card]:
-    """Four or five numbers."""
+    """Cards of the main numbers, four or five."""
     run, found, hardest = outcome.run, outcome.tracking, int(np.argmax(outcome.torque_peak))
     first, last, floor = outcome.leading[0], outcome.worst_at_end, floor_of(outcome)
     peak = _digits(float(outcome.torque_peak[hardest]), 3)
@@ -270,18 +270,18 @@ def _cards(outcome: Outcome) -> list[Card]:
 
 
 def _at_end(outcome: Outcome, channel: int) -> str:
-    """The steady-state error that is the largest."""
+    """Note with the largest steady-state error."""
     value = " ".join(_distance(abs(float(outcome.tracking.steady_state[channel])), outcome.run.units[channel], floor_of(outcome)))
     return ", ".join(filter(None, [f"steady-state error {value}", _named(outcome, outcome.run.channels[channel])]))
 
 
 def _named(outcome: Outcome, name: str) -> str:
-    """A channel or joint, where there are several."""
+    """Name of a channel or joint; "" for a single joint."""
     return name if len(outcome.run.joint_names) > 1 else ""
 
 
 def _margin_cards(outcome: Outcome) -> list[Card]:
-    """What the linear loop has: its gain margin, and what else is missed."""
+    """Cards of the linear loop: gain margin, and missed requirements."""
     limit, asked = outcome.limit, outcome.spec.system.requirements
     if limit is None or outcome.margins is None:
         return []
@@ -297,7 +297,7 @@ def _margin_cards(outcome: Outcome) -> list[Card]:
 
 
 def _settling_card(outcome: Outcome) -> list[Card]:
-    """Of the channels that were asked to move the one that settles last."""
+    """Card of the moved channel that settles last; [] if none was moved."""
     times, over = outcome.tracking.settling_time, outcome.tracking.overshoot
     if np.isnan(times).all():
         return []
@@ -314,18 +314,18 @@ def _settling_card(outcome: Outcome) -> list[Card]:
 
 
 def _distance(value: float, unit: str, floor: float = 1e-9) -> tuple[str, str]:
-    """Number and unit of an error [rad, m]; what is below `floor` is 0."""
+    """Number and unit of an error [rad, m]; 0 below `floor`."""
     factor, shown = motion_unit(value, unit)
     return (milli(value, floor) if factor > 1 else digits(value, significant=3)), shown
 
 
 def _beyond(outcome: Outcome) -> str:
-    """A note where the actual torque passes its limit."""
+    """Note that the actual torque exceeds its limit; "" otherwise."""
     return "above the limit: the current loop overshoots the demand" if overshoots(outcome) else ""
 
 
 def _vibration_card(outcome: Outcome) -> Card:
-    """The simulated vibration."""
+    """Card of the simulated vibration."""
     found = outcome.vibration
     seen = ("none", "") if found is None else (digits(found.frequency / (2 * math.pi), "", 3), "Hz")
     note = not_counted(outcome) if found is not None and not outcome.vibrates else ""
@@ -334,7 +334,7 @@ def _vibration_card(outcome: Outcome) -> Card:
 
 
 def _slip_card(outcome: Outcome) -> list[Card]:
-    """Where feet can slip: the largest displacement of a contact frame from its start."""
+    """Card of the largest displacement of a contact frame from its start; [] if feet cannot slip."""
     if not len(outcome.slip) or "the ground" not in outcome.spec.effects:
         return []
     worst = int(np.argmax(outcome.slip))
@@ -407,7 +407,7 @@ def _digits(value: float, significant: int) -> str:
 
 
 def shown_ticks(reference: Floats, error: Floats) -> int:
-    """The number of ticks of a diverging run, (k, n) each, to be drawn: those within DIVERGED_RANGE."""
+    """Number of ticks of a diverging run, (k, n) each, to be drawn: those within DIVERGED_RANGE."""
     covered = np.vstack([reference[:1] - error[:1], reference])  # from where it starts: a step at t = 0 alone is a constant
     widest = DIVERGED_RANGE * max(float(np.ptp(covered, axis=0).max()), LEAST_RANGE)
     far = np.abs(error).max(axis=1) > widest
@@ -415,13 +415,13 @@ def shown_ticks(reference: Floats, error: Floats) -> int:
 
 
 def _shown(outcome: Outcome) -> int:
-    """The number of ticks that are drawn: all, but of a run that diverges those within DIVERGED_RANGE."""
+    """Number of ticks drawn: all, or for a diverging run those within DIVERGED_RANGE."""
     run, chosen = outcome.run, list(outcome.leading)
     return shown_ticks(run.reference[:, chosen], run.error[:, chosen]) if run.diverged else len(run.time)
 
 
 def in_time(outcome: Outcome) -> Html:
-    """The leading channels, their errors, and the joints with the largest torques; of a single joint both sides, and its target torque."""
+    """Figure of the leading channels, their errors, and the largest joint torques; for a single joint both sides, and its target torque."""
     run, end = outcome.run, _shown(outcome)
     chosen, unit = sorted(outcome.leading[:MOST_TOGETHER]), run.units[outcome.leading[0]]
     scale, rows = _scale(outcome, chosen[0]), slice(0, end)
@@ -466,7 +466,7 @@ BAND = "Green: within 2 % of the move, where it is settled. "
 
 
 def _settled_band(outcome: Outcome, channel: int) -> list[dict[str, Any]]:
-    """Around an error of 0, in the second panel; none where no move is judged."""
+    """Settling band around an error of 0, in the second panel; [] if no move is judged."""
     if math.isnan(outcome.tracking.settling_time[channel]):
         return []
     wide = (
@@ -481,7 +481,7 @@ def _both_sides(outcome: Outcome) -> tuple[tuple[str, ...], tuple[Floats, ...]]:
 
 
 def _torques(outcome: Outcome, rows: slice, joints: list[int]) -> list[Curve]:
-    """Actual ones; of a single joint the target too."""
+    """Curves of the actual torques; for a single joint the target too."""
     run = outcome.run
     curves = [
         Curve(run.joint_names[k], np.round(run.actual_torque[rows, k], ROUNDED), *look) for look, k in zip(TORQUES, joints, strict=False)
@@ -490,25 +490,25 @@ def _torques(outcome: Outcome, rows: slice, joints: list[int]) -> list[Curve]:
 
 
 def _commanded(outcome: Outcome, channel: int) -> Floats:
-    """Relative to where the run starts, as a step at once is not in the reference's own change."""
+    """Reference relative to the initial position, which shows a step at t = 0."""
     run = outcome.run
     return np.round(run.reference[:, channel] - run.reference[0, channel] + run.error[0, channel], ROUNDED)
 
 
 def _change(values: Floats) -> Floats:
-    """Relative to the start, without rounding errors, which would fill a figure where nothing moves."""
+    """Values relative to the start, rounded, since round-off would fill a figure in which nothing moves."""
     return np.round(values - values[0], ROUNDED)
 
 
 def _scale(outcome: Outcome, channel: int) -> float:
-    """The factor from SI to the axis: rad for joints that move far, else mm or mrad."""
+    """Factor from SI to the axis: rad for joints that move far, otherwise mm or mrad."""
     run = outcome.run
     extent = max(float(np.ptp(values[:, channel])) for values in (run.reference, run.measured))
     return motion_unit(extent)[0] if run.units[channel] == "rad" else 1e3
 
 
 def _vibration_note(outcome: Outcome) -> style.Annotation:
-    """Its frequency, at the top of a figure."""
+    """Label of the vibration frequency, at the top of a figure."""
     assert outcome.vibration is not None
     omega = outcome.vibration.frequency
     words = f"<b>vibrates at {hertz(omega)}</b> ({digits(omega, 'rad/s')})"
@@ -529,7 +529,7 @@ def _conclusion(outcome: Outcome) -> str:
 
 
 def _left_over(outcome: Outcome) -> str:
-    """A sentence on the tracking error left at the end of a run without vibration, with its likely causes; "" where none is left.
+    """Sentence on the tracking error left at the end of a run without vibration, with its likely causes; "" if none is left.
 
     The motion has stopped where over the last tenth it changes by no more than 2 % of that error.
     """
@@ -544,7 +544,10 @@ def _left_over(outcome: Outcome) -> str:
 
 
 def close_up(outcome: Outcome) -> Html:
-    """The last periods of the vibration, motors without mean and slope, and torques: mainly of which joints; of one joint both sides."""
+    """Figure of the last periods of the vibration, motors without mean and slope, and torques: of the main joints.
+
+    Of one joint both sides.
+    """
     from scipy.signal import detrend
 
     run, found = outcome.run, outcome.oscillation
@@ -572,25 +575,25 @@ def close_up(outcome: Outcome) -> Html:
 
 
 def drawn_channels(outcome: Outcome) -> list[int]:
-    """The channels that have a figure: the leading ones, then those of the others with the largest errors; in the order of the tables."""
+    """Indices of channels with a figure: the leading ones, then those with the largest errors, in table order."""
     left = [k for k in outcome.others if outcome.tracking.peak[k] > MUJOCO.least]
     return sorted([*outcome.leading, *left][:MOST_CHANNELS])
 
 
 def channels(outcome: Outcome) -> list[Html]:
-    """One figure per channel."""
+    """Figures, one per channel."""
     links = links_over_time(outcome)
     return [channel(outcome, k, links, 330, SMALL_POINTS) for k in drawn_channels(outcome)]
 
 
 def links_over_time(outcome: Outcome) -> Run:
-    """The run at the few ticks at which the true positions of the links are computed."""
+    """Run at the few ticks at which true link positions are computed."""
     end = _shown(outcome)
     return outcome.run.rows(slice(0, end, max(1, end // MOST_LINK_TICKS)))
 
 
 def channel(outcome: Outcome, k: int, looks: Run, height: int = 460, most: int = LARGE_POINTS) -> Html:
-    """Commanded, measured and true position of one channel, and its error with the band where it is settled; `looks`: links_over_time."""
+    """Figure of one channel: commanded, measured and true position, and its error with the settling band; `looks`: links_over_time."""
     run, end, floor, found = outcome.run, _shown(outcome), floor_of(outcome), outcome.tracking
     time, scale, unit = run.time[:end], _scale(outcome, k), run.units[k]
     curves = (
@@ -607,7 +610,7 @@ def channel(outcome: Outcome, k: int, looks: Run, height: int = 460, most: int =
 
 
 def pose(outcome: Outcome, spec: RobotSimulation, run: RobotRun) -> Html:
-    """The final posture over the initial one, with the path of the centre of mass."""
+    """Figure of the final posture over the initial one, with the path of the centre of mass."""
     model, found = spec.model, outcome.oscillation if outcome.vibrates else None
     looks = run.rows(slice(None, None, max(1, len(run.time) // POSES)))
     postures = [looks.posture(row) for row in range(len(looks.time))] + [run.posture(-1)]

@@ -1,4 +1,4 @@
-"""A simulated run as it is shown: sentences, warnings with remedies, what to do; and all of it in one record."""
+"""Simulated run as text: sentences, warnings with remedies, advice; and its presentation."""
 
 import math
 from collections.abc import Iterator
@@ -21,39 +21,39 @@ from .presentation import Grid, Part, Presentation, closing, do_this, warned_fir
 from .words import NOT_SAFE, UNSTABLE, run_headline
 
 SMALLEST_ERROR = 1e-6
-"""[m, rad] smaller errors are not distinguished in a sentence."""
+"""Error [m, rad] below which a sentence does not distinguish it from 0."""
 PERIODS_SHOWN = 3
-"""Of a vibration: a run that shows fewer cannot show whether it is sustained."""
+"""Fewest periods of a vibration that can show whether it is sustained."""
 SHOWN_BY_ALL = 10.0
-"""[Hz] taken for the frequency of a vibration where the linear loop has none."""
+"""Assumed frequency [Hz] of a vibration if the linear loop has none."""
 SLOPING = math.radians(1.0)
-"""A flat foot's ground that slopes by more is reported [rad]."""
+"""Slope [rad] of the ground under a flat foot above which it is reported."""
 MOST_JOINTS = 6
-"""In the terminal's table of torques."""
+"""Most joints in the terminal's table of torques."""
 NUMBERS = ("rms", "peak", "steady_state", "overshoot", "settling_time")
-"""Of Tracking, in JSON."""
+"""Fields of Tracking in JSON."""
 UNEVEN = 1e-3
-"""Feet that stand higher than others by more are reported [m]."""
+"""Height difference [m] between feet above which it is reported."""
 
 
 TRACKING = ("RMS", "peak", "steady state", "overshoot", "settles in")
-"""Titles of tracking_cells."""
+"""Headings of tracking_cells."""
 
 
 def floor_of(outcome: Outcome) -> float:
-    """[m, rad] smaller errors are shown as 0."""
+    """Error [m, rad] below which 0 is displayed."""
     return 1e-9 if outcome.spec.is_exact else 1e-7
 
 
 def tracking_cells(outcome: Outcome, channel: int) -> tuple[str, ...]:
-    """How one channel tracks, in thousandths of its unit, percent and seconds."""
+    """Table cells of one channel's tracking, in thousandths of its unit, percent and seconds."""
     found = outcome.tracking
     errors = (milli(float(values[channel]), floor_of(outcome)) for values in (found.rms, found.peak, found.steady_state))
     return *errors, digits(100 * float(found.overshoot[channel]), "%", 3), settling(float(found.settling_time[channel]))
 
 
 def sentence(outcome: Outcome) -> str:
-    """Whether these gains are safe, and the answer of the run, in two or three short sentences."""
+    """Verdict on these gains, and the result of the run, in two or three short sentences."""
     run, found = outcome.run, outcome.oscillation if outcome.vibrates else None
     at = "" if found is None else frequency_text(found.vibration.frequency)
     if not outcome.completed:
@@ -72,21 +72,21 @@ def sentence(outcome: Outcome) -> str:
 
 
 def unsettled(outcome: Outcome) -> list[int]:
-    """The channels that were asked to move, and do not stay within 2 % of the move around where they were sent."""
+    """Indices of moved channels that do not stay within 2 % of the move around the target."""
     times, immovable = outcome.tracking.settling_time.tolist(), set(getattr(outcome.spec, "immovable", ()))
     late = [k for k, time in enumerate(times) if math.isinf(time) and outcome.run.channels[k] not in immovable]
     return late if outcome.completed else []
 
 
 def left_short(outcome: Outcome) -> list[int]:
-    """Of those the ones with an error left at the end, the mean of the last tenth; the others are still on their way, or swing."""
+    """Indices of unsettled channels with a mean error over the last tenth; the others are still moving, or oscillate."""
     run = outcome.run
     bands = SETTLED * np.abs(run.reference[-1] - run.reference[0] + run.error[0])
     return [k for k in unsettled(outcome) if abs(float(outcome.tracking.steady_state[k])) > bands[k]]
 
 
 def farthest_off(outcome: Outcome) -> int | None:
-    """Of those the one whose error at the end is the largest part of its move; None where all settle."""
+    """Index of the unsettled channel with the largest final error relative to its move; None if all settle."""
     run, found = outcome.run, outcome.tracking
     move = np.abs(run.reference[-1] - run.reference[0] + run.error[0])
     left = np.where(np.isnan(found.steady_state), found.peak, np.abs(found.steady_state))
@@ -105,7 +105,7 @@ def _unsettled(outcome: Outcome) -> str:
 
 
 def growth_text(outcome: Outcome) -> str:
-    """Whether a vibration is sustained, or its doubling or halving time."""
+    """State of a vibration: sustained, or its doubling or halving time."""
     found = outcome.oscillation
     assert found is not None
     if found.moving:
@@ -117,7 +117,7 @@ def growth_text(outcome: Outcome) -> str:
 
 
 def vibration_text(outcome: Outcome) -> tuple[str, str]:
-    """Frequency and growth of a vibration; where it is not counted, the reason."""
+    """Frequency and growth of a vibration; if it is not counted, the reason."""
     found = outcome.oscillation
     if found is None:
         return "none", ""
@@ -127,7 +127,7 @@ def vibration_text(outcome: Outcome) -> tuple[str, str]:
 
 
 def limit_text(limit: GainLimit | None, gain: float = 1.0) -> tuple[str, str]:
-    """The onset of vibration of the linear loop: its frequency, and the factor on the file's gains; `gain`: that of the run."""
+    """Onset of vibration of the linear loop: frequency, and factor on the file's gains; `gain`: factor of the run."""
     if limit is None:
         return "none", "no gain acts"
     if limit.gain <= 0:
@@ -137,17 +137,17 @@ def limit_text(limit: GainLimit | None, gain: float = 1.0) -> tuple[str, str]:
 
 
 def whose(gain: float) -> str:
-    """The gains that factors are on, with the factor of the run where there is one: "the file's gains (this run: 4 ×)"."""
+    """Gains that factors refer to, with the factor of the run if there is one: "the file's gains (this run: 4 ×)"."""
     return _base(gain) if gain == 1 else f"{_base(gain)} (this run: {gain:g} ×)"
 
 
 def _base(gain: float) -> str:
-    """The gains that factors are on, the file's: those of the run itself where its factor `gain` is 1."""
+    """Gains that factors refer to, the file's: "these gains" if the run's factor `gain` is 1."""
     return "these gains" if gain == 1 else "the file's gains"
 
 
 def not_counted(outcome: Outcome) -> str:
-    """Why a vibration is not counted."""
+    """Reason why a vibration is not counted."""
     found = outcome.oscillation
     assert found is not None
     if found.vibration.amplitude <= found.least:
@@ -156,13 +156,13 @@ def not_counted(outcome: Outcome) -> str:
 
 
 def _size(outcome: Outcome, channel: int, number: str) -> str:
-    """A number of the tracking error, with its unit."""
+    """Tracking error number with its unit."""
     value, unit = abs(float(getattr(outcome.tracking, number)[channel])), outcome.run.units[channel]
     return motion(value, unit) if value >= SMALLEST_ERROR else f"less than {motion(SMALLEST_ERROR, unit)}"
 
 
 def _errors(outcome: Outcome) -> str:
-    """The largest error and the steady-state error of the leading channels, with the channel that has it; and the largest of the others."""
+    """Sentence on the largest error and the steady-state error of the leading channels, and the largest error of the others."""
     found, names = outcome.tracking, [printable(name) for name in outcome.run.channels]
     first, last = outcome.leading[0], outcome.worst_at_end
     text = f"Largest tracking error {_size(outcome, first, 'peak')} ({names[first]})"
@@ -175,14 +175,14 @@ def _errors(outcome: Outcome) -> str:
 
 
 def _excess(limit: GainLimit | None) -> str:
-    """How far the gains exceed the stability limit."""
+    """Clause on the excess of the gains over the stability limit."""
     if limit is not None and 0 < limit.gain < math.inf:
         return f"these gains are {beside(1 / limit.gain, 1)} × the limit"
     return "the linear loop is unstable"
 
 
 def _hiding(outcome: Outcome) -> str:
-    """Why the run may not show the vibration."""
+    """Clause on why the run may not show the vibration."""
     hiding = [name for name in outcome.effects if name in ("friction", "noise", "encoder steps", "the torque limit")]
     text = f"{listed(hiding, 'or')} may hide it, or the run is too short" if hiding else "the run is too short, or excites it too little"
     return text if outcome.rippling is None else f"{text}; {_ripple(outcome, outcome.rippling)}"
@@ -194,9 +194,9 @@ def _ripple(outcome: Outcome, joint: int) -> str:
 
 
 def prediction(limit: GainLimit | None, viscous: bool, gain: float = 1.0) -> str:
-    """The linear loop's prediction, without a full stop, with factors on the file's gains.
+    """Prediction of the linear loop, without a full stop, with factors on the file's gains.
 
-    viscous   with the scenario's viscous friction, which verify leaves out
+    viscous   True: with the scenario's viscous friction, which verify leaves out
     gain      the factor on the file's gains in this run
     """
     if limit is None:
@@ -214,7 +214,7 @@ def prediction(limit: GainLimit | None, viscous: bool, gain: float = 1.0) -> str
 
 
 def warnings(outcome: Outcome) -> tuple[str, ...]:
-    """What a user should know, each with its remedy."""
+    """Warnings for the user, each with its remedy."""
     spec, limit, texts = outcome.spec, outcome.limit, list(outcome.spec.warnings)
     slowest = PERIODS_SHOWN / spec.duration  # [Hz] that the run can show
     fast = limit.frequency / (2 * math.pi) if limit is not None and limit.frequency > 0 else SHOWN_BY_ALL
@@ -240,7 +240,7 @@ def warnings(outcome: Outcome) -> tuple[str, ...]:
 
 
 def _verdict_warnings(outcome: Outcome) -> list[str]:
-    """Where the run and the linear loop disagree."""
+    """Warnings that the run and the linear loop disagree."""
     if outcome.hidden:
         why = f", and without {listed(outcome.effects, 'or')}," if outcome.effects else ""
         return [f"these gains may vibrate although this run does not show it: lower all gains; a longer run{why} may show it"]
@@ -258,7 +258,7 @@ def _verdict_warnings(outcome: Outcome) -> list[str]:
 
 
 def _limit_warning(outcome: Outcome) -> str:
-    """How often the torque limit cuts, and by how much the current loop passes it."""
+    """Warning with the share of time at the torque limit, and the current loop's overshoot beyond it."""
     worst = int(outcome.at_torque_limit.argmax())
     share, peak = outcome.at_torque_limit[worst], outcome.torque_peak[worst]
     whose = "" if len(outcome.torque_peak) == 1 else f" of {printable(outcome.run.joint_names[worst])}"
@@ -268,12 +268,12 @@ def _limit_warning(outcome: Outcome) -> str:
 
 
 def overshoots(outcome: Outcome) -> bool:
-    """The actual torque passes the limit, which cuts the demand torque: the current loop overshoots it."""
+    """True if the actual torque exceeds the limit of the demand torque: the current loop overshoots."""
     return bool((outcome.torque_peak > outcome.spec.torque_limit).any())
 
 
 def _place_warnings(spec: SimulationSpec) -> list[str]:
-    """Tasks that cannot move, and ground that is not one level floor."""
+    """Warnings about tasks that cannot move, and ground that is not one level floor."""
     texts = []
     if spec.immovable:
         texts.append(f"{listed(spec.immovable)} cannot move in this posture and contact state: choose another state, or move another task")
@@ -295,7 +295,7 @@ def _place_warnings(spec: SimulationSpec) -> list[str]:
 
 
 def _lower(outcome: Outcome, study_call: str, call: str) -> Advice:
-    """The command that finds gains, and the factor with which the same run has every margin."""
+    """Advice with the command that finds gains, and the factor with which this run has every margin."""
     factor, every = outcome.gain_to_try, " in every state" if outcome.spec.kind == "mujoco" else ""
     if math.isnan(factor):
         return Advice(
@@ -314,7 +314,7 @@ def _lower(outcome: Outcome, study_call: str, call: str) -> Advice:
 
 
 def _tracking(outcome: Outcome, more: str) -> str:
-    """A sentence of advice for motions that do not settle: integral action or a higher kp where an error is left, else damping or time."""
+    """Advice for motions that do not settle: integral action or a higher kp if an error is left, otherwise damping or time."""
     run, late, left = outcome.run, unsettled(outcome), left_short(outcome)
     names = listed([printable(run.channels[k]) for k in left or late]) if len(run.channels) > 1 else ""
     if not left:
@@ -328,14 +328,14 @@ def _tracking(outcome: Outcome, more: str) -> str:
 
 @dataclass(frozen=True)
 class SimulationPresentation(Presentation):
-    """All that is shown of a run; `call`: simulates the file's own gains, `study_call`: judges them."""
+    """Presentation of a run; `call`: simulates the file's own gains, `study_call`: judges them."""
 
     outcome: Outcome
     study_call: str = "gainroom joint FILE"
 
     @property
     def advice(self) -> Advice | None:
-        """Advice on the run's gains: keep, lower, or judge them further; None where the warnings say it all."""
+        """Advice on the run's gains: keep, lower, or judge them further; None if the warnings suffice."""
         outcome, study_call = self.outcome, self.study_call
         more = f"`gainroom {'joint' if outcome.spec.kind != 'mujoco' else 'robot'}`"
         if not outcome.stable or outcome.missed:
@@ -407,7 +407,7 @@ class SimulationPresentation(Presentation):
 
 
 def _all_there_is(outcome: Outcome) -> list[Part]:
-    """Torques, and the vibration beside the linear loop's."""
+    """Tables of torques, and of the vibration beside the linear loop's."""
     run = outcome.run
     hardest = sorted(range(len(run.joint_names)), key=lambda k: -outcome.torque_peak[k])[:MOST_JOINTS]
     torques = [

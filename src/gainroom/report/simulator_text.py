@@ -1,4 +1,4 @@
-"""Gains in the simulator beside the robot's, in sentences and in JSON."""
+"""Audit in the training simulator as sentences and JSON."""
 
 import math
 from typing import Any
@@ -29,7 +29,7 @@ HELD = "in the simulator frames in contact are held, as softly as MuJoCo's conta
 
 
 def simulator_sentence(result: SimulatorAudit) -> str:
-    """Which of the two holds the gains, both limits, and what only one of them holds."""
+    """Sentences on which of simulator and robot holds the gains, both limits, and gains that only one holds."""
     robot = result.audit.tightest.limit.gain
     vibrates = "vibrates at no factor up to 1000" if math.isinf(robot) else f"vibrates from {robot:.3g} × on"
     parts = [VERDICT[result.held_by], _simulated(result), f"The robot {'has no known limit' if math.isnan(robot) else vibrates}."]
@@ -46,7 +46,7 @@ def simulator_sentence(result: SimulatorAudit) -> str:
 
 
 def _simulated(result: SimulatorAudit) -> str:
-    """The simulator's limit."""
+    """Sentence on the simulator's limit."""
     limit, simulator = result.limit, result.simulator
     held = f" held for {simulator.decimation} steps" if simulator.decimation > 1 else ""
     name = f"MuJoCo ({1e3 * simulator.timestep:.4g} ms, {simulator.integrator}, {PD[simulator.pd]}{held})"
@@ -62,7 +62,7 @@ def _simulated(result: SimulatorAudit) -> str:
 
 
 def simulator_assumptions(result: SimulatorAudit) -> tuple[str, ...]:
-    """What is assumed of it."""
+    """Assumptions about the simulator."""
     notes = [*result.assumed, *ASSUMED]
     if any(result.audit.system.source.contacts[state.contact] for state in result.states):
         notes.append(HELD)
@@ -78,7 +78,7 @@ def simulator_assumptions(result: SimulatorAudit) -> tuple[str, ...]:
 
 
 def simulator_facts(result: SimulatorAudit) -> dict[str, Any]:
-    """What --json prints under `simulator`."""
+    """JSON under the key `simulator`."""
     simulator, limit = result.simulator, result.limit
     one_sided = None if result.one_sided is None else dict(zip(("held_by", "from", "to"), result.one_sided, strict=True))
     return {

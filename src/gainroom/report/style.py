@@ -1,4 +1,4 @@
-"""How every picture looks: colours that all eyes can tell apart, a quiet grid, labels that sit on the lines."""
+"""Style of all figures: colours distinguishable by all eyes, a quiet grid, labels on the lines."""
 
 import math
 from html import escape
@@ -21,7 +21,7 @@ Annotation = dict[str, Any]
 
 
 def layout(**parts: Any) -> dict[str, Any]:
-    """The common layout, with `parts` of the picture's own."""
+    """Common figure layout, with the figure's own `parts`."""
     base: dict[str, Any] = {
         "font": {"family": 'system-ui, "Segoe UI", Roboto, Arial, sans-serif', "size": TEXT, "color": INK},
         "paper_bgcolor": "white",
@@ -38,7 +38,7 @@ def layout(**parts: Any) -> dict[str, Any]:
 
 
 def axis(title: str, **parts: Any) -> dict[str, Any]:
-    """A linear axis. Its title names quantity and unit."""
+    """Linear axis. Its title names quantity and unit."""
     base: dict[str, Any] = {
         "title": {"text": title, "standoff": 8},
         "gridcolor": GRID,
@@ -55,7 +55,7 @@ def axis(title: str, **parts: Any) -> dict[str, Any]:
 
 
 def log_axis(title: str, low: float, high: float, scale: float = 1.0, **parts: Any) -> dict[str, Any]:
-    """A logarithmic axis over [low, high] with ticks at 1, 2 and 5, or at every digit, in units of `scale` (2π: rad/s in Hz)."""
+    """Logarithmic axis over [low, high] with ticks at 1, 2 and 5, or at every digit, in units of `scale` (2π: rad/s in Hz)."""
     wide, narrow = high / low > 3e3, high / low < 10  # wide: only powers of ten have room for their names
     named = (1,) if wide else (1, 2, 5) if high / low > 4 else range(1, 10)
     ticks, names = [], []
@@ -70,7 +70,7 @@ def log_axis(title: str, low: float, high: float, scale: float = 1.0, **parts: A
 
 
 def frequency_axes(low: float, high: float) -> dict[str, Any]:
-    """The axes of two panels over [low, high] rad/s: in rad/s under the lower one (x, y2), in Hz above the upper one (x2, y)."""
+    """Axes of two panels over [low, high] rad/s: in rad/s under the lower one (x, y2), in Hz above the upper one (x2, y)."""
     above = {"side": "top", "anchor": "y", "matches": "x", "showgrid": False}
     return {
         "xaxis": log_axis("frequency [rad/s]", low, high, anchor="y2"),
@@ -79,14 +79,14 @@ def frequency_axes(low: float, high: float) -> dict[str, Any]:
 
 
 def decades(name: str, low: float, high: float, scale: float = 1.0) -> dict[str, Any]:
-    """The ticks of such an axis on a phone: powers of ten only."""
+    """Ticks of a logarithmic axis on a phone: powers of ten only."""
     exponents = range(math.ceil(math.log10(low / scale)), math.floor(math.log10(high / scale)) + 1)
     values = [10.0**exponent for exponent in exponents]
     return {f"{name}.tickvals": [value * scale for value in values], f"{name}.ticktext": [digits(value) for value in values]}
 
 
 def line(x: Any, y: Any, color: str, *, dash: str = "solid", width: float = 2, **parts: Any) -> Trace:
-    """A curve."""
+    """Trace of a curve."""
     return {
         "type": "scatter",
         "mode": "lines",
@@ -98,26 +98,26 @@ def line(x: Any, y: Any, color: str, *, dash: str = "solid", width: float = 2, *
 
 
 def markers(x: Any, y: Any, symbol: str, color: str, size: float = 10, **parts: Any) -> Trace:
-    """Points."""
+    """Trace of points."""
     edge = {"color": color, "width": 2.2} if symbol.endswith("open") else {"color": "white", "width": 1.5}
     marker = {"symbol": symbol, "color": color, "size": size, "line": edge}
     return {"type": "scatter", "mode": "markers", "x": x, "y": y, "marker": marker, "hoverinfo": "skip"} | parts
 
 
 def upright(x: float, color: str, dash: str = "solid", width: float = 1, **parts: Any) -> dict[str, Any]:
-    """A line across the whole height, behind all else."""
+    """Vertical line across the whole height, behind everything else."""
     line = {"color": color, "dash": dash, "width": width}
     return {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": line, "layer": "below"} | parts
 
 
 def stretch(low: float, high: float, color: str, opacity: float) -> dict[str, Any]:
-    """A band from `low` to `high` across the whole height, behind all else."""
+    """Band from `low` to `high` across the whole height, behind everything else."""
     place = {"type": "rect", "x0": low, "x1": high, "y0": 0, "y1": 1, "yref": "paper", "layer": "below"}
     return place | {"fillcolor": color, "opacity": opacity, "line": {"width": 0}}
 
 
 def label(x: float, y: float, text: str, color: str = INK, **parts: Any) -> Annotation:
-    """Text on the picture, on a white ground so that lines do not run through it."""
+    """Text label on a white ground, so that lines do not run through it."""
     base = {
         "x": x,
         "y": y,
@@ -131,13 +131,13 @@ def label(x: float, y: float, text: str, color: str = INK, **parts: Any) -> Anno
 
 
 def stamp(word: str) -> Annotation:
-    """A word at the lower right of a picture, that nobody misses."""
+    """Large word at the lower right of a figure."""
     place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "bottom"}
     return label(1, 0, f"<b>{word}</b>", **place) | {"font": {"size": 18, "color": DARK[VERMILION]}}
 
 
 def arrow(start: tuple[float, float], end: tuple[float, float], color: str, **parts: Any) -> Annotation:
-    """An arrow in data coordinates (on a logarithmic axis: decimal logarithms, as plotly wants them)."""
+    """Arrow in data coordinates (on a logarithmic axis: decimal logarithms, as plotly requires)."""
     base = {
         "ax": start[0],
         "ay": start[1],
@@ -156,10 +156,10 @@ def arrow(start: tuple[float, float], end: tuple[float, float], color: str, **pa
 
 
 def switches(y: float = 1.0, **parts: Any) -> dict[str, Any]:
-    """A legend above the picture whose entries switch their lines on and off."""
+    """Legend above the figure whose entries switch their lines on and off."""
     return {"orientation": "h", "x": 0, "xanchor": "left", "y": y, "yanchor": "bottom", "font": {"size": TEXT}, "itemwidth": 30} | parts
 
 
 def shown(name: str) -> str:
-    """A name as a picture can hold it: plain text, not too long."""
+    """Name as plain text for a figure, shortened."""
     return escape(name if len(name) <= LONGEST else name[: LONGEST - 1] + "…", quote=False)

@@ -1,4 +1,4 @@
-"""The page of a sweep: the worst postures, the spread of limits, maps over two joints, what a schedule would gain, and how sure it is."""
+"""Page of a sweep: worst postures, distribution of limits, maps over two joints, gain of a schedule, and coverage."""
 
 import json
 import math
@@ -27,11 +27,11 @@ from .words import swept_banner, tone
 from .workspace import CURVES, FEW, sample_table
 
 SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
-"""ColorBrewer's Blues (Brewer 2013), the lowest darkest."""
+"""Colour scale: ColorBrewer's Blues (Brewer 2013), the lowest darkest."""
 
 
 def sweep_page(shown: SweepPresentation, command: str) -> str:
-    """The report of a sweep as one HTML page; `command`: that makes it."""
+    """HTML page of a sweep; `command`: the command that makes it."""
     found, at_worst, store = shown.found, shown.at_worst, shown.store
     plan, worst, states = found.plan, found.worst_posture, list(at_worst.states)
     maps = pair_maps(plan, store.finished(), np.sum([one.joints for one in found.contacts], axis=0))
@@ -85,7 +85,7 @@ def _drawings(states: list[State]) -> list[Html]:
 
 
 def _spreads(found: SweepSummary) -> Html:
-    """The share of postures below each gain."""
+    """Figure of the share of postures below each gain."""
     traces: list[dict[str, Any]] = []
     for one, (color, dash) in zip(found.contacts[:FEW], CURVES * 2, strict=False):
         if not len(one.spread):
@@ -108,7 +108,7 @@ def _spreads(found: SweepSummary) -> Html:
 
 
 def _map(found: SweepSummary, maps: PairMaps) -> Html:
-    """A map of two joints, which two lists choose."""
+    """Map over two joints, chosen from two lists."""
     first = maps.telling
     assert first is not None
     names = [found.plan.robot.joint_names[joint] for joint in maps.joints]
@@ -152,7 +152,7 @@ def _map(found: SweepSummary, maps: PairMaps) -> Html:
 
 
 def _schedule(found: SweepSummary) -> Html:
-    """Gains of one set, of one set per contact state, and by posture: factors on these gains at the margin that is asked for."""
+    """Table of factors at the required margin with one set of gains, one set per contact state, and gains by posture."""
     worst = found.worst_posture
     rows = []
     for one in found.contacts:

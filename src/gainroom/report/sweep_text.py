@@ -1,4 +1,4 @@
-"""A sweep in words and columns, and all that is shown of it in one record."""
+"""Sweep as text and columns, and its presentation."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from ..studies.sweep.store import Store
 
 MOST_ANGLES = 8
-"""Of a posture, in a sentence."""
+"""Most joint angles of a posture in a sentence."""
 
 
 def counted(number: int) -> str:
-    """With thin spaces."""
+    """Integer with thin spaces between thousands."""
     return f"{number:,}".replace(",", THIN)
 
 
 def sentence(found: SweepSummary) -> str:
-    """The verdict, the worst limit and where it is."""
+    """Verdict, worst limit and its posture, as text."""
     plan, worst = found.plan, found.worst_posture
     many, contacts = plan.postures.count, len(plan.contacts)
     states = f"{counted(many)} posture{'s' * (many > 1)} in {contacts} contact state{'s' * (contacts > 1)}"
@@ -62,18 +62,18 @@ def sentence(found: SweepSummary) -> str:
 
 
 def joint_name(found: SweepSummary, one: SweptPosture) -> str:
-    """Of the joint that moves most; a dash where there is none."""
+    """Name of the joint that moves most; a dash if there is none."""
     return found.plan.robot.joint_names[one.joint] if one.joint >= 0 else "–"
 
 
 def by_joint(found: SweepSummary) -> str:
-    """A sentence with the two commands that search gains joint by joint over the postures of a sweep."""
+    """Sentence with the two commands that search gains joint by joint over the postures of a sweep."""
     file = found.plan.robot.name
     return f"Search joint by joint: the same sweep with `--output sweep.zarr`, then `gainroom robot {file} --sweep sweep.zarr`."
 
 
 def advice(found: SweepSummary, worst: WorstStates) -> str:
-    """What to do, in a sentence; "" where it is not known, and where another requirement stands against it."""
+    """Sentence of advice; "" if none is known, or another requirement prevents it."""
     if not math.isfinite(found.scale):
         return ""
     factor = typed_factor(found.scale)
@@ -89,7 +89,7 @@ def advice(found: SweepSummary, worst: WorstStates) -> str:
 
 
 def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
-    """How sure the worst case is, in sentences."""
+    """Sentences on the certainty of the worst case."""
     worst, said = found.worst_posture, []
     if worst is None:
         return said
@@ -110,14 +110,14 @@ def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
 
 
 def verdict(found: SweepSummary, worst: WorstStates) -> list[str]:
-    """What fails first: other requirements where the gain margin holds."""
+    """Verdict sentences, the failure first: other requirements if the gain margin holds."""
     return swept_headline(found, worst, sentence(found), unmet_text(found, worst))
 
 
 def unmet_text(found: SweepSummary, worst: WorstStates, required: Requirements | None = None) -> str:
-    """Which other requirements fail in the sample of postures that were judged; "" where none does.
+    """Sentences on the other requirements that fail in the sample of postures; "" if none does.
 
-    required   of those judged; the others are what is usual; None: all are
+    required   requirements asked for among those judged; the others are defaults; None: all are asked for
     """
     said = []
     for usual, heading in ((False, "Not met"), (True, "Not required, and short of what is usual there")):
@@ -128,7 +128,7 @@ def unmet_text(found: SweepSummary, worst: WorstStates, required: Requirements |
 
 
 def _missed(found: SweepSummary, worst: WorstStates, one: SampledRequirement, bound: str) -> str:
-    """The worst that was found of one requirement, where, and how often it is missed."""
+    """Clause with the worst value found of one requirement, its state, and how often it is missed."""
     asked, name = found.plan.system.requirements, one.requirement.name
     worst_value = margin_value(asked, name, one.value, False, 3)
     often = f"; missed in {share_missed(worst, one)}" if worst.random_count else ""
@@ -136,14 +136,14 @@ def _missed(found: SweepSummary, worst: WorstStates, one: SampledRequirement, bo
 
 
 def share_missed(worst: WorstStates, one: SampledRequirement) -> str:
-    """How many of the postures that were chosen at random miss a requirement."""
+    """Number of random postures that miss a requirement, as text."""
     if worst.everywhere:
         return f"{counted(one.missed)} of {counted(worst.count)}"
     return f"{one.random_missed} of {worst.random_count} random ones"
 
 
 def looked_at(found: SweepSummary, worst: WorstStates) -> str:
-    """Where the other requirements were judged; "" where there are none."""
+    """Sentence on the postures in which the other requirements were judged; "" if there are none."""
     others = ", ".join(one.requirement.label for one in worst.requirements)
     if not others or worst.everywhere:
         return f"Judged in every posture, too: {others}." if others else ""
@@ -155,7 +155,7 @@ def looked_at(found: SweepSummary, worst: WorstStates) -> str:
 
 
 def sample_columns(found: SweepSummary, worst: WorstStates) -> list[Column]:
-    """Of its requirements."""
+    """Columns of the sample's requirements."""
     asked = found.plan.system.requirements
     return [
         Column("requirement", "name", lambda one: one.requirement.name, shown=lambda one: one.requirement.label),
@@ -171,7 +171,7 @@ def sample_columns(found: SweepSummary, worst: WorstStates) -> list[Column]:
 
 
 def sample_facts(found: SweepSummary, worst: WorstStates) -> dict[str, Any]:
-    """The sample in which other requirements were judged, in JSON."""
+    """JSON of the sample in which other requirements were judged."""
     columns = sample_columns(found, worst)
     return {
         "lowest": worst.lowest,
@@ -186,7 +186,7 @@ def sample_facts(found: SweepSummary, worst: WorstStates) -> dict[str, Any]:
 
 
 def warnings(found: SweepSummary) -> list[str]:
-    """What takes something away from the verdict."""
+    """Warnings that weaken the verdict."""
     said = list(found.plan.notes)
     if found.unknown:
         said.append(f"{counted(found.unknown)} limits are not known: no certified answer was found there; these postures count as failing.")
@@ -203,7 +203,7 @@ def warnings(found: SweepSummary) -> list[str]:
 
 
 def columns(found: SweepSummary) -> list[Column]:
-    """Of a row ContactSummary."""
+    """Columns of a row ContactSummary."""
 
     def worst(one: ContactSummary) -> SweptPosture | None:
         return one.worst[0] if one.worst else None
@@ -241,13 +241,13 @@ def columns(found: SweepSummary) -> list[Column]:
 
 
 def safe_share(found: SweepSummary) -> str:
-    """How many limits keep the margin, are known and certified; never rounded up to all."""
+    """Share of limits that keep the margin, known and certified, as text; never rounded up to "all"."""
     share = 100 * (1 - found.unsafe / max(found.count, 1))
     return "all" if not found.unsafe else "none" if found.unsafe == found.count else f"{min(share, 99.99):.4g} %"
 
 
 def worse_note(found: SweepSummary, one: SweptPosture, known: float) -> str:
-    """That a posture nobody asked for is worse, and which."""
+    """Sentence on a posture outside the file that is worse."""
     names = found.plan.robot.joint_names
     low, high = found.plan.postures.low, found.plan.postures.high
     angles = [f"{name} {angle:.2f}" for name, angle, moves in zip(names, one.angles, high > low, strict=True) if moves]
@@ -260,7 +260,7 @@ def worse_note(found: SweepSummary, one: SweptPosture, known: float) -> str:
 
 
 def checked_sentence(found: SweepSummary) -> str:
-    """What recommended gains keep in the postures of a sweep."""
+    """Sentence on the gain margin of recommended gains in the postures of a sweep."""
     worst, count = found.worst_posture, found.count
     if worst is None:
         return "Recommended gains in the sweep's postures: no limit is known."
@@ -272,7 +272,7 @@ def checked_sentence(found: SweepSummary) -> str:
 
 
 def posture_facts(found: SweepSummary, one: SweptPosture | None) -> dict[str, Any] | None:
-    """A posture in JSON."""
+    """JSON of a posture."""
     if one is None:
         return None
     plan = found.plan
@@ -290,7 +290,7 @@ def posture_facts(found: SweepSummary, one: SweptPosture | None) -> dict[str, An
 
 @dataclass(frozen=True)
 class SweepPresentation(Presentation):
-    """All that is shown of a sweep; `mended`: what was damaged and computed again."""
+    """Presentation of a sweep; `mended`: damaged parts that were computed again."""
 
     found: SweepSummary
     at_worst: WorstStates

@@ -1,4 +1,4 @@
-"""The answer for a joint or robot whose kd closes on a path of its own: sentence, tables, JSON."""
+"""Presentation of a joint or robot whose kd has a separate path: sentence, tables, JSON."""
 
 import math
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ COLUMNS = [
     Column("", "delay_margin_ms", lambda case: 1e3 * case.margins.delay_margin),
     Column("", "certified", lambda case: case.margins.certified),
 ]
-"""A state at the nominal values."""
+"""Columns of a state at the nominal values."""
 
 
 def _ends(case: PathCase, path: str) -> list[float] | None:
@@ -50,7 +50,7 @@ def _range(case: PathCase, path: str) -> str:
 
 
 def sentence(study: PathStudy) -> str:
-    """Verdict, what is missed, and where vibration starts."""
+    """Verdict, missed requirements, and the factors at which vibration starts, as text."""
     case, paths = study.tightest, study.tightest.margins.paths
     if not study.stable:
         gain = case.limit.gain
@@ -77,7 +77,7 @@ def _where(case: PathCase) -> str:
 
 
 def requirement_rows(study: PathStudy) -> list[tuple[str, ...]]:
-    """What is required, its worst value and where, and whether it is met."""
+    """Table rows of the requirements: worst value, its case, required value, and whether it is met."""
     rows = []
     for name, needed in study.system.requirements.needed.items():
         one, (value, case), met = REQUIREMENTS[name], study.worst[name], study.met(name)
@@ -87,7 +87,7 @@ def requirement_rows(study: PathStudy) -> list[tuple[str, ...]]:
 
 
 def warnings(study: PathStudy) -> tuple[str, ...]:
-    """What a user should know."""
+    """Warnings for the user."""
     system, said = study.system, []
     if study.unknown:
         names = listed([REQUIREMENTS[name].title for name in study.unknown])
@@ -100,7 +100,7 @@ def warnings(study: PathStudy) -> tuple[str, ...]:
 
 
 def assumptions(study: PathStudy) -> tuple[str, ...]:
-    """What is assumed of the two paths."""
+    """Assumptions about the two paths."""
     control = study.system.control
     assert control.kd_path is not None
     assert control.sample_time is not None
@@ -113,7 +113,7 @@ def assumptions(study: PathStudy) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class PathPresentation(Presentation):
-    """All that is shown of such a study, which has no page."""
+    """Presentation of such a study, which has no page."""
 
     study: PathStudy
 

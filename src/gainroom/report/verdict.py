@@ -1,4 +1,4 @@
-"""What stands first, of one joint and of a robot: every requirement at its worst, and the gains to use."""
+"""First part of every answer on a joint or robot: each requirement at its worst, and the gains to use."""
 
 import math
 import shlex
@@ -29,15 +29,15 @@ if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
 
 STATE = "posture/contact"
 HALF = 0.5
-"""Part of a joint's gain: uncertainty that costs no less is told."""
+"""Least share of a joint's gain lost to uncertainty that is reported."""
 
 
 def verdict_columns(study: Analysis, to_use: Margins | None, heading: str = "new gains") -> list[Column]:
-    """The columns of the table of requirements: each at its worst, nominal, as required, whether it is met, and with the gains to use.
+    """Columns of the table of requirements: worst value, nominal, required, met, and with the gains to use.
 
     A row is a requirement's name; the worst is over states and uncertainty.
 
-    to_use   the worst margins of those gains, under this `heading`; None where there are none
+    to_use   worst margins of those gains, under this `heading`; None without them
     """
     asked, step = study.system.requirements, study.system.control.sample_time
     uncertain, several = bool(study.system.uncertainty.names), len(study.states) > 1
@@ -83,7 +83,7 @@ def verdict_columns(study: Analysis, to_use: Margins | None, heading: str = "new
 
 
 def verdict_facts(study: Analysis, sentence: str, to_use: Margins | None) -> dict[str, Any]:
-    """The verdict in JSON for the app: sentence, tone, the table of requirements, and which are missed; `to_use`: see verdict_columns."""
+    """JSON of the verdict for the app: sentence, tone, table of requirements, and missed ones; `to_use`: see verdict_columns."""
     columns = verdict_columns(study, to_use)
     return {
         "sentence": sentence,
@@ -98,9 +98,9 @@ def verdict_facts(study: Analysis, sentence: str, to_use: Margins | None) -> dic
 
 @dataclass(frozen=True)
 class ToUse(Advice):
-    """Gains to use, or how to get some; no lines where there are none.
+    """Advice with gains to use, or how to get some; without lines if there are none.
 
-    margins  of the gains in `lines`; None where there are none
+    margins  of the gains in `lines`; None if there are none
     column   the heading of those margins in a table
     """
 
@@ -112,7 +112,7 @@ NOTHING = ToUse("")
 
 
 def joint_to_use(study: "JointStudy", call: str = "gainroom joint FILE") -> ToUse:
-    """Recommended gains; where the file has no rate and they fail at the usual one, those recommended there. `call`: see robot_to_use."""
+    """Recommended gains; for a file without a rate whose gains fail at the usual one, those recommended there. `call`: see robot_to_use."""
     return _decide_first(study, call, _joint_gains(study, call))
 
 
@@ -137,7 +137,7 @@ def _joint_gains(study: "JointStudy", call: str) -> ToUse:
 
 
 def _over_ranges(found: "Recommendation") -> list[str]:
-    """What is to be said of gains for uncertain values that are not proved: what was only looked at, and why; else nothing."""
+    """Remark on gains for uncertain values that are not proved: what was examined, and why; [] if proved."""
     if found.proved:
         return []
     spare = f" with {100 * found.reserve:g} % of each requirement to spare" if found.reserve > 0.01 else ""
@@ -146,17 +146,17 @@ def _over_ranges(found: "Recommendation") -> list[str]:
 
 
 def _at_half_rate(usual: "JointStudy", asked: Requirements) -> str:
-    """What the gains that are recommended at the usual rate have in a loop half as fast."""
+    """Clause with the margins, in a loop half as fast, of the gains recommended at the usual rate."""
     return f"at {0.5e-3 * USUAL_RATE:g} kHz these gains {lacking(asked, usual.at_rate(0.5 * USUAL_RATE))}."
 
 
 def _place(call: str, section: str) -> str:
-    """Where lines go: "in joint.yaml under `control`"; the file is the last word of its command."""
+    """Place for lines: "in joint.yaml under `control`"; the file is the last word of its command."""
     return f"in {shlex.split(call)[-1]} under `{section}`"
 
 
 def other_type(controller: Any, present: Any) -> list[str]:
-    """The line of `control` that makes `controller` of a file's `present` one; none where both are of one type."""
+    """Line of `control` that changes a file's `present` controller to the type of `controller`; [] if both have one type."""
     if type(controller) is type(present):
         return []
     left_out = [name for name in present.gain_names() if name not in controller.gain_names()]
@@ -164,7 +164,7 @@ def other_type(controller: Any, present: Any) -> list[str]:
 
 
 def _beside(controller: Any, present: Any) -> list[str]:
-    """Lines of gains with their units and what they are now; before them the type, where the file has another."""
+    """Lines of gains with units and present values, preceded by the type if it changes."""
     now = {name: value for name, value, _ in own_gains(present)} if type(present) is type(controller) else {}
     lines, units = joint_gains(controller), [unit for _, _, unit in own_gains(controller)]
     width = max(map(len, lines))
@@ -186,11 +186,11 @@ TO_WRITE = {
     "topples_with_weight": "under `model` whether the weight counts (`gravity_stiffness`: false where the controller compensates it)",
     "nothing_required": "what is required under `limits`",
 }
-"""What to write into a file where it decides, by a finding's code."""
+"""Instruction to add missing data to a file, by the code of the finding."""
 
 
 def _decide_first(study: Analysis, call: str, found: ToUse) -> ToUse:
-    """`found`, behind what decides where that is not known: gains of a robot as it was read are then no answer yet."""
+    """Advice to give missing data if that decides, with `found` folded: its gains apply to the robot as read only."""
     missing = [TO_WRITE[one.code] for one in study.verdict.deciding if one.code in TO_WRITE]
     if study.verdict.level != "undecided" or not missing or (found.folded and not found.margins):
         return found
@@ -226,7 +226,7 @@ def _robot_gains(study: "RobotStudy", call: str) -> ToUse:
 
 
 def _cost_of_ranges(study: "RobotStudy") -> list[str]:
-    """What the uncertainty takes from the joint that loses most, where that is half of its gain or more."""
+    """Remark on the uncertainty's cost to the joint that loses most, if that is half of its gain or more; [] otherwise."""
     costs = study.uncertainty_cost
     if costs is None or study.exact is None or not np.any(costs >= HALF):
         return []
@@ -238,7 +238,7 @@ def _cost_of_ranges(study: "RobotStudy") -> list[str]:
 
 
 def _now(study: "RobotStudy", recommended: Any) -> str:
-    """What the joints' gains are now, with their units: " (now kp 2 000 N·m/rad, kd 100 N·m·s/rad)"; the units alone of another law."""
+    """Present gains of the joints with units: " (now kp 2 000 N·m/rad, kd 100 N·m·s/rad)"; the units alone for another controller type."""
     body, present = study.system.source.body, study.system.control.controller
     parts = []
     for key in recommended.gain_keys():
@@ -252,13 +252,13 @@ STATE_RATE = f"State the loop's rate under `control`, such as `{SAMPLED}`."
 
 
 def _state_rate(call: str) -> ToUse:
-    """What to do where gains hold at no rate yet."""
+    """Advice to give the rate if gains hold at no rate yet."""
     reason = f"The file has no rate, and gains found for continuous time would fail at {AT_USUAL}."
     return ToUse(f"{reason} Write your loop's rate {_place(call, 'control')}, such as `{SAMPLED}`, and run:", [call])
 
 
 def _clock(study: Analysis) -> list[str]:
-    """For which loop gains hold that were found without a rate, where the file says so; else nothing."""
+    """Remark on the loop for which gains found without a rate hold, if the file states it; [] otherwise."""
     if study.system.control.sampling_in_delay:
         return ["The file's delay already contains hold and velocity difference, so all this holds for the sampled loop, too."]
     if study.system.control.continuous:
@@ -267,14 +267,14 @@ def _clock(study: Analysis) -> list[str]:
 
 
 def _not_at_usual_rate(margins: Margins, asked: Requirements, place: str) -> str:
-    """Why gains for continuous time are not to be used."""
+    """Reason why gains for continuous time are not to be used."""
     return f"Gains for continuous time, under {place}; at {AT_USUAL} they {lacking(asked, margins)}:"
 
 
 def _heading(study: Analysis, place: str, only: str = "") -> str:
-    """A heading over recommended gains: whether they replace the present ones, and in which file and section they go.
+    """Heading of recommended gains: whether they replace the present ones, and their file and section.
 
-    only   the condition under which they may be used, with a blank behind
+    only   condition under which they may be used, with a trailing blank
     """
     if study.requirements_met is False:
         return f"{only}{'u' if only else 'U'}se instead, {place}:"
@@ -282,14 +282,14 @@ def _heading(study: Analysis, place: str, only: str = "") -> str:
 
 
 def verdict_lines(study: Analysis, to_use: ToUse) -> list[Part]:
-    """The first parts of the terminal's answer: the gains to use with remarks, and the table with every requirement at its worst."""
+    """First parts of the terminal's answer: gains to use with remarks, and the table of every requirement at its worst."""
     drops = ("at", "nominal", to_use.column, "required")
     rows = Grid.of("", verdict_columns(study, to_use.margins, to_use.column), study.worst, drops)
     return [*do_this(to_use), rows] if to_use.lines else [rows]
 
 
 def gains_box(study: "JointStudy | RobotStudy", found: ToUse) -> Html | str:
-    """What to do, on a page: gains to copy, with every requirement before and after; "" where there are none."""
+    """Advice box of a page: gains to copy, with every requirement before and after; "" without gains."""
     if not found.lines:
         return ""
     if found.margins is None:  # the cards say as much

@@ -1,4 +1,4 @@
-"""The page of a verification: whether simulation and prediction agree, every case in a picture, and closed below table and method."""
+"""Page of a verification: agreement of simulation and prediction, a figure of every case, and, folded, table and method."""
 
 import math
 from collections.abc import Sequence
@@ -20,22 +20,22 @@ from .page_parts import assumptions
 from .verification_text import CASE, WITNESSES, VerificationPresentation, at_nominal, furthest, left_out, percent, sentence, size
 
 MARKS = {"linear": ("circle", style.BLUE, 11, -0.18), "mujoco": ("diamond", style.ORANGE, 11, 0.18)}
-"""By witness: symbol, colour, size, and the place in its case's row."""
+"""Symbol, colour, size, and place in its case's row, by witness."""
 APART = 0.22
-"""Of a row, between the differences of gain and frequency, of which one would hide the other."""
+"""Share of a row between the marks of gain and frequency differences, which would hide each other."""
 SHADES = {"mujoco": 0.12, "linear": 0.3}
-"""Of the bands of agreement, the wider one first."""
+"""Opacity of the bands of agreement, the wider one first."""
 WIDEST = 100.0
-"""[%] of a difference that is drawn where it is; beyond, at the end."""
+"""Largest difference [%] drawn to scale; larger ones are drawn at the end."""
 
 
 def agreement(cases: Sequence[Case]) -> Html:
-    """Row by row the limits, predicted and simulated, and beside them the differences in gain and frequency with what is allowed."""
+    """Figures of predicted and simulated limits, row by row, and of the differences in gain and frequency with their tolerance."""
     return beside(_limits(cases), _differences(cases))
 
 
 def _limits(cases: Sequence[Case]) -> Html:
-    """What is simulated, over what is predicted; limits of 0 and none at the ends."""
+    """Figure of simulated over predicted limits; limits of 0 and inf at the ends."""
     rows, values = _rows(cases), [value for case in cases for value in (case.predicted_gain, case.simulated_gain)]
     known = [1.0, *(value for value in values if math.isfinite(value) and value > 0)]
     left, right = min(known) / 1.6, max(1.6 * max(known), 6.3 * min(known))  # a decade at least: ticks at 1, 2 and 5
@@ -62,7 +62,7 @@ def _limits(cases: Sequence[Case]) -> Html:
 
 
 def _differences(cases: Sequence[Case]) -> Html:
-    """Gains filled, frequencies open, in percent of the prediction."""
+    """Figure of the differences, gains filled, frequencies open, in percent of the prediction."""
     rows, every = _rows(cases), [value for case in cases for value in (case.gain_difference, case.frequency_difference)]
     allowed = {witness: 100 * TOLERANCES[witness] for witness in SHADES if any(case.witness == witness for case in cases)}
     reach = 1.25 * min(WIDEST, max(*allowed.values(), *(100 * abs(value) for value in every if math.isfinite(value))))
@@ -100,7 +100,7 @@ def _by_witness(cases: Sequence[Case]) -> list[tuple[str, list[Case]]]:
 
 
 def _picture(traces: list, axis: dict, rows: Sequence[str], shapes: list, notes: list, title: str, caption: str) -> Html:
-    """A row per case, named on two lines: the state and the space."""
+    """Figure with a row per case, named on two lines: state and space."""
     names = [escape(row, quote=False).replace(": ", "<br>") for row in rows]
     layout = style.layout(
         xaxis=axis,
@@ -115,7 +115,7 @@ def _picture(traces: list, axis: dict, rows: Sequence[str], shapes: list, notes:
 
 
 def growth(system: System, limit: float) -> Html:
-    """Growth rate over gain: the rightmost root's as a line, that of simulated runs as dots."""
+    """Figure of the growth rate over gain: the rightmost root's as a line, that of simulated runs as dots."""
     found = growth_about(system.loop())
     seen = np.isfinite(found.simulated)
     hover: dict[str, Any] = {"hovertemplate": "%{x:.4g} ×: %{y:.4g} 1/s", "hoverinfo": "all"}
@@ -146,7 +146,7 @@ def growth(system: System, limit: float) -> Html:
 
 
 def verification_page(shown: VerificationPresentation, command: str) -> str:
-    """The report as one HTML page; `command` is the command that makes it."""
+    """HTML page of a verification; `command`: the command that makes it."""
     system, result = shown.system, shown.result
     limit, wrong = result.cases[0].predicted_gain, [case for case in result.cases if not case.agrees]
     sample_time, what, model = system.control.sample_time, "a robot", "Robot linearised about each posture, all loops closed"
@@ -189,7 +189,7 @@ def _cards(result: Verification) -> list[Card]:
 
 
 def _limit(result: Verification) -> Card:
-    """The lowest limit, beside the gain margin that is required: what simulate judges it by, too."""
+    """Card of the lowest limit with the required gain margin."""
     least, required = result.least, result.least.required
     at = f"{hertz(least.predicted_frequency)}, " if math.isfinite(least.predicted_frequency) else ""
     asked = Requirements() if required is None else Requirements(gain_margin=required)

@@ -1,4 +1,4 @@
-"""The outcome of a verification in sentences, its cases as columns, and all of it in one record."""
+"""Verification as sentences and columns, and its presentation."""
 
 import math
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from .words import NOT_SAFE, UNSTABLE
 
 
 def sentence(result: Verification) -> str:
-    """The answer in one or two sentences: a limit too near for the required gain margin comes first."""
+    """Answer in one or two sentences: a limit too near for the required gain margin comes first."""
     least = result.least
     if result.agrees and least.predicted_gain <= 1:
         return f"{UNSTABLE}. {_compared_text(result)}"
@@ -32,12 +32,12 @@ def sentence(result: Verification) -> str:
 
 
 def at_nominal(result: Verification) -> str:
-    """Of which values a limit is, where the file has ranges; else nothing."""
+    """Clause that a limit is at nominal values, if the file has ranges; "" otherwise."""
     return ", at nominal values" if result.uncertain else ""
 
 
 def _compared_text(result: Verification) -> str:
-    """Whether simulation and prediction agree."""
+    """Sentence on the agreement of simulation and prediction."""
     cases, what = result.cases, "the robot" if result.of_robot else "the joint"
     wrong = sorted((case for case in cases if not case.agrees), key=lambda case: -furthest(case) / case.tolerance)
     if wrong:
@@ -60,18 +60,18 @@ def _compared_text(result: Verification) -> str:
 
 
 def left_out(result: Verification) -> str:
-    """What the limits are without: "are for small motions, without …"."""
+    """Predicate on the scope of the limits: "are for small motions, without …"."""
     effects = listed([effect.removeprefix("the ") for effect in result.effects], most=9)
     return "are for small motions" + (f", without the scenario's {effects}" if effects else "")
 
 
 def furthest(case: Case) -> float:
-    """The larger of both differences."""
+    """Larger of both differences."""
     return max(size(case.gain_difference), size(case.frequency_difference))
 
 
 def _differences(case: Case) -> str:
-    """The differences beyond the tolerance."""
+    """Differences beyond the tolerance, as text."""
     parts = []
     for what, difference in (("gain", case.gain_difference), ("frequency", case.frequency_difference)):
         if not abs(difference) <= case.tolerance:
@@ -80,7 +80,7 @@ def _differences(case: Case) -> str:
 
 
 def _where_to_look(cases: tuple[Case, ...], wrong: list[Case]) -> str:
-    """The likely cause of a disagreement."""
+    """Likely cause of a disagreement, as text."""
     if any(case.witness == "linear" for case in wrong):
         return "The prediction itself is in doubt: please report the input"
     if any(case.witness == "linear" for case in cases):
@@ -89,7 +89,7 @@ def _where_to_look(cases: tuple[Case, ...], wrong: list[Case]) -> str:
 
 
 def percent(difference: float, tolerance: float = 0.0) -> str:
-    """A relative difference, with digits enough to distinguish it from `tolerance`; "< 0.001 %" below that."""
+    """Relative difference with enough digits to distinguish it from `tolerance`; "< 0.001 %" below that."""
     if math.isnan(difference):
         return "–"
     if abs(difference) < 1e-5:
@@ -98,7 +98,7 @@ def percent(difference: float, tolerance: float = 0.0) -> str:
 
 
 def _compared(quantity: str, key: str, unit: str, significant: int, scale: float = 1.0) -> list[Column]:
-    """A quantity predicted and simulated, and its relative difference; `scale` times what JSON holds is shown."""
+    """Columns of a quantity predicted and simulated, and its relative difference; displayed is the JSON value times `scale`."""
 
     def column(how: str) -> Column:
         def value(case: Case) -> float:
@@ -115,38 +115,38 @@ def _compared(quantity: str, key: str, unit: str, significant: int, scale: float
 
 
 WITNESSES = {"linear": "linear simulation", "mujoco": "MuJoCo"}
-"""By Case.witness."""
+"""Names of the witnesses, by Case.witness."""
 NAMED = [Column("case", "what", lambda case: case.what), Column("method", "witness", lambda case: case.witness)]
 GAIN = _compared("gain", "gain", "×", 6)
 FREQUENCY = _compared("frequency", "frequency_rad_s", "Hz", 5, 0.5 / math.pi)
 ALLOWED = Column("allowed", "tolerance", lambda case: case.tolerance, shown=lambda case: f"{digits(100 * case.tolerance)} %")
 AGREES = Column("agrees", "agrees", lambda case: case.agrees, shown=lambda case: yes(case.agrees))
 CASE = [*NAMED, *GAIN, *FREQUENCY, ALLOWED, AGREES]
-"""A case of a verification."""
+"""Columns of a case."""
 SHORT = [
     *NAMED,
     *(replace(column, title=column.title.removesuffix(" [×]")) for column in GAIN),
     replace(FREQUENCY[1], title="at [Hz]"),
     AGREES,
 ]
-"""The same on a terminal."""
+"""Columns of a case on a terminal."""
 
 
 def size(value: float) -> float:
-    """Of a difference; infinite where there is none to compare."""
+    """Magnitude of a difference; inf if there is none to compare."""
     return math.inf if math.isnan(value) else abs(value)
 
 
 @dataclass(frozen=True)
 class VerificationPresentation(Presentation):
-    """All that is shown of a verification; `call`: judges all margins."""
+    """Presentation of a verification; `call`: the command that judges all margins."""
 
     system: System
     result: Verification
 
     @property
     def advice(self) -> Advice | None:
-        """Advice that follows from a prediction which the simulation confirms: the limit may be relied on; None where the two disagree."""
+        """Advice from a confirmed prediction: the limit may be relied on; None if the two disagree."""
         if not self.result.agrees:
             return None
         least, ranges = self.result.least, ", in the file's ranges too" if self.result.uncertain else ""

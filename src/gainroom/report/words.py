@@ -1,6 +1,6 @@
-"""Every sentence about whether a system is safe: nothing else in the package says so in words.
+"""Sentences about safety: the only module that states in words whether a system is safe.
 
-A headline names the verdict, what decides it with its numbers and places, and, where something is not known, what gives it.
+A headline names the verdict, what decides it with its numbers and places, and, for missing data, the option or key that gives it.
 """
 
 import math
@@ -26,14 +26,14 @@ UNSTABLE = f"{NOT_SAFE}: unstable"
 AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
 SOFTER = "On softer gearboxes these gains may not be safe."
 MOST_NAMES = 3
-"""Names of joints or links in a sentence, at most."""
+"""Most names of joints or links in a sentence."""
 
 
 def headline(study: "Analysis", where: str = "", reading: str = "") -> str:
-    """The verdict on a system that is stable at its nominal values, or not decided: a sentence or two.
+    """Verdict on a system that is stable at its nominal values, or undecided: a sentence or two.
 
-    where     in which states and gearboxes it is safe, as text with a blank before
-    reading   what is known of each way to read what may be read in two ways, a sentence
+    where     states and gearboxes for which it is safe, as text with a leading blank
+    reading   result of each reading of ambiguous input, a sentence
     """
     level = study.verdict.level
     if level == "undecided":
@@ -56,17 +56,17 @@ OTHERS = {
     "unsafe_in_gearbox_range": "somewhere in the range too little is left of what is required",
     "unsafe_at_usual_rates": "at every usual rate of the loop too little is left of what is required",
 }
-"""Reasons beside a system's own states why it is unsafe, by a finding's code."""
+"""Reasons for an unsafe verdict beyond the system's own states, by the code of the finding."""
 
 
 def without_motors(study: "Analysis") -> str:
-    """A sentence where an unsafe verdict was computed with motors without inertia, as it was not given; "" elsewhere."""
+    """Sentence that an unsafe verdict was computed with assumed motor inertias; "" if they are given."""
     found = [one for one in study.verdict.findings if one.code == "motor_inertia_unknown"]
     return f" Motor inertias, which are not given, count as {motor_inertias(study)} here ({found[0].remedy})." if found else ""
 
 
 def motor_inertias(study: "Analysis") -> str:
-    """The value, as text, of motor inertias that nobody gave: 0 on rigid gearboxes, a share of what they move on elastic ones."""
+    """Assumed motor inertias as text: 0 on rigid gearboxes, a share of what they move on elastic ones."""
     from ..robot.actuators import LIKELY  # of robots, which a joint does without
 
     actuators, share = study.system.source.actuators, f"{LIKELY:g} × what they move"
@@ -75,29 +75,29 @@ def motor_inertias(study: "Analysis") -> str:
 
 
 def stable_but(count: int, time: str = "") -> str:
-    """The begin of the verdict on a stable loop of which `count` ≥ 1 requirements fail; `time`: " in continuous time"."""
+    """Beginning of the verdict on a stable loop that fails `count` ≥ 1 requirements; `time`: " in continuous time"."""
     return f"{NOT_SAFE}: stable{time}, but {count} requirement{'s fail' if count > 1 else ' fails'}"
 
 
 def safe_means(asked: str, beside: bool = False) -> str:
-    """The legend of a column "safe"; `asked`: the gain margin; `beside`: each margin stands beside it, marked where it misses."""
+    """Legend of a column "safe"; `asked`: the gain margin; `beside`: each margin has its own column, marked if missed."""
     return "safe: none is missed" if beside else f"safe: {asked} or more, and all else that is required"
 
 
 def unsafe_joints(count: int, of: int) -> str:
-    """The number of joints whose gains are not safe, a sentence."""
+    """Sentence with the number of joints whose gains are not safe."""
     return f"{count} of {of} joints {'is' if count == 1 else 'are'} not safe." if count else "No joint is unsafe."
 
 
 def in_simulator(verdict: str, simulated: "SimulatorAudit | None") -> str:
-    """An audit's verdict, as that of the robot alone where the simulator does not hold the gains."""
+    """Verdict of an audit, restricted to the robot if the simulator does not hold the gains."""
     if simulated is None or simulated.limit.stable:
         return verdict
     return f"On the robot: {verdict} These gains are unstable in the simulator: see below."
 
 
 def _undecided(study: "Analysis", where: str, reading: str) -> str:
-    """The verdict that is not decided: what is not known and what gives it, then what holds, or fails, as it was computed without."""
+    """Undecided verdict: missing data and what gives it, then what holds or fails under the assumptions."""
     why = [REASONS[one.code](one) for one in study.verdict.deciding if one.code in REASONS]
     unknown = [name for name, state in study.unmet.items() if math.isnan(study.least(state, name))]
     why += [f"the {REQUIREMENTS[name].title}{_in_state(study, name)} is not known" for name in unknown]
@@ -112,7 +112,7 @@ def _undecided(study: "Analysis", where: str, reading: str) -> str:
 
 
 def _otherwise(study: "Analysis") -> str:
-    """A sentence with the verdict under the other value of what was assumed: "With …: not safe."; "" where no other value was examined."""
+    """Sentence with the verdict under another value of an assumption: "With …: not safe."; "" if none was examined."""
     unsafe = not study.stable_in_range or bool(_known_to_fail(study))
     told = dict.fromkeys(  # what two unknowns decide together is told once
         f"with {one.readings[-1].text}: {LEVELS[one.readings[-1].level].lower()}"
@@ -123,7 +123,7 @@ def _otherwise(study: "Analysis") -> str:
 
 
 def _as_computed(study: "Analysis") -> str:
-    """The numbers that do not decide, a sentence."""
+    """Sentence with the numbers that do not decide."""
     codes = {one.code for one in study.verdict.findings}
     assumed = [text(study) for code, text in ASSUMED.items() if code in codes]
     as_read = f"{' and '.join(assumed)}".capitalize() if assumed else "As it was read"
@@ -145,7 +145,7 @@ ASSUMED: "Mapping[str, Callable[[Analysis], str]]" = {
     "gearbox_unknown": lambda study: "with rigid gearboxes",
     "motor_inertia_unknown": lambda study: f"with motor inertias of {motor_inertias(study)}",
 }
-"""Assumptions that a system was computed with, by a finding's code."""
+"""Assumptions under which a system was computed, by the code of the finding."""
 REASONS: "Mapping[str, Callable[[Finding], str]]" = {
     "rate_unknown": lambda one: f"the loop's rate is not given, and any rate costs margin ({one.remedy})",
     "gearbox_unknown": lambda one: f"the stiffness of {_gearboxes(one)} is not given ({one.remedy})",
@@ -157,11 +157,11 @@ REASONS: "Mapping[str, Callable[[Finding], str]]" = {
     ),
     "nothing_required": lambda one: f"no margin is required ({one.remedy})",
 }
-"""Reasons why nothing is decided, by a finding's code."""
+"""Reasons for an undecided verdict, by the code of the finding."""
 
 
 def _swaying(one: "Finding") -> str:
-    """The sway in a clause: "the base sways on its contacts at 0.63 Hz in stand/left, damping ratio 0.078"."""
+    """Clause on the sway: "the base sways on its contacts at 0.63 Hz in stand/left, damping ratio 0.078"."""
     ratio = one.values["damping_ratio"]
     damped = "" if math.isnan(ratio) else f", damping ratio {ratio:.2g}"
     topples = ", and topples with its weight" if one.values["topples_with_weight"] else ""
@@ -169,7 +169,7 @@ def _swaying(one: "Finding") -> str:
 
 
 def _of_sway(study: "Analysis") -> str:
-    """A sentence where what is missed is the sway of the base, which the joints are said to damp."""
+    """Sentence that the base's sway misses requirements, if the joints are stated to damp it; "" otherwise."""
     names = [REQUIREMENTS[name].title for name in study.swaying]
     found = [one for one in study.verdict.findings if one.code == "sway"]
     if not names or not found:
@@ -181,7 +181,7 @@ def _of_sway(study: "Analysis") -> str:
 
 
 def _left_to_a_controller(study: "Analysis") -> str:
-    """A sentence where a safe verdict rests on a controller that damps sway."""
+    """Sentence that a safe verdict rests on a controller that damps sway; "" otherwise."""
     found = [one for one in study.verdict.findings if one.code == "sway"]
     return f" A controller above the joints has to damp this: {_swaying(found[0])}." if found else ""
 
@@ -191,20 +191,20 @@ def _gearboxes(one: "Finding") -> str:
 
 
 def _whose(one: "Finding", many: str, single: str) -> str:
-    """The joints by name where they are few: "the gearbox of knee", "the gearboxes"."""
+    """Joints by name if they are few: "the gearbox of knee", "the gearboxes"."""
     names = one.joints
     return f"{single} {names[0]}" if len(names) == 1 else f"{many} of {listed(names)}" if len(names) <= MOST_NAMES else many
 
 
 def _all_met(study: "Analysis") -> str:
-    """A clause that every requirement is met, in which cases, and which has the least to spare."""
+    """Clause that every requirement is met, with the cases and the tightest one."""
     examined = "" if study.requirements_met else " examined"
     least = tightest(study)
     return f"every requirement is met{in_the_worst_case(study, examined)}{f'; the tightest is {least}' if least else ''}"
 
 
 def tightest(study: "Analysis") -> str:
-    """The requirement with the least to spare: "phase margin 30° (≥ 30°)"; "" where none is asked for."""
+    """Tightest requirement: "phase margin 30° (≥ 30°)"; "" if none is asked for."""
     name, asked = study.decisive, study.system.requirements
     if not name:
         return ""
@@ -219,7 +219,7 @@ def _in_state(study: "Analysis", name: str) -> str:
 
 
 def _case(study: "Analysis") -> str:
-    """The case in the ranges in which gains are unstable: "at delay 3 ms", of a robot "in stand/left (delay 3 ms)"."""
+    """Case in the ranges in which gains are unstable: "at delay 3 ms", for a robot "in stand/left (delay 3 ms)"."""
     return f"{'in' if study.states[0].posture else 'at'} {study.unstable_case}"
 
 
@@ -228,13 +228,13 @@ def _time(study: "Analysis") -> str:
 
 
 def in_the_worst_case(study: "Analysis", proved: str = "") -> str:
-    """The ranges over which a margin is the worst; "" where the file has none."""
+    """Clause on the ranges over which a margin is the worst; "" without ranges."""
     names = [name.replace("_", " ") for name in study.system.uncertainty.names]
     return f" in the worst case of uncertain {listed(names)}{proved}" if names else ""
 
 
 def _nominally(study: "Analysis") -> str:
-    """Requirements that fail at nominal values, too, of those that fail in the worst case, a sentence; "" where nothing is uncertain."""
+    """Sentence on requirements that fail at nominal values, too, among those that fail in the worst case; "" without uncertainty."""
     if not study.system.uncertainty.names:
         return ""
     asked = study.system.requirements
@@ -249,24 +249,24 @@ def _nominally(study: "Analysis") -> str:
 
 
 def _known_to_fail(study: "Analysis") -> int:
-    """The number of requirements that fail; those whose margin is not known are not counted."""
+    """Number of requirements that fail; unknown margins are not counted."""
     return sum(not math.isnan(study.least(state, name)) for name, state in study.unmet.items())
 
 
 Tone = Literal["good", "warn", "bare", "bad"]
 SHAKES = ("unstable", "topples", "unstable_in_range", "unstable_in_simulator", "vibrates", "ran_away", "diverged", "fell")
-"""Findings, by code, that make a system unsafe and are no margin."""
+"""Codes of findings that make a system unsafe and are no margin."""
 
 
 def tone(verdict: "Verdict") -> Tone:
-    """The look of a verdict on every page: safe, not decided, short of a requirement, unstable."""
+    """Tone of a verdict on every page: safe, undecided, short of a requirement, unstable."""
     if verdict.level != "unsafe":
         return "good" if verdict.level == "safe" else "warn"
     return "bad" if any(one.code in SHAKES for one in verdict.deciding) else "bare"
 
 
 def _failing(study: "Analysis") -> str:
-    """The unmet requirements: ": phase margin 26.1° (≥ 30°) at 2.88 Hz, Ms 2.28 (≤ 2) at 77.4 Hz"; "" where there is none."""
+    """Unmet requirements: ": phase margin 26.1° (≥ 30°) at 2.88 Hz, Ms 2.28 (≤ 2) at 77.4 Hz"; "" if there are none."""
     if not study.unmet:
         return ""
     parts, several, joints = [], len(study.states) > 1, {one.code: one.joints for one in study.verdict.findings if one.code in study.unmet}
@@ -289,7 +289,7 @@ def _failing(study: "Analysis") -> str:
 
 
 def path_headline(study: "PathStudy") -> str:
-    """The verdict on a system that is stable at its nominal values and whose kd closes on a path of its own."""
+    """Verdict on a nominally stable system whose kd has a separate path."""
     level = study.verdict.level
     fails = [f"{REQUIREMENTS[name].title} {path_worst(study, name)}" for name in study.unmet]
     if study.unstable_at:
@@ -304,7 +304,7 @@ def path_headline(study: "PathStudy") -> str:
 
 
 def run_headline(outcome: "Outcome") -> str:
-    """The verdict on the file's loop behind a run without vibration, with a blank behind; "" where the gains act on no motion."""
+    """Verdict on the file's loop after a run without vibration, with a trailing blank; "" if the gains act on no motion."""
     study = outcome.judged
     if study is None:
         return ""
@@ -315,13 +315,13 @@ def run_headline(outcome: "Outcome") -> str:
 
 
 def swept_banner(found: "SweepSummary") -> str:
-    """Over the page of a sweep in which gains are unstable: in how many postures."""
+    """Banner of a sweep with unstable gains: number of postures."""
     unstable = sum(one.unstable for one in found.contacts)
     return f"NOT SAFE: unstable in {f'all {found.count}' if unstable == found.count else f'{unstable} of {found.count}'} postures"
 
 
 def swept_headline(found: "SweepSummary", worst: "WorstStates", said: str, missed: str) -> list[str]:
-    """The verdict on a sweep, in sentences; `said`: the lowest gain limit and where it is, `missed`: which other requirements fail."""
+    """Verdict on a sweep; `said`: sentence on the lowest gain limit, `missed`: on other requirements that fail."""
     from ..studies.swept_margins import swept_verdict  # loads the stores of sweeps
 
     verdict = swept_verdict(found, worst)
@@ -335,7 +335,7 @@ def swept_headline(found: "SweepSummary", worst: "WorstStates", said: str, misse
 
 
 def path_worst(study: "PathStudy", name: str) -> str:
-    """The least of what a requirement bounds, where, and what is asked for."""
+    """Worst value of a requirement, its case, and the required value."""
     one, (value, case) = REQUIREMENTS[name], study.worst[name]
     where = f" at {case.text}" if case.text else ""
     return f"{one.text(value)}{where} ({one.sign} {one.text(study.system.requirements.needed[name])})"

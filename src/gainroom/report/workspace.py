@@ -1,4 +1,4 @@
-"""A whole workspace as a part of another command's answer: in words, in JSON, and on its page."""
+"""Whole workspace as a part of another command's answer: text, JSON, and page section."""
 
 import math
 from typing import Any
@@ -34,7 +34,7 @@ from .sweep_text import (
 
 
 def workspace_text(swept: AuditedWorkspace, advised: bool) -> str:
-    """What an audit says of it in the terminal; `advised`: with the factor of advice_there."""
+    """Terminal text of an audit on its workspace; `advised`: with the factor of advice_there."""
     found = swept.summary
     said = [sentence(found), *sureness(found, None), later_there(swept), *warnings(found)]
     said += [workspace_advice(swept) if advised else "", unmet_there(swept)]
@@ -42,7 +42,7 @@ def workspace_text(swept: AuditedWorkspace, advised: bool) -> str:
 
 
 def in_workspace(verdict: str, swept: AuditedWorkspace | None) -> str:
-    """An audit's verdict, as that of the postures asked for alone where the workspace has others that are not safe."""
+    """Verdict of an audit, restricted to the postures asked for if others in the workspace are not safe."""
     if swept is None or swept.safe:
         return verdict
     found = swept.tightest
@@ -53,13 +53,13 @@ def in_workspace(verdict: str, swept: AuditedWorkspace | None) -> str:
 
 
 def advice_there(swept: AuditedWorkspace) -> Advice:
-    """A common factor with which what is judged everywhere holds in the workspace, and what fails there."""
+    """Advice with a common factor with which gain margin and extra delay hold in the workspace, and what fails there."""
     lower = "Lower the gains: what is required does not hold in all of the workspace."
     return Advice(workspace_advice(swept) or lower, (), [*filter(None, (later_there(swept), unmet_there(swept)))])
 
 
 def later_there(swept: AuditedWorkspace) -> str:
-    """Whether all postures are stable with the extra delay that is required; "" where none is."""
+    """Sentence on stability with the required extra delay in all postures; "" if none is required."""
     if swept.later is None:
         return ""
     extra = f"With {digits(1e3 * (swept.asked.delay_margin or 0.0), 'ms', 3)} more delay, as required"
@@ -68,17 +68,17 @@ def later_there(swept: AuditedWorkspace) -> str:
 
 
 def unmet_there(swept: AuditedWorkspace) -> str:
-    """What fails in the sample, besides the gain margin; "" where nothing does."""
+    """Sentence on other requirements that fail in the sample; "" if none does."""
     return unmet_text(swept.summary, swept.sample, swept.asked)
 
 
 def sample_text(swept: AuditedWorkspace) -> str:
-    """Where which requirement was judged."""
+    """Sentence on where each requirement was judged."""
     return looked_at(swept.summary, swept.sample) or "Judged there: the gain margin alone."
 
 
 def audited_facts(swept: AuditedWorkspace) -> dict[str, Any]:
-    """As workspace_facts, with the extra delay, and the sample in which other requirements were judged."""
+    """JSON of an audited workspace: workspace_facts, the extra delay, and the sample of other requirements."""
     later, facts = swept.later, workspace_facts(swept.summary)
     return facts | {
         "safe": swept.safe,
@@ -91,7 +91,7 @@ def audited_facts(swept: AuditedWorkspace) -> dict[str, Any]:
 
 
 def workspace_advice(swept: AuditedWorkspace) -> str:
-    """Which common factor keeps the gain margin and survives the extra delay in the whole workspace; "" where these gains do."""
+    """Sentence with the common factor that keeps gain margin and extra delay in the whole workspace; "" if these gains do."""
     if swept.summary.margin_held and (swept.later is None or swept.later.margin_held):
         return ""
     kept = "keep the gain margin" if swept.later is None else "keep the gain margin, and are stable with that extra delay,"
@@ -101,7 +101,7 @@ def workspace_advice(swept: AuditedWorkspace) -> str:
 
 
 def workspace_facts(found: SweepSummary) -> dict[str, Any]:
-    """A workspace in JSON, as a part of another command's answer."""
+    """JSON of a workspace, as a part of another command's answer."""
     return {
         "sentence": sentence(found),
         "count": found.plan.postures.count,
@@ -121,15 +121,15 @@ def workspace_facts(found: SweepSummary) -> dict[str, Any]:
 
 CURVES = ((style.BLUE, "solid"), (style.VERMILION, "dash"), (style.GREEN, "dot"), (style.PURPLE, "dashdot"), (style.SKY, "longdash"))
 FEW = 6
-"""Contact states in a picture."""
+"""Most contact states in a figure."""
 BARS = 40
-"""Of a histogram, over all contact states."""
+"""Number of bars of a histogram, over all contact states."""
 FAR = 3.0
-"""Times the margin that is asked for: limits that all lie further up have a picture without it."""
+"""Multiple of the required margin: if all limits are above, the figure leaves the margin out."""
 
 
 def workspace_section(found: SweepSummary, title: str, said: str = "", audited: AuditedWorkspace | None = None) -> Section:
-    """Everything about it in one section; `said`: the verdict, where it is not that of a sweep; `audited`: what else was judged there."""
+    """Section on a workspace; `said`: the verdict, if not that of a sweep; `audited`: further results there."""
     worst = found.worst_posture
     states = () if worst is None else worst_states(found, 0).states if audited is None else audited.sample.states
     later = "" if audited is None else later_there(audited)
@@ -150,7 +150,7 @@ def workspace_section(found: SweepSummary, title: str, said: str = "", audited: 
 
 
 def workspace_card(swept: AuditedWorkspace) -> Card:
-    """The lowest gain margin of the workspace, beside what is required."""
+    """Card of the workspace's lowest gain margin, with the required one."""
     found = swept.summary
     worst, asked = found.worst_posture, Requirements(gain_margin=found.margin if found.margin > 1 else None)
     note = f"{safe_share(found)} of {counted(found.count)} limits have it"
@@ -160,7 +160,7 @@ def workspace_card(swept: AuditedWorkspace) -> Card:
 
 
 def sample_table(found: SweepSummary, sample: WorstStates, note: str = "") -> Html:
-    """Requirements besides the gain margin, with the worst that a sample of postures has."""
+    """Table of requirements other than the gain margin, with the worst of a sample of postures."""
     caption = f"{looked_at(found, sample)} Worst found and missed: among these; at random: how many of those chosen so miss it.{note}"
     return table(*tabulated(sample_columns(found, sample), sample.requirements), caption)
 
@@ -193,7 +193,7 @@ def _limit(found: SweepSummary) -> str:
 
 
 def histogram(found: SweepSummary) -> Html:
-    """The share of postures by gain limit, one line for each contact state."""
+    """Figure of the share of postures by gain limit, one line for each contact state."""
     shown = [one for one in found.contacts if len(one.spread)][:FEW]
     low, high = min(one.edges[0] for one in shown), max(one.edges[-1] for one in shown)
     edges = np.geomspace(low, max(high, low * 1.01), BARS + 1)
@@ -222,7 +222,7 @@ def histogram(found: SweepSummary) -> Html:
 
 
 def _binned(one: ContactSummary, edges: np.ndarray) -> np.ndarray:
-    """The summary's narrow bins counted in wider ones."""
+    """Counts of the summary's narrow bins in wider ones."""
     middles = np.sqrt(one.edges[1:] * one.edges[:-1])
     places = np.clip(np.searchsorted(edges, middles, side="right") - 1, 0, len(edges) - 2)
     return np.bincount(places, one.spread, len(edges) - 1)
