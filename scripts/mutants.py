@@ -9,10 +9,10 @@ Places are drawn with a seed, in every folder of FOLDERS as many as its lines as
 strings are none. Everything else in the file stays letter by letter.
 
 Tests run in a temporary copy of the tree, nearest first. Nearness is a distance in the graph of names: a test that names the changed
-definition is near, one that names a function that names it is one step further, a step along a name that many definitions share is longer,
-and slow tests are two steps further. The first failure kills the mutant; so does a test, or an import, that says nothing for `--hang`
-seconds, which the table tells apart. Every test that killed then runs on the unchanged copy: one that fails there as well is left
-out, and its mutants are tested again.
+definition is near, one that names a function that names it is one step further, as is one whose file imports one file more on the way; a
+step along a name that many definitions share is longer, and slow tests are two steps further. The first failure kills the mutant; so does
+a test, or an import, that says nothing for `--hang` seconds, which the table tells apart. Every test that killed then runs on the
+unchanged copy: one that fails there as well is left out, and its mutants are tested again.
 
 "Survived" means: no test failed that began within `--limit` seconds. A more distant test might; and a mutant may be equivalent, which
 a reader has to judge. The same commit, seed, count and folder give the same mutants; how many tests run in time depends on the machine.
@@ -36,7 +36,7 @@ import time
 from bisect import bisect
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -237,14 +237,17 @@ def shares(weights: dict[str, int], count: int) -> dict[str, int]:
 
 @dataclass
 class Definition:
-    """A function, method, class or constant of the package or the tests, and the names that it mentions, with what a mention costs."""
+    """A function, method, class or constant of the package or the tests.
+
+    mentions   the names in it, each with the file that it comes from, None where that is not known, and what a mention costs
+    """
 
     path: Path
     name: str
-    inside: str = ""
-    mentions: dict[str, float] = field(default_factory=dict)
-    is_test: bool = False
-    slow: bool = False
+    inside: str
+    mentions: dict[str, tuple[Path | None, float]]
+    is_test: bool
+    slow: bool
 
     @property
     def qualified(self) -> str:
@@ -253,21 +256,36 @@ class Definition:
 
 SLOW = 2.0
 """So many steps further a slow test is."""
-TEXT = 1.0
-"""What a name costs more that a text has: a command, a key."""
+TEXT, ATTRIBUTE = 1.5, 0.5
+"""What a name costs more that a text has, as a command or a key, and one behind a dot, which may be another's."""
+FAR = 6.0
+"""Imports away is a test at most."""
 
 
-def definitions(path: Path, tree: ast.Module) -> Iterator[Definition]:
-    """Those at the top of a file, and in its classes."""
-    real = {alias.asname: alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names if alias.asname}
+def definitions(path: Path, tree: ast.Module, homes: dict[str, tuple[str, Path | None]]) -> Iterator[Definition]:
+    """Those at the top of a file, and in its classes; `homes`: names that it imports, with their own name and their file."""
     marks = [node for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "pytestmark"]
+    names = {node.name: node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef))}
 
     def made(node: ast.AST, name: str, inside: str = "") -> Definition:
         decorators = [*getattr(node, "decorator_list", ()), *marks]
         marked = " ".join(ast.unparse(decorator) for decorator in decorators)
         is_test = name.startswith("test_") and isinstance(node, ast.FunctionDef) and path.name.startswith("test_")
         is_test = is_test and not inside and "mark.population" not in marked
-        found = {real.get(name, name): cost for name, cost in mentioned(node).items()}
+        found: dict[str, tuple[Path | None, float]] = {}
+        for part in ast.walk(node):
+            match part:
+                case ast.Name(id=called) if called in homes:
+                    own, home = homes[called]
+                    found[own] = (home, 0.0)
+                case ast.Name(id=called):
+                    found[called] = (path, 0.0)
+                case ast.arg(arg=called) if called in names or is_test:  # a fixture
+                    found[called] = (path if called in names else Path("tests/conftest.py"), 0.0)
+                case ast.Attribute(attr=called) | ast.keyword(arg=str(called)) | ast.alias(name=called):
+                    found.setdefault(called, (None, ATTRIBUTE))
+                case ast.Constant(value=str(text)) if text.replace("-", "_").isidentifier():
+                    found.setdefault(text.replace("-", "_"), (None, TEXT))
         return Definition(path, name, inside, found, is_test, "mark.slow" in marked)
 
     for node in tree.body:
@@ -283,18 +301,6 @@ def definitions(path: Path, tree: ast.Module) -> Iterator[Definition]:
                 yield made(node, name)
 
 
-def mentioned(node: ast.AST) -> dict[str, float]:
-    """The names below a node, with what a mention costs; texts that look like names count too."""
-    found: dict[str, float] = {}
-    for part in ast.walk(node):
-        match part:
-            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.arg(arg=name) | ast.alias(name=name) | ast.keyword(arg=str(name)):
-                found[name] = 0.0
-            case ast.Constant(value=str(text)) if text.replace("-", "_").isidentifier():
-                found.setdefault(text.replace("-", "_"), TEXT)
-    return found
-
-
 class NameGraph:
     """Definitions of the package and the tests, joined by the names that they mention."""
 
@@ -302,35 +308,42 @@ class NameGraph:
         trees = {
             path.relative_to(root): ast.parse(path.read_bytes()) for part in (PACKAGE, "tests") for path in (root / part).rglob("*.py")
         }
-        self.all = [found for path, tree in trees.items() for found in definitions(path, tree)]
-        self.by_mention: dict[str, list[tuple[int, float]]] = defaultdict(list)
+        self.all: list[Definition] = []
+        self.importers: dict[Path, set[Path]] = defaultdict(set)
+        for path, tree in trees.items():
+            homes = imported(path, tree, trees)
+            self.all += definitions(path, tree, homes)
+            for _, used in homes.values():
+                if used is not None:
+                    self.importers[used].add(path)
+        self.at = {(found.path, found.qualified): index for index, found in enumerate(self.all)}
+        self.in_package = [PACKAGE in found.path.parents for found in self.all]
+        self.by_mention: dict[str, list[tuple[int, Path | None, float]]] = defaultdict(list)
         self.named: dict[str, int] = defaultdict(int)
         for index, found in enumerate(self.all):
             self.named[found.name] += 1
-            for name, cost in found.mentions.items():
-                self.by_mention[name].append((index, cost))
-        self.at = {(found.path, found.qualified): index for index, found in enumerate(self.all)}
-        self.in_package = [PACKAGE in found.path.parents for found in self.all]
-        self.importers: dict[Path, set[Path]] = defaultdict(set)
-        for path, tree in trees.items():
-            for used in imported(path, tree, trees) if PACKAGE in path.parents else ():
-                self.importers[used].add(path)
+            for name, (home, cost) in found.mentions.items():
+                self.by_mention[name].append((index, home, cost))
 
     @cache  # noqa: B019 - one graph, as long as the script runs
-    def users(self, path: Path) -> set[Path]:
-        """The modules that import one, directly or not, and itself."""
-        found, new = {path}, [path]
-        while new:
-            more = self.importers[new.pop()] - found
-            found |= more
-            new += more
+    def users(self, path: Path) -> dict[Path, int]:
+        """The files that import one, directly or not, with how many imports away they are; itself, 0."""
+        found, new = {path: 0}, [path]
+        for file in new:
+            more = self.importers[file] - found.keys()
+            found |= dict.fromkeys(more, found[file] + 1)
+            new += sorted(more)
         return found
 
     @cache  # noqa: B019
     def mentioning(self, path: Path, name: str) -> list[tuple[int, float]]:
-        """Of the definitions that mention a name those that can mean what a file defines, as they import it or are tests."""
-        users = self.users(path) if PACKAGE in path.parents else set()
-        return [(index, cost) for index, cost in self.by_mention[name] if not self.in_package[index] or self.all[index].path in users]
+        """Of the definitions that mention a name those that can mean what a file defines, with what a step to them costs."""
+        users, shared = self.users(path), math.log2(self.named[name]) / 2
+        return [
+            (index, 1 + cost + (0.0 if home else shared))
+            for index, home, cost in self.by_mention[name]
+            if home in (None, path) and (not self.in_package[index] or self.all[index].path in users)
+        ]
 
     def nearest_tests(self, mutant: Mutant) -> list[str]:
         """All tests, as pytest names them: first those whose way to the mutated definition is shortest, of equal ones the shorter."""
@@ -344,25 +357,35 @@ class NameGraph:
                 continue
             distance[index] = so_far
             here = self.all[index]
-            step = 1 + math.log2(self.named[here.name]) / 2
-            for other, cost in self.mentioning(here.path, here.name):
+            for other, step in self.mentioning(here.path, here.name):
                 if other not in distance:
-                    heapq.heappush(queue, (so_far + step + cost, other))
+                    heapq.heappush(queue, (so_far + step, other))
             if here.inside:
                 heapq.heappush(queue, (so_far + (0.2 if here.name.startswith("__") else 1.0), self.at[here.path, here.inside]))
-        tests = [(distance[index] + SLOW * self.all[index].slow, len(self.all[index].mentions), index) for index in distance]
-        return [f"{self.all[index].path}::{self.all[index].name}" for *_, index in sorted(tests) if self.all[index].is_test]
+        users, ranked = self.users(mutant.path), []
+        for index, names in distance.items():
+            if (test := self.all[index]).is_test:
+                far = names + min(users.get(test.path, FAR), FAR) + SLOW * test.slow
+                ranked.append((far, len(test.mentions), f"{test.path}::{test.name}"))
+        return [name for *_, name in sorted(ranked)]
 
 
-def imported(path: Path, tree: ast.Module, files: dict[Path, ast.Module]) -> set[Path]:
-    """The files that a module imports from, anywhere in it."""
-    found = set()
+def imported(path: Path, tree: ast.Module, files: dict[Path, ast.Module]) -> dict[str, tuple[str, Path | None]]:
+    """The names that a file imports from others of the package or the tests, anywhere in it: what they are called there, and which it is.
+
+    Of names that the package itself shows the file is not known.
+    """
+    found: dict[str, tuple[str, Path | None]] = {}
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            base = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
-            for name in ("", *(alias.name for alias in node.names)):
-                part = base / name
-                found |= {part.with_suffix(".py"), part / "__init__.py"} & files.keys()
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        module = (node.module or "").split(".") if node.module else []
+        base = path.parents[node.level - 1] if node.level else Path("src") if module[0] == "gainroom" else Path("tests")
+        base = base.joinpath(*module)
+        for alias in node.names:
+            homes = (base / f"{alias.name}.py", base / alias.name / "__init__.py", base.with_suffix(".py"), base / "__init__.py")
+            home = next((file for file in homes if file in files), None)
+            found[alias.asname or alias.name] = (alias.name, None if home == PACKAGE / "__init__.py" else home)
     return found
 
 
@@ -427,7 +450,7 @@ class Copy:
                 if not data or late:
                     break
         finally:
-            if hung or late:
+            if process.poll() is None and (hung or late or sys.exc_info()[0]):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             process.stdout.close()
@@ -500,10 +523,14 @@ def main() -> int:
     parser.add_argument("--pick", type=lambda text: [int(part) for part in text.split(",")], metavar="K,...", help="their numbers")
     parser.add_argument("--tests", nargs="+", metavar="TEST", help="run these instead of the nearest")
     asked = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # the copy goes, and what runs in it
     mutants = draw(ROOT, asked.seed, asked.count, asked.only or FOLDERS)
     numbers = asked.pick or range(1, len(mutants) + 1)
-    graph = NameGraph(ROOT)
-    tests = {number: asked.tests or graph.nearest_tests(mutants[number - 1]) for number in numbers}
+    if asked.tests:
+        tests = dict.fromkeys(numbers, asked.tests)
+    else:
+        graph = NameGraph(ROOT)
+        tests = {number: graph.nearest_tests(mutants[number - 1]) for number in numbers}
     if asked.list:
         for number in numbers:
             print(row(number, mutants[number - 1], " ".join(name.removeprefix("tests/") for name in tests[number][:3])))
