@@ -38,7 +38,7 @@ class Spread:
 
 
 def in_turns(works: dict[str, Callable[[], object]], budget: float = 0.6) -> dict[str, Spread]:
-    """Every piece of work again and again for `budget` [s] each, in turns, so that what else the machine does meets all of them.
+    """Durations of every piece of work, repeated for `budget` [s] each, in turns, so that other load meets all of them.
 
     An unmeasured call or two warm caches; a piece that takes longer than its budget is measured once.
     """

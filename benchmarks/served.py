@@ -12,9 +12,9 @@ from typing import Any
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 ANSWERED = "() => gainroom.opening && !gainroom.busy && !gainroom.waiting"
-"""True where what the page asked for last has been answered."""
+"""True if the page's last request has been answered."""
 CERTIFIED = "() => gainroom.certified && !gainroom.busy && gainroom.found && gainroom.found.key === gainroom.key"
-"""True where everything has."""
+"""True if everything has been answered."""
 
 
 @dataclass

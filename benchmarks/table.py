@@ -39,7 +39,7 @@ def markdown(table: Table) -> str:
 
 
 def bounded(tables: Iterable[Table]) -> Table:
-    """Every figure that has a limit, and whether it is met."""
+    """Figures with a limit, each with the result of the comparison."""
     notes = [
         "NO: missed in this run. In the p99.9 of ticks in one run is what the machine adds to any program: waits as long as each tick's",
         "least, in the table of ticks, show how much.",

@@ -2,7 +2,7 @@
 
 
 def talos(contacts: str) -> str:
-    """Its robot.yaml, on `contacts` as YAML."""
+    """Text of its robot.yaml, on `contacts` as YAML."""
     return f"""
 model: {{package: example-robot-data, file: talos_reduced.urdf, base: floating}}
 joints: {{default: {{motor_inertia: 0.1, stiffness: 10000.0, damping: 1.0}}}}

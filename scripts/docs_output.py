@@ -84,7 +84,7 @@ def _alike(old: str, new: str, percent: int) -> bool:
 
 
 def _parted(text: str) -> tuple[list[float], list[str]]:
-    """Its numbers, and its words with a # in place of each."""
+    """Numbers of a text, and its words with a # in place of each."""
     number = re.compile(r"\d+(?:\u202f\d{3})*(?:\.\d+)?")
     found = [float(each.replace("\u202f", "")) for each in number.findall(text)]
     return found, re.sub("─+", "─", number.sub("#", text)).split()

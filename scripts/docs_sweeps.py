@@ -59,7 +59,7 @@ class Case:
     delays: tuple[float, float] = DELAYS
 
     def text(self, delay: float) -> str:
-        """Its robot.yaml, with `delay` in ms."""
+        """Text of its robot.yaml, with `delay` in ms."""
         gearbox = {} if self.gearbox is None else {"default": dict(zip(("stiffness", "damping"), self.gearbox, strict=True))}
         data = {
             "model": {**({"package": DATA} if "/" in self.file else {}), "file": self.file, "base": self.base},
@@ -233,7 +233,7 @@ def decibels(factor: float) -> str:
 
 
 def percent(part: int, whole: int) -> str:
-    """Not 0 where there is one, and not 100 where one is left."""
+    """Percentage: not 0 if there is one, and not 100 if one is left."""
     share = 100 * part / whole
     return "0" if not part else "100" if part == whole else f"{min(max(share, 0.1), 99.9):.1f}"
 
@@ -324,7 +324,7 @@ COLUMNS = f"| {' | '.join(NAMES)} |\n{'|---' * len(NAMES)}|\n"
 
 
 def section(name: str, case: Case, found: dict[float, Swept]) -> str:
-    """One robot."""
+    """Section of the page for one robot."""
     table = COLUMNS + "\n".join(line for delay, (said, _) in found.items() for line in rows(delay, said))
     often = joints(found[min(found)][1])
     command = " ".join(["gainroom sweep robot.yaml", f"--samples {SAMPLES}", *(f"--range '{one}'" for one in case.ranges)])
@@ -348,7 +348,7 @@ Joints that limit most often, all contact states at {min(found):g} ms: {often}.
 
 
 def joints(arrays: Any) -> str:
-    """Those that move most in the vibration at the limit, with the share of postures."""
+    """Joints that move most in the vibration at the limit, with the share of postures."""
     limiting = arrays.limiting_joint.values.ravel()
     counts = np.bincount(limiting[limiting >= 0], minlength=arrays.sizes["joint"])
     order = [k for k in np.argsort(-counts, kind="stable")[:4].tolist() if counts[k]]

@@ -14,7 +14,7 @@ import socket
 import sys
 
 SIZE = 1 << 20
-"""No request is longer: arguments, folder and environment."""
+"""Maximum size of a request [bytes]: arguments, folder and environment."""
 
 
 def call(path: str, arguments: list[str]) -> int:
@@ -28,7 +28,7 @@ def call(path: str, arguments: list[str]) -> int:
 
 
 def serve(path: str) -> None:
-    """Until standard input ends."""
+    """Serves requests until standard input ends."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
         listener.bind(path)
         listener.listen()

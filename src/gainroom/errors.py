@@ -1,4 +1,4 @@
-"""The one error that gainroom raises, the checks that raise it, and how messages are phrased: on one line, printable, not too long.
+"""Error that gainroom raises, the checks that raise it, and the wording of messages: on one line, printable, not too long.
 
 numpy is imported where it is needed: the command line loads this before anything else.
 """
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Made = TypeVar("Made", covariant=True)
 
 MOST_SHOWN = 8
-"""Names in one message."""
+"""Maximum number of names in one message."""
 MOST_DIGITS = 9
 QUANTITIES = {
     "delay": (1e3, "ms"),
@@ -32,39 +32,39 @@ QUANTITIES = {
 
 
 THIN_SPACES = "\u2009\u202f"
-"""Between the thousands of a number."""
+"""Spaces between the thousands of a number."""
 
 
 def printable(text: str) -> str:
-    """`text` on one line: white space as spaces, and what else a terminal cannot show as ?."""
+    """Text on one line: white space becomes spaces, other characters that a terminal cannot show become ?."""
     return "".join(c if c.isprintable() or c in THIN_SPACES else " " if c.isspace() else "?" for c in text)
 
 
 def one_line(message: object, most: int = 240) -> str:
-    """A library's message, or a value, inside one of ours: printable, runs of white space as one, at most `most` characters."""
+    """Library's message, or a value, for use in a message: printable, runs of white space as one, at most `most` characters."""
     text = " ".join(printable(str(message)).split())
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def first_of_many(items: Sequence[str], most: int = MOST_SHOWN) -> str:
-    """The first of many things, `most` of them, and how many there are."""
+    """First `most` of several items, and the number of the others."""
     return ", ".join(items[:most]) + (f", … {len(items)} in all" if len(items) > most else "")
 
 
 def apart(value: float, other: float, least: int) -> int:
-    """Significant digits, `least` or more, that tell `value` from `other`: 5.9999 beside a required 6 must not read as 6."""
+    """Number of significant digits, `least` or more, that distinguish `value` from `other`: 5.9999 beside 6 must not read as 6."""
     if not (math.isfinite(value) and math.isfinite(other)):
         return least
     return next((count for count in range(least, MOST_DIGITS) if f"{value:.{count}g}" != f"{other:.{count}g}"), MOST_DIGITS)
 
 
 def beside(value: float, other: float) -> str:
-    """`value` with three digits, or as many as tell it from `other`."""
+    """Value with three digits, or as many as distinguish it from `other`."""
     return f"{value:.{apart(value, other, 3)}g}"
 
 
 def case_text(values: Mapping[str, float]) -> str:
-    """A case of what is uncertain, by name in QUANTITIES, SI: "delay 7 ms, stiffness 8000 N·m/rad"."""
+    """Text of a case of uncertain values, by name in QUANTITIES, SI: "delay 7 ms, stiffness 8000 N·m/rad"."""
     shown = ((name, value, *QUANTITIES[name]) for name, value in values.items())
     return ", ".join(f"{name.replace('_', ' ')} {_four_digits(scale * value)} {unit}" for name, value, scale, unit in shown)
 
@@ -82,7 +82,7 @@ def nearest(name: str, names: Sequence[str], kind: str) -> str:
 
 
 def typo_of(name: str, known: Sequence[str]) -> str:
-    """Which of `known` names was meant by one that is nearly it; empty for one of them, and for one that is far from all."""
+    """Known name that is nearly `name`; "" if `name` is known, or far from all."""
     close = [] if name in known else difflib.get_close_matches(name.lower(), known, 1, cutoff=0.75)
     return close[0] if close else ""
 
@@ -95,14 +95,14 @@ def listed(names: Sequence[str], word: str = "and", most: int = 4) -> str:
 
 
 THIN = "\u202f"
-"""A narrow space that does not break: between groups of three digits."""
+"""Narrow no-break space between groups of three digits."""
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
-    """`value` with its unit; a dash where there is none."""
+    """Value with its unit; a dash if it is None or NaN."""
     if value is None or math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -121,7 +121,7 @@ def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
 
 
 def frequency_text(omega: float) -> str:
-    """A frequency [rad/s] in a sentence, in Hz."""
+    """Frequency [rad/s] as text for a sentence, in Hz."""
     text = f"{omega / (2 * math.pi):.3g}"
     return (f"{float(text):,.0f}".replace(",", THIN) if "e+" in text else text) + " Hz"
 
@@ -132,16 +132,16 @@ def at_frequency(omega: float, before: str = " at ", text: Callable[[float], str
 
 
 def option_name(name: str) -> str:
-    """A parameter's name as it is typed in a call: "--delay-ms"."""
+    """Option name of a parameter: "--delay-ms"."""
     return f"--{name.replace('_', '-')}"
 
 
 MOST_PROBLEMS = 20
-"""Lines of one error."""
+"""Maximum number of lines of one error."""
 
 
 class GainroomError(ValueError):
-    """An input or a call that gainroom cannot answer: of each problem one line that names the thing, its value and what is allowed.
+    """Input or call that gainroom cannot answer: one line per problem that names the thing, its value and what is allowed.
 
     problems   all of them; as text the error has MOST_PROBLEMS, and how many more there are
     """
@@ -152,7 +152,7 @@ class GainroomError(ValueError):
 
 
 def shown_problems(problems: Sequence[str]) -> list[str]:
-    """The first MOST_PROBLEMS, and how many more there are."""
+    """First MOST_PROBLEMS problems, and the number of the others."""
     more = len(problems) - MOST_PROBLEMS
     return [*problems[:MOST_PROBLEMS], *([f"and {more} more"] if more > 0 else [])]
 
@@ -173,7 +173,7 @@ class Step(Generic[Made]):
         return bool(self._made)
 
     def otherwise(self, other: "Step[Made]") -> "Step[Made]":
-        """This one, or the `other` where it has failed."""
+        """This step if it has succeeded, else the `other`."""
         return self if self._made else other
 
     def __call__(self) -> Made:
@@ -183,7 +183,7 @@ class Step(Generic[Made]):
 
 
 class Together:
-    """A block whose problems are raised together at its end, each once: those of its steps, and what ends the block itself.
+    """Block whose problems are raised together at its end, each once: those of its steps, and the error that ends the block itself.
 
     A step that asks for what another one could not make is passed over: what is wrong there is said there.
     """
@@ -211,7 +211,7 @@ class Together:
         return Step()
 
     def add(self, error: GainroomError) -> None:
-        """Further problems."""
+        """Adds further problems."""
         self._errors.append(error)
         self._problems.update(dict.fromkeys(error.problems))
 
@@ -234,14 +234,14 @@ def all_of(makes: Iterable[Callable[[], Made]]) -> list[Made]:
 
 
 def refuse_all(problems: Iterable[str]) -> None:
-    """Raise GainroomError with the problems, where there are any."""
+    """Raise GainroomError with the problems, if there are any."""
     if found := list(problems):
         raise GainroomError(*found)
 
 
 @contextlib.contextmanager
 def computable(owner: str) -> Iterator[None]:
-    """Turns a failure of linear algebra into a GainroomError that names `owner`, the outermost: numbers that doubles cannot hold apart."""
+    """Context that turns a failure of linear algebra into a GainroomError that names the outermost `owner`."""
     import numpy as np
 
     try:
@@ -256,7 +256,7 @@ def computable(owner: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def named(owner: str) -> Iterator[None]:
-    """Errors within name `owner`, where they do not begin with it already."""
+    """Context whose errors name `owner`, unless they begin with it already."""
     try:
         yield
     except GainroomError as error:

@@ -1,4 +1,4 @@
-"""Who may speak with the page's server: a page of its own, on this machine, or who knows the token."""
+"""Access to the page's server: for its own page on this machine, or with the token."""
 
 import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -26,7 +26,7 @@ HEADERS = (
 
 
 class Guard:
-    """Around an application: refuses a foreign Host (a name that was made to point here), a foreign Origin, and a missing token.
+    """Wrapper of an application that refuses a foreign Host (a name that points here), a foreign Origin, and a missing token.
 
     port    of the server
     token   "" on this machine alone; else it must be in the query, and any Host will do
@@ -53,7 +53,7 @@ class Guard:
         await self._app(scope, receive, with_headers)
 
     def _refusal(self, scope: Scope) -> str:
-        """Why not; "" where it may."""
+        """Reason for the refusal; "" if access is granted."""
         names = [value.decode("latin-1").lower() for name, value in scope["headers"] if name == b"host"]
         if len(names) != 1 or (not self._token and names[0] not in self._hosts):
             return "foreign Host"

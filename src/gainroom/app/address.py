@@ -1,4 +1,4 @@
-"""A view as it stands behind the # of the page's address."""
+"""View encoded behind the # of the page's address."""
 
 from typing import Any
 from urllib.parse import parse_qsl
@@ -12,7 +12,7 @@ NAMES = ("posture", "contact", "joint", "payload_at")
 
 
 def view_of(text: str) -> View:
-    """The view of "kp=1000&kd=30&delay_ms=3"; of a robot gains are gain.NAME=KP,KD (or kp:9,kv:30,ki:60) and angles at.NAME=VALUE.
+    """View of "kp=1000&kd=30&delay_ms=3"; of a robot gains are gain.NAME=KP,KD (or kp:9,kv:30,ki:60) and angles at.NAME=VALUE.
 
     Raises GainroomError for what is no view.
     """

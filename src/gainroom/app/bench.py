@@ -20,19 +20,19 @@ from ..system.linear.arrays import Complexes, Floats
 from .messages import View
 
 REMEMBERED = 24
-"""Studies, recommendations, planes: of each kind."""
+"""Number of cached studies, recommendations and planes, of each kind."""
 Value = TypeVar("Value")
 Part = tuple[str, dict[str, Any]]
-"""A piece of an answer: its name and what it holds; strict() makes JSON of it."""
+"""Part of an answer: its name and its content; strict() makes JSON of it."""
 
 
 class Cancelled(Exception):  # noqa: N818 - asked for, not an error
-    """Nobody waits for the answer."""
+    """Raised if nobody waits for the answer any more."""
 
 
 @dataclass
 class Opened:
-    """The file that the page is about: its text as it was read; `path` None: a shipped example or a model, to which nothing is saved.
+    """File of the page: its text as it was read; `path` None: a shipped example or a model, which is not saved.
 
     command  that opened it, where it is no file of its own
     saved    the text that stands in the file since it was saved; None: the one that was read
@@ -55,7 +55,7 @@ class Opened:
         return self.command or f"gainroom {kind} {shlex.quote(self.source)}"
 
     def save(self, text: str, digest: str) -> None:
-        """Write `text` in its place.
+        """Writes `text` to the file.
 
         Raises GainroomError where it cannot be written, has changed since it was read, or the difference that was seen is another one.
         """
@@ -74,7 +74,7 @@ class Opened:
         self.saved = text
 
     def difference(self, text: str) -> str:
-        """Between what the file holds and `text`, as `diff -u` has it."""
+        """Difference between the file and `text`, as `diff -u`."""
         import difflib
 
         lines = difflib.unified_diff(self.stored.splitlines(), text.splitlines(), self.source, self.source, lineterm="")
@@ -82,7 +82,7 @@ class Opened:
 
 
 class Remembered(OrderedDict[str, Value]):
-    """The latest values, REMEMBERED of them, by what they depend on."""
+    """Cache of the latest REMEMBERED values, by the key that they depend on."""
 
     def __setitem__(self, key: str, value: Value) -> None:
         super().__setitem__(key, value)
@@ -91,7 +91,7 @@ class Remembered(OrderedDict[str, Value]):
             self.popitem(last=False)
 
     def of(self, key: str, made: Callable[[], Value]) -> Value:
-        """The value of a key, made where it is not there."""
+        """Value of a key, computed if it is not cached."""
         if key not in self:
             self[key] = made()
         return self[key]
@@ -103,7 +103,7 @@ def digest_of(text: str) -> str:
 
 
 class Bench(Protocol):
-    """A file, opened, and its numbers at other gains. Only `opened.saved` changes, when it is saved."""
+    """Opened file, and its numbers at other gains. Only `opened.saved` changes, on saving."""
 
     opened: Opened
 
@@ -126,7 +126,7 @@ class Bench(Protocol):
         ...
 
     def recommended(self, view: View, progress: Progress) -> Iterator[Part]:
-        """Recommended gains, where they take too long to be found with everything else."""
+        """Recommended gains, if they take too long to be found with everything else."""
         ...
 
     def plant(self, view: View) -> str:
@@ -134,28 +134,28 @@ class Bench(Protocol):
         ...
 
     def shaken(self, view: View, progress: Progress) -> Iterator[Part]:
-        """A simulated run."""
+        """Parts of a simulated run."""
         ...
 
     def text(self, view: View) -> str:
-        """The file with the view's values."""
+        """Text of the file with the view's values."""
         ...
 
     def copied(self, view: View, form: str) -> str:
-        """The gains in one of messages.Form."""
+        """Gains in one of messages.Form."""
         ...
 
     def mesh(self, place: int) -> bytes | None:
-        """A mesh of the robot's, packed; None where there is none."""
+        """Packed mesh of the robot; None if there is none."""
         ...
 
     def page(self, view: View) -> str:
-        """The command line's report of the view."""
+        """Report of the view, as the command line writes it."""
         ...
 
 
 def advised(use: ToUse, warnings: Iterable[str]) -> dict[str, Any]:
-    """Gains to use as the page shows them: sentences in the order in which they are read, each with the lines that it speaks of."""
+    """Gains to use as the page shows them: sentences in reading order, each with the lines that it is about."""
     later = [] if use.folded is None else [use.folded]
     notes = [(use.heading, use.lines), *((text, ()) for text in use.remarks), *later, *((text, ()) for text in warnings)]
     return {
@@ -165,7 +165,7 @@ def advised(use: ToUse, warnings: Iterable[str]) -> dict[str, Any]:
 
 
 def drawn_response(omega: Floats, value: Complexes, phase: Floats, marks: Mapping[str, float] | None = None) -> dict[str, Any]:
-    """A return ratio (k,) at `omega` [rad/s], with its phase [°], as Bode and Nyquist plot; `marks`: frequencies that decide, by name."""
+    """Return ratio (k,) at `omega` [rad/s], with its phase [°], for Bode and Nyquist plots; `marks`: decisive frequencies, by name."""
     return {
         "hz": rounded(omega / (2 * math.pi), 6),
         "size": rounded(20 * np.log10(np.abs(value))),
@@ -177,7 +177,7 @@ def drawn_response(omega: Floats, value: Complexes, phase: Floats, marks: Mappin
 
 
 def drawn_step(found: StepResponse, pick: slice, scale: float) -> dict[str, Any]:
-    """Responses to a step of the reference and to a disturbance, which is shown times `scale`; `pick`: of their points."""
+    """Responses to a step of the reference and to a disturbance, the latter multiplied by `scale`; `pick`: the points drawn."""
     return {
         "ms": rounded(1e3 * found.time[pick]),
         "reference": rounded(found.reference[pick]),
@@ -186,12 +186,12 @@ def drawn_step(found: StepResponse, pick: slice, scale: float) -> dict[str, Any]
 
 
 def drawn_line(points: Floats) -> list[list[float | None]]:
-    """Points (k, 2) of a gain map."""
+    """Points (k, 2) of a line in a gain map."""
     return [rounded(column, 6) for column in points.T]
 
 
 def rounded(values: Any, significant: int = 5) -> list[float | None]:
-    """For a picture: fewer digits, a third of the bytes; None where there is no number."""
+    """Numbers with fewer digits for a picture, a third of the bytes; None for values that are not finite."""
     exact = np.asarray(values, dtype=float).ravel()
     sound = np.isfinite(exact)
     with np.errstate(divide="ignore", invalid="ignore"):

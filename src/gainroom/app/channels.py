@@ -19,7 +19,7 @@ from .messages import View
 
 @dataclass(frozen=True)
 class Channel:
-    """A joint, or a direction of a task, by its place among the names; `own`: its gains, as a controller of one joint."""
+    """Channel: a joint, or a direction of a task, by its index among the names; `own`: its gains, as a controller of one joint."""
 
     name: str
     place: int
@@ -58,7 +58,7 @@ class Channels:
             )
 
     def described(self) -> dict[str, Any]:
-        """For the page, of each channel: names and units of its gains, of its map's axes, and where the file's gains are on it."""
+        """Description of each channel for the page: names and units of its gains and of its map's axes, and the file's point."""
         each = list(zip(self.names, self._file, strict=True))
         return {
             "channels": self.names,
@@ -80,11 +80,11 @@ class Channels:
         return f"1 {unit}/s² added to the commanded acceleration", f"m{unit}", 1e3
 
     def points(self, own: Sequence[Controller]) -> dict[str, tuple[float, float]]:
-        """On the map of each channel; none of none."""
+        """Point of each channel in its map; empty for no controllers."""
         return {name: one.plane_gains() for name, one in zip(self.names, own, strict=False)}
 
     def named(self, own: Sequence[Controller]) -> dict[str, dict[str, float]]:
-        """Gains by channel and name; none of none."""
+        """Gains by channel and name; empty for no controllers."""
         return {name: {gain: float(value) for gain, value, _ in own_gains(one)} for name, one in zip(self.names, own, strict=False)}
 
     def place(self, view: View) -> int:
@@ -111,12 +111,12 @@ class Channels:
         return tuple(own)
 
     def channel(self, view: View) -> Channel:
-        """The one that is dragged."""
+        """Channel that is dragged."""
         k = self.place(view)
         return Channel(self.names[k], k, self.gains(view)[k])
 
     def applied(self, system: System, view: View) -> System:
-        """The system with the view's gains."""
+        """System with the view's gains."""
         own, source = self.gains(view), system.source
         if not self.of_tasks:
             return system.with_controller(replace(system.control.controller, **_columns(own)))
@@ -140,13 +140,13 @@ class Channels:
         return found
 
     def lines(self, view: View) -> str:
-        """The view's gains as they are typed into the file."""
+        """Lines of the view's gains as typed into the file."""
         space = "task" if self.of_tasks else "joint"
         return "".join(f"{line}\n" for line in robot_gains(self.names, self.gains(view), space))
 
 
 def _columns(own: Sequence[Controller]) -> dict[str, Any]:
-    """Each gain of all of them (m,)."""
+    """Columns (m,) of each gain of all controllers."""
     return {name: np.array([float(getattr(one, name)) for one in own]) for name in own[0].gain_names()}
 
 

@@ -47,7 +47,7 @@ def timing(data: Mapping[str, Any], delay: float, view: View) -> dict[Keys, Any]
 
 
 def put(changes: dict[Keys, Any], data: Mapping[str, Any], path: Keys, old: Any, value: float) -> None:
-    """A changed value, and its range where that does not hold it."""
+    """Adds a changed value to `changes`, and its range if that does not contain it."""
     if isinstance(old, int | float) and abs(value - old) <= 1e-12 * abs(old):
         return
     changes[path] = value
@@ -57,7 +57,7 @@ def put(changes: dict[Keys, Any], data: Mapping[str, Any], path: Keys, old: Any,
 
 
 def ranges(stated: Uncertainty, stiffness: Any = 1.0) -> dict[str, list[float | None]]:
-    """(low, high) by field of the page, in its unit; `stiffness`: what counts as 1 there."""
+    """Ranges (low, high) by field of the page, in its unit; `stiffness`: the value that counts as 1 there."""
     found = {}
     for field, span, unit in (
         ("delay_ms", stated.delay, 1e-3),
@@ -71,7 +71,7 @@ def ranges(stated: Uncertainty, stiffness: Any = 1.0) -> dict[str, list[float | 
 
 
 def conditions(source: str, own: Mapping[str, Any], view: View) -> str:
-    """A comment above copied gains: of which file, and what differs from it that is no gain; `own`: the file's view."""
+    """Comment above copied gains: their file, and the values other than gains that differ from it; `own`: the file's view."""
     now = {name: getattr(view, name) for name in NO_GAINS}
     text = {
         name: [each if isinstance(each, str) else typed(each) for each in (now[name], own[name])]
@@ -83,12 +83,12 @@ def conditions(source: str, own: Mapping[str, Any], view: View) -> str:
 
 
 def other_formats_hold(own: Controller) -> bool:
-    """True where other formats have all of its gains: those of a PD or PID."""
+    """True if other formats hold all gains of the controller: those of a PD or PID."""
     return set(own.gain_keys()) <= set(PID.GAINS)
 
 
 def gain_of(own: Controller, form: str) -> Gain:
-    """The gains of one joint as other formats hold them. Raises GainroomError for a controller with others than a PD or PID has."""
+    """Gain of one joint for other formats. Raises GainroomError for a controller with gains other than those of a PD or PID."""
     if not other_formats_hold(own):
         raise GainroomError(
             f"{form}: holds kp and kd in N·m/rad and N·m·s/rad, not the gains of a controller of type {type_of(own)}; copy as yaml"
@@ -97,7 +97,7 @@ def gain_of(own: Controller, form: str) -> Gain:
 
 
 def at_point(own: Controller, point: tuple[float, float]) -> Controller:
-    """The controller at a point of its gain map, its gains in digits that can be typed."""
+    """Controller at a point of its gain map, with gains of few digits."""
     there = own.from_plane(*point)
     rounded: dict[str, Any] = {name: float(typed(value)) for name, value, _ in own_gains(there)}
     return replace(there, **rounded)

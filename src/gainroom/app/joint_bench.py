@@ -1,4 +1,4 @@
-"""One joint on the page: a view is an edited joint.yaml, so its numbers are the command line's by construction."""
+"""Bench of one joint: a view is an edited joint.yaml, so its numbers are the command line's by construction."""
 
 import math
 import threading
@@ -36,7 +36,7 @@ SAME_IN_A_PLANE = ("recommended", "exact", "at_usual_rate", "uncertainty_cost")
 
 
 class JointBench:
-    """See Bench."""
+    """Bench of one joint; see Bench."""
 
     def __init__(self, opened: Opened) -> None:
         self.opened = opened
@@ -166,7 +166,7 @@ class JointBench:
         return {"gains": {name: value for name, value, _ in own_gains(controller)}, "point": point}
 
     def _study(self, view: View) -> JointStudy:
-        """study_joint of the view, remembered; the recommendation of a PD does not depend on its gains, and is looked up."""
+        """Study of the view, cached; the recommendation of a PD does not depend on its gains, and is looked up."""
         text = self.text(view)
         with self._one_at_a_time:
             if text in self._studies:
@@ -190,7 +190,7 @@ class JointBench:
         return repr((view.delay_ms, view.stiffness, view.link_inertia, view.sample_rate_hz, held))
 
     def _controller(self, view: View) -> Any:
-        """The file's own with the view's gains; a point of the plane goes before them."""
+        """Controller of the file with the view's gains; a point of the plane takes precedence."""
         own = self._system.control.controller
         strange = view.gains.keys() - set(own.gain_names())
         if strange:
@@ -211,7 +211,7 @@ class JointBench:
 
 
 def _nominal(system: System) -> JointStudy:
-    """At the file's own values alone, without a search for gains."""
+    """Study at the file's nominal values, without a search for gains."""
     exact = replace(system, uncertainty=Uncertainty())
     study = JointStudy(exact, analyze(exact).every)
     vars(study).update(recommended=None, exact=None)

@@ -14,18 +14,18 @@ from ..studies.joint import JointStudy
 from .bench import drawn_line, drawn_response, drawn_step, rounded
 
 WIDER = 2.0
-"""The frequency axis beyond what the report of the file's own gains shows: gains move."""
+"""Factor by which the frequency axis exceeds that of the report, as gains move."""
 STEP_POINTS = 500
 
 
 def sweep_span(study: JointStudy) -> tuple[float, float]:
-    """[rad/s] of the frequency axis, which stays while gains move."""
+    """Span of the frequency axis [rad/s], constant while gains move."""
     low, high = frequency_span(study, [Case("", study.loop, study.margins)])
     return low / WIDER, high if study.system.control.sample_time is not None else high * WIDER
 
 
 def map_window(study: JointStudy) -> tuple[float, float]:
-    """The gains (kp, kd) up to which the map is drawn."""
+    """Largest gains (kp, kd) of the map."""
     window = around(study, gain_points(study))
     return window.kp, window.kd
 
@@ -60,13 +60,13 @@ def required_gains(study: JointStudy, window: tuple[float, float]) -> Iterator[d
 
 
 def limits(study: JointStudy, window: tuple[float, float]) -> dict[str, Any]:
-    """The line of each required margin."""
+    """Line of each required margin."""
     view = Window(*window, *window)
     return {"lines": [{"text": text, "parts": [drawn_line(part) for part in parts]} for text, parts in required_lines(study, view)]}
 
 
 def step(study: JointStudy) -> dict[str, Any]:
-    """The measured position after a step of its reference, and under 1 N m added to the command."""
+    """Measured position after a step of its reference, and under 1 N m added to the command."""
     found = step_response(study.loop)
     pick = slice(None, None, max(1, len(found.time) // STEP_POINTS))
     return drawn_step(found, pick, 1e6) | {"growth": found.growth, "hz": found.frequency / (2 * math.pi)}

@@ -1,20 +1,20 @@
-"""Computing off the event loop: one thread per lane, and of what each owner asks for only the latest."""
+"""Lanes of computation off the event loop: one thread per lane, with only the latest job of each owner."""
 
 import threading
 import time
 from collections.abc import Callable, Hashable
 
 Stale = Callable[[], bool]
-"""Tells a job that its owner has asked for something newer, or has left: what it would still find nobody waits for."""
+"""Test if a job's owner has asked for something newer, or has left: its result is then not needed."""
 Job = Callable[[Stale], None]
 
 
 RESTS = 3.0
-"""Times as long as a patient job took its lane rests before the next: other threads share the interpreter, and go first meanwhile."""
+"""Rest of a lane as a multiple of a patient job's duration: other threads share the interpreter, and go first meanwhile."""
 
 
 class Lane:
-    """A thread that does one job after the other; owners take turns, and a newer job of an owner takes the place of its older one."""
+    """Thread that does one job after the other; owners take turns, and a newer job of an owner replaces its older one."""
 
     def __init__(self, name: str) -> None:
         self._waiting: dict[Hashable, Job] = {}
@@ -26,14 +26,14 @@ class Lane:
         threading.Thread(target=self._work, name=f"gainroom {name}", daemon=True).start()
 
     def put(self, owner: Hashable, job: Job, patient: bool = False) -> None:
-        """In the place of what `owner` is waiting for; `patient`: it may wait for the rest that follows another such."""
+        """Replaces the job that `owner` waits for; `patient`: the job may wait for the rest after another such."""
         with self._changed:
             self._waiting[owner] = job
             (self._patient.add if patient else self._patient.discard)(owner)
             self._changed.notify()
 
     def drop(self, owner: Hashable) -> None:
-        """Nothing of `owner` is wanted any more."""
+        """Removes the job of `owner`."""
         with self._changed:
             self._waiting.pop(owner, None)
             self._stopped = self._stopped or self._running == owner

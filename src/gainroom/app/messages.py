@@ -9,7 +9,7 @@ from ..errors import GainroomError
 from ..io.validation import Flag, Name, NotNegative, Positive, Section, number, validate
 
 LONGEST = 32_768
-"""Bytes of a message."""
+"""Maximum length of a message [bytes]."""
 Key = Annotated[int, Field(strict=True, ge=0, le=2**53)]
 Rate = Annotated[float, number(least=0, most=1e6, unit="Hz")]
 Coordinate = Annotated[float, number(least=-1e6, most=1e6)]
@@ -45,7 +45,7 @@ class View(Section):
 
 
 class Ask(Section):
-    """One message.
+    """Message of the page.
 
     ask     look: numbers of a view; find: recommended gains; copy, save: gains as text; shake: a simulated run; page: the report; cancel:
             end the search or the run, `of` which
@@ -68,7 +68,7 @@ class Ask(Section):
 
 
 def read_message(text: str) -> Ask:
-    """A message as it came. Raises GainroomError, one line, for what is none."""
+    """Validated message. Raises GainroomError, one line, for any other text."""
     if len(text.encode("utf-8", "surrogatepass")) > LONGEST:
         raise GainroomError(f"message: must be at most {LONGEST} bytes long")
     try:

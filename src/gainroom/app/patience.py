@@ -1,17 +1,17 @@
-"""Connections that send a request in time, or are closed: nobody keeps others away from the page by asking for nothing."""
+"""Time limits of connections: one that does not send a request in time is closed, so that nobody blocks the page by waiting."""
 
 import asyncio
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEADERS_WITHIN = 10.0
-"""[s] for a request, from the connection, or from its first byte on one that has had an answer."""
+"""Time for a request [s], from the connection, or from its first byte on one that has had an answer."""
 MOST_UNASKED = 64
-"""Connections at a time from which no request has come yet: of more the oldest is closed. A browser opens six to a server."""
+"""Maximum number of connections without a request; beyond it the oldest is closed. A browser opens six to a server."""
 
 
 class PatientProtocol(H11Protocol):
-    """Uvicorn's, which itself waits for a request for ever."""
+    """Protocol of uvicorn with time limits; uvicorn's own waits for a request without limit."""
 
     _deadline: asyncio.TimerHandle | None = None
 

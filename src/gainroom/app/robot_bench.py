@@ -1,4 +1,4 @@
-"""A robot on the page: one joint or task direction is dragged, all others stay closed; the rest is what the command line prints."""
+"""Bench of a robot: one joint or task direction is dragged with the other loops closed; the rest is what the command line prints."""
 
 import math
 import re
@@ -62,7 +62,7 @@ from .so_far import SoFar, tone_so_far
 
 
 class RobotBench:
-    """See Bench."""
+    """Bench of a robot; see Bench."""
 
     def __init__(self, opened: Opened) -> None:
         self.opened = opened
@@ -129,7 +129,7 @@ class RobotBench:
         return ranges(system.uncertainty, self._system.source.actuators.stiffness)
 
     def _leading(self) -> int:
-        """The joint that moves most in the vibration of the first state: the page opens on it."""
+        """Index of the joint that moves most in the vibration of the first state, on which the page opens."""
         try:
             _, limit = self._limited(View())
         except GainroomError:  # said where the state is shown
@@ -154,7 +154,7 @@ class RobotBench:
         return edited(self.opened.text, self.opened.source, changes)
 
     def system(self, view: View) -> System:
-        """The file's with the view's values; what gains do not change is read again only when it changes."""
+        """System of the file with the view's values; parts that gains do not change are read again only when they change."""
         base = View(delay_ms=view.delay_ms, sample_rate_hz=view.sample_rate_hz, payload=0.0)
         key = repr(base)
         with self._lock:
@@ -191,7 +191,7 @@ class RobotBench:
         return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {kept}", None if rate is None else 1 / rate)
 
     def _kept(self, system: System, view: View) -> str:
-        """The gain limit of the worst of all states, certified as `gainroom robot` does, at nominal values."""
+        """Text of the gain limit in the worst of all states, certified as `gainroom robot` does, at nominal values."""
         states = [state for place in system.source.states if (state := self._at(system, view, place)).moves]
         if not states:
             return "these gains move nothing"
@@ -212,11 +212,11 @@ class RobotBench:
         return robot_page(RobotPresentation(list(self._studies(view, quiet))[-1], call=call), call)
 
     def state(self, view: View) -> State:
-        """The view's posture and contact state."""
+        """State of the view's posture and contact state."""
         return self._at(self.system(view), view, self._state(view))
 
     def _at(self, system: System, view: View, place: tuple[str, str]) -> State:
-        """A state of the view's system; the robot in it is remembered, as gains and delay do not change it."""
+        """State of the view's system; its robot is cached, as gains and delay do not change it."""
         key = repr((view.stiffness, self._payload(view), view.angles if place[0] == self._state(view)[0] else {}, place))
         with self._lock:
             model = self._models.get(key)
@@ -230,7 +230,7 @@ class RobotBench:
         return state
 
     def _limited(self, view: View) -> tuple[State, GainLimit | None]:
-        """The state and its gain limit, None where no gain acts on a motion; what verdict and mode both need is computed once."""
+        """State and its gain limit, computed once for verdict and mode; None if no gain acts on a motion."""
 
         def found() -> tuple[State, GainLimit | None]:
             state = self.state(view)
@@ -283,7 +283,7 @@ class RobotBench:
             yield "root", slowest_root(state)
 
     def mesh(self, place: int) -> bytes | None:
-        """A mesh among the shapes."""
+        """Mesh among the shapes, packed; None if there is none."""
         shape = self.shapes[place] if 0 <= place < len(self.shapes) else None
         return None if shape is None or shape.corners is None else shape.packed()
 
@@ -321,7 +321,7 @@ class RobotBench:
         yield from shaken(spec, progress, lambda run: film(run, self.shapes), self._channels.channel(view).name)
 
     def _studies(self, view: View, progress: Progress) -> Iterator[RobotStudy]:
-        """See SoFar, with the recommended gains that are known. Which state and joint are looked at changes nothing of the whole."""
+        """Studies of SoFar, with the recommended gains that are known; the view's state and joint do not change them."""
         place = view.posture if view.angles else None
         key = repr(view.model_copy(update={"posture": place, "contact": None, "joint": view.joint if view.point else None}))
         known = self._found.get(self.plant(view))
@@ -354,12 +354,12 @@ class RobotBench:
         return {**place, "joint": missing[0]} if missing and missing[0] in self._channels.names else place
 
     def _to_use(self, study: RobotStudy) -> dict[str, dict[str, float]]:
-        """Recommended gains by channel, as they are typed; none of none."""
+        """Recommended gains by channel, rounded for typing; empty if there are none."""
         own = self._channels.named(self._own_to_use(study))
         return {name: {gain: float(typed(value)) for gain, value in each.items()} for name, each in own.items()}
 
     def _own_to_use(self, study: RobotStudy) -> Sequence[Controller]:
-        """Recommended gains by channel; none where there are none, or they are of another type than the file's."""
+        """Recommended gains by channel; empty if there are none, or if they are of another type than the file's."""
         own = study.controllers_to_use if study.to_use is not None else ()
         present = self._channels.gains(View())
         return own if all(type(one) is type(now) for one, now in zip(own, present, strict=False)) else ()
@@ -380,7 +380,7 @@ class RobotBench:
         return view.posture or posture, view.contact or contact
 
     def _payload(self, view: View) -> tuple[str, float]:
-        """Frame and mass [kg], the file's where the view has none; without one the frame at which it would be."""
+        """Frame and mass [kg] of the payload, the file's if the view has none; without one the default frame."""
         body = self._system.source.body
         given = next(iter(body.payload.items()), (self._carrier, 0.0))
         return given[0] if view.payload_at is None else view.payload_at, given[1] if view.payload is None else view.payload
@@ -396,7 +396,7 @@ class RobotBench:
         return replace(stance, angles={**stance.angles, **view.angles})
 
     def _plane_key(self, channel: Channel, view: View) -> str:
-        """The plane of one channel does not depend on where in it the gains are."""
+        """Key of one channel's plane, which does not depend on the gains in it."""
         others = {name: pair for name, pair in view.gains.items() if name != channel.name}
         return repr((view.model_copy(update={"point": None, "gains": others}), self._state(view), channel.name, channel.held))
 

@@ -38,7 +38,7 @@ SHOWN_TURNS = 12.0  # of 1/ω at the channel's lowest gain crossover: how long a
 GROWN = 30.0  # steps
 GUESS = 4.0
 EDGE_COLUMNS = 80
-"""Gains that the first window shows, as a multiple of a channel's own."""
+"""Range of the first window as a multiple of a channel's own gains."""
 
 
 def stand(source: Robot) -> list[dict[str, Any]]:
@@ -66,7 +66,7 @@ def keyframe_angles(source: Robot) -> dict[str, dict[str, float]]:
 
 
 def span_of(system: System) -> tuple[float, float]:
-    """[Hz] of the frequency axis."""
+    """Span of the frequency axis [Hz]."""
     step = system.control.sample_time
     fastest = max(drive.bandwidth for drive in system.drives if not drive.is_ideal) if any(not d.is_ideal for d in system.drives) else 2e3
     return 0.05, 0.5 / step if step is not None else fastest / math.pi
@@ -82,13 +82,13 @@ def part_of(state: State, channel: Channel) -> LoopPart:
 
 
 def window_for(channel: Channel) -> tuple[float, float]:
-    """Gains around the channel's own."""
+    """Window of gains around the channel's own."""
     kp, kd = channel.point
     return GUESS * max(kp, 1e-3), GUESS * max(kd, 1e-3)
 
 
 def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | None, asked: Requirements) -> dict[str, Any]:
-    """Outlines of the stable gains, and of those with which the channel's own loop keeps what is asked for.
+    """Outlines of the stable gains, and of those with which the channel's own loop meets the requirements `asked`.
 
     Without a `window` one that shows where the stable ones end.
     """
@@ -111,7 +111,7 @@ def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | N
 
 @dataclass(frozen=True)
 class EveryState:
-    """A channel's gains in every state at once, up to `window`; `checkpoint` is called between its loops, and may end it by raising."""
+    """Gains of a channel in every state at once, up to `window`; `checkpoint` is called between its loops, and may end it by raising."""
 
     states: Iterable[State]
     channel: Channel
@@ -119,7 +119,7 @@ class EveryState:
     checkpoint: Callable[[], None]
 
     def parts(self, final: bool) -> Iterator[dict[str, Any]]:
-        """Outlines of the gains that are stable everywhere, and if `final` of those that keep what is asked for; `next`: what follows."""
+        """Outlines of the gains that are stable everywhere, and if `final` of those that meet the requirements; `next`: part to come."""
         try:
             moving = [state for state in self.states if state.moves]
             together = EveryLoop([(state.loop, part_of(state, self.channel)) for state in moving], self.window, self.checkpoint)
@@ -137,7 +137,7 @@ class EveryState:
 
 
 def fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
-    """Wide enough to show the upper end of kd."""
+    """Window wide enough to show the upper end of kd."""
     guess = window_for(channel)
     columns = plane.columns(np.linspace(0.05, 1, 12) * guess[0])
     tops = [one[-1, 1] for one in columns if len(one) and math.isfinite(one[-1, 1])]
@@ -145,14 +145,14 @@ def fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
 
 
 def _edge(plane: PartPlane, window: tuple[float, float]) -> list[dict[str, Any]]:
-    """The ends of the stable gains within the window, with the frequencies that vibrate there."""
+    """Ends of the stable gains within the window, with the frequencies that vibrate there."""
     kp, kd, omega = plane.edge(np.linspace(0.002, 1, EDGE_COLUMNS) * window[0])
     pick = (kd >= 0) & (kd <= window[1])
     return [{"line": [rounded(kp[pick]), rounded(kd[pick])], "hz": rounded(omega[pick] / (2 * math.pi), 6)}]
 
 
 def bode(plane: PartPlane, channel: Channel) -> dict[str, Any]:
-    """The return ratio of the channel with all other loops closed."""
+    """Return ratio of the channel with all other loops closed."""
     value = plane.ratio(*channel.point)
     sound = np.isfinite(value) & (np.abs(value) > 0)
     omega, value = plane.omega[sound], value[sound]
@@ -163,7 +163,7 @@ def bode(plane: PartPlane, channel: Channel) -> dict[str, Any]:
 
 
 def _drawn(omega: Floats, value: Complexes) -> Integers:
-    """About BODE_POINTS of the samples, evenly along the curves: of the Bode plot by frequency and size, of the Nyquist plot by length."""
+    """Indices of about BODE_POINTS samples, evenly along the curves: the Bode plot by frequency and size, the Nyquist plot by length."""
     low, high = np.log(omega[[0, -1]])
     turn = np.where(np.minimum(np.abs(value[1:]), np.abs(value[:-1])) < NYQUIST_SHOWN, np.abs(np.diff(value)), 0.0)
     length = np.diff(np.log(omega)) / (high - low) + np.abs(np.diff(np.log(np.abs(value)))) / SIZES_SHOWN + turn / NYQUIST_SHOWN
@@ -226,7 +226,7 @@ def mode(state: State, limit: GainLimit) -> dict[str, Any]:
 
 
 def slowest_root(state: State) -> dict[str, Any]:
-    """The rightmost closed-loop root that swings, at these gains: growth [1/s] and frequency [Hz]."""
+    """Rightmost oscillating closed-loop root at these gains: growth rate [1/s] and frequency [Hz]."""
     roots = rightmost_roots(state.loop, count=6).roots
     swinging = roots[np.abs(roots.imag) > 1e-6 * np.abs(roots)]
     if not len(swinging):
@@ -235,14 +235,14 @@ def slowest_root(state: State) -> dict[str, Any]:
 
 
 def settling(plane: PartPlane, channel: Channel) -> float:
-    """[s] for which a step of the channel is shown."""
+    """Duration for which a step of the channel is shown [s]."""
     value = np.abs(plane.ratio(*channel.point))
     below = np.flatnonzero((value[1:] <= 1) & (value[:-1] > 1))
     return SHOWN_TURNS / float(plane.omega[below[0]] if len(below) else plane.omega[0])
 
 
 def step(state: State, channel: Channel, duration: float, scale: float) -> dict[str, Any]:
-    """The channel after a step of its reference and under a unit of its output, every other loop closed; cut beyond GROWN steps.
+    """Channel after a step of its reference and under a unit of its output, with the other loops closed; cut beyond GROWN steps.
 
     scale   of what is shown of the second
     """
@@ -257,7 +257,7 @@ def step(state: State, channel: Channel, duration: float, scale: float) -> dict[
 
 
 def heat(study: RobotStudy) -> dict[str, Any]:
-    """Factors on all gains, and on each channel's with the others closed, in every state."""
+    """Gain limits of all gains, and of each channel's with the other loops closed, in every state."""
     factors: Factors | None = task_factors(study) if study.system.control.space == "task" else joint_factors(study)
     if factors is None:
         return {"states": [], "parts": [], "together": [], "closed": []}

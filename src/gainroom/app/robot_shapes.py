@@ -1,4 +1,4 @@
-"""The robot's own shapes for the page, and how its parts move in a mode; meshes are sent as bare triangles, never as files."""
+"""Shapes of a robot for the page, and the motion of its parts in a mode; meshes are sent as bare triangles, never as files."""
 
 import contextlib
 import math
@@ -23,19 +23,19 @@ MOST_BYTES = 30 << 20
 """Maximum size of a mesh file [bytes]."""
 MOST_CORNERS, MOST_SHAPES = 60_000, 400
 MOST_FILES = 50
-"""That an MJCF includes."""
+"""Maximum number of files that an MJCF includes."""
 MESHES = (".stl", ".obj", ".dae")
 PACKAGE_DEPTH = 4
-"""Folders above the model among which a package is looked for."""
+"""Number of folders above the model in which a package is searched."""
 PICTURES = 150
 """Maximum number of pictures of a run."""
 SMALL = 1e-4
-"""Part of a mode by which the robot is moved for its derivative."""
+"""Scale of the mode with which the robot is moved for its derivative."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One piece of a link.
+    """Shape: one piece of a link.
 
     frame   of the body that it is fixed to, and `place` (4, 4) in it
     kind    box, sphere, cylinder, capsule or mesh; `size` its edges, radius, or radius and length along z [m]
@@ -50,7 +50,7 @@ class Shape:
     faces: Any = None
 
     def packed(self) -> bytes:
-        """Counts, corners and faces, little-endian."""
+        """Packed counts, corners and faces, little-endian."""
         assert self.corners is not None
         head = struct.pack("<II", len(self.corners), len(self.faces))
         return head + np.ascontiguousarray(self.corners, "<f4").tobytes() + np.ascontiguousarray(self.faces, "<u4").tobytes()
@@ -102,7 +102,7 @@ def _numbers(text: str, count: int) -> list[float]:
 
 
 def _placed(origin: Element | None) -> Floats:
-    """(4, 4) of an <origin>: fixed axes x, y, z."""
+    """Placement (4, 4) of an <origin>: fixed axes x, y, z."""
     place = np.eye(4)
     if origin is not None:
         place[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3)
@@ -117,7 +117,7 @@ def _placed(origin: Element | None) -> Floats:
 
 
 def mesh_file(path: Path, name: str) -> Path | None:
-    """The file of a mesh that the model at `path` names: in the model's folder, or in the package around it, nowhere else; else None."""
+    """File of a mesh that the model at `path` names, in the model's folder or in the package around it; else None."""
     home = path.parent.resolve()
     if name.startswith("package://"):
         package, _, inner = name.removeprefix("package://").partition("/")
@@ -134,7 +134,7 @@ def mesh_file(path: Path, name: str) -> Path | None:
 
 
 def _mesh(path: Path, name: str, scale: tuple[float, ...]) -> tuple[Floats, Any] | None:
-    """Corners and faces; None where there is no such file, or it is too large."""
+    """Corners and faces of a mesh; None if there is no such file, or it is too large."""
     file = mesh_file(path, name)
     if file is None:
         return None
@@ -204,7 +204,7 @@ def _of_mjcf(root: Element, path: Path) -> list[Shape]:
 
 
 def described(shapes: tuple[Shape, ...]) -> list[dict[str, Any]]:
-    """For the page: a mesh by its place in the list."""
+    """Shapes for the page; meshes are given by their index."""
     return [
         {"frame": shape.frame, "kind": shape.kind, "size": shape.size, "place": rounded(shape.place[:3].ravel().tolist(), 6)}
         for shape in shapes
@@ -255,12 +255,12 @@ def film(run: RobotRun, shapes: tuple[Shape, ...]) -> dict[str, Any]:
 
 
 def _joint_of(body: RigidBody, frame: str) -> int:
-    """The place of the joint that moves a frame; −1 for the base's, and where that joint is locked."""
+    """Index of the joint that moves a frame; −1 for the base's frames, and if that joint is locked."""
     name = body.model.names[body.model.frames[body.frame_index(frame)].parentJoint]
     return body.joint_names.index(name) if name in body.joint_names else -1
 
 
 def _snapshot(body: RigidBody, q: Floats, frames: list[str]) -> list[Floats]:
-    """The skeleton's points (k, 3), then every frame (3, 4)."""
+    """Points of the skeleton (k, 3), then every frame (3, 4)."""
     positions = body.skeleton(q).positions
     return [positions, *(np.hstack([axes, place[:, None]]) for axes, place in body.frame_placements(q, frames))]

@@ -1,4 +1,4 @@
-"""The page's server: one process, its files read once, computing in threads of its own, nothing from or to any other machine."""
+"""Server of the page: one process, its files read once, computing in threads of its own, nothing from or to any other machine."""
 
 import asyncio
 import contextlib
@@ -29,16 +29,16 @@ from .session import Session
 STATIC = files("gainroom") / "app" / "static"
 TYPES = {"js": "text/javascript", "css": "text/css"}
 Examples = Mapping[str, Callable[[], Bench]]
-"""Opened when they are asked for."""
+"""Examples by name, opened when they are asked for."""
 NONE: Examples = MappingProxyType({})
 MOST_PAGES = 32
-"""Open at the same time."""
+"""Maximum number of pages open at the same time."""
 PATIENCE = 1
-"""[s] that connections get to end by themselves."""
+"""Time for connections to end by themselves [s]."""
 
 
 def application(bench: Bench, port: int, token: str = "", examples: Examples = NONE) -> App:
-    """The ASGI application; `examples`: what a page is about in place of `bench`, by the name behind ?example=."""
+    """ASGI application; `examples`: benches that replace `bench`, by the name behind ?example=."""
     newest = _Newest(bench)
     benches = {"": newest.bench, **examples}
 
@@ -81,7 +81,7 @@ def application(bench: Bench, port: int, token: str = "", examples: Examples = N
 
 
 class _Newest:
-    """A bench for pages that open: where a page has saved, one of what the file holds since then."""
+    """Bench for newly opened pages: if a page has saved, one of the saved file."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench, self._lock = bench, threading.Lock()
@@ -97,7 +97,7 @@ class _Newest:
 
 
 def _static() -> dict[str, bytes]:
-    """The page's files by their path below static."""
+    """Static files of the page by their path below static."""
     found = {}
     for folder in ("", "vendor/"):
         for entry in (STATIC / folder if folder else STATIC).iterdir():
@@ -107,7 +107,7 @@ def _static() -> dict[str, bytes]:
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """A socket on which nobody else listens; port 0: any. Raises GainroomError."""
+    """Listening socket that nobody else uses; port 0: any. Raises GainroomError."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         # Named, as asyncio sends at once (TCP_NODELAY) only where it is: else a part waits 40 ms for the receipt of the one before
@@ -121,7 +121,9 @@ def listening(host: str, port: int) -> socket.socket:
 
 
 def serve(bench: Bench, host: str, port: int, ready: Callable[[str], None], examples: Examples = NONE) -> None:
-    """Until a signal ends it. `ready` gets the page's address; `examples` as of application.
+    """Serves the page until a signal ends it.
+
+    `ready` gets the page's address; `examples` as in application.
 
     Raises GainroomError where the address cannot be listened on.
     """

@@ -1,4 +1,4 @@
-"""One open page: what it asks goes to the lanes, what they find goes back in order."""
+"""Session of an open page: its messages go to the lanes, and results return in order."""
 
 import asyncio
 import contextlib
@@ -16,12 +16,12 @@ from .lanes import Lane, Stale
 from .messages import Ask, read_message
 
 MOST_WAITING = 400
-"""Answers that a page has not taken yet: one that takes none is let go."""
+"""Maximum number of answers that a page has not taken: a page that takes none is closed."""
 LANES = {"look": "quick", "copy": "text", "save": "text", "find": "search", "shake": "run", "page": "page"}
 
 
 class Session:
-    """See the module. `examples`: their names.
+    """Session of a page; see the module. `examples`: their names.
 
     lanes   "quick" and "curves" for what follows a gesture, "full" for what is certified, "text" for copies, "long" for the rest
     """
@@ -35,7 +35,7 @@ class Session:
         self._sought = ""  # the plant for which gains are searched
 
     async def run(self) -> None:
-        """Until the page is closed."""
+        """Runs until the page is closed."""
         await self._socket.accept()
         sender = asyncio.create_task(self._send())
         self._post("opening", 0, self._bench.opening() | {"examples": self._examples})
@@ -91,7 +91,7 @@ class Session:
             self._lane("full").put((id(self), "full"), lambda stale: self._job(ask, "full", stale))
 
     def _job(self, ask: Ask, kind: str, stale: Stale) -> None:
-        """In a lane's thread."""
+        """Runs a job in a lane's thread."""
         try:
             for name, part in self._parts(ask, kind, stale):
                 late = stale()
@@ -113,7 +113,7 @@ class Session:
 
     def _parts(self, ask: Ask, kind: str, stale: Stale) -> Iterator[Part]:
         def progress(done: int, total: int, what: str) -> None:
-            """Raises Cancelled where nobody waits any more."""
+            """Raises Cancelled if nobody waits for the answer any more."""
             if stale():
                 raise Cancelled
             if kind != "curves":  # which come one after the other

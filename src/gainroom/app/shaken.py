@@ -1,4 +1,4 @@
-"""A simulated run for the page: the study that `gainroom simulate` prints, and curves of it."""
+"""Simulated run for the page: the study that `gainroom simulate` prints, and its curves."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -18,7 +18,7 @@ MOST_CHANNELS = 3
 def shaken(
     spec: SimulationSpec, progress: Progress, film: Callable[[Any], dict[str, Any]] | None = None, shown: str = ""
 ) -> Iterator[Part]:
-    """The run at the spec's gains, and what `film` makes of it. `progress` ends it by raising.
+    """Parts of a run at the spec's gains, and of its film. `progress` ends the run by raising.
 
     shown   a channel whose motion is among the curves, as the strongest are
     """

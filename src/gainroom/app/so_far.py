@@ -1,4 +1,4 @@
-"""A robot's study while it grows: of the state that is looked at first, then of all."""
+"""Growing study of a robot: of the visible state first, then of all states."""
 
 import math
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from ..system.system import System
 
 
 class SoFar:
-    """The last study, which another look at the same gains takes as it is."""
+    """Cache of the latest study, for further views at the same gains."""
 
     def __init__(self) -> None:
         self._last: tuple[str, RobotStudy] | None = None

@@ -22,9 +22,9 @@ for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 # pydantic would look through every installed package for plug-ins, which takes as long as a joint's margins.
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
-"""glibc's malloc.h."""
+"""Parameters of glibc's malloc.h."""
 KEPT = 1 << 25
-"""Bytes that are freed and not given back to the system."""
+"""Size of freed memory that is not returned to the system [bytes]."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -105,7 +105,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _complain(*problems: str) -> int:
-    """A line of each, as many as are shown; the exit status."""
+    """Prints a line for each problem, up to a maximum; returns the exit status."""
     from ..errors import printable, shown_problems
 
     for text in shown_problems(problems):

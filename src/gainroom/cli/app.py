@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 DEFAULT = "testbed"
 OTHERS = ("host", "port", "browser", "export", "view", "write_robot")
-"""Parameters that say nothing of a model."""
+"""Parameters that do not describe a model."""
 MISSING = "the page needs a web server: pip install 'gainroom[app]'"
 
 
@@ -90,7 +90,7 @@ def _serve(
     as_json: bool,
     others: "dict[str, Callable[[], Bench]]",
 ) -> None:
-    """The page, until it is ended; `others`: further files by name. Raises GainroomError where there is no web server."""
+    """Serves the page until it is ended; `others`: further files by name. Raises GainroomError if there is no web server."""
     try:
         import starlette  # noqa: F401
         import uvicorn  # noqa: F401
@@ -119,7 +119,7 @@ def _serve(
 
 
 def _refuse_without_model(context: typer.Context) -> None:
-    """Raise GainroomError for audit's options without --delay-ms, which every model needs."""
+    """Raise GainroomError for options of audit without --delay-ms, which every model needs."""
     for name in context.params:
         source = context.get_parameter_source(name)
         if name not in ("file", "as_json", *OTHERS) and source is not None and source.name == "COMMANDLINE":
@@ -131,7 +131,7 @@ def _refuse_without_model(context: typer.Context) -> None:
 
 @contextlib.contextmanager
 def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: str, target: Path | None) -> "Iterator[Bench]":
-    """The robot.yaml that `gainroom audit MODEL --write-robot` writes, opened; it is written to `target` when the block ends well."""
+    """Opened robot.yaml as `gainroom audit MODEL --write-robot` writes it; it is written to `target` if the block ends without an error."""
     from ..app.bench import Opened
     from ..app.robot_bench import RobotBench
     from ..errors import GainroomError
@@ -154,7 +154,7 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
 
 
 def examples() -> "dict[str, Callable[[], Bench]]":
-    """The shipped files, opened once when they are asked for; robots where the library that reads them is installed."""
+    """Shipped files, opened once when they are asked for; robots only if the library that reads them is installed."""
     from importlib.util import find_spec
 
     from ..app.bench import Opened
@@ -170,7 +170,7 @@ def examples() -> "dict[str, Callable[[], Bench]]":
 
 
 def _bench(name: str | None) -> "Bench":
-    """The file, or the first example, opened."""
+    """Opened file, or the first example."""
     from ..app.bench import Opened
     from ..errors import GainroomError
     from ..files.file_types import kind_of_file

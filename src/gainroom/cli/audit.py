@@ -97,7 +97,7 @@ class SimulatorCall:
     armature: Annotated[str | None, typer.Option(metavar="OF", help="Of the simulator's joints: file, or motor, its inertia.")] = None
 
     def of(self, model: str, own_gains: bool, damping_in_kd: bool) -> "tuple[Simulator, tuple[str, ...]] | None":
-        """The simulator, as simulator_of has it; None where nothing is asked. Raises GainroomError."""
+        """Simulator and notes, as simulator_of returns them; None if no option asks for it. Raises GainroomError."""
         if all(value is None for value in vars(self).values()):
             return None
         from ..files.simulator_options import SimulatorOptions, simulator_of
@@ -185,7 +185,7 @@ def _judged(one: "Audited", required: "Requirements", progress: "Progress") -> "
 def _besides(
     result: "Audit", simulator: "tuple[Simulator, tuple[str, ...]] | None", workspace: int | None
 ) -> "tuple[SimulatorAudit | None, AuditedWorkspace | None]":
-    """The answers of the simulator and of the whole workspace; None where one is not asked for."""
+    """Answers of the simulator and of the whole workspace; None for one that is not asked for."""
     simulated = swept = None
     if simulator is not None:
         from ..studies.simulator_audit import audit_simulator
@@ -202,7 +202,7 @@ def _besides(
 
 
 def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: "Callable[[Audited], Audit]") -> "tuple[Audit, Audited]":
-    """The audit of what was `found`, or of each way to read what it leaves open, and what it is of; `judged`: of one of them."""
+    """Audit of `found`, or of each reading of it, and the system audited; `judged` audits one of them."""
     from ..files.readings import HOST, damping_readings, drive_reading
     from ..studies.audit import ReadAs
     from ..studies.audit_readings import least_of, with_drives

@@ -40,7 +40,7 @@ def example(
 
 
 def example_texts() -> dict[str, str]:
-    """The shipped files by name."""
+    """Shipped files by name."""
     from importlib.resources import files
 
     folder = files("gainroom") / "files" / "examples"
@@ -49,5 +49,5 @@ def example_texts() -> dict[str, str]:
 
 
 def joint_examples() -> dict[str, str]:
-    """Those for `gainroom joint`."""
+    """Examples for `gainroom joint`, by name."""
     return {name: text for name, text in example_texts().items() if "\njoint:" in text}

@@ -83,7 +83,7 @@ def _difference(made: "Export", target: Path | None, onto: Path | None) -> str:
 
 
 def _terminal(made: "Export", target: Path | None, written: bool, difference: str) -> str:
-    """A file to be piped where there is no target; else the difference and what became of it."""
+    """Text for the terminal: a file to be piped if there is no target; else the difference and what was done with it."""
     if target is None:
         for note in made.notes:
             say(f"gainroom: note: {printable(note)}")

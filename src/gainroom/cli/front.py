@@ -66,5 +66,5 @@ def _front(context: typer.Context, version: Annotated[bool, typer.Option("--vers
 
 @cache
 def command() -> Callable[..., int | None]:
-    """All of it, made once: every option is looked at, which takes longer than a short command."""
+    """Command with all its options, built once; building takes longer than a short command runs."""
     return get_command(app)

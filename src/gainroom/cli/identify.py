@@ -223,7 +223,7 @@ identify.command("plan", short_help="What to run on the joint before, and the ac
 
 @contextlib.contextmanager
 def joint_of_log(call: LogCall, report: Path | None) -> Iterator[tuple["LoggedJoint", Callable[[int, int, str], None]]]:
-    """The joint that a log holds, and the progress of what is done with it; `report`: a page that must not take the log's place.
+    """Joint in a log, and the progress of its identification; `report`: a page that must not replace the log.
 
     Raises GainroomError; what is raised inside names the log.
     """
@@ -251,7 +251,7 @@ def show(
     files: Mapping[str, Path | None],
     facts: Mapping[str, Any] | None = None,
 ) -> None:
-    """On standard output: the sentence, the numbers, `more`, the `files` written, and the warnings; `facts`: more in JSON."""
+    """Prints the sentence, the numbers, `more`, the `files` written, and the warnings; `facts`: further keys in JSON."""
     from ..report.estimates import TITLES
     from ..report.log_text import logged_facts, logged_remarks
     from ..report.presentation import closing
@@ -268,7 +268,7 @@ def show(
 
 
 def _joint_yaml(fit: "JointFit", logged: "LoggedJoint", drive: "Drive | None") -> tuple[str, bool]:
-    """Its text, and whether its gains keep the usual limits. Raises GainroomError."""
+    """Text of the joint.yaml, and True if its gains meet the usual limits. Raises GainroomError."""
     from datetime import date
 
     from .. import __version__
@@ -290,7 +290,7 @@ def _drive(delay_ms: Number, bandwidth: Number) -> "Drive | None":
 
 
 def _asked(text: str | None, gear_ratio: float | None) -> tuple[dict[str, float], float | None]:
-    """The gains that were asked for by name, and the gear ratio, from the options or from a joint.yaml. Raises GainroomError."""
+    """Gains asked for by name, and the gear ratio, from the options or from a joint.yaml. Raises GainroomError."""
     if text is None:
         return {}, gear_ratio
     if "=" not in text:

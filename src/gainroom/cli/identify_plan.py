@@ -69,7 +69,7 @@ def plan(
 def _planned(
     file: Path, bounds: tuple[Number, Number, Number], kind: Any, duration: float, hardware: tuple[Number, Number, Number], closed: bool
 ) -> "Plan":
-    """From the options, else from the file's scenario. Raises GainroomError."""
+    """Plan from the options, else from the file's scenario. Raises GainroomError."""
     import math
 
     from ..errors import named, require_positive

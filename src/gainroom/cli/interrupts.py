@@ -1,4 +1,4 @@
-"""Being asked to stop, by Ctrl-C or a polite kill, without losing what was there or leaving half of what was begun."""
+"""Handling of Ctrl-C and polite kills: no result is lost, and no unfinished file is left."""
 
 import contextlib
 import os
@@ -14,7 +14,7 @@ INTERRUPTED = "gainroom: interrupted"
 
 
 class Stopped(Exception):  # noqa: N818 - asked for, not an error
-    """A command was stopped by signal `number`; `what` tells in addition how far it came."""
+    """Raised if signal `number` stopped a command; `what` adds the progress made."""
 
     def __init__(self, number: int, what: str = "") -> None:
         super().__init__(f"{INTERRUPTED}{what}")
@@ -22,7 +22,7 @@ class Stopped(Exception):  # noqa: N818 - asked for, not an error
 
 
 def leave_when_asked() -> None:
-    """From now on either signal ends the process in one line, with status 128 + its number: an exception could be lost in a library.
+    """Lets either signal end the process with one line and status 128 + its number: an exception could be lost in a library.
 
     One that the process was started to ignore, as a shell has it for Ctrl-C and what runs in the background, stays ignored.
     """
@@ -32,7 +32,7 @@ def leave_when_asked() -> None:
 
 
 def leave_quietly() -> None:
-    """All is printed and written: from now on a signal ends the process as it ends one that knows nothing of signals."""
+    """Restores the default action of signals, once everything is printed and written."""
     for number in ASKED:
         if signal.getsignal(number) is _leave:
             signal.signal(number, signal.SIG_DFL)
@@ -49,7 +49,7 @@ def _leave(number: int, frame: FrameType | None) -> None:
 
 @contextlib.contextmanager
 def stop_signals() -> Iterator[Callable[[], int]]:
-    """A function that tells the signal by which the process was asked to stop, 0 while it was not.
+    """Function that returns the signal by which the process was asked to stop, 0 before.
 
     A second one, in case the work never asks, raises KeyboardInterrupt, and a third acts as it did before. What the process was started
     to ignore stays ignored.

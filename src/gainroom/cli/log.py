@@ -8,7 +8,7 @@ from .output import render, show, table
 from .progress import progress_bar
 
 MOST_JOINTS = 3
-"""In the terminal's table."""
+"""Maximum number of joints in the terminal's table."""
 
 
 @with_options

@@ -9,7 +9,7 @@ import typer
 from .options import Number, joints_option, number_option
 
 USUAL_DB = 6.0
-"""Gain margin of safe gains where nobody types another."""
+"""Default gain margin of safe gains [dB]."""
 
 if TYPE_CHECKING:
     from ..files.audit_options import Audited, AuditOptions
@@ -97,7 +97,7 @@ class ModelCall:
     ] = None
 
     def options(self, delay_ms: float, **more: Any) -> "AuditOptions":
-        """With what else `audit` asks. Raises GainroomError."""
+        """Options of audit from these and `more`. Raises GainroomError."""
         from ..files.audit_options import JOINT_VALUES, AuditOptions
 
         apart = ("gains", "margin_db", "contact", "posture", "gearbox", *JOINT_VALUES)
@@ -115,7 +115,7 @@ class ModelCall:
 
 
 def audited_text(found: "Audited", result: "Audit | None", model: str, required: "Requirements", command: str, target: Path) -> str:
-    """The robot.yaml in the place `target`, with what it holds of several possibilities as comment; `result` of the audit, if there is one.
+    """Text of the robot.yaml in the place `target`, with comments on its readings; `result`: the audit, if there is one.
 
     Raises GainroomError.
     """

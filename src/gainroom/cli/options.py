@@ -1,4 +1,4 @@
-"""The options that every command has."""
+"""Options that every command has."""
 
 import contextlib
 import inspect
@@ -23,11 +23,11 @@ ExitZero = Annotated[bool, typer.Option("--exit-zero", help="Exit status 0 also 
 Report = Annotated[Path | None, typer.Option("--report", metavar="OUT.html", help="Also write a self-contained page.")]
 Number = float | None
 SHOWN = ("as_json", "verbose", "strict", "exit_zero")
-"""Parameters that say how an answer is shown, or taken."""
+"""Parameters that only affect how an answer is shown."""
 
 
 def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
-    """A typer.Option that takes a number; what is none is refused, with the `unit` as text, which must not be typed."""
+    """Option that takes a number; other text is refused with a hint to leave out the `unit`."""
     return typer.Option(flag, parser=lambda value: _number(value, flag, unit), metavar=others.pop("metavar", "NUMBER"), help=text, **others)
 
 
@@ -50,7 +50,7 @@ def _number(value: object, flag: str, unit: str) -> float:
 
 
 def exit_status(verdict: "Verdict", exit_zero: bool) -> int:
-    """The exit status of every command that judges; `exit_zero`: 0 whatever the verdict."""
+    """Exit status of every command with a verdict; `exit_zero`: always 0."""
     return 0 if exit_zero else verdict.status
 
 
@@ -95,7 +95,7 @@ def report_stream(report: Path | None, other: Path | None = None) -> "contextlib
 
 
 def refuse_inputs(path: Path, what: str) -> None:
-    """Raise GainroomError where `path` is a file that has been read, by whatever name: `what` is to be written there."""
+    """Raise GainroomError if `path` is a file that has been read, under any name: `what` is to be written there."""
     from ..errors import GainroomError
     from ..io.run_files import read_as
 
@@ -105,7 +105,7 @@ def refuse_inputs(path: Path, what: str) -> None:
 
 
 def typed_command(context: typer.Context, *left_out: str) -> str:
-    """The command that runs, as it was typed: for a page's last section, and to go on from.
+    """Running command as typed, for a page's last section and for continuing.
 
     left_out   names of parameters that it goes without, beside SHOWN
     """
@@ -128,7 +128,7 @@ def typed_command(context: typer.Context, *left_out: str) -> str:
 
 
 def command_line(*words: object) -> str:
-    """`gainroom` with these words, as a shell takes it."""
+    """Command line of `gainroom` with these words, quoted for a shell."""
     return shlex.join(["gainroom", *map(str, words)]).encode("utf-8", "backslashreplace").decode()
 
 
@@ -136,7 +136,7 @@ Command = Callable[..., int]
 
 
 def with_options(command: Command) -> Command:
-    """The command as typer takes it: a parameter that is a record of options, a dataclass, stands for its fields.
+    """Command for typer: a parameter that is a dataclass of options is replaced by its fields.
 
     An option of the command's own stands for that of the record of the same name.
     """

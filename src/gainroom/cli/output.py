@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from ..report.presentation import Part, Presentation
 
 WIDTH = 80
-"""Columns, where no terminal says otherwise."""
+"""Default width without a terminal [columns]."""
 WIDEST = 100
-"""Columns, at most."""
+"""Maximum width [columns]."""
 SCREEN_LINES = 25
-"""The most lines of an answer that has a shorter form: it fits on the first screen of a terminal."""
+"""Maximum number of lines of an answer with a shorter form, which fits on the first screen of a terminal."""
 UNBROKEN = "\ue000"
-"""Stands for THIN while lines are broken, as KEPT for spaces: rich would break a number there."""
+"""Placeholder of THIN while lines are broken, as KEPT is for spaces: rich would break a number there."""
 NARROWEST = 40
-"""Columns, at least: on fewer a table says nothing, and a terminal that does not know its width may say 0 or 1."""
+"""Minimum width [columns]: a narrower table says nothing, and a terminal of unknown width may report 0 or 1."""
 
 
 def emit(text: str) -> None:
-    """`text` to standard output, which may be closed, or close early, without harm. Raises GainroomError on any other failure."""
+    """Writes `text` to standard output, which may be closed, or close early, without harm. Raises GainroomError on any other failure."""
     if sys.stdout is None:
         return
     try:
@@ -45,12 +45,12 @@ def emit(text: str) -> None:
 
 
 def emit_json(value: Mapping[str, Any]) -> None:
-    """One strict JSON object: what is not finite (infinite margin, margin of an unstable loop) becomes null."""
+    """Prints one strict JSON object: values that are not finite (infinite margin, margin of an unstable loop) become null."""
     emit(json.dumps(strict(value), indent=2, allow_nan=False) + "\n")
 
 
 def show(as_json: bool, facts: Callable[[], Mapping[str, Any]], text: Callable[[], str]) -> None:
-    """The answer on standard output, for a program or for a person."""
+    """Prints the answer on standard output, for a program or for a person."""
     if as_json:
         emit_json(facts())
     else:
@@ -58,12 +58,12 @@ def show(as_json: bool, facts: Callable[[], Mapping[str, Any]], text: Callable[[
 
 
 def present(shown: "Presentation", as_json: bool, verbose: bool) -> None:
-    """A study on standard output."""
+    """Prints a study on standard output."""
     show(as_json, shown.facts, lambda: _fitting(shown.screens(verbose)))
 
 
 def _fitting(screens: "Iterable[Sequence[Part]]") -> str:
-    """The first that has at most SCREEN_LINES lines, else the last."""
+    """First screen with at most SCREEN_LINES lines, else the last one."""
     text = ""
     for parts in screens:
         text = render(*parts)
@@ -73,7 +73,7 @@ def _fitting(screens: "Iterable[Sequence[Part]]") -> str:
 
 
 def columns_wide() -> int:
-    """The width to print to: the terminal's, within bounds; elsewhere COLUMNS, or WIDTH."""
+    """Width to print to [columns]: the terminal's, within bounds; elsewhere COLUMNS, or WIDTH."""
     from rich.console import Console
 
     if sys.stdout is not None and sys.stdout.isatty():
@@ -83,7 +83,7 @@ def columns_wide() -> int:
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], drops: Sequence[str] = (), wide: bool = False) -> "Table":
-    """A quiet table: words to the left, numbers to the right; yes and no are coloured. Where it has no room: see table_widths.
+    """Plain table: words aligned left, numbers right; yes and no are coloured. For its width see table_widths.
 
     drops     headings of columns that may be left out, the first first
     wide      as wide as what is read at leisure
@@ -110,12 +110,12 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], dro
 
 
 def headings(table: "Table") -> list[str]:
-    """The columns that a table shows."""
+    """Columns that a table shows."""
     return [" ".join(str(column.header).split()) for column in table.columns]
 
 
 def _drawn(part: "Part | Table") -> Any:
-    """A text, a line that is not broken, or a table, as rich takes them."""
+    """Text, unbroken line or table in rich's types."""
     from rich.text import Text
 
     from ..report.presentation import Grid, Legend, Typed
@@ -129,7 +129,7 @@ def _drawn(part: "Part | Table") -> Any:
 
 
 def render(*parts: Any, wide: bool = False) -> str:
-    """Text and tables as they go to this terminal; plain where standard output is none, or NO_COLOR is set. `wide`: see table.
+    """Text and tables for this terminal; plain if standard output is none, or NO_COLOR is set. `wide`: see table.
 
     What names out of files hold that a terminal would obey (escape sequences) is shown as ?.
     """

@@ -10,13 +10,13 @@ from ..errors import printable
 from .streams import say
 
 EVERY = 10.0
-"""[s] between two lines, and before the first: a short command has none."""
+"""Time between two lines, and before the first [s]: a short command prints none."""
 FIRST, LAST = "reading the input", "preparing the answer and its page"
-"""Work of a command before it counts anything, and when it has counted all."""
+"""Work of a command before and after everything that it counts."""
 
 
 class Progress:
-    """The last that a command told of itself, and the line that says it.
+    """Latest progress of a command, and the line about it.
 
     now   the clock [s]
     """
@@ -25,11 +25,11 @@ class Progress:
         self._now, self._begun = now, now()
         self._told = ("", 0, 0, FIRST)
         self._counts: dict[tuple[str, int], tuple[float, int, int]] = {}
-        """Counts that were told, by title and end: when each began [s], at how much, and the latest."""
+        """Counts by title and end: when each began [s], at how much, and its latest value."""
         self.in_a_bar = False
 
     def tell(self, title: str, done: int, total: int, what: str) -> None:
-        """`done` of `total` are done, 0 of 0 where nothing is counted; several counts may be told in turns."""
+        """Records that `done` of `total` are done, 0 of 0 if nothing is counted; several counts may be updated in turns."""
         began, first, latest = self._counts.get((title, total), (self._now(), done, done))
         if done < latest:  # the same count from its beginning
             began, first = self._now(), done
@@ -37,7 +37,7 @@ class Progress:
         self._told = title, done, total, what
 
     def line(self) -> str:
-        """A line: what is being done, the share that is done, the time so far, and the time left as far as the share tells it."""
+        """Line with the work in progress, the share done, the time so far, and the time left as far as the share tells it."""
         title, done, total, what = self._told
         parts = []
         if total > 0:
@@ -49,14 +49,14 @@ class Progress:
         return printable(f"gainroom: {' '.join(filter(None, (title, what))).removesuffix(':')}: {', '.join(parts)}")
 
     def follow(self, wait: Callable[[float], bool], write: Callable[[str], None] = say) -> None:
-        """A line every EVERY seconds, until `wait`, which waits so many seconds, gives True."""
+        """Writes a line every EVERY seconds until `wait(seconds)` returns True."""
         while not wait(EVERY):
             if not self.in_a_bar:
                 write(self.line())
 
 
 def duration_text(seconds: float) -> str:
-    """A length of time in the unit that tells it, and the next smaller one: "40 s", "2 min 10 s", "3 h 5 min"."""
+    """Duration in its largest unit and the next smaller one: "40 s", "2 min 10 s", "3 h 5 min"."""
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"
@@ -65,12 +65,12 @@ def duration_text(seconds: float) -> str:
 
 
 _running: list[tuple[Progress, threading.Event]] = []
-"""The command that runs, and what ends its lines; the last one where one runs in another."""
+"""Running commands with the event that ends their lines; the last one if a command runs in another."""
 
 
 @contextlib.contextmanager
 def followed() -> Iterator[None]:
-    """A command, with a line about it now and then; none any more once it is over, or `at_rest`."""
+    """Context of a command with a line of progress now and then, until it is over, or `at_rest`."""
     progress, over = Progress(), threading.Event()
     thread = threading.Thread(target=progress.follow, args=(over.wait,), daemon=True)
     thread.start()
@@ -84,14 +84,14 @@ def followed() -> Iterator[None]:
 
 
 def at_rest() -> None:
-    """The command waits for others from now on, as a server does: no more lines."""
+    """Ends the lines of a command that waits for others from now on, as a server does."""
     for _, over in _running:
         over.set()
 
 
 @contextlib.contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[int, int, str], None]]:
-    """A function of (steps done, steps in all, what comes next): on a terminal it draws the bar, elsewhere the next line has it."""
+    """Function of (steps done, total steps, next step): it draws a bar on a terminal; elsewhere the next line shows it."""
     told = _running[-1][0] if _running else Progress()
     told.tell(title, 0, 0, "")
     try:

@@ -35,7 +35,7 @@ def reproduce(context: typer.Context, as_json: AsJson = False, verbose: Verbose 
 
 
 def _terminal(result: "Reproduction", verbose: bool) -> str:
-    """The count and the rows that disagree; `verbose`: all rows, why some disagree, and the paper's claims checked."""
+    """Text of the count and the rows that disagree; `verbose`: all rows, why some disagree, and the paper's claims checked."""
     from ..paper.row import COLUMNS, cells, claims, interval, summary, value_text
 
     head, warnings = summary(result.rows), [f"Warning: {warning}" for warning in result.warnings]

@@ -58,7 +58,7 @@ def robot(
 
 
 def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tuple[RobotStudy, dict[str, Any]]":
-    """The study, and what RobotPresentation takes of postures that the file does not name.
+    """Study of the robot, and RobotPresentation's argument about postures outside the file.
 
     Without a sweep a few hundred of these are looked at beside the study, in search of one that has a lower gain limit.
     """

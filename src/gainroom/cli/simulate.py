@@ -91,7 +91,7 @@ def _load(file: Path, feedforward: Path | None) -> "SimulationSpec":
 
 
 def _simulated(spec: "SimulationSpec", gain: float, log: Path | None) -> "Outcome":
-    """With progress, and the log as it goes; an interrupted run reports where it stopped, and exits."""
+    """Outcome of a simulation with progress and log; an interrupted run reports where it stopped, and exits."""
     from ..studies.simulation import Interrupted, simulate_study
 
     with stop_signals() as stopped:
@@ -110,7 +110,7 @@ def _simulated(spec: "SimulationSpec", gain: float, log: Path | None) -> "Outcom
 
 @contextlib.contextmanager
 def _log_rows(log: Path | None, spec: "SimulationSpec") -> Iterator[Callable[["Run"], None]]:
-    """A function that takes the parts of a run. Raises GainroomError where `log` cannot be written."""
+    """Function that writes parts of a run to `log`. Raises GainroomError if `log` cannot be written."""
     if log is None:
         yield lambda part: None
         return

@@ -1,4 +1,4 @@
-"""Standard streams that may be closed, full, or left by their reader: none of that may change the answer or its status."""
+"""Standard streams that may be closed, full, or abandoned by their reader: the answer and its status stay the same."""
 
 import contextlib
 import io
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def open_closed() -> None:
-    """Give a process that was started with standard streams closed the null device there: a file of ours must not take their place."""
+    """Opens the null device for standard streams that are closed: a file of ours must not take their place."""
     for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         try:
             os.fstat(number)
@@ -22,14 +22,14 @@ def open_closed() -> None:
 
 
 def show_everything() -> None:
-    """A terminal that lacks a character still gets its answer."""
+    """Lets a terminal without some character print a replacement."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
 
 
 def say(line: str) -> None:
-    """One line to standard error, which may be closed or full."""
+    """Writes one line to standard error, which may be closed or full."""
     try:
         print(line, file=sys.stderr or io.StringIO(), flush=True)
     except OSError:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..system.system import System
 
 MOST_MARGINS = 10_000
-"""Postures of each contact state: a quarter of an hour for a biped."""
+"""Maximum number of postures of each contact state with margins: a quarter of an hour for a biped."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class PosturesCall:
     seed: Annotated[int, typer.Option(help="Of samples and draws.")] = 0
 
     def plan(self, system: "System") -> "SweepPlan":
-        """All of them. Raises GainroomError."""
+        """Plan of the sweep. Raises GainroomError."""
         from ..files.sweep_options import SweepOptions, sweep_plan
 
         asked = self.grid or (), self.ranges or (), self.trajectory, self.contact or ()

@@ -7,21 +7,21 @@ from textwrap import TextWrapper
 from ..report.number_format import UNITS
 
 KEPT = "\ue001"
-"""Stands for a space at which no line is broken, as those of UNITS."""
+"""Placeholder of a space at which no line is broken, as those in UNITS."""
 LONG_WORD = 28
-"""A longer word, a name, is broken before a column is left out."""
+"""Length above which a word, such as a name, is broken before a column is left out."""
 SHORT_WORD = 8
-"""A longer word is broken where the table is too wide with every column left out that may be."""
+"""Length above which a word is broken if the table is too wide even without the columns that may be left out."""
 _NUMBER = re.compile(r"\W*\d")
 _BEHIND_SLASH = re.compile(r"( +|(?<=\w{3}/)(?=\w{3}))")  # between posture and contact; not inside a unit
 Columns = Sequence[Sequence[str]]
 """Heading and cells of each column."""
 NARROW = 80
-"""On fewer columns some are left out before a text is broken into lines: such lines would be hard to read."""
+"""Width below which columns are left out before text is broken into lines, which would be hard to read."""
 
 
 def shared(columns: Columns, across: int, drops: Sequence[int], measure: Callable[[str], int]) -> tuple[list[int], list[list[str]], int]:
-    """Which columns stay, by place; their texts in lines; and the blanks between two columns.
+    """Indices of the columns shown; their texts in lines; and the number of blanks between two columns.
 
     across    the width of all, the edges of a table with them
     drops     places of columns that are left out where whole words find no room, the first first
@@ -52,7 +52,7 @@ def shared(columns: Columns, across: int, drops: Sequence[int], measure: Callabl
 
 
 def _least(column: Sequence[str], longest: int, measure: Callable[[str], int]) -> int:
-    """The width that whole numbers need, and words up to the `longest`."""
+    """Width that whole numbers need, and words up to the `longest`."""
     parts = [part for text in column for part in _kept(text).split(" ")]
     return max(measure(part) if _NUMBER.match(part) else min(measure(part), longest) for part in parts)
 

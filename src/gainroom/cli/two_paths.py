@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def two_paths(system: "System", as_json: bool, report: Path | None) -> "Verdict":
-    """The verdict, once it is shown.
+    """Verdict on a system whose kd has a path of its own, after it is shown.
 
     Raises GainroomError for a page.
     """

@@ -1,4 +1,4 @@
-"""From a log to a joint's numbers, with intervals: delay, elasticity, gains.
+"""Identification of a joint from a log, with intervals: delay, elasticity, gains.
 
 Everything starts from a `Record`: one joint's channels in SI units on the joint side, tick by tick.
 """

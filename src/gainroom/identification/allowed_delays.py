@@ -1,4 +1,4 @@
-"""Which delays a log allows: the likelihood along the delay, everything else fitted anew at each.
+"""Delays that a log allows: the likelihood along the delay, with all other parameters refitted at each.
 
 A fit's standard error speaks of the likelihood at its top. Along the delay that is not enough: just below a whole number of ticks a row
 sees the very beginning of a step response, just above it does not, so that the likelihood falls steeply to one side and hardly to the
@@ -22,7 +22,7 @@ FINE = 2001  # points of the distribution
 
 @dataclass(frozen=True)
 class Allowed:
-    """Delays (n,) [ticks] with their evidence (see Fit) and how much of the law's first parameter each stands for.
+    """Delays (n,) [ticks] with their evidence (see Fit) and the width of the law's first parameter that each represents.
 
     values (n, 2)   mean of D, mean age of the command that comes to act
     """
@@ -33,7 +33,7 @@ class Allowed:
 
 
 def allowed_delays(likelihood: ArrivalLikelihood, tops: list[Fit]) -> Allowed:
-    """From each of several tops outwards, as far as no more than UNLIKELY worse than the best."""
+    """Delays around each of several maxima, as far as they are no more than UNLIKELY worse than the best."""
     points: dict[float, tuple[Floats, float]] = {}
     spread = temper(min(tops, key=lambda fit: fit.cost))
     for top in sorted(tops, key=lambda fit: fit.cost):
@@ -65,7 +65,7 @@ def temper(fit: Fit) -> float:
 def _march(
     likelihood: ArrivalLikelihood, points: dict[float, tuple[Floats, float]], first: float, side: float, spread: float, top: Fit
 ) -> None:
-    """Adds points to one side of `first`, until one is too unlikely or no delay."""
+    """Adds points on one side of `first`, until one is too unlikely or no delay."""
     low, high = likelihood.law.bounds
     place, (point, cost) = first, points[first]
     step = float(np.clip(0.5 * top.sharp[0, 0] ** 0.5, *STEPS))

@@ -1,4 +1,4 @@
-"""Current loop and moments of arrival by maximum likelihood."""
+"""Maximum-likelihood fit of the current loop and of the moments at which commands arrive."""
 
 from copy import copy
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ MOVED = 1e-5  # of the law's parameters, for differences
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted current loop.
+    """Fitted current loop.
 
     point        (7,) parameters
     means        (4,) mean of D, mean age of the command that comes to act, deviations of D [ticks]; see Law.means
@@ -54,7 +54,7 @@ class Fit:
     uneven: float
 
     def error(self, direction: Floats) -> float:
-        """Standard error of a combination (p,) of the parameters: the larger of both."""
+        """Standard error of a combination (p,) of the parameters: the larger of the two estimates."""
         return float(max(direction @ variance @ direction for variance in self.variances) ** 0.5)
 
 
@@ -65,14 +65,14 @@ class ArrivalLikelihood:
     """
 
     def __init__(self, data: Data, law: Law, used: Booleans) -> None:
-        """`data` has the measured torque, the law the commands; `used` (m,) counts: the same rows for all fits that are compared."""
+        """Likelihood of `data`, the measured torque, under `law`, the commands; rows `used` (m,) count, equal for all compared fits."""
         self.data, self.law, self.used = data, law, used
         self.scale, self.quietest = float(np.std(data.torque)) or 1.0, QUIETEST
         mean, deviation = np.array([SPEED, DAMPING, (1.0, np.inf), (0.0, np.inf), (0.0, np.inf)]).T
         self.prior = np.hstack([law.prior, np.stack([mean, 1 / deviation**2])])
 
     def of_any_speed(self, error: float = 0.0) -> "ArrivalLikelihood":
-        """Without what is known of speeds and jitter, for delays that only that would tell apart.
+        """Likelihood without prior knowledge of speeds and jitter, for delays that only such knowledge would distinguish.
 
         error   of the law, over the torque's deviation
         """
@@ -89,19 +89,19 @@ class ArrivalLikelihood:
         return _uneven(self.law.known(point[:2]).changes, errors**2 / variances, self.used)
 
     def start(self, near: Response) -> Floats:
-        """Parameters of a response, whose delay is D's mean; where the law cannot have that, of one with the same lag."""
+        """Starting point of a response, whose delay is D's mean; if the law cannot have that delay, of a response with the same lag."""
         law = self.law.start(near.delay)
         slow = max(near.delay + 2 * near.damping / near.speed - float(self.law.means(law)[0]), 2 * near.damping / FASTEST)
         return np.concatenate([law, [np.log(2 * near.damping / slow), np.log(near.damping), 1.0, 0.0, np.log(0.02)]])
 
     def loop(self, point: Floats) -> tuple[float, float, float, float, float]:
-        """Speed, damping, gain, offset, noise."""
+        """Speed, damping, gain, offset and noise at a point."""
         speed, damping = np.exp(np.clip(point[2:4], [-4, -2.5], [4.5, 2.0]))
         offset, noise = self.scale * point[5], self.scale * np.exp(np.clip(point[6], self.quietest, 3))
         return float(speed), float(damping), float(point[4]), float(offset), float(noise)
 
     def predict(self, point: Floats) -> tuple[Floats, Floats]:
-        """Errors and variances (m,)."""
+        """Errors and variances (m,) of the predictions."""
         speed, damping, gain, offset, noise = self.loop(point)
         read, windows = self.law.windows(point[:2])
         known = self.law.known(point[:2])
@@ -116,7 +116,7 @@ class ArrivalLikelihood:
         return error, variance
 
     def best(self, near: Response) -> Fit:
-        """The maximum near a response."""
+        """Fit at the maximum near a response."""
         found = maximize(self.predict, self.start(near), self.used.astype(float), self.prior)
         law_point = found.parameters[:2]
         slopes = np.zeros((4, len(found.parameters) - 1))
@@ -139,7 +139,7 @@ class ArrivalLikelihood:
         )
 
     def maximum(self, start: Floats, held: tuple[int, float] | None = None, iterations: int = MOST_ITERATIONS) -> tuple[Floats, float]:
-        """The best point near `start`, and its cost; `held`: a parameter's place and value."""
+        """Maximum near `start`, and its cost; `held`: a parameter's index and value."""
         prior, start = self.prior.copy(), start.copy()
         if held is not None:
             place, value = held
@@ -148,7 +148,7 @@ class ArrivalLikelihood:
         return found.parameters, found.cost * float(self.used.sum())
 
     def pinned(self, point: Floats, value: float) -> tuple[Floats, float]:
-        """The best point near `point` whose first parameter is `value`, and its evidence."""
+        """Maximum near `point` with the first parameter equal to `value`, and its evidence."""
         prior, start = self.prior.copy(), point.copy()
         prior[:, 0], start[0] = (value, PINNED), value
         found = maximize(self.predict, start, self.used.astype(float), prior, PINNED_STEPS)
@@ -174,7 +174,7 @@ def decoded(data: Data, fit: Fit) -> Integers:
 
 
 def _tick(speed: float, damping: float, read: float) -> Floats:
-    """(3, 3) what τ, τ̇/ω and a command held all the tick come to at its end, two rows, and τ `read` of a tick after its beginning."""
+    """Transition (3, 3) of τ, τ̇/ω and the held command: rows of τ and τ̇/ω at the tick's end, and of τ `read` of a tick in."""
     # c(t) is what a command of 1 does from rest; a state (τ, τ̇/ω) decays as e^{Ft}, whose columns follow from c and its derivatives.
     (position, there), (rate, there_rate), (acceleration, _) = held(speed, damping, np.array([1.0, read]))
     return np.array([[1 - position, rate, position], [-rate, acceleration, rate], [1 - there, there_rate, there]])

@@ -1,4 +1,4 @@
-"""When commands arrive within their ticks: laws of two parameters, and what they make of the current loop's state and of its reading.
+"""Laws of the moments at which commands arrive within their ticks, with two parameters each, and their effect on the current loop.
 
 A command leaves at a tick and arrives D ticks later. From one grid point to the next, a tick on, the current loop's state changes by the
 command that was held and by what a change of it adds, which arrived some part of a tick before; mean and covariance of that are taken by
@@ -49,7 +49,7 @@ class Window:
     weights: Floats
 
     def moments(self, speed: float, damping: float) -> tuple[Floats, Floats]:
-        """Mean (3,) and covariance (3, 3) of what a unit change does to the state (τ, τ̇/ω) at the grid point and to the reading."""
+        """Mean (3,) and covariance (3, 3) of the effect of a unit change on the state (τ, τ̇/ω) at the grid point and on the reading."""
         values = np.stack([*held(speed, damping, self.places)[:2], held(speed, damping, self.readings)[0]])
         mean = values @ self.weights
         rest = values - mean[:, None]
@@ -57,42 +57,42 @@ class Window:
 
 
 class Law(Protocol):
-    """Two parameters (2,), and the `start` and `prior` (2, 2), mean and information, of them."""
+    """Law of arrivals with two parameters (2,), their starting point, and their `prior` (2, 2): mean and information."""
 
     prior: Floats
     bounds: tuple[float, float]  # of the first parameter
     stillest: float  # log of the least deviation
 
     def start(self, delay: float) -> Floats:
-        """Near a mean delay [ticks], as near as the arrivals that are seen allow."""
+        """Starting point near a mean delay [ticks], as near as the observed arrivals allow."""
         ...
 
     def known(self, point: Floats) -> Known:
-        """The rows' commands."""
+        """Known commands of the rows."""
         ...
 
     def windows(self, point: Floats) -> tuple[float, list[Window]]:
-        """When within its tick a row is read, 0 to 1, and the arrivals by kind."""
+        """Moment within its tick at which a row is read, 0 to 1, and the arrivals by kind."""
         ...
 
     def edges(self, point: Floats) -> list[tuple[float, float]]:
-        """First parameters near `point` with which commands arrive at a row's very moment, and the sign of those that arrive before it.
+        """First parameters near `point` with which commands arrive exactly at a row, and the sign of those that arrive before it.
 
         Empty where no parameter says so.
         """
         ...
 
     def rows(self, point: Floats) -> Floats:
-        """(2,) the mean of D and of the age of the command that comes to act if all arrived at a row's very moment [ticks]."""
+        """Means (2,) of D and of the age of the command that acts if all arrived exactly at a row [ticks]."""
         ...
 
     def means(self, point: Floats) -> Floats:
-        """(4,) mean of D, mean age of the command that comes to act, standard deviation of D, and that within its tick [ticks]."""
+        """Mean of D, mean age of the command that acts, standard deviation of D, and that within its tick, (4,) [ticks]."""
         ...
 
 
 def _even(low: float, high: float) -> tuple[Floats, Floats]:
-    """Nodes and weights of an even law."""
+    """Nodes and weights of a uniform law."""
     return (low + high) / 2 + (high - low) / 2 * NODES, WEIGHTS / 2
 
 
@@ -107,7 +107,7 @@ def _prior(*knowledge: tuple[float, float]) -> Floats:
 
 
 class Unseen:
-    """Without a demand torque: D even about its mean; parameters mean, log deviation."""
+    """Law without a demand torque: D uniform about its mean; parameters mean, log deviation."""
 
     def __init__(self, target: Data) -> None:
         self.target = target
@@ -166,7 +166,7 @@ class _Seen:
 
 
 class Phase(_Seen):
-    """Arrivals seen to the tick, and all of them at one place within it, as on a bus that is read once a tick; φ and log deviation.
+    """Law of arrivals seen to the tick, all at one place within it, as on a bus that is read once a tick; parameters φ and log deviation.
 
     φ is the part of a tick from arrival to row. Rare ticks are hiccups, in which commands arrive at any place.
     """
@@ -196,7 +196,7 @@ class Phase(_Seen):
 
 
 class Spread(_Seen):
-    """Arrivals seen to the tick, and spread over several without a break; the shift of the first edge over the width, and the log width.
+    """Law of arrivals seen to the tick, spread over several ticks; parameters: shift of the first edge over the width, and log width.
 
     In every tick D is even. An even law's edges follow from the shares of its first and last tick; the shift is how far they are from that.
     """
@@ -226,7 +226,7 @@ class Spread(_Seen):
         return float(np.clip(first, 1e-4, 1.0)), float(np.clip(last, 1e-4, 1.0))
 
     def _bounds(self, point: Floats) -> Floats:
-        """(q, 2) in each tick, of D less the tick before the first."""
+        """Bounds (q, 2) of D in each tick, less the tick before the first."""
         first, last = self._ends(point)
         count = len(self.shares)
         bounds = np.column_stack([np.arange(count), np.arange(1, count + 1)]).astype(float)
@@ -271,6 +271,6 @@ class Spread(_Seen):
 
 
 def acting(data: Data, rows: Integers) -> Data:
-    """The command of those rows, where data.command is the target; behind a gap it is not known until one from behind the gap acts."""
+    """Data with the commands of those rows, if data.command is the target; after a gap the command is unknown until a later one acts."""
     age = np.arange(len(rows)) - rows
     return Data(data.command[np.maximum(rows, 0)], data.torque, np.maximum(data.run_length - age, 0))

@@ -1,4 +1,4 @@
-"""When commands arrive: read from the demand torque, which is the newest target that has reached the drive.
+"""Arrivals of commands, from the demand torque, which is the newest target that has reached the drive.
 
 Command j leaves at tick j and would arrive D_j ticks later; the drive follows the newest that is there, so what is seen of command j is
 X_j = min_i (D_{j+i} + i): a later command that comes first takes its place. With independent delays the survival functions obey
@@ -39,7 +39,7 @@ class Arrivals:
 
     @property
     def shares(self) -> Floats:
-        """(q,) of D, by kind."""
+        """Shares (q,) of D, by kind."""
         first, last = self._common
         shares = np.zeros(last - first + 1)
         np.add.at(shares, np.clip(self.values, first, last) - first, self.probability)
@@ -55,7 +55,7 @@ class Arrivals:
         return int(self.values[first]), int(self.values[last])
 
     def changes(self, target: Floats, command: Floats) -> Floats:
-        """(m, q) changes of the `command` (m,) that acts in each row, by kind of arrival; `target` (m,) says which share is whose."""
+        """Changes (m, q) of the `command` (m,) that acts in each row, by kind of arrival; `target` (m,) decides the share of each."""
         first, count = self.first, len(self.shares)
         changes = np.zeros((len(command), count))
         np.add.at(changes, (self.row + self.ticks, np.clip(self.ticks - first, 0, count - 1)), np.diff(target)[self.row - 1])
@@ -74,7 +74,7 @@ class Arrivals:
 
 
 def arrivals(record: Record, longest: int) -> Arrivals | None:
-    """The arrivals of the target's changes in the demand, up to `longest` ticks late; None where the demand does not repeat the target."""
+    """Arrivals of the target's changes in the demand, up to `longest` ticks late; None if the demand does not repeat the target."""
     target, demand = record.channels["target_torque"], record.channels["demand_torque"]
     tolerance = 1e-6 * float(np.ptp(target)) + 1e-12
     starts = _changes(target, tolerance) & ~record.fresh
@@ -103,7 +103,7 @@ def arrivals_of_ages(record: Record, age: Integers) -> Arrivals | None:
 
 
 def _collected(record: Record, starts: Booleans, shows: Integers, newest: Integers, longest: int) -> Arrivals | None:
-    """From rows in which the demand shows the target's change of row `newest`."""
+    """Arrivals from rows in which the demand shows the target's change of row `newest`."""
     newest = np.maximum.accumulate(newest)
     leaving = np.flatnonzero(starts & (record.run_length > longest))  # what arrived sooner was not looked at
     place = np.searchsorted(newest, leaving)  # the first change of the demand that shows this command or a newer one
@@ -123,7 +123,7 @@ def _changes(values: Floats, tolerance: float) -> Booleans:
 
 
 def _newest(target: Floats, demand: Floats, starts: Booleans, shows: Integers, longest: int, tolerance: float) -> Integers:
-    """For each row in `shows`, the row of the change of target that the demand shows there; −1 where none fits.
+    """Row of the change of the target that the demand shows in each row of `shows`; −1 if none fits.
 
     Where several fit, as in a target that repeats itself, it is the one whose lag fits most often, and of those the shortest.
     """
@@ -149,7 +149,7 @@ def _newest(target: Floats, demand: Floats, starts: Booleans, shows: Integers, l
 
 
 def _without_overtaking(ticks: Integers) -> tuple[Integers, Floats]:
-    """The law of D from observed X (e,)."""
+    """Law of D from observed X (e,), without overtaking."""
     values = np.arange(ticks.min(), ticks.max() + 1)
     survival = np.array([np.mean(ticks > value) for value in values])
     before = np.concatenate([[1.0], survival[:-1]])

@@ -1,4 +1,4 @@
-"""Rows in which a torque was limited: it stands while the law that makes it goes on, at a bound, at a bound of its rate, or in a dead zone.
+"""Detection of rows in which a torque was limited: it is constant while its law changes, at a bound, a bound of its rate, or a dead zone.
 
 Such rows tell nothing of the law. A bound shows as runs of rows that hardly differ, that no row beside them exceeds, and that are entered
 with a bend: a smooth extremum of height h over a run's half is 9 h lower a run's length beside it, a clipped one far more. A torque
@@ -47,7 +47,7 @@ class Limited:
 
     @property
     def share(self) -> float:
-        """Share of the rows."""
+        """Share of the rows that were limited."""
         return float(np.mean(self.rows))
 
     @property
@@ -57,7 +57,7 @@ class Limited:
 
 
 def limited_rows(record: Record, channel: str) -> Limited:
-    """The rows of a torque `channel` that was limited; of a record without gaps."""
+    """Rows of a torque `channel` that were limited, in a record without gaps."""
     torque = record.channels[channel]
     moved = _moved(record)
     upper, high = _at_bound(torque, moved)
@@ -78,7 +78,7 @@ def limited_rows(record: Record, channel: str) -> Limited:
 
 
 def limited_text(limited: Limited, consequence: str) -> list[str]:
-    """The warning that rows with a limited torque `consequence`; empty where there are none."""
+    """Warning that rows with a limited torque have the `consequence`; [] if there are none."""
     if not limited.kinds:
         return []
     bounds = [f"{value:.3g}" for value in (limited.low, limited.high) if math.isfinite(value)]
@@ -89,7 +89,7 @@ def limited_text(limited: Limited, consequence: str) -> list[str]:
 
 
 def _moved(record: Record) -> Floats:
-    """(m,) what moves while a controller's law goes on: the position, in encoder steps; a ramp where none is logged."""
+    """Motion (m,) while a controller's law goes on: the position, in encoder steps; a ramp if none is logged."""
     for name in ("motor_position", "link_position"):
         if record.has(name):
             position = record.channels[name]
@@ -99,7 +99,7 @@ def _moved(record: Record) -> Floats:
 
 
 def _runs(values: Floats) -> tuple[list[tuple[int, int]], float]:
-    """First row and the one behind the last of every run of at least FLAT rows that hardly differ, and what is noise in `values` (m,)."""
+    """First row and the one behind the last of every run of at least FLAT rows that hardly differ, and the noise of `values` (m,)."""
     windows = np.lib.stride_tricks.sliding_window_view(values, FLAT)
     span = windows.max(axis=1) - windows.min(axis=1)
     noise = max(OVER_NOISE * float(np.quantile(span, QUIET)), 1e-7 * float(np.ptp(values)))
@@ -122,7 +122,7 @@ def _bends(values: Floats, first: int, last: int, step: float) -> bool:
 
 
 def _at_bound(values: Floats, moved: Floats) -> tuple[Booleans, float]:
-    """(m,) rows in which `values` stand at an upper bound, and the bound; NaN where there is none."""
+    """Rows (m,) in which `values` are at an upper bound, and the bound; NaN if there is none."""
     rows, size, step = np.zeros(len(values), dtype=bool), float(np.ptp(values)), resolution(values)
     if size == 0:
         return rows, math.nan
@@ -167,7 +167,7 @@ def _at_top(values: Floats) -> tuple[Booleans, float]:
 
 
 def _dead(values: Floats, moved: Floats) -> Booleans:
-    """(m,) rows in which `values` are 0 while the joint moves, and have to get there by a bend: a dead zone."""
+    """Rows (m,) in which `values` are 0 while the joint moves, entered with a bend: a dead zone."""
     rows = np.zeros(len(values), dtype=bool)
     size = float(np.ptp(values))
     inner = [(a, b, float(np.median(values[a:b]))) for a, b in _runs(values)[0] if a > 0 and b < len(values)]

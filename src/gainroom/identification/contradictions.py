@@ -1,4 +1,4 @@
-"""Channels of a record that contradict each other: another unit, a wrong sign, or two columns that were exchanged.
+"""Detection of channels of a record that contradict each other: another unit, a wrong sign, or two exchanged columns.
 
 What is left of the record explains itself all the same, with inertias that are a thousand times too large, so it is looked for before.
 """
@@ -22,7 +22,7 @@ SAME = 0.03  # of a factor: one this near is named
 
 
 def require_consistent(record: Record) -> None:
-    """Raises GainroomError where two channels cannot be what they are called."""
+    """Raises GainroomError if two channels cannot be what they are called."""
     try:
         record = record.longest_run()
     except GainroomError:  # nothing but gaps: then there is too little to contradict
@@ -66,7 +66,7 @@ def _slope(values: Floats, of: Floats) -> float | None:
 
 
 def _together(values: Floats, of: Floats) -> tuple[float, float]:
-    """Correlation of two columns, as far as both go, and the slope of `values` over `of`; 0 where one does not change."""
+    """Correlation of two columns over their common length, and the slope of `values` over `of`; 0 if one is constant."""
     count = min(len(values), len(of))
     values, of = values[:count] - values[:count].mean(), of[:count] - of[:count].mean()
     size = float(np.linalg.norm(values) * np.linalg.norm(of))
@@ -81,7 +81,7 @@ def _named(slope: float) -> str:
 
 
 def encoders_apart(positions: Floats) -> str:
-    """Why two encoders cannot be those of one joint, for a message; "" where they can: on slow motion the link moves as the motor does.
+    """Reason why two encoders cannot belong to one joint, for a message; "" if they can: in slow motion the link moves as the motor does.
 
     positions   (m, o) [rad] of the motor, and of the link where it is measured
     """

@@ -1,4 +1,4 @@
-"""The current loop as a log shows it: from commands that arrive to the torque that the drive measures.
+"""Current loop in a log: from commands that arrive to the torque that the drive measures.
 
 C = ω_c²/(s² + 2ζω_c s + ω_c²), eq. (3) of Jung et al. 2017. Here are its closed form, and a rough fit with one delay for all commands;
 when within their ticks commands arrive is fitted from there on (arrival_law.py, arrival_fit.py).
@@ -21,14 +21,14 @@ ROUGH_ROWS = 10_000  # of a long log, for the start of the search
 
 @dataclass(frozen=True)
 class Response:
-    """Delay D [ticks], ω_c T_s and ζ."""
+    """Response of a current loop: delay D [ticks], ω_c T_s and ζ."""
 
     delay: float
     speed: float
     damping: float
 
     def tail(self) -> int:
-        """Ticks until a change has settled."""
+        """Number of ticks until a change has settled."""
         slowest = self.speed * (self.damping - np.sqrt(max(self.damping**2 - 1, 0.0)))
         return int(min(np.ceil(max(self.delay, 0.0) + SETTLED / slowest) + 2, LONGEST_TAIL))
 
@@ -54,26 +54,26 @@ def held(speed: float, damping: float, ticks: Floats | float) -> tuple[Floats, F
 
 @dataclass(frozen=True)
 class Data:
-    """Command (m,), measured torque (m,) and where the last `run_length` (m,) rows are without a gap."""
+    """Command (m,), measured torque (m,), and number (m,) of rows since the last gap, `run_length`."""
 
     command: Floats
     torque: Floats
     run_length: Integers
 
     def part(self, rows: int) -> "Data":
-        """So many rows in which the command changes most."""
+        """Part of `rows` rows in which the command changes most."""
         if rows >= len(self.command):
             return self
         part = busiest(np.abs(np.diff(self.command, prepend=self.command[0])), rows)
         return Data(self.command[part], self.torque[part], np.minimum(self.run_length[part], np.arange(rows)))
 
     def usable(self, tail: int) -> Booleans:
-        """(m,) rows whose whole past within `tail` ticks is known."""
+        """Rows (m,) whose whole past within `tail` ticks is known."""
         return self.run_length >= tail
 
 
 def rough_response(data: Data, lowest: float, highest: float) -> Response:
-    """Least squares with one constant delay between `lowest` and `highest` [ticks], on a part of a long log.
+    """Least-squares response with one constant delay between `lowest` and `highest` [ticks], on a part of a long log.
 
     Raises GainroomError where no row shows what came of a command.
     """
@@ -83,7 +83,7 @@ def rough_response(data: Data, lowest: float, highest: float) -> Response:
 
 
 def _starts(data: Data, lowest: float, highest: float) -> list[Response]:
-    """The best of a coarse grid around the lag at which command and torque correlate most, one for each speed."""
+    """Best points of a coarse grid around the lag with the largest correlation of command and torque, one for each speed."""
     lags = np.arange(max(int(lowest), 0), int(np.ceil(highest)) + 2)
     costs = np.array([_lagged_cost(data, int(lag)) for lag in lags])
     if not np.isfinite(costs).any():
@@ -109,7 +109,7 @@ def _lagged_cost(data: Data, lag: int) -> float:
 
 
 def _predicted(data: Data, response: Response) -> Floats:
-    """Unit response to the command (m,)."""
+    """Unit-gain response to the command (m,)."""
     kernel = response.kernel()
     taps = np.diff(kernel, prepend=0.0)
     taps[-1] += 1 - kernel[-1]

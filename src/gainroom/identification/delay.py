@@ -1,4 +1,4 @@
-"""The delay of the torque, from target, demand and actual torque: Fig. 6 of Jung et al. 2017, without its ruler.
+"""Delay of the torque, from target, demand and actual torque: Fig. 6 of Jung et al. 2017, without a ruler.
 
 With the demand logged, the arrival of every command is read to the tick (arrivals.py); the actual torque, through the current loop that is
 fitted with it, says when within the tick (arrival_law.py, arrival_fit.py), and what else it allows (allowed_delays.py). Without the demand
@@ -130,7 +130,7 @@ def identify_delay(record: Record, longest: float = LONGEST) -> TorqueDelay:
 
 
 def _require_no_limit(target: Floats, actual: Floats) -> None:
-    """Raise GainroomError where a torque limit cuts the command: what is left of it does not lag as the command does.
+    """Raise GainroomError if a torque limit cuts the command: the remaining torque does not lag as the command does.
 
     Sizes are compared, whatever the delay: the largest commands, scaled as the median one is, against the largest torque.
     """
@@ -146,7 +146,7 @@ def _require_no_limit(target: Floats, actual: Floats) -> None:
 
 
 def _from_demand(record: Record, seen: Arrivals, warnings: list[str]) -> TorqueDelay:
-    """Whole ticks only: a command that is seen at a tick arrived at any time since the tick before."""
+    """Delay to whole ticks: a command that is seen at a tick arrived at any time since the tick before."""
     tick, late = record.sample_time, _arrival_error(seen, len(record.time))
     ticks = Estimate(seen.mean - 0.5, seen.mean - 1 - 2 * late, seen.mean + 2 * late)
     age = float(seen.ticks.mean())
@@ -169,7 +169,7 @@ def _arrival_error(seen: Arrivals, rows: int) -> float:
 
 
 def _from_actual(record: Record, seen: Arrivals | None, most: int, warnings: list[str]) -> TorqueDelay:
-    """The fit of the actual torque; without a demand torque the commands that acted are decoded from it where they overtake each other."""
+    """Delay from the actual torque; without a demand torque, commands that overtake each other are decoded from it."""
     target, torque = record.channels["target_torque"], record.channels["actual_torque"]
     if seen is None:
         fits = _without_demand(record, Data(target, torque, record.run_length), most)
@@ -181,7 +181,7 @@ def _from_actual(record: Record, seen: Arrivals | None, most: int, warnings: lis
 
 @dataclass(frozen=True)
 class _Found:
-    """The likeliest fit under a law, what else the log allows under it where the fit is not sharp, and the arrivals behind it."""
+    """Likeliest fit under a law, the other delays allowed under it if the fit is not sharp, and the arrivals behind it."""
 
     fit: Fit
     allowed: Allowed | None
@@ -209,7 +209,7 @@ def _with_arrivals(record: Record, seen: Arrivals, data: Data, used: Booleans | 
 
 
 def _fitted(likelihood: ArrivalLikelihood, start: Response, seen: Arrivals | None = None) -> _Found:
-    """The likeliest of searches from several speeds with the same lag; and beside it, where it is not sharp, what else is likely."""
+    """Likeliest result of searches from several speeds with equal lag; and, if it is not sharp, the other likely delays."""
     best = likelihood.best(start)
     if quantile(FREEDOM) * best.error(best.slopes[0]) < SHARP and abs(best.means[0] - np.rint(best.means[0])) > EDGE:
         return _Found(best, None, likelihood, seen)
@@ -221,7 +221,7 @@ def _fitted(likelihood: ArrivalLikelihood, start: Response, seen: Arrivals | Non
 
 
 def _without_demand(record: Record, data: Data, most: int) -> list[_Found]:
-    """One law for all commands; where its fit finds that they overtake each other, those that acted are decoded, if that is likelier."""
+    """Fits of one law for all commands; if commands overtake each other, those that acted are decoded, if that is likelier."""
     rough = rough_response(data, 0.0, float(most))
     used = data.run_length >= SETTLED + int(np.ceil(max(rough.delay, 0.0)))
     single = best = [_fitted(ArrivalLikelihood(data, Unseen(data), used), rough)]
@@ -314,7 +314,7 @@ def _speeds(fit: Fit, error: float, fast: list[FastLoop]) -> Estimate:
 
 
 def _of_fast(fast: list[FastLoop], which: int, late: float) -> Estimate:
-    """One of Fit.means, over all that the laws allow whatever the current loop."""
+    """Estimate of one of Fit.means, over all delays that the laws allow for any current loop."""
     low, high = min(each.low[which] for each in fast) - 2 * late, max(each.high[which] for each in fast) + 2 * late
     return Estimate(float(np.mean([each.mean[which] for each in fast])), low, high, (high - low) / 2 / quantile(FREEDOM))
 
@@ -325,7 +325,7 @@ def _lag_of_fast(lag: Estimate, fast: list[FastLoop], late: float) -> Estimate:
 
 
 def _over_laws(alike: list[_Found], which: int, late: float) -> Estimate:
-    """One of Fit.means: of the likeliest law where its fit is sharp, else over all that the laws allow."""
+    """Estimate of one of Fit.means: of the likeliest law if its fit is sharp, else over all delays that the laws allow."""
     best = min(alike, key=lambda each: each.fit.evidence)
     if len(alike) == 1 and best.allowed is None:
         return interval(float(best.fit.means[which]), float(np.hypot(best.fit.error(best.fit.slopes[which]), late)), FREEDOM)
@@ -335,7 +335,7 @@ def _over_laws(alike: list[_Found], which: int, late: float) -> Estimate:
 
 
 def _within(estimate: Estimate, low: float, high: float) -> Estimate:
-    """`estimate` where it is known to lie between two bounds."""
+    """Estimate restricted to known bounds."""
     value, lower, upper = np.clip([estimate.value, estimate.low, estimate.high], low, high).tolist()
     if not lower < upper:  # they contradict each other: what is certain stands
         lower, upper = low, high

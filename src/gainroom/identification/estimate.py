@@ -19,7 +19,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 95 % interval [low, high], in the unit of what it stands for, and its standard error."""
+    """Value with its 95 % interval [low, high], in the unit of its quantity, and its standard error."""
 
     value: float
     low: float
@@ -37,7 +37,7 @@ class Estimate:
 
 
 def interval(value: float, standard_error: float, freedom: float = math.inf) -> Estimate:
-    """`value` ± the 97.5 % quantile of Student's t with so many degrees of freedom times `standard_error`."""
+    """Estimate `value` ± the 97.5 % quantile of Student's t with so many degrees of freedom times `standard_error`."""
     half = quantile(freedom) * standard_error
     return Estimate(float(value), float(value - half), float(value + half), float(standard_error))
 
@@ -57,7 +57,7 @@ def quantile(freedom: float) -> float:
 
 
 def covariance(influence: Floats, clusters: Integers | None = None, blocks: int = BLOCKS) -> Floats:
-    """(p, p) of the sum of influences (m, p): from sums over `blocks` of time, or from sums over `clusters` (m,), numbers from 0 on.
+    """Covariance (p, p) of the sum of influences (m, p): from sums over `blocks` of time, or over `clusters` (m,), numbers from 0 on.
 
     Of fewer blocks than BLOCKS it is larger by what Student's t of so few asks for, so that FREEDOM holds for it.
     """
@@ -88,4 +88,4 @@ PARAMETERS = {
     "resonance": "rad/s",
     "antiresonance": "rad/s",
 }
-"""`inertia` is both sides' together, of a rigid joint; the friction is the motor's but for `link_coulomb`."""
+"""Units of the parameters. `inertia` is the sum of both sides, of a rigid joint; friction is the motor's except `link_coulomb`."""

@@ -1,4 +1,4 @@
-"""Torques that excite a joint over a band: a multisine whose phases keep its peak low, or a chirp.
+"""Torques that excite a joint over a band: a multisine with a low peak, or a chirp.
 
 Phases start from Schroeder's (IEEE Trans. Inf. Theory 16, 1970, 85–89), under which the sum's momentary frequency sweeps the band as a
 chirp's does, and are improved by clipping the sum and giving each line its amplitude back (Van der Ouderaa, Schoukens, Renneboog,
@@ -24,7 +24,7 @@ RAMP_SHARE = 0.1  # of the duration, at most
 
 @dataclass(frozen=True)
 class Excitation:
-    """A torque of peak 1, tick by tick.
+    """Torque of peak 1, tick by tick.
 
     time, torque   (m,) [s], 0 at both ends
     frequencies    (l,) of its lines, or of a chirp its first and last [rad/s]
@@ -36,12 +36,12 @@ class Excitation:
 
     @property
     def crest_factor(self) -> float:
-        """Peak over root mean square."""
+        """Peak over root mean square of the torque."""
         return float(np.abs(self.torque).max() / np.sqrt(np.mean(self.torque**2)))
 
 
 def excitation(kind: Kind, first: float, last: float, duration: float, sample_time: float, tilt: float = 0.0) -> Excitation:
-    """From `first` to `last` [rad/s] for `duration` [s], as many lines or as much time in every octave; torque grows with ω^tilt."""
+    """Excitation from `first` to `last` [rad/s] for `duration` [s], equal time or lines per octave; torque grows with ω^tilt."""
     from scipy.fft import next_fast_len
 
     count = round(duration / sample_time)
@@ -67,7 +67,7 @@ def excitation(kind: Kind, first: float, last: float, duration: float, sample_ti
 
 
 def of_low_peak(lines: Integers, amplitudes: Floats, count: int) -> Floats:
-    """(count,) a sum of sines with `lines` (l,) whole periods each, rising and below count/2, its phases chosen for a low peak."""
+    """Sum (count,) of sines with `lines` (l,) whole periods each, rising and below count/2, with phases for a low peak."""
     # Schroeder's idea for lines anywhere: each has its turn, a delay that grows by its share of the power from line to line.
     turns = np.cumsum(amplitudes**2) / np.sum(amplitudes**2)
     spectrum = np.zeros(count // 2 + 1, dtype=complex)

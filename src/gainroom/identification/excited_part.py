@@ -1,4 +1,4 @@
-"""Which part of a long log says most: where the command changes most.
+"""Most excited part of a long log: the part in which the command changes most.
 
 What a minute tells, an hour tells hardly better: what is left is the law of friction, not noise. So the most excited part of a long log is
 used and the rest is not, which bounds time and memory; the answer says which part it was.
@@ -18,7 +18,7 @@ MOST_ROWS = 240_000  # of a log that are kept in memory: 2 min at 2 kHz
 
 
 def excitation(channels: Mapping[str, Floats]) -> Floats:
-    """(m,) how much each row changes from the row before: of the first of SHOWN_BY that there is."""
+    """Change (m,) of each row from the row before, of the first channel of SHOWN_BY in the log."""
     name = next((name for name in SHOWN_BY if name in channels), None)
     values = next(iter(channels.values())) if name is None else channels[name]
     # Not its square, so that one crash does not outweigh a minute of excitation.
@@ -26,7 +26,7 @@ def excitation(channels: Mapping[str, Floats]) -> Floats:
 
 
 def busiest(changes: Floats, rows: int) -> slice:
-    """The `rows` rows, one after the other, whose `changes` (m,) sum up to most."""
+    """Window of `rows` consecutive rows with the largest sum of `changes` (m,)."""
     if len(changes) <= rows:
         return slice(0, len(changes))
     total = np.concatenate([[0.0], np.cumsum(changes)])
@@ -35,7 +35,7 @@ def busiest(changes: Floats, rows: int) -> slice:
 
 
 def most_excited(record: Record, rows: int) -> Record:
-    """The `rows` rows, one after the other, that change most; all of a shorter record."""
+    """Window of `rows` consecutive rows that change most; all of a shorter record."""
     if len(record.time) <= rows:
         return record
     part = busiest(excitation(record.channels), rows)
@@ -56,7 +56,7 @@ class MostExcited:
     _most: float = -1.0
 
     def add(self, time: Floats, channels: Mapping[str, Floats]) -> None:
-        """The next rows: time (k,) [s] and channels (k,) by name."""
+        """Adds the next rows: time (k,) [s] and channels (k,) by name."""
         window, self.seen = self._window, self.seen + len(time)
         window.append((time, channels, float(excitation(channels).sum())))
         while len(window) > 1 and sum(len(block[0]) for block in window) - len(window[0][0]) >= self.rows:

@@ -1,4 +1,4 @@
-"""The accuracy that a record will give, before it is made: the Cramér–Rao bound of the model that identification fits.
+"""Expected accuracy of a record before it is made: the Cramér–Rao bound of the model that identification fits.
 
 A virtual log of the planned torque is made on the testbed; at the parameters that it was made with, the information of the predictions
 (likelihood.py) is what no unbiased estimate can beat, and what maximum likelihood reaches on long records (Ljung, System Identification,
@@ -59,7 +59,7 @@ class Hardware:
 
 
 def virtual_log(system: System, torque: Floats, hardware: Hardware, seed: int = 0) -> Run:
-    """A run of the testbed under feed-forward `torque` (m,) [N m], held at 0 by the system's controller."""
+    """Run of the testbed under feed-forward `torque` (m,) [N m], held at 0 by the system's controller."""
     tick = system.control.sample_time
     assert tick is not None
     bed = Testbed(
@@ -75,7 +75,7 @@ def virtual_log(system: System, torque: Floats, hardware: Hardware, seed: int = 
 
 
 def expected_widths(system: System, torque: Floats, hardware: Hardware) -> Mapping[str, float]:
-    """Half-widths of the 95 % intervals to expect, relative to the values, by NAMES.
+    """Half-widths of the expected 95 % intervals, relative to the values, by NAMES.
 
     Raises GainroomError where the virtual log diverges.
     """
@@ -113,7 +113,7 @@ def expected_widths(system: System, torque: Floats, hardware: Hardware) -> Mappi
 
 
 def _law_error(model: JointModel, signals: Signals, joint: ElasticJoint, point: Floats, prior: Prior) -> Floats:
-    """(p, p) of what friction leaves, as identification finds it: residuals that follow the torque, and what another law would give."""
+    """Covariance (p, p) from friction, as in identification: residuals that follow the torque, and the effect of another law."""
     first = max(len(signals.torque) - ROUGH_ROWS, 0) // 2
     rows = slice(first, first + ROUGH_ROWS)
     other = replace(signals, motion=motion_of(signals.positions, False, signals.sample_time, joint, cautious=STRIBECK_VELOCITIES[0]))
@@ -148,6 +148,6 @@ def delay_error(target: Floats, speed: float, damping: float, delay: float, nois
 
 
 def _settled(changes: Floats, ticks: int) -> Floats:
-    """(m,) the sum of the changes that are older than `ticks`."""
+    """Sum (m,) of the changes that are older than `ticks`."""
     total = np.cumsum(changes)
     return np.concatenate([np.zeros(min(ticks, len(total))), total[:-ticks]])[: len(total)]

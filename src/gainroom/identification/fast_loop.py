@@ -1,4 +1,4 @@
-"""Delays that a log allows where its rows can hardly follow the current loop, whatever current loops usually are.
+"""Delays that a log allows if its rows can hardly follow the current loop, without prior knowledge of current loops.
 
 A command that arrives u ticks before a row has made the share c(ω u) of its change there and c(ω (1 + u)) in the row after, ω = ω_c T_s.
 Once the second is 1 as far as the log shows, the rows depend on ω u alone: a faster loop and a command that arrives later, up to the row's
@@ -52,7 +52,7 @@ class FastLoop:
 
 @dataclass(frozen=True)
 class _Place:
-    """The best point where one parameter is held, and its cost."""
+    """Maximum with one parameter fixed, and its cost."""
 
     point: Floats
     cost: float
@@ -80,7 +80,7 @@ def fast_loop(likelihood: ArrivalLikelihood, top: Fit, sharp: bool) -> FastLoop 
 
 
 def _tops(free: ArrivalLikelihood, top: Fit, edges: list[tuple[float, float]]) -> list[_Place]:
-    """The likelihood's tops, the best one first: near `top`, and near commands that arrive sooner or later before the rows."""
+    """Maxima of the likelihood, the best one first: near `top`, and near commands that arrive sooner or later before the rows."""
     starts = [top.point]
     for edge, side in edges:
         for before in BEFORE:
@@ -90,7 +90,7 @@ def _tops(free: ArrivalLikelihood, top: Fit, edges: list[tuple[float, float]]) -
 
 
 def _of_any_speed(free: ArrivalLikelihood, starts: list[_Place], limits: list[_Place], highest: float, spread: float) -> FastLoop:
-    """From all that is allowed on the way from `starts`, and with `limits` by a loop without lag, too."""
+    """Delays on the way from `starts` that are allowed, and those of `limits`, for a loop of any speed, also without lag."""
     found = {float(place.point[0]): place for start in starts for side in (-1.0, 1.0) for place in _marched(free, start, side, highest)}
     allowed = [found[first] for first in sorted(found)]
     means = np.array([free.law.means(place.point[:2])[:2] for place in allowed])
@@ -115,7 +115,7 @@ def _whole_tick(free: ArrivalLikelihood, top: Fit, highest: float) -> FastLoop |
 
 
 def _limit(free: ArrivalLikelihood, near: _Place, edge: float, side: float, bound: float) -> _Place | None:
-    """The best point of a loop of any speed whose commands arrive just before `edge`: with the share of a change that is there at `near`.
+    """Best point of a loop of any speed whose commands arrive just before `edge`, with the share of a change at `near`.
 
     None where that is far from likely.
     """
@@ -134,7 +134,7 @@ def _limit(free: ArrivalLikelihood, near: _Place, edge: float, side: float, boun
 
 
 def _marched(free: ArrivalLikelihood, start: _Place, side: float, highest: float) -> list[_Place]:
-    """From a start on to one side of the law's first parameter, as far as no more costly than `highest`."""
+    """Points from a start to one side of the law's first parameter, as far as their cost is at most `highest`."""
     places, (low, high), step = [start], free.law.bounds, STEPS[0]
     for _ in range(MOST_STEPS):
         before = places[-1]
@@ -157,7 +157,7 @@ def _at(free: ArrivalLikelihood, near: _Place, first: float) -> _Place:
 
 
 def _between(free: ArrivalLikelihood, inside: _Place, outside: _Place, highest: float) -> list[_Place]:
-    """Further allowed places, and the nearest that is not: an end that is rather too far out."""
+    """Further allowed points, and the nearest one that is not: the end is rather too far out."""
     found = []
     while abs(outside.point[0] - inside.point[0]) > FLOOR:
         middle = _at(free, inside, float(inside.point[0] + outside.point[0]) / 2)
@@ -170,7 +170,7 @@ def _between(free: ArrivalLikelihood, inside: _Place, outside: _Place, highest: 
 
 
 def _moved(free: ArrivalLikelihood, point: Floats, first: float) -> Floats:
-    """With the law's first parameter elsewhere, and a loop that has made as much of a change at the row."""
+    """Point with another first parameter of the law, and a loop with an equal share of a change at the row."""
     start = point.copy()
     edge, side = free.law.edges(point)[0]
     before, after = (max(side * (value - edge), FLOOR) for value in (point[0], first))

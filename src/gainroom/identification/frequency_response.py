@@ -1,4 +1,4 @@
-"""The measured frequency response of a joint, with coherence; and the joint that fits it roughly, from which a search may start.
+"""Measured frequency response of a joint, with coherence; and the joint that roughly fits it, from which a search may start.
 
 Positions are differenced twice before their spectra are taken: the joint's double integrator would leak over all frequencies.
 
@@ -36,7 +36,7 @@ EXCITED = 0.6  # coherence of SEGMENTS that a frequency needs to count: of n unr
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """Torque → acceleration of one side.
+    """Frequency response from torque to the acceleration of one side.
 
     omega       (k,) [rad/s]
     response    (k,) [rad/s² / (N m)] of the twice differenced position
@@ -59,7 +59,7 @@ class FrequencyResponse:
 
     @property
     def excited(self) -> Booleans:
-        """(k,) where the torque is strong and explains the motion, and the motion is not the encoder's noise."""
+        """Lines (k,) where the torque is strong and explains the motion, and the motion is not the encoder's noise."""
         least = 1 - (1 - EXCITED) ** ((SEGMENTS - 1) / (self.averages - 1))  # as unlikely by chance as EXCITED is of SEGMENTS
         return (self.coherence >= least) & (self.clearance >= CLEAR) & (self.strength >= STRONG) & (self.omega > self.lowest)
 
@@ -150,7 +150,7 @@ def _judged(
     lowest: float,
     told: tuple[int, int],
 ) -> FrequencyResponse:
-    """With clearance and strength, of coherences (d, k) and powers (d, k) by driver; `lowest` [Hz] that counts; `told`: averages, alike."""
+    """Response with clearance and strength, from coherences (d, k) and powers (d, k) by driver; `lowest` [Hz] that counts."""
     # White noise of the encoder, differenced twice; its size from the highest frequencies, where a joint hardly moves.
     shape = (2 - 2 * np.cos(2 * np.pi * frequency * sample_time)) ** 2
     high = (frequency > 0.3 / sample_time) & (frequency < 0.45 / sample_time)
@@ -167,7 +167,7 @@ def _judged(
 
 
 def differenced_response(joint: ElasticJoint, omega: Floats, sample_time: float) -> Complexes:
-    """(k,) torque → acceleration of the motor at `omega` (k,) [rad/s], as a twice differenced position shows it."""
+    """Response (k,) from torque to acceleration of the motor at `omega` (k,) [rad/s], as a twice differenced position shows it."""
     differenced = (2 - 2 * np.cos(omega * sample_time)) / sample_time**2
     return -differenced * joint.plant().response(1j * omega, "motor")[:, 0, 0]
 
@@ -184,7 +184,7 @@ def fitted_response(omega: Floats, joint: ElasticJoint, drive: Drive, sample_tim
 
 @dataclass(frozen=True)
 class Rough:
-    """A joint and a delay [s] that go through a measured response.
+    """Joint and delay [s] that roughly fit a measured response.
 
     opposite   True where a joint that is pushed the other way goes through it far better: a sign is wrong
     """
@@ -195,7 +195,7 @@ class Rough:
 
 
 def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats, elastic: bool) -> Rough:
-    """The joint of least error over the excited frequencies: a coarse grid over resonance, ratio, damping and `delays` (d,) [s], refined.
+    """Joint of least error over the excited frequencies: a coarse grid over resonance, ratio, damping and `delays` (d,) [s], refined.
 
     The delay is that from torque to motion with the current loop's and half a tick of hold.
     """

@@ -20,7 +20,7 @@ NO_DAMPING = 1e-3  # of its error: a damping that is less is 0
 
 
 def friction_not_below_zero(parameters: Mapping[str, Estimate]) -> tuple[dict[str, Estimate], list[str]]:
-    """The parameters without friction or delay below 0 where the interval reaches 0, and a warning of friction that is surely below 0.
+    """Parameters with friction or delay below 0 set to 0 if the interval reaches 0, and a warning about friction surely below 0.
 
     What is bounded is wrong by as much as it was below 0 at least, so that its interval keeps its half-width above 0.
     """
@@ -41,7 +41,7 @@ def friction_not_below_zero(parameters: Mapping[str, Estimate]) -> tuple[dict[st
 
 
 def damping_beside_friction(parameters: Mapping[str, Estimate], speed: float) -> tuple[Estimate, list[str]]:
-    """The damping with what friction may hide of it, and a warning where that is all of it; `speed`: the motor's, root mean square [rad/s].
+    """Damping widened by the friction that may mask it, and a warning if that is all of it; `speed`: the motor's, RMS [rad/s].
 
     Motion about a mean linearises Coulomb friction to viscous friction √(2/π) F/σ of its side (Booton 1954; Gaussian motion), which damps
     the resonance as the spring's damping does, the motor's in the square of its part in the mode. No law of friction is known to more
@@ -60,7 +60,9 @@ def damping_beside_friction(parameters: Mapping[str, Estimate], speed: float) ->
 
 
 def viscous_beside_friction(parameters: Mapping[str, Estimate], speed: float) -> Estimate:
-    """The viscous friction with what friction that is larger near rest, by a share STRIBECK of dry friction, takes off it; speed as above.
+    """Viscous friction plus the part that friction which is larger near rest, by a share STRIBECK of dry friction, takes off it.
+
+    `speed` as above.
 
     Such friction falls by that much over the speeds of the log, which the slope that is fitted has in it.
     """

@@ -1,4 +1,4 @@
-"""The gains that a firmware really applies: kp and kd from set-point, position, velocity and torque.
+"""Gains that a firmware really applies: kp and kd from set-point, position, velocity and torque.
 
     torque(t) = kp (x_d − x)(t − lag) + kd (ẋ_d − ẋ)(t − lag) + constant,      or with −ẋ alone
 
@@ -38,7 +38,7 @@ SETTLES = 3e-3  # [s] behind limited rows in which a current loop still settles
 
 @dataclass(frozen=True)
 class UnitError:
-    """A gain that is a known factor away from what was asked for.
+    """Gain that is a known factor away from the gain asked for.
 
     gain, factor, name   "kp" or "kd"; applied/asked; what commonly makes that factor
     """
@@ -80,7 +80,7 @@ class GainsFit:
 
 
 def identify_gains(record: Record, kp: float | None = None, kd: float | None = None, gear_ratio: float | None = None) -> GainsFit:
-    """kp and kd from reference, motor position (or link position), and target, demand or actual torque; velocities where they are logged.
+    """Fit of kp and kd from reference, motor (or link) position, and target, demand or actual torque; velocities if they are logged.
 
     kp, kd        what was asked for, joint side; None: not compared
     gear_ratio    lets errors of gear and gear² be named
@@ -126,7 +126,7 @@ def identify_gains(record: Record, kp: float | None = None, kd: float | None = N
 
 
 class _Spectra:
-    """Signals in the frequency domain, and how to come back."""
+    """Signals in the frequency domain, with the inverse transform."""
 
     def __init__(self, record: Record, side: str, name: str, limited: Limited) -> None:
         reference, position, torque = record.channels["reference"], record.channels[side], record.channels[name]
@@ -152,7 +152,7 @@ class _Spectra:
             self.band = min(self.band, FASTEST_BEHIND / self.tick)
 
     def _clear_band(self, position: Floats) -> float:
-        """[rad/s] up to where the position's power, differenced, is well above what is left at the highest frequencies."""
+        """Frequency [rad/s] below which the position's power, differenced, is well above that at the highest frequencies."""
         from scipy.signal import welch
 
         length = min(self.count, max(256, int(2.0 / self.tick)))
@@ -165,11 +165,11 @@ class _Spectra:
         return 2 * math.pi * float(np.clip(top, 10 * frequency[1], 0.4 / self.tick))
 
     def passed(self, values: Floats, lag: float = 0.0, slow: float = 0.0) -> Floats:
-        """(m,) through window and band, `lag` [s] later and through a current loop of bandwidth 1/`slow` [s]."""
+        """Signal (m,) through window and band, `lag` [s] later and through a current loop of bandwidth 1/`slow` [s]."""
         return np.fft.irfft(self.spectrum(values, lag, slow) / (1 + (self.omega / self.band) ** 8), self.count)
 
     def spectrum(self, values: Floats, lag: float = 0.0, slow: float = 0.0) -> Complexes:
-        """(k,) of (m,) `values`, late, through the window, without their mean in it."""
+        """Spectrum (k,) of `values` (m,), delayed, through the window, without their mean in it."""
         if not self.limited.kinds:  # a window without gaps is as good before as behind what is late
             return np.fft.rfft((values - values.mean()) * self.window) * late(self.omega, lag, slow)
         if lag or slow:
@@ -180,12 +180,12 @@ class _Spectra:
 
 
 def _with_settling(rows: Booleans, behind: int) -> Booleans:
-    """(m,) the rows and `behind` more behind each."""
+    """Rows (m,) and the `behind` rows after each."""
     return np.convolve(rows, np.ones(behind + 1))[: len(rows)] > 0.5
 
 
 def late(omega: Floats, lag: float, slow: float) -> Complexes:
-    """e^{−jω lag} C(jω), with C of eq. (3) of Jung et al. 2017, its bandwidth 1/`slow`, its damping an ordinary one."""
+    """Factor e^{−jω lag} C(jω), with C of eq. (3) of Jung et al. 2017, its bandwidth 1/`slow`, and a typical damping."""
     return np.exp(-1j * omega * lag) / (1 + 2j * DAMPING_RATIO * omega * slow - (omega * slow) ** 2)
 
 
@@ -200,7 +200,7 @@ class _Fit:
 
 
 def _law(spectra: _Spectra, velocity: str, follows: bool) -> tuple[Floats, Floats]:
-    """(m,) what kp and kd act on."""
+    """Signals (m,) on which kp and kd act."""
     measured, wanted = spectra.velocities[velocity]
     return spectra.error, (wanted - measured if follows else -measured)
 
@@ -210,7 +210,7 @@ def _columns(spectra: _Spectra, velocity: str, follows: bool, lag: float, slow: 
 
 
 def _fitted(spectra: _Spectra, velocity: str, follows: bool, behind: bool) -> _Fit:
-    """The gains at the lag of least error; `behind` a current loop."""
+    """Fit at the lag of least error; `behind` a current loop."""
     from scipy.optimize import minimize
 
     torque, columns = spectra.passed(spectra.torque), _columns(spectra, velocity, follows, 0.0, 0.0)
@@ -319,7 +319,7 @@ def factors(gear_ratio: float | None) -> dict[str, float]:
 def _unit_errors(
     kp: Estimate, kd: Estimate, asked_kp: float | None, asked_kd: float | None, gear_ratio: float | None
 ) -> tuple[UnitError, ...]:
-    """The factors that fit, and are not 1."""
+    """Unit errors whose factor fits, and is not 1."""
     found = []
     for label, gain, asked in (("kp", kp, asked_kp), ("kd", kd, asked_kd)):
         if not asked or gain.value <= 0 or gain.half_width > MOST_RELATIVE * gain.value:
@@ -335,7 +335,7 @@ def _unit_errors(
 
 
 def predicted_torque(fit: GainsFit, record: Record) -> tuple[Record, Floats, Floats]:
-    """The rows used, the logged torque (m,) and that of the fitted law (m,) [N m], both without what lies above `fit.band`."""
+    """Rows used, logged torque (m,) and torque of the fitted law (m,) [N m], both without frequencies above `fit.band`."""
     record = record.longest_run()
     tick, channels = record.sample_time, record.channels
     position = channels.get("motor_position", channels.get("link_position"))
@@ -357,7 +357,7 @@ def predicted_torque(fit: GainsFit, record: Record) -> tuple[Record, Floats, Flo
 
 
 def _smoothed(values: Floats, band: float, tick: float) -> Floats:
-    """Without phase, by a filter of fourth order; mirrored at the ends."""
+    """Values smoothed by a fourth-order filter without phase shift; mirrored at the ends."""
     padded = np.concatenate([values, values[::-1]])
     omega = 2 * np.pi * np.fft.rfftfreq(len(padded), tick)
     return np.fft.irfft(np.fft.rfft(padded) / (1 + (omega / band) ** 4), len(padded))[: len(values)]

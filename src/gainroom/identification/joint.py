@@ -1,4 +1,4 @@
-"""A joint from torque and position: inertias, stiffness, damping, friction and delay, with intervals, by maximum likelihood.
+"""Identification of a joint from torque and position by maximum likelihood: inertias, stiffness, damping, friction and delay.
 
 The search starts from the measured frequency response and ends at the joint, the noise and the friction under which the log is likeliest.
 Predictions are made row by row (prediction.py), so that a feedback loop that was closed while the log was recorded does no harm: what the
@@ -57,7 +57,7 @@ SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
 @dataclass(frozen=True)
 class JointFit:
-    """A joint as the log shows it.
+    """Joint identified from a log.
 
     model        "rigid", "two-mass" or "two-mass with friction"
     parameters   by name, as far as the model has them: motor_inertia, link_inertia, of a rigid joint inertia [kg m²], stiffness [N m/rad],
@@ -92,16 +92,18 @@ class JointFit:
 
     @property
     def adequate(self) -> bool:
-        """True where little of the torque is left, and nothing of weight in what is left is explained (residuals.py)."""
+        """True if little of the torque is unexplained, and nothing important in the residuals can be explained (residuals.py)."""
         return self.residuals.adequate
 
     def response(self, omega: Floats) -> Complexes:
-        """The fitted counterpart of `measured`: torque → acceleration at `omega` (k,) [rad/s], hold, current loop and delay included."""
+        """Response of the fit like `measured`: torque → acceleration at `omega` (k,) [rad/s], with hold, current loop and delay."""
         return fitted_response(omega, self.joint, self.drive, self.sample_time, self.torque == "target_torque")
 
 
 def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
-    """The joint behind the motor's position, and the link's where both are logged.
+    """Identified joint from the motor's position, and the link's if both are logged.
+
+    The link's alone tells J_M + J_L and the resonance, whose J_M J_L/K nothing there takes apart.
 
     The link's alone tells J_M + J_L and the resonance, whose J_M J_L/K nothing there takes apart.
 
@@ -127,7 +129,7 @@ def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
 
 @dataclass(frozen=True)
 class _Source:
-    """The torque that drives the fit.
+    """Torque that drives the fit.
 
     name, torque   the channel
     sampled        it is the torque itself, not its command
@@ -185,7 +187,7 @@ def _torques(record: Record, limited: Limited, warnings: list[str]) -> TorqueDel
 
 
 def _drive_of(torques: TorqueDelay) -> Drive:
-    """Delay and current loop as a joint feels them."""
+    """Drive with delay and current loop as a joint feels them."""
     assert torques.lag is not None
     assert torques.bandwidth is not None
     assert torques.damping_ratio is not None
@@ -208,7 +210,7 @@ def _differs(record: Record) -> bool:
 
 
 def _responses(record: Record, source: _Source) -> tuple[FrequencyResponse, FrequencyResponse]:
-    """The measured response, and that by what of the torque feedback did not make; of all lines where averages are too coarse.
+    """Measured response, and that to the part of the torque that feedback did not make; of all lines if averages are too coarse.
 
     Raises GainroomError where neither tells enough frequencies.
     """
@@ -244,7 +246,7 @@ def _require_motion(record: Record, torque: Floats) -> None:
 
 
 def _selected(record: Record, source: _Source, measured: FrequencyResponse, seen: FrequencyResponse, warnings: list[str]) -> JointFit:
-    """Two masses with friction, unless the log does not need them."""
+    """Selected model: two masses with friction, unless the log needs less."""
     tick = record.sample_time
     rough = rough_joint(measured, tick, source.delays, elastic=True)
     if rough.opposite:
@@ -277,12 +279,12 @@ def _unknown(fit: Maximum) -> bool:
 
 
 def _criterion(fit: Maximum, rows: int) -> float:
-    """Bayes's information criterion (Schwarz 1978), per row."""
+    """Bayesian information criterion (Schwarz 1978), per row."""
     return fit.cost + len(fit.parameters) * math.log(rows) / rows
 
 
 class _Fitting:
-    """One model on one log."""
+    """Fit of one model to one log."""
 
     def __init__(self, record: Record, source: _Source, rough: Rough, elastic: bool, friction: bool) -> None:
         self.record, self.source = record, source
@@ -305,12 +307,12 @@ class _Fitting:
         return Signals(self.source.torque, self.source.sampled, self.positions, motion, self.record.sample_time)
 
     def reduced(self, other: "_Fitting") -> Floats:
-        """The point of `other`'s short fit as far as this model has its parameters."""
+        """Point of `other`'s short fit, reduced to the parameters of this model."""
         found = dict(zip(other.model.names, other.short().parameters, strict=True))
         return np.array([found[name] for name in self.model.names])
 
     def short(self, like: "_Fitting | None" = None) -> Maximum:
-        """On the middle of a long log; `like`: a richer model, from whose best the search starts."""
+        """Fit of the middle of a long log; `like`: a richer model, from whose maximum the search starts."""
         if self._short is None:
             start, iterations = (self.start, 25) if like is None else (self.reduced(like), 8)
             self._short = likeliest(self.model, self._middle, start, self.prior, iterations)
@@ -322,7 +324,7 @@ class _Fitting:
         return self.signals.rows(slice(first, first + ROUGH_ROWS))
 
     def again(self) -> Maximum:
-        """From noise and friction that suit the rough joint, where the search from the least noise that there can be has not settled."""
+        """Fit from noise and friction that suit the rough joint, if the search from the least possible noise has not converged."""
         mean, information = self.prior
         held = np.where(np.isin(self.model.names, INERTIAL), HELD, information)
         first = likeliest(self.model, self._middle, self.start, (mean, held), 25)
@@ -331,7 +333,7 @@ class _Fitting:
         return self._short
 
     def result(self, name: str, measured: FrequencyResponse, seen: FrequencyResponse, warnings: list[str]) -> JointFit:
-        """On the whole log; `measured` by the torque, `seen` by what of it feedback did not make."""
+        """Result on the whole log; `measured`: response to the torque, `seen`: to the part that feedback did not make."""
         best = self.short()
         joint, _, friction, *_ = self.model.parts(best.parameters)
         self.signals = self._signals(joint, weight := friction[3:])
@@ -404,7 +406,7 @@ class _Fitting:
         return likeliest(self.model, self.signals, point, self.prior, 0)
 
     def _blocks(self, joint: ElasticJoint) -> int:
-        """Blocks of time that are MEMORY periods of the slower resonance at least, as long as the residual remembers."""
+        """Number of blocks of time that are at least MEMORY periods of the slower resonance, as long as the residual is correlated."""
         if not math.isfinite(joint.stiffness):
             return BLOCKS
         periods = len(self.source.torque) * self.record.sample_time * joint.antiresonance / (2 * math.pi)
@@ -419,7 +421,7 @@ class _Fitting:
         return tuple(rivals_of(Spectra(middle, measured), acting_torque(middle, drive, between), made, begin))
 
     def _require_told(self, inertia: float, tests: Residuals, rivals: Sequence[Rival]) -> None:
-        """Raise GainroomError where the log does not tell the whole inertia, of relative error `inertia`, or its channels disagree.
+        """Raise GainroomError if the log does not tell the whole inertia, of relative error `inertia`, or its channels disagree.
 
         Not where `rivals` say why: that is the answer.
         """
@@ -441,7 +443,7 @@ class _Fitting:
             )
 
     def _require_over_friction(self, parameters: Mapping[str, Estimate]) -> None:
-        """Raise GainroomError where friction takes too much of the torque."""
+        """Raise GainroomError if friction takes too much of the torque."""
         dry = sum(abs(parameters[side].value) for side in ("coulomb", "link_coulomb") if side in parameters)
         size = float(np.std(self.source.torque))
         if size < LEAST_OVER_FRICTION * dry:
@@ -452,7 +454,7 @@ class _Fitting:
 
 
 def _refuse_impossible(parameters: Mapping[str, Estimate], tick: float, delayed: bool) -> None:
-    """Raise GainroomError for a resonance above half the tick rate and, where the delay is the joint's (`delayed`), for one below 0."""
+    """Raise GainroomError for a resonance above half the tick rate and, if the delay is the joint's (`delayed`), for one below 0."""
     resonance, delay, highest = parameters.get("resonance"), parameters.get("delay"), math.pi / tick
     explains = "no joint explains this motion; look at signs, units and columns, and whether rows are left out"
     if resonance is not None and resonance.value > highest:
@@ -463,7 +465,7 @@ def _refuse_impossible(parameters: Mapping[str, Estimate], tick: float, delayed:
 
 
 def likeliest(model: JointModel, signals: Signals, start: Floats, prior: Prior, iterations: int) -> Maximum:
-    """The point of `model` near `start` (p,) under which `signals` are likeliest. Raises GainroomError where nothing is predicted."""
+    """Maximum of `model` near `start` (p,) for `signals`. Raises GainroomError if nothing is predicted."""
 
     def predict(point: Floats) -> tuple[Floats, Floats]:
         try:
@@ -481,7 +483,7 @@ def likeliest(model: JointModel, signals: Signals, start: Floats, prior: Prior, 
 
 
 def resonances(point: Floats, variance: Floats) -> dict[str, Estimate]:
-    """From log J_M, log J_L, log K, the first three of the point."""
+    """Resonance and antiresonance from log J_M, log J_L, log K, the first three of the point."""
     motor, link, stiffness = np.exp(point[:3])
     share = motor / (motor + link)  # ω_r² = K (1/J_M + 1/J_L)
     towards = {"resonance": 0.5 * np.array([share - 1, -share, 1.0]), "antiresonance": 0.5 * np.array([0.0, -1.0, 1.0])}

@@ -1,4 +1,4 @@
-"""The parameters of a joint's fit and the point of the search that stands for them."""
+"""Parameters of a joint's fit, and their point in the search."""
 
 import math
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from .prediction import Between, Noise, Signals
 from .record import resolution
 
 Prior = tuple[Floats, Floats]
-"""Mean and information (p,) of what is known beforehand."""
+"""Mean and information (p,) of prior knowledge."""
 LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
 LAW_DAMPING, LAW_OTHER, LAW_OWN, LAW_COMMON, LAW_DELAY = 40.0, 0.08, 0.07, 0.7, 5.0
 """Errors that a wrong law of friction causes, in this order: ratio of the damping's to the stiffness's; share of the motor's friction that
@@ -33,7 +33,7 @@ BEFOREHAND = {
     "early": (0.0, 0.5),
     "curved": (-1 / 12, 0.2),
 }
-"""Mean and deviation, of what is a torque in units of the torque, of log ω_c T: they decide only where the log says nothing."""
+"""Prior mean and deviation, of torques in units of the torque, of log ω_c T: they decide only if the log says nothing."""
 WEIGHT, WEIGHT_ALONE = {"motor_inertia": -0.2, "link_inertia": -1.9, "stiffness": -0.9}, 0.4
 """Change of the logarithms per W/K of a weight that is not in the model, measured on simulated joints of 8 to 26 Hz;
 and the part of the stiffness's change that is independent of the inertias."""
@@ -43,7 +43,7 @@ DAMPING_DEVIATION, READING_DEVIATION = 2.0, 1.5  # of the logarithms, about thei
 
 @dataclass(frozen=True)
 class JointModel:
-    """Which parameters are free.
+    """Model of a joint with its free parameters.
 
     Inertias, stiffness, damping and noise are logarithms in the point; friction is in units of `torque` [N m] and `speed` [rad/s]; the
     delay in ticks.
@@ -66,13 +66,13 @@ class JointModel:
     def of(
         cls, torque: Floats, positions: Floats, drive: Drive, tick: float, elastic: bool, friction: bool, free: tuple[bool, bool, bool]
     ) -> "JointModel":
-        """With units of the size of the signals; `free`: delay, current loop, and what a sampled torque does between its samples."""
+        """Model with units of the size of the signals; `free`: delay, current loop, and the course of a sampled torque between samples."""
         speed = float(np.std(np.diff(positions[:, 0]))) / tick
         return cls(elastic, friction, *free, float(np.std(torque)), speed, drive, tick, positions.shape[1])
 
     @property
     def physical(self) -> tuple[str, ...]:
-        """The joint's parameters, which come first in the point."""
+        """Parameters of the joint, which come first in the point."""
         names = ["motor_inertia", "link_inertia", "stiffness", "damping"] if self.elastic else ["inertia"]
         names += ["viscous", "coulomb"] if self.friction else []
         names += ["link_coulomb"] if self.friction and self.elastic else []
@@ -81,13 +81,13 @@ class JointModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All of the point's."""
+        """Names of all parameters of the point."""
         between = [*(["bandwidth", "damping ratio"] if self.free_drive else []), *(["early", "curved"] if self.sampled else [])]
         readings = [f"noise reading {k}" for k in range(self.outputs)]
         return (*self.physical, *between, "noise torque", "noise drift", "noise turning", *readings)
 
     def start(self, joint: ElasticJoint, delay: float, signals: Signals) -> Floats:
-        """The point of a rough joint and a delay [s]."""
+        """Point of a rough joint and a delay [s]."""
         jumps = np.median(np.abs(np.diff(signals.positions, 3, axis=0)), axis=0) / 3.0  # of white noise: 0.67 √20 of its deviation
         steps = np.array([resolution(column) for column in signals.positions.T]) / math.sqrt(12)
         readings = np.maximum(np.maximum(steps, 0.3 * jumps), 1e-12)
@@ -127,7 +127,7 @@ class JointModel:
         return mean, deviation**-2.0
 
     def parts(self, point: Floats) -> tuple[ElasticJoint, Drive, Floats, Noise, Between]:
-        """Joint, drive, friction (5,), noise and what a sampled torque does at a point, as prediction_errors takes them."""
+        """Joint, drive, friction (5,), noise and course of a sampled torque at a point, for prediction_errors."""
         v = dict(zip(self.names, point.tolist(), strict=True))
         if self.elastic:
             motor, link, stiffness, damping = (math.exp(v[name]) for name in ("motor_inertia", "link_inertia", "stiffness", "damping"))
@@ -145,7 +145,7 @@ class JointModel:
         return joint, drive, friction, Noise(torque, drift, turning, readings), between
 
     def law_error(self, point: Floats, relative: float, fastest: float = math.inf) -> Floats:
-        """(p, p) covariance of the point where the joint's law is off by so much, `relative` to inertia and stiffness.
+        """Covariance (p, p) of the point if the joint's law is wrong by `relative`, relative to inertia and stiffness.
 
         What is wrong with the torque scales both inertias and the stiffness alike, and leaves the resonance. A delay taken for a lag of the
         current loop shows in the cube of the frequency alone, of which `fastest` [rad/s] is the highest that is excited.
@@ -163,7 +163,7 @@ class JointModel:
         return LAW_COMMON * np.outer(scaled, scaled) + (1 - LAW_COMMON) * np.diag(scaled**2) + others
 
     def weight_error(self, point: Floats, variance: Floats, swing: float) -> Floats:
-        """(p, p) covariance of the point from a weight that pulls the link back as a spring to the ground, W of a stiffness K + W.
+        """Covariance (p, p) of the point from a weight that pulls the link back as a spring to the ground, W of a stiffness K + W.
 
         W is the torque of the weight, as far as it is known. Where the joint swings by much (`swing`, deviation [rad]), the change of that
         torque is fitted (prediction.py). Else it is taken for stiffness, K/J_L = (K + W)/J_L: link inertia and stiffness are off by 2 and
@@ -180,14 +180,14 @@ class JointModel:
         return share**2 * (np.outer(common, common) + np.diag(alone**2))
 
     def slopes(self, point: Floats) -> Floats:
-        """(p,) of the physical parameters in SI by the point."""
+        """Derivatives (p,) of the physical parameters in SI by the point."""
         units = dict.fromkeys(self.physical, self.torque) | {"viscous": self.torque / self.speed, "delay": self.sample_time}
         return np.array(
             [math.exp(value) if name in LOGARITHMIC else units[name] for name, value in zip(self.physical, point, strict=False)]
         )
 
     def estimates(self, point: Floats, variance: Floats) -> dict[str, Estimate]:
-        """The physical parameters in SI with their intervals."""
+        """Estimates of the physical parameters in SI."""
         found = {}
         for k, (name, slope) in enumerate(zip(self.physical, self.slopes(point), strict=True)):
             error = float(variance[k, k] ** 0.5)

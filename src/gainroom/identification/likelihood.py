@@ -49,16 +49,16 @@ class Maximum:
     prior: Floats
 
     def variance_of(self, blocks: int) -> Floats:
-        """(p, p) the variance from so many blocks of time."""
+        """Variance (p, p) from so many blocks of time."""
         return covariance(self.influence, blocks=blocks) + self.prior
 
     def variance_by(self, clusters: Integers) -> Floats:
-        """(p, p) the variance where rows of one cluster (m,) may share their error, as roundings of a signal that repeats do."""
+        """Variance (p, p) if rows of one cluster (m,) may share their error, as roundings of a repeating signal do."""
         return covariance(self.influence, clusters) + self.prior
 
 
 def maximize(predict: Prediction, start: Floats, used: Floats, prior: Floats, iterations: int = MOST_ITERATIONS) -> Maximum:
-    """The maximum near `start` (p,).
+    """Maximum near `start` (p,).
 
     used    (m,) weight of each row, 0: left out
     prior   (2, p) mean and information of independent Gaussian knowledge; information 0: none
@@ -102,7 +102,7 @@ def maximize(predict: Prediction, start: Floats, used: Floats, prior: Floats, it
 
 
 def _cost(error: Floats, var: Floats, used: Floats, prior: Floats, point: Floats) -> float:
-    """Per row, the prior included; inf where a prediction is none."""
+    """Cost per row, with the prior; inf if a prediction is not finite."""
     with np.errstate(all="ignore"):
         value = float((used @ (error**2 / var + np.log(var)) + prior[1] @ (point - prior[0]) ** 2) / used.sum())
     return value if np.isfinite(value) else np.inf
@@ -118,12 +118,12 @@ class _Slopes:
     variances: Floats
 
     def score(self, used: Floats) -> Floats:
-        """(p, m) of half the log likelihood's terms."""
+        """Score (p, m) of each row: derivatives of half the log likelihood's terms."""
         relative = self.error / np.sqrt(self.var)
         return -(used * relative) * self.errors - (0.5 * used * (1 - relative**2)) * self.variances
 
     def information(self, used: Floats) -> Floats:
-        """(p, p)."""
+        """Information matrix (p, p)."""
         return (self.errors * used) @ self.errors.T + 0.5 * (self.variances * used) @ self.variances.T
 
 

@@ -1,4 +1,4 @@
-"""Which way the two sides of a joint move, tick by tick, from measured positions: what friction acts along."""
+"""Directions of motion of the two sides of a joint, tick by tick, from measured positions, for laws of friction."""
 
 import math
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class Motion:
 def motion_of(
     positions: Floats, linked: bool, sample_time: float, joint: ElasticJoint, cautious: float = 0.0, weight: Floats = NO_WEIGHT
 ) -> Motion:
-    """From the motor's position, and where `linked` the link's in the second column (m, o) [rad]; `joint` is roughly right.
+    """Motion from the motor's position, and if `linked` the link's in the second column (m, o) [rad]; `joint` is roughly right.
 
     cautious   above 0 under another law: friction that is larger near rest, up to so many times the velocity's deviation, and a wider range
                of velocities that counts as turning round

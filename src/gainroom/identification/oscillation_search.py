@@ -1,4 +1,4 @@
-"""The search for an oscillation in a joint's record.
+"""Search for an oscillation in a joint's record.
 
 It is searched in the deviation from the set-point wherever the set-point rests or moves steadily, else in windows, above the set-point's
 own frequencies. Poles and amplitudes are those of simulation/oscillation.py; slow ones come from means over several ticks.
@@ -66,7 +66,7 @@ class Search:
 
 
 def find_oscillation(record: Record, every_tick: bool = True) -> Search:
-    """The strongest vibration in `record`, which has no gaps.
+    """Strongest vibration in `record`, which has no gaps.
 
     every_tick   rows come as often as the controller runs; else its law does not show in them, and no excitation beside it
 
@@ -79,7 +79,7 @@ def find_oscillation(record: Record, every_tick: bool = True) -> Search:
 
 
 def _search(record: Record) -> Search:
-    """Whatever moves the joint there."""
+    """Search in a record whatever moves the joint."""
     side = next((name for name in (*POSITIONS, "motor_velocity", *reversed(TORQUES)) if record.has(name)), None)
     if side is None:
         raise GainroomError("diagnose: needs a position, a velocity or a torque")
@@ -144,7 +144,7 @@ def _in_piece(record: Record, side: str, reference: Floats | None, rows: slice, 
 
 
 def _of_outer_loop(record: Record, side: str, reference: Floats, step: float) -> Search | None:
-    """A swing of the set-point that is a law of the position; None where there is none."""
+    """Vibration of the set-point that is a law of the position; None if there is none."""
     values, tick = record.channels[side], record.sample_time
     rows = slice(len(values) // 2, None)
     found = _found(values[rows], tick)
@@ -215,7 +215,7 @@ def _encoder_step(values: Floats) -> float:
 
 
 def _found(values: Floats, tick: float, above: float = 0.0) -> Vibration | None:
-    """The largest oscillation that is not the settling of a joint, by whichever number of ticks' mean shows it."""
+    """Largest oscillation that is not the settling of a joint, in means over any number of ticks."""
     best = None
     for stride in STRIDES:
         coarse = _means(values, stride)
@@ -231,7 +231,7 @@ def _found(values: Floats, tick: float, above: float = 0.0) -> Vibration | None:
 
 
 def _unsettled(values: Floats, tick: float, above: float) -> Vibration | None:
-    """The strongest oscillation that lasts; where that is a joint's settling, a faster or a later one; else the slowest to settle."""
+    """Strongest lasting oscillation; if that is a joint's settling, a faster or later one; else the slowest to settle."""
     settling = None
     for part in (values, values[-(len(values) // 2) :]):
         lowest = above

@@ -1,4 +1,4 @@
-"""Readings of a sensor that cannot be: a few rows far from those on either side, which agree with each other.
+"""Detection of impossible sensor readings: a few rows far from those on either side, which agree with each other.
 
 A position that is off for a row or two, a turn of the encoder or a word that was lost, has more energy than a vibration of a thousandth of
 its size over the whole log. Inertia keeps a position, a velocity and a current behind its inductance from leaving and coming back
@@ -20,7 +20,7 @@ MEASURED = ("motor_position", "link_position", "motor_velocity", "link_velocity"
 POSITIONS = ("motor_position", "link_position")
 TORQUES = ("actual_torque", "joint_torque", "current")
 COMMANDED = ("target_torque", "demand_torque")
-"""A pulse of one of these makes one of a torque."""
+"""Channels of which a pulse makes a pulse of a torque."""
 LONGEST = 5  # rows of one outlier
 FAR = 5.0  # times the changes from row to row nearby, and the encoder's step; white Gaussian noise has less in 10⁹ rows
 FAR_AT_END = 20.0  # likewise in the first and the last rows, which have neighbours on one side only: a motion that begins there is none
@@ -47,12 +47,12 @@ class Outliers:
 
     @property
     def count(self) -> int:
-        """Rows that were left out."""
+        """Number of rows that were left out."""
         return int(np.count_nonzero(self.rows))
 
 
 def without_outliers(record: Record, commands: bool = False) -> tuple[Record, Outliers]:
-    """`record` with rows that hold an outlier made of their neighbours: what is measured lies between, a command is that before.
+    """Record with outlier rows interpolated: measured values between their neighbours, commands as before; and the outliers.
 
     commands   commanded torques too, where they have a pulse of a few rows that is many times all others: pulses may be an excitation
     """
@@ -68,7 +68,7 @@ def without_outliers(record: Record, commands: bool = False) -> tuple[Record, Ou
 
 
 def _without_turns(record: Record) -> tuple[Record, tuple[str, ...]]:
-    """With positions that go on where a reading jumps by whole turns, as an encoder's that was counted anew, and of which that is so.
+    """Record with positions made continuous where a reading jumps by whole turns, as of an encoder counted anew; and their channels.
 
     No joint turns that fast. A set-point that jumps so beside a position does it for the same reason.
     """
@@ -86,7 +86,7 @@ def _without_turns(record: Record) -> tuple[Record, tuple[str, ...]]:
 
 
 def _made_of_neighbours(record: Record, found: Mapping[str, Booleans]) -> tuple[Record, Outliers]:
-    """Without the rows (m,) found by channel."""
+    """Record without the rows (m,) found by channel."""
     found = {name: rows for name, rows in found.items() if rows.any()}
     if not found:
         return record, Outliers(np.zeros(len(record.time), dtype=bool))
@@ -103,7 +103,7 @@ def _made_of_neighbours(record: Record, found: Mapping[str, Booleans]) -> tuple[
 
 
 def outliers_text(found: Outliers, time: Floats) -> list[str]:
-    """The note on rows that were left out; empty where there are none. `time` (m,) of the record [s]."""
+    """Note on rows that were left out; [] if there are none. `time` (m,) of the record [s]."""
     turned = [f"{' and '.join(found.turned)} jumps by whole turns and goes on without them"] if found.turned else []
     if not found.count:
         return turned
@@ -118,7 +118,7 @@ def _measured(record: Record) -> dict[str, Floats]:
 
 
 def _pulses(record: Record, name: str) -> Booleans:
-    """(m,) rows of a command many times as large as nearly all others, alone or a few together, where the set-point does not jump."""
+    """Rows (m,) of a command many times as large as nearly all others, alone or a few together, where the set-point does not jump."""
     values = record.channels[name]
     size = np.abs(values - np.median(values))
     most = float(np.quantile(size, 1 - MOST))
@@ -132,7 +132,7 @@ def _pulses(record: Record, name: str) -> Booleans:
 
 
 def _ordinary(record: Record, name: str) -> Booleans:
-    """(m,) rows of a torque that a command may have made, or that are no larger than many."""
+    """Rows (m,) of a torque that a command may have made, or that are no larger than many others."""
     values = record.channels[name]
     size = np.abs(values - np.median(values))
     most = np.full(len(values), float(np.quantile(size, 1 - MOST)))
@@ -144,7 +144,7 @@ def _ordinary(record: Record, name: str) -> Booleans:
 
 
 def outlying(values: Floats, excused: Booleans | None = None) -> Booleans:
-    """(m,) rows of `values` that are outliers; those `excused` (m,) are none."""
+    """Rows (m,) of `values` that are outliers; rows `excused` (m,) are none."""
     rows = np.zeros(len(values), dtype=bool)
     change = np.abs(np.diff(values))
     digits = 1e-9 * float(np.quantile(np.abs(values), 0.9))
@@ -188,7 +188,7 @@ def _usual_change(change: Floats, first: int, last: int) -> float:
 
 
 def _at_start(values: Floats, known: Booleans, least: float) -> Booleans:
-    """(m,) the first few rows where they are far from those that follow, which hardly change."""
+    """Rows (m,) at the start that are far from those that follow, which hardly change."""
     rows = np.zeros(len(values), dtype=bool)
     change = np.abs(np.diff(np.where(known, np.nan, values)[: 2 * NEARBY]))
     for width in range(1, LONGEST + 1):

@@ -57,7 +57,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Plan:
-    """An excitation and what to expect from it.
+    """Excitation and its expected result.
 
     system        the joint as described
     kind          of the torque
@@ -93,11 +93,11 @@ class Plan:
 
     @property
     def torque(self) -> Floats:
-        """(m,) feed-forward torque at excitation.time [N m]."""
+        """Feed-forward torque (m,) at excitation.time [N m]."""
         return self.amplitude * self.excitation.torque
 
     def span(self, name: Literal["antiresonance", "resonance"]) -> tuple[float, float]:
-        """The lowest and the highest over the cases [rad/s]."""
+        """Lowest and highest frequency over the cases [rad/s]."""
         values = [getattr(case.source, name) for case in _cases(self.system)]
         return min(values), max(values)
 
@@ -113,7 +113,7 @@ def plan_excitation(
     closed: bool = True,
     link_friction: float = 0.0,
 ) -> Plan:
-    """The largest excitation within `bounds` over the joint's range, of the shape that promises the narrowest intervals.
+    """Largest excitation within `bounds` over the joint's range, of the shape that promises the narrowest intervals.
 
     system         a joint with rough values; its `uncertainty` is the range that the plan holds for, its controller holds the joint
     duration       [s]
@@ -160,7 +160,7 @@ def plan_excitation(
 
 
 def _band(system: System, duration: float) -> tuple[float, float, float]:
-    """Tick [s], first and last frequency [rad/s]. Raises GainroomError where there is none."""
+    """Tick [s], first and last frequency [rad/s]. Raises GainroomError if there is no band."""
     require_positive("plan", "duration", duration, "s")
     joint, tick = system.source, system.control.sample_time
     if tick is None:
@@ -198,13 +198,13 @@ def _band(system: System, duration: float) -> tuple[float, float, float]:
 
 
 def _cases(system: System) -> list[System]:
-    """At the rough values, first, and at the corners of their range."""
+    """Systems with the rough values, first, and at the corners of their range."""
     return [system.at(corner) for corner in ([NOMINAL, *system.uncertainty.corners] if system.uncertainty.names else [NOMINAL])]
 
 
 @dataclass(frozen=True)
 class _Shape:
-    """An excitation scaled to its bounds; `run` at the rough values, as Plan has it."""
+    """Excitation scaled to its bounds; `run` at the rough values, as Plan has it."""
 
     excitation: Excitation
     amplitude: float
@@ -224,7 +224,7 @@ def _shaped(cases: list[System], bounds: Bounds, shape: Excitation) -> _Shape:
 
 
 def _unit_run(case: System, shape: Excitation) -> Run:
-    """Under a torque of peak 1 N m, with nothing to end it early."""
+    """Run under a torque of peak 1 N m, with nothing to end it early."""
     return simulate(case.loop(), Scenario(0.0, float(shape.time[-1]), feedforward=shape.torque[:, None], limit=math.inf))
 
 
@@ -235,7 +235,7 @@ def _peaks(run: Run) -> dict[str, float]:
 
 
 def _expected(cases: list[System], shape: _Shape, hardware: Hardware) -> dict[str, float]:
-    """The widest at the rough values and at the lowest and the highest resonance of the range."""
+    """Widest intervals at the rough values and at the lowest and the highest resonance of the range."""
     looked = [cases[0]]
     if len(cases) > 1:
         order = sorted(cases[1:], key=lambda case: case.source.resonance)
@@ -245,7 +245,7 @@ def _expected(cases: list[System], shape: _Shape, hardware: Hardware) -> dict[st
 
 
 def _require_motion(shape: _Shape, hardware: Hardware, size: float) -> None:
-    """Raise GainroomError where friction or the encoder's steps would swallow the motion."""
+    """Raise GainroomError if friction or the encoder's steps would hide the motion."""
     if size < LEAST_OVER_FRICTION * hardware.dry:
         raise GainroomError(
             f"plan: the torque of {size:.3g} N·m (root mean square) must be at least {LEAST_OVER_FRICTION:g} times friction, "
@@ -260,7 +260,7 @@ def _require_motion(shape: _Shape, hardware: Hardware, size: float) -> None:
 
 
 def _require_identifiable(shape: _Shape, expected: Mapping[str, float]) -> None:
-    """Raise GainroomError where identification would refuse the log, or find no stiffness in it."""
+    """Raise GainroomError if identification would refuse the log, or find no stiffness in it."""
     # Of normal errors 2 standard errors make a half-width.
     for name, most in (("stiffness", 2 * MOST_RELATIVE), ("motor_inertia", 4 * MOST_INERTIA), ("link_inertia", 4 * MOST_INERTIA)):
         if not expected[name] < most:

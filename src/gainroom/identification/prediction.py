@@ -1,4 +1,4 @@
-"""A joint's positions predicted row by row from the torques, with the noise that acts on it: what the likelihood is made of.
+"""Prediction of a joint's positions row by row from the torques, with the noise that acts on it, for the likelihood.
 
     x⁺ = A x + B u + (torque noise),    y = C x + (noise and steps of the encoders)
 
@@ -35,7 +35,7 @@ DEMAND, MOTOR, LINK = range(3)  # inputs of actuated_state
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations.
+    """Standard deviations of the noise.
 
     torque     white torque on the motor, held for a tick [N m]
     drift      of the random walk's step per tick [N m]
@@ -74,13 +74,13 @@ class Signals:
     _starts: dict[Hashable, Floats] = field(default_factory=dict, init=False, repr=False)
 
     def rows(self, part: slice) -> "Signals":
-        """Some of the ticks."""
+        """Signals of some of the ticks."""
         whole = self.motion
         motion = Motion(whole.along[part], whole.turning[part], whole.angle[part], whole.slow[part], whole.swinging)
         return Signals(self.torque[part], self.sampled, self.positions[part], motion, self.sample_time)
 
     def inputs(self, shift: int, between: "Between") -> Floats:
-        """(m, 8) of each tick: two torques, what friction and weight act along, the link's slow angle.
+        """Inputs (m, 8) of each tick: two torques, the five directions of friction and weight, the link's slow angle.
 
         The torques are the commands `shift` + 1 and `shift` ticks ago; of a sampled torque what acts at the tick's begin and end. The last
         inputs are kept, as few parameters change them.
@@ -99,7 +99,7 @@ class Signals:
         return self._inputs[key]
 
     def starts(self, key: Hashable, found: "_Filter") -> Floats:
-        """_Filter.starts of the filter with that `key`; the last one is kept."""
+        """Result of _Filter.starts for the filter with that `key`; the last one is cached."""
         if key not in self._starts:
             self._starts.clear()
             self._starts[key] = found.starts(self.motion.turning)
@@ -145,7 +145,7 @@ def prediction_errors(
 
 @dataclass(frozen=True)
 class _Filter:
-    """A joint sampled and its stationary Kalman filters, one for each regime of noise.
+    """Sampled joint with its stationary Kalman filters, one for each regime of noise.
 
     system        current loop and plant (actuated_state), n states
     held, ramp    (n, 3) what inputs do over a tick, see _sampled
@@ -166,7 +166,7 @@ class _Filter:
     start: int
 
     def errors(self, regime: Integers, state: Floats, b: Floats, inputs: Floats, positions: Floats) -> Floats:
-        """(m, o) of `positions` (m, o) from a `state` (n + 1,), independent of each other."""
+        """Errors (m, o) of `positions` (m, o) from a `state` (n + 1,), independent of each other."""
         errors = np.empty_like(positions)
         _core.predict(self.a, b, self.c, self.gains, regime, inputs, positions, state, errors)
         if errors.shape[1] == 2:
@@ -174,7 +174,7 @@ class _Filter:
         return errors
 
     def starts(self, regime: Integers) -> Floats:
-        """(k, r, o) what states at the first row change of errors over their deviations, orthonormal; r rows until forgotten."""
+        """Changes (k, r, o) of errors over their deviations by states at the first row, orthonormal; r rows until forgotten."""
         rows, outputs, size = min(len(regime), self.start), len(self.c), len(self.a)
         regime, nothing = regime[:rows], np.zeros((rows, 0))
         at_rest = np.zeros((rows, outputs))
@@ -190,7 +190,7 @@ class _Filter:
 def _filter(
     joint: ElasticJoint, bandwidth: float, damping_ratio: float, outputs: int, sample_time: float, swinging: float, noise: tuple[float, ...]
 ) -> _Filter:
-    """Kept: friction and delay, which are half of a fit's parameters, do not change it."""
+    """Filter of a joint, cached: friction and delay, which are half of a fit's parameters, do not change it."""
     plant = joint.plant()
     if swinging:
         plant = replace(plant, gravity_stiffness=np.array([[swinging]]))
@@ -221,10 +221,10 @@ def _filter(
 
 
 def stationary(a: Floats, c: Floats, process: Floats, readings: Floats) -> Floats:
-    """P (n, n) of P = A P Aᵀ − A P Cᵀ (C P Cᵀ + R)⁻¹ C P Aᵀ + Q, R diagonal (o,), by structure-preserving doubling (Chu, Fan, Lin 2005).
+    """Solution P (n, n) of P = A P Aᵀ − A P Cᵀ (C P Cᵀ + R)⁻¹ C P Aᵀ + Q, R diagonal (o,).
 
-    Twice as fast as scipy's ordered Schur form, which stands in where doubling does not settle. Raises numpy.linalg.LinAlgError
-    where neither does.
+    Structure-preserving doubling (Chu, Fan, Lin 2005) is twice as fast as scipy's ordered Schur form, which replaces it where it does not
+    converge. Raises numpy.linalg.LinAlgError if neither converges.
     """
     from scipy.linalg import solve_discrete_are
 
@@ -246,7 +246,7 @@ def stationary(a: Floats, c: Floats, process: Floats, readings: Floats) -> Float
 
 
 def _sampled(system: StateSpace, step: float) -> tuple[Floats, Floats, Floats]:
-    """Transition (n, n), held inputs (n, 3), and what a rise of the inputs by one over the tick adds beside their first value (n, 3)."""
+    """Transition (n, n), held inputs (n, 3), and the additional effect (n, 3) of inputs that rise by one over the tick."""
     from scipy.linalg import expm
 
     states, inputs = system.b.shape
@@ -258,7 +258,7 @@ def _sampled(system: StateSpace, step: float) -> tuple[Floats, Floats, Floats]:
 
 
 def _inputs(signals: Signals, drive: Drive, found: _Filter, friction: Floats, between: Between) -> tuple[Floats, Floats]:
-    """B (n, i) and inputs (m, i): torque over each tick, what friction and weight act along, and the slow angle.
+    """Input matrix B (n, i) and inputs (m, i): torque over each tick, directions of friction and weight, and the slow angle.
 
     The weight's torque is that at the slow angle, so that of its spring in the plant the slow angle's part is taken off.
     """

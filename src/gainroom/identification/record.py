@@ -30,7 +30,7 @@ SHORTEST = 50  # ticks: less is not a log
 
 @dataclass(frozen=True)
 class Record:
-    """One joint's log on equal ticks.
+    """Log of one joint on equal ticks.
 
     time          (m,) rising [s]; gaps are allowed, each a whole number of ticks to half a tick
     channels      (m,) by name, some of SIGNALS; joint side
@@ -64,39 +64,39 @@ class Record:
 
     @cached_property
     def ticks(self) -> Integers:
-        """(m,) the number of each row's tick, 0 for the first."""
+        """Tick number (m,) of each row, 0 for the first."""
         return np.rint((self.time - self.time[0]) / self.sample_time).astype(int)
 
     @cached_property
     def fresh(self) -> Booleans:
-        """(m,) True in the first row and in every row behind a gap."""
+        """Rows (m,) at the start and after every gap: True."""
         return np.concatenate([[True], np.diff(self.ticks) != 1])
 
     @cached_property
     def run_length(self) -> Integers:
-        """(m,) rows since the last gap: 0 in a fresh row."""
+        """Number (m,) of rows since the last gap: 0 in the first row after it."""
         rows = np.arange(len(self.time))
         return rows - np.maximum.accumulate(np.where(self.fresh, rows, 0))
 
     def longest_run(self) -> "Record":
-        """The longest part without a gap. Raises GainroomError where it has fewer rows than a log needs."""
+        """Longest part without a gap. Raises GainroomError if it has fewer rows than a log needs."""
         starts = np.append(np.flatnonzero(self.fresh), len(self.time))
         longest = int(np.argmax(np.diff(starts)))
         part = slice(starts[longest], starts[longest + 1])
         return Record(self.time[part], {name: column[part] for name, column in self.channels.items()}, self.sample_time)
 
     def has(self, *names: str) -> bool:
-        """True where all of these channels are in the record."""
+        """True if all of these channels are in the record."""
         return all(name in self.channels for name in names)
 
     def need(self, owner: str, *names: str) -> list[Floats]:
-        """The channels `names`. Raises GainroomError that says which is missing."""
+        """Channels `names`. Raises GainroomError that names the missing ones."""
         if missing := [name for name in names if name not in self.channels]:
             raise GainroomError(f"{owner}: needs {missing[0]}; the record has {first_of_many(sorted(self.channels)) or 'no channel'}")
         return [self.channels[name] for name in names]
 
     def first_of(self, owner: str, *names: str) -> str:
-        """The first of the channels `names` that there is. Raises GainroomError that names them all."""
+        """First of the channels `names` in the record. Raises GainroomError that names them all."""
         if found := [name for name in names if name in self.channels]:
             return found[0]
         there = first_of_many(sorted(self.channels)) or "no channel"
@@ -104,7 +104,7 @@ class Record:
 
 
 def resolution(values: Floats) -> float:
-    """The step of a quantised signal (m,): the smallest difference of two of its values, 0 where nothing repeats."""
+    """Step of a quantised signal (m,): the smallest difference of two of its values, 0 if nothing repeats."""
     different = np.unique(values)
     if len(different) < 2 or len(different) > 0.9 * len(values):
         return 0.0
@@ -113,6 +113,6 @@ def resolution(values: Floats) -> float:
 
 
 def slow_rows(sample_time: float, consequence: str, certain: bool = False) -> list[str]:
-    """The warning of a log that may be slower than its controller, or is so for `certain`; empty where it is fast enough."""
+    """Warning about a log that may be slower than its controller, or is so if `certain`; [] if it is fast enough."""
     slow = certain or sample_time > SLOW_TICK
     return [f"rows come every {1e3 * sample_time:.3g} ms, and {consequence}; log every tick"] if slow else []

@@ -13,7 +13,7 @@ from .speed_order import Turning
 
 POSITIONS = ("motor_position", "link_position")
 TORQUES = ("target_torque", "demand_torque", "actual_torque")
-"""From the controller to the joint."""
+"""Torque channels in order from the controller to the joint."""
 RINGING = 0.02  # damping ratio below which one that decays is a vibration: it takes more than 35 periods to a hundredth
 UNCHANGED = 0.2  # relative change over the periods examined of an amplitude that is sustained
 LOOKED_AT = 20.0  # periods from the end over which the amplitude is followed
@@ -30,7 +30,7 @@ HARMONICS = 5
 
 @dataclass(frozen=True)
 class RecordedOscillation:
-    """A vibration in a record.
+    """Vibration in a record.
 
     found       frequency [rad/s], growth [1/s], amplitude at the end [rad, of a torque N m]
     state       "growing", "sustained" or "decaying" over the last periods
@@ -78,7 +78,7 @@ class RecordedOscillation:
 
     @property
     def steps(self) -> float:
-        """Amplitude in encoder steps, of a decaying one at first; inf where they are finer than the motion."""
+        """Amplitude in encoder steps, of a decaying one at first; inf if they are finer than the motion."""
         size = max(self.vibration.amplitude, self.first) if self.state == "decaying" else self.vibration.amplitude
         return size / self.step if self.step else math.inf
 
@@ -125,7 +125,7 @@ def measured(
 
 
 def _size_at_first(values: Floats, tick: float, found: Vibration) -> float:
-    """Amplitude behind the first third, where most have settled."""
+    """Amplitude after the first third, when most have settled."""
     part = values[len(values) // 3 :]
     return abs(complex(parts_in(part[: max(FEWEST_SAMPLES, round(4 * math.pi / found.frequency / tick))][:, None], tick, found)[0]))
 
@@ -137,7 +137,10 @@ def power_of(torque: complex, velocity: complex) -> float:
 
 
 def _followed(values: Floats, tick: float, found: Vibration) -> Vibration:
-    """With growth and amplitude, and a finer frequency, from amplitude and phase period by period: a limit cycle's pole tells neither."""
+    """Vibration with growth rate and amplitude, and a finer frequency, from amplitude and phase period by period.
+
+    The pole of a limit cycle tells neither.
+    """
     period = 2 * math.pi / found.frequency / tick
     values = values[len(values) // 3 :]
     width = max(4, round((2 if len(values) > 12 * period else 1) * period))  # of a few periods one each
@@ -163,7 +166,7 @@ def _followed(values: Floats, tick: float, found: Vibration) -> Vibration:
 
 
 def _clipping(record: Record, rows: slice, look: slice) -> tuple[float, float]:
-    """Share of rows at a limit, and the limit, of whichever torque is flat; 0 where it is no more so than a sine at its largest value.
+    """Share of rows at a limit, and the limit, of a torque that is flatter than a sine at its largest value; 0 if it is not.
 
     An actual torque overshoots its limit, so levels below the largest value are tried.
     """

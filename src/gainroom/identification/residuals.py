@@ -43,7 +43,7 @@ class Residuals:
 
     @property
     def adequate(self) -> bool:
-        """True where no band's torque is left by more than MOST_LEFT, and what is left neither follows the torque nor repeats itself.
+        """True if no band's unexplained torque exceeds MOST_LEFT, and the residuals neither follow the torque nor repeat.
 
         Of a residual that is small beside the torque (LITTLE_LEFT), anything may be explained: it moves no parameter.
         """
@@ -52,17 +52,17 @@ class Residuals:
 
     @property
     def follows(self) -> bool:
-        """True where more of it than MOST_EXPLAINED follows the torque."""
+        """True if a larger share of the residuals than MOST_EXPLAINED follows the torque."""
         return self.explained >= MOST_EXPLAINED
 
     @property
     def repeats(self) -> bool:
-        """True where rows are as good as copies of others."""
+        """True if rows are nearly copies of others."""
         return float(np.abs(self.autocorrelation).max()) >= MOST_REPEATED
 
 
 def residual_tests(errors: Floats, variances: Floats, signals: Signals, measured: FrequencyResponse, balance: Balance) -> Residuals:
-    """From all prediction errors and their variances (m · o,), and what is left of the torque."""
+    """Tests of all prediction errors with their variances (m · o,), and of the unexplained torque."""
     outputs = signals.positions.shape[1]
     values = (errors / np.sqrt(variances))[::outputs]
     skipped = len(values) // 20
@@ -105,5 +105,5 @@ def explained_share(errors: Floats, variances: Floats, signals: Signals, measure
 
 
 def _centred(values: Floats) -> Floats:
-    """Without mean, and without what is beyond five deviations."""
+    """Values without their mean, and without deviations beyond five standard deviations."""
     return np.clip(values - values.mean(), -5 * values.std(), 5 * values.std())

@@ -1,4 +1,4 @@
-"""Models that a joint may have instead of two masses and a spring: which of them explains a log that those do not.
+"""Rival models of two masses and a spring, and the decision which of them explains a log better.
 
     backlash      the spring acts beyond a gap to either side
     stiffening    its torque grows with the cube of the twist, too
@@ -42,7 +42,7 @@ FRICTION = slice(0, 3)  # columns of what friction acts along
 
 @dataclass(frozen=True)
 class Rival:
-    """A model that explains more of a log.
+    """Rival model that explains more of a log.
 
     name     "backlash", "stiffening", "load change", "torque limit" or "second mode"
     left     of the residual's power of two masses on a spring, in the geometric mean over frequencies
@@ -72,7 +72,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class _Found:
-    """Cost, the point of the search, and the factors of the columns: the motor's inertia first, then friction, then the spring's."""
+    """Cost, point of the search, and factors of the columns: the motor's inertia first, then friction, then the spring's."""
 
     cost: float
     point: tuple[float, ...]
@@ -83,7 +83,7 @@ NONE = _Found(math.inf, (), np.zeros(0))
 
 
 class _Log:
-    """A log, and what columns leave of its torque."""
+    """Log, and the fit of its torque by columns."""
 
     def __init__(self, spectra: Spectra, torque: Floats, lowest: float = 1.0) -> None:
         self.spectra, self.torque = spectra, torque
@@ -115,26 +115,26 @@ class _Log:
         return _Found(float(self.counts @ np.log(np.maximum(shares, 1e-300))) / len(wanted), point, factors)
 
     def moved(self, inertia: Floats | float, torque: Floats | None = None) -> Floats:
-        """(m,) the motor's position beside that of the centre of mass of an `inertia`, over the frequencies that twist."""
+        """Position (m,) of the motor relative to the centre of mass of an `inertia`, over the frequencies that twist."""
         pushed = ((self.torque if torque is None else torque) - self.dry) / inertia
         rest = self.acceleration - (pushed - pushed.mean())
         padded = np.fft.rfft(np.append(rest, np.zeros(len(rest))))
         return np.fft.irfft(padded * self.integrated, 2 * len(rest))[: len(rest)]
 
     def sprung(self, moved: Floats, *spring: Floats) -> Floats:
-        """(c, m) columns of a `spring` and its damping."""
+        """Columns (c, m) of a `spring` and its damping."""
         return np.vstack([*spring, np.gradient(moved, self.spectra.tick)])
 
 
 def _sound(found: _Found, inertia: float) -> _Found:
-    """None where motor or link would have next to no inertia, or the spring pushed."""
+    """Fit itself; None if motor or link would have next to no inertia, or the spring pushed."""
     motor = found.factors[0]
     fair = LEAST_SHARE * inertia < motor < (1 - LEAST_SHARE) * inertia and found.factors[6] > 0
     return found if fair else NONE
 
 
 def _searched(model: Callable[..., _Found], grid: list[tuple[float, ...]], sizes: tuple[float, ...]) -> _Found:
-    """The least cost of a `model` from the best point of a `grid` on, in steps of the `sizes`, of logarithms."""
+    """Minimum of a `model`'s cost from the best point of a `grid`, in steps of `sizes`, of logarithms."""
     best = min((model(*point) for point in grid), key=lambda found: found.cost)
     steps = np.array(sizes)
     for _ in range(ROUNDS if best.point else 0):
@@ -145,7 +145,7 @@ def _searched(model: Callable[..., _Found], grid: list[tuple[float, ...]], sizes
 
 
 def rivals_of(spectra: Spectra, torque: Floats, commanded: Callable[[Floats], Floats] | None, begin: float = 0.0) -> list[Rival]:
-    """The models that explain the `torque` (m,) much better than two masses and a spring, the best first.
+    """Models that explain the `torque` (m,) much better than two masses and a spring, the best first.
 
     commanded   from a command (m,) to the torque that acts; None: the torque itself was measured
     begin       [s] the first row's moment
@@ -179,7 +179,7 @@ def rivals_text(rivals: Sequence[Rival]) -> str:
 
 
 def _linear(log: _Log, inertias: list[float]) -> _Found:
-    """Two masses and a spring."""
+    """Fit of two masses and a spring."""
 
     def model(inertia: float) -> _Found:
         moved = log.moved(inertia)
@@ -199,7 +199,7 @@ def _backlash(log: _Log, inertias: list[float]) -> Rival | None:
 
 
 def _twisted(found: _Found) -> float:
-    """Twist over what the motor moves beside the centre of mass."""
+    """Twist over the motor's motion relative to the centre of mass."""
     return found.point[0] / (found.point[0] - found.factors[0])
 
 
@@ -217,7 +217,7 @@ def _stiffening(log: _Log, inertias: list[float]) -> Rival | None:
 
 
 def _load_change(log: _Log, base: _Found, begin: float) -> Rival | None:
-    """Each of both parts has a spring's torque of its own, as the twist is told but for (J_M + J_L)/J_L."""
+    """Rival whose load changes; each part has a spring torque of its own, as the twist is known up to (J_M + J_L)/J_L."""
     rows = np.arange(log.spectra.count)
 
     def model(inertia: float, ratio: float, moment: float) -> _Found:
@@ -256,7 +256,7 @@ def _torque_limit(log: _Log, inertias: list[float], commanded: Callable[[Floats]
 
 
 def _second_mode(log: _Log) -> Rival | None:
-    """Its cost beside that of one mode."""
+    """Rival with a second mode, with its cost relative to one mode."""
     spectra = log.spectra
     grid = [(omega, ratio) for omega in np.geomspace(0.7 * spectra.lines[0], spectra.lines[-1], 30).tolist() for ratio in (0.01, 0.06)]
 

@@ -23,7 +23,7 @@ EARLY, LATE = 0.7, 0.1  # of the rows: those before, and the end
 
 @dataclass(frozen=True)
 class Departure:
-    """size at the end [rad], and the swings where they are few: frequency, growth and amplitude of the last ones."""
+    """Departure from the set-point: size at the end [rad], and frequency, growth rate and amplitude of the last swings if they are few."""
 
     size: float
     vibration: Vibration | None

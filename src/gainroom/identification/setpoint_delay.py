@@ -1,4 +1,4 @@
-"""Command delay and loop delay from set-point and position alone.
+"""Identification of command delay and loop delay from set-point and position alone.
 
 A firmware turns a set-point that is T_c old into torque, and the torque reaches the motor T_l after the position that it was made from:
 
@@ -74,7 +74,7 @@ class SetpointDelay:
 
 
 def identify_setpoint_delay(record: Record, loop_sample_time: float | None = None) -> SetpointDelay:
-    """The two delays from `reference` and motor_position (or link_position).
+    """Delays from `reference` and motor_position (or link_position).
 
     loop_sample_time   [s] of the loop on kp and kd: its torque is held that long and its velocity is a difference over it; None: it runs
                        much faster than the log, as in a drive, and hold and difference count as part of the loop delay
@@ -107,7 +107,7 @@ def identify_setpoint_delay(record: Record, loop_sample_time: float | None = Non
 
 
 class _Simulation:
-    """The position from the set-point, in the frequency domain: delays are exact, and no stability is asked of the trial's parameters."""
+    """Simulation of the position from the set-point in the frequency domain: delays are exact, and trial parameters may be unstable."""
 
     def __init__(self, record: Record, reference: Floats, position: Floats, follows: bool, loop_tick: float | None, viscous: bool) -> None:
         from scipy.fft import next_fast_len
@@ -139,7 +139,7 @@ class _Simulation:
         return np.fft.rfft(np.concatenate([values, ramp]))
 
     def _simulated(self, point: Floats) -> Floats:
-        """(m,) position at: log kp/J, log kd/J over √(kp/J), delays [ticks], friction/(kp scale), constant, log noise, b/√(kp J)."""
+        """Position (m,) at: log kp/J, log kd/J over √(kp/J), delays [ticks], friction/(kp scale), constant, log noise, b/√(kp J)."""
         stiffness, loop, command = math.exp(2 * point[0]), point[2] * self.tick, point[3] * self.tick
         rate = 2 * math.exp(point[1]) * math.exp(point[0])
         s = 1j * self.omega
@@ -157,7 +157,7 @@ class _Simulation:
         return error, np.full(self.count, math.exp(2 * min(max(point[6], -20.0), 5.0)))
 
     def _search(self) -> Maximum:
-        """The likeliest point from several starts, as the two delays trade against each other."""
+        """Likeliest point from several starts, as the two delays compensate each other."""
         found = []
         for delay in DELAYS:
             starts = [np.array([math.log(each), math.log(ratio), delay, delay, 0, 0, -1, 0]) for each in NATURALS for ratio in RATIOS]
@@ -178,7 +178,7 @@ class _Simulation:
         return min(inside, key=lambda fit: fit.cost)
 
     def _maximum(self, start: Floats, held: int | None) -> Maximum:
-        """Near `start`, with the parameter `held` at 0."""
+        """Maximum near `start`, with the parameter `held` at 0."""
         mean = np.array([start[0], math.log(0.6), 2.0, 2.0, 0.0, 0.0, -3.0, 0.0])
         deviation = np.array([2.0, 1.0, 20.0, 20.0, 0.5, 1.0, np.inf, self.viscous])
         if held is not None:
@@ -194,13 +194,13 @@ class _Simulation:
         return float((other.cost - best.cost) * self.used.sum()) < UNLIKELY * coloured
 
     def delays(self) -> tuple[Estimate, Estimate, Estimate]:
-        """T_l, T_c and their sum [ticks]."""
+        """Estimates of T_l, T_c and their sum [ticks]."""
         loop, command = self.found.parameters[2:4]
         errors = _errors(self.found)
         return _bounded(loop, errors[0], math.inf), _bounded(command, errors[1], math.inf), _bounded(loop + command, errors[2], math.inf)
 
     def result(self, others: Sequence["_Simulation"], warnings: Sequence[str]) -> SetpointDelay:
-        """With intervals over the laws `others`, too, that the log allows; confounded delays are bounded by their sum."""
+        """Result with intervals over the laws `others`, too, that the log allows; confounded delays are bounded by their sum."""
         point, variance = self.found.parameters, self.found.variance
         rows = self.used > 0
         explained = 1 - float(np.mean(self.found.errors[rows] ** 2)) / float(np.var(self.position[rows]) / self.scale**2)
@@ -247,14 +247,14 @@ class _Simulation:
 
 
 def _errors(fit: Maximum) -> Floats:
-    """(3,) standard errors of T_l, T_c and their sum [ticks]."""
+    """Standard errors (3,) of T_l, T_c and their sum [ticks]."""
     # Friction and torque limits are not in the model to the last: they trade one delay for the other before they change the sum.
     variance = fit.variance[2:4, 2:4] + LAW_ERROR**2 * np.array([[1.0, -0.9], [-0.9, 1.0]])
     return np.sqrt([variance[0, 0], variance[1, 1], variance.sum()])
 
 
 def _over(each: Sequence[Estimate]) -> Estimate:
-    """The first, with an interval over all."""
+    """First estimate, with an interval over all."""
     return replace(each[0], low=min(one.low for one in each), high=max(one.high for one in each))
 
 
@@ -265,7 +265,7 @@ def _with(point: Floats, held: int) -> Floats:
 
 
 def _hold(omega: Floats, time: float) -> Complexes:
-    """(1 − e^{−jωT})/(jωT) of a hold, or a difference, over `time` T [s]."""
+    """Response (1 − e^{−jωT})/(jωT) of a hold, or a difference, over `time` T [s]."""
     return np.exp(-0.5j * omega * time) * np.sinc(omega * time / (2 * np.pi))
 
 

@@ -62,7 +62,7 @@ def _made(reference: Floats, position: Floats, period: float) -> bool:
 
 
 def _set_rows(reference: Floats, period: float) -> tuple[Integers, int, int]:
-    """Rows in which the set-point is set, also to what it was, of many in a period a share; their distance, and that of all."""
+    """Rows at which the set-point is updated, also to the same value; their distance, and that of all."""
     changed = np.flatnonzero(np.diff(reference)) + 1
     between = np.diff(changed)
     if len(between) < FEWEST // 2:
@@ -79,12 +79,12 @@ def _set_rows(reference: Floats, period: float) -> tuple[Integers, int, int]:
 
 
 def _bent(values: Floats, knots: int) -> list[Floats]:
-    """Columns of a line that bends at so many quantiles."""
+    """Columns of a piecewise linear function with `knots` bends at quantiles."""
     return [values, *(np.maximum(values - at, 0) for at in np.quantile(values, np.linspace(0, 1, knots + 2)[1:-1]))]
 
 
 def _left(columns: Sequence[Floats], wanted: Floats) -> float:
-    """Variance of `wanted` (k,) beside the columns and a constant, by least squares."""
+    """Variance of `wanted` (k,) unexplained by the columns and a constant, by least squares."""
     table = np.column_stack([np.ones(len(wanted)), *columns])
     table /= np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     off = wanted - table @ np.linalg.lstsq(table, wanted, rcond=1e-11)[0]
@@ -92,7 +92,7 @@ def _left(columns: Sequence[Floats], wanted: Floats) -> float:
 
 
 def _beside_harmonics(values: Floats, rows: Integers, omega: float, held: int) -> float:
-    """Variance beside a swing with its harmonics whose size changes steadily, at the best frequency near `omega` [rad per row]."""
+    """Variance unexplained by an oscillation with harmonics of steadily changing size, at the best frequency near `omega` [rad per row]."""
     from scipy.optimize import minimize_scalar
 
     line = np.linspace(-1, 1, len(rows))

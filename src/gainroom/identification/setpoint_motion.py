@@ -27,7 +27,7 @@ NEAR_LINE = 1e-6  # of its range: off a line
 
 
 def steady_pieces(record: Record, reference: Floats | None) -> list[slice]:
-    """Long runs of rows in which the set-point rests or moves steadily; all rows where there is none; empty where it always changes.
+    """Long runs of rows in which the set-point rests or moves steadily; all rows without a set-point; [] if it always changes.
 
     Files round to some digits, which bend a line: pieces by either measure of a bend, whichever holds more rows.
     """

@@ -25,7 +25,7 @@ CURVED = 3.0  # standard errors of the cubic term that make a spring progressive
 
 @dataclass(frozen=True)
 class StiffnessFit:
-    """A locked output's torque–deflection line.
+    """Torque–deflection line of a locked output.
 
     stiffness    K [N m/rad]
     friction     F, half the hysteresis' width in torque [N m]
@@ -50,7 +50,7 @@ class StiffnessFit:
 
 
 def identify_stiffness(record: Record, motor_inertia: float = 0.0) -> StiffnessFit:
-    """K from slow torques on a joint whose output is fixed, back and forth: actual torque (or demand, or target) and motor position.
+    """Stiffness K from slow torques back and forth on a joint with a fixed output: actual, demand or target torque, motor position.
 
     motor_inertia   J_M [kg m²], whose share J_M θ̈ is taken off the torque; 0: the record is slow
     With a link position in the record the deflection is motor less link, so that a mount that gives way does no harm.
@@ -101,7 +101,7 @@ def _derivatives(position: Floats, record: Record) -> tuple[Floats, Floats]:
 
 
 def _steady(velocity: Floats, record: Record) -> Booleans:
-    """(m,) rows in which the motor has turned the same way for a while, fast enough to know which."""
+    """Rows (m,) in which the motor has turned the same way for a while, fast enough to know which."""
     fast = np.abs(velocity) > LEAST_MOVING * float(np.quantile(np.abs(velocity), 0.99))
     same = fast & (np.sign(velocity) == np.sign(np.roll(velocity, 1))) & np.roll(fast, 1)
     length = max(int(SMOOTHED / record.sample_time), 3)

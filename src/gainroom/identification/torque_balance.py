@@ -1,4 +1,4 @@
-"""The torque that a fitted joint leaves over: what the motor's motion takes by the model, beside what there was.
+"""Torque that a fitted joint does not explain: the measured torque less the torque of the motor's motion by the model.
 
     τ = J_M q̈ + J_L q̈_L + friction and weight,    q_L = (B s + K)/(J_L s² + B s + K) q
 
@@ -49,19 +49,19 @@ class Balance:
 
     @property
     def worst(self) -> int:
-        """The band of which most is left, of those with power."""
+        """Index of the band with the largest unexplained share, among those with power."""
         others = float(np.sort(self.power)[:-RINGING].sum())
         least = LEAST_POWER * (min(BESIDES * others, 1.0) if others > 0 else 1.0)
         return int(np.argmax(np.where(self.power >= least, self.left, -1.0)))
 
     @property
     def most(self) -> float:
-        """Largest share that is left in a band."""
+        """Largest unexplained share of a band."""
         return float(self.left[self.worst])
 
 
 class Spectra:
-    """A log's signals over the frequencies that the torque excites."""
+    """Signals of a log over the frequencies that the torque excites."""
 
     def __init__(self, signals: Signals, measured: FrequencyResponse) -> None:
         self.tick, self.count, self.position = signals.sample_time, len(signals.torque), signals.positions[:, 0]
@@ -86,21 +86,21 @@ class Spectra:
         self.acceleration: Complexes = np.fft.rfft(np.append(acceleration, np.zeros(self.count))) * self.restored
 
     def seen(self, values: Floats) -> Complexes:
-        """(..., k) the used lines of (..., m) values in the window."""
+        """Used lines (..., k) of values (..., m) in the window."""
         return np.fft.rfft((values - values.mean(axis=-1, keepdims=True)) * self.window)[..., self.used]
 
     def filtered(self, values: Floats, response: Complexes) -> Floats:
-        """(m,) through a `response` at `omega`; what is beyond the record goes straight from its end to its begin."""
+        """Values (m,) through a `response` at `omega`; beyond the record they go straight from its end to its begin."""
         padded = np.concatenate([values, np.linspace(values[-1], values[0], self.count)])
         return np.fft.irfft(np.fft.rfft(padded) * response, 2 * self.count)[: self.count]
 
     def accelerated(self, response: Complexes | float) -> Floats:
-        """(m,) the motor's acceleration through a `response`, from rest."""
+        """Acceleration (m,) of the motor through a `response`, from rest."""
         return np.fft.irfft(self.acceleration * response, 2 * self.count)[: self.count]
 
 
 def bands(lines: Floats) -> Floats:
-    """(b + 1,) first line of each third octave and the end, each of at least LINES, of rising frequencies (k,)."""
+    """First line (b + 1,) of each third octave and the end, each of at least LINES, of rising frequencies (k,)."""
     edges = [0]
     while edges[-1] < len(lines):
         end = max(int(np.searchsorted(lines, OCTAVE * lines[edges[-1]])), edges[-1] + LINES)
@@ -109,7 +109,7 @@ def bands(lines: Floats) -> Floats:
 
 
 def through_drive(torque: Floats, drive: Drive, tick: float) -> Floats:
-    """(m,) the torque that a drive makes of commands (m,), each held for a tick, at the ticks."""
+    """Torque (m,) of a drive for commands (m,), each held for a tick, at the ticks."""
     count = len(torque)
     omega = 2 * np.pi * np.fft.rfftfreq(2 * count, tick)
     response = np.exp(-1j * omega * (drive.delay + tick / 2)) * np.sinc(omega * tick / (2 * np.pi))
@@ -119,7 +119,7 @@ def through_drive(torque: Floats, drive: Drive, tick: float) -> Floats:
 
 
 def acting_torque(signals: Signals, drive: Drive, between: Between) -> Floats:
-    """(m,) what acts on the motor at the ticks."""
+    """Torque (m,) on the motor at the ticks."""
     if signals.sampled:
         return signals.torque + between.early * np.gradient(signals.torque)
     return through_drive(signals.torque, drive, signals.sample_time)
@@ -160,7 +160,7 @@ def balance_of(spectra: Spectra, rest: Complexes, torque: Complexes, noise: Floa
 
 
 def without(values: Complexes, columns: Complexes) -> Complexes:
-    """(k,) what real factors of `columns` (c, k) leave of `values` (k,), by least squares."""
+    """Residual (k,) of `values` (k,) beside real factors of `columns` (c, k), by least squares."""
     matrix = np.hstack([columns.real, columns.imag]).T
     scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
     factors = np.linalg.lstsq(matrix / scale, np.append(values.real, values.imag), rcond=1e-9)[0] / scale

@@ -23,7 +23,7 @@ ENDS = 0.02  # of the excitation's power beyond either end of its band
 
 
 def excited_band(record: Record, side: str, rows: slice, frequency: float) -> tuple[float, float] | None:
-    """The band [rad/s] of an excitation in target_torque that holds `frequency` [rad/s]; None where the torque there is the loop's.
+    """Band [rad/s] of an excitation in target_torque that contains `frequency` [rad/s]; None if the torque there is the loop's.
 
     side, rows   of the position in which an oscillation of that frequency was found
     """
@@ -66,11 +66,11 @@ def _given(torque: Floats, position: Floats, reference: Floats | None) -> Floats
 
 
 def _latest(values: Floats) -> Floats:
-    """(m − FEEDBACK + 1, FEEDBACK + 1): a signal and its last changes."""
+    """Signal and its latest changes, (m − FEEDBACK + 1, FEEDBACK + 1)."""
     return np.column_stack([values[FEEDBACK - 1 :], sliding_window_view(np.diff(values, prepend=values[0]), FEEDBACK)])
 
 
 def _power(values: Floats) -> Floats:
-    """Spectrum of a signal beside a straight line, under a Hann window."""
+    """Power spectrum of a signal beside a straight line, under a Hann window."""
     time = np.linspace(-1, 1, len(values))
     return np.abs(np.fft.rfft((values - np.polyval(np.polyfit(time, values, 1), time)) * np.hanning(len(values)))) ** 2

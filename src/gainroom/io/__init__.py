@@ -1,1 +1,1 @@
-"""Files in and out: text that is written whole or not at all, bounded YAML, checked sections."""
+"""Input and output: text that is written as a whole or not at all, bounded YAML, validated sections."""

@@ -1,11 +1,11 @@
 """Numbers in answers and written files as a person would have typed them."""
 
 ROUND_OFF = 4e-15
-"""Relative, of a few products and sums."""
+"""Relative rounding error of a few products and sums."""
 
 
 def as_typed(value: float) -> float:
-    """Without the round-off of the way to other units and back: 6, not 5.999999999999998, and 43740, not 43740.000000000015.
+    """Value without the rounding error of a unit conversion and back: 6, not 5.999999999999998, and 43740, not 43740.000000000015.
 
     A number that is no short one plus round-off stays as it is, to the last bit.
     """

@@ -12,7 +12,7 @@ from .run_files import at_last
 
 @contextlib.contextmanager
 def replacement(path: Path) -> Iterator[Path]:
-    """The name of a new, empty file with the same ending that takes the place of `path` when the block ends well.
+    """Path of a new, empty file with the same ending, which replaces `path` if the block ends without an error.
 
     It is in the same folder and made on entry: a path that cannot be written fails before the work in the block is done. A block that
     fails leaves the old file as it was. A process that is killed outright leaves the new one under its own name, .gainroom-….
@@ -35,14 +35,14 @@ def replacement(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """All of a text in the place of `path`, or none of it. Raises GainroomError where that cannot be written."""
+    """Writes a text to `path` as a whole or not at all. Raises GainroomError if it cannot be written."""
     with replacement(path) as temporary, writing(path):
         temporary.write_text(text, "utf-8", newline="\n")
 
 
 @contextlib.contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turns an OSError in the block into a GainroomError."""
+    """Context that turns an OSError in the block into a GainroomError."""
     try:
         yield
     except OSError as error:
@@ -50,7 +50,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def _refuse_unwritable(path: Path, target: Path) -> None:
-    """Refuse what the names alone show."""
+    """Refuses a path that cannot be written, as far as its name alone shows it."""
     if target.is_dir():
         raise GainroomError(f"{path}: cannot be written: it is a directory")
     if target.exists() and not target.is_file():

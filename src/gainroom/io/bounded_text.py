@@ -1,4 +1,4 @@
-"""Reading with bounds: any path costs little time and memory, and an error is one line."""
+"""Bounded reading: any path costs little time and memory, and an error is one line."""
 
 import contextlib
 import os
@@ -13,7 +13,7 @@ from .run_files import note_read
 
 @contextlib.contextmanager
 def regular_file(path: Path) -> Iterator[tuple[BinaryIO, int]]:
-    """A regular file, open for reading, and its size [bytes]. Raises GainroomError, also for what fails while it is read."""
+    """Regular file, open for reading, and its size [bytes]. Raises GainroomError, also for errors while it is read."""
     try:
         # Opening a FIFO for reading would wait for its writer.
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -36,7 +36,7 @@ def regular_file(path: Path) -> Iterator[tuple[BinaryIO, int]]:
 
 
 def bounded_text(path: Path, most: int, what: str) -> str:
-    """The text of a regular UTF-8 file of at most `most` bytes. Raises GainroomError; messages call the file `what`."""
+    """Text of a regular UTF-8 file of at most `most` bytes. Raises GainroomError; messages call the file `what`."""
     with regular_file(path) as (stream, _):
         content = stream.read(most + 1)
     if len(content) > most:

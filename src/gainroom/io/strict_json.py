@@ -1,4 +1,4 @@
-"""Strict JSON: what is not finite (infinite margin, margin of an unstable loop) becomes null."""
+"""Strict JSON: values that are not finite (infinite margin, margin of an unstable loop) become null."""
 
 import math
 from collections.abc import Mapping
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def strict(value: Any, significant: int | None = None) -> Any:
-    """`value` in what strict JSON knows: dicts, lists, texts, finite numbers, null; numpy's scalars and arrays included.
+    """Value in types of strict JSON: dicts, lists, texts, finite numbers, null; numpy's scalars and arrays are converted.
 
     significant   digits of every float; None: all
     """

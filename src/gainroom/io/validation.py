@@ -28,13 +28,13 @@ from ..errors import GainroomError, Together, UnjudgedError, listed
 from .yaml_text import Problem, Wrong, shown
 
 SMALLEST, LARGEST = 1e-12, 1e12
-"""Beyond these a number in SI units is a slip of the pen, and its square may leave the range of a float."""
+"""Bounds of a number in SI units: beyond them it is a mistake, and its square may leave the range of a float."""
 
 
 def number(
     *, above: float | None = None, least: float | None = None, most: float = LARGEST, infinite: bool = False, unit: str = ""
 ) -> BeforeValidator:
-    """A check: a number (no bool, no text) > `above` or >= `least`, and <= `most`; .inf only where `infinite`. `unit`: of all of them."""
+    """Validator of a number (no bool, no text) > `above` or >= `least`, and <= `most`; .inf only if `infinite`. `unit`: of all of them."""
     unit = f" {unit}" if unit else ""
 
     def check(value: object) -> float:
@@ -76,7 +76,7 @@ Name = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
 
 
 def each(end: BeforeValidator) -> BeforeValidator:
-    """A check: a number, or a list of them, each as `end` allows."""
+    """Validator of a number, or of a list of them, each valid under `end`."""
 
     def check(value: object) -> float | list[float]:
         return items(value, end) if isinstance(value, list) and value else end.func(value)  # type: ignore[call-arg]
@@ -85,7 +85,7 @@ def each(end: BeforeValidator) -> BeforeValidator:
 
 
 def items(values: Sequence[object], check: BeforeValidator) -> list[float]:
-    """The values as `check` lets them pass. Raises what a validator may raise, of several that are wrong by their places."""
+    """Values that pass `check`. Raises a validator's errors; if several are wrong, with their indices."""
     found, wrong = [], []
     for index, value in enumerate(values):
         try:
@@ -100,13 +100,13 @@ def items(values: Sequence[object], check: BeforeValidator) -> list[float]:
 
 
 def require_one_of(typed: str, value: str | None, allowed: Sequence[str]) -> None:
-    """Raise GainroomError, which begins with what was `typed`, where a value is none of the allowed ones; None: it was not given."""
+    """Raise GainroomError, which begins with the text `typed`, if a value is none of the allowed ones; None: it was not given."""
     if value is not None and value not in allowed:
         raise GainroomError(f"{typed}: must be {listed(allowed, 'or', len(allowed))}")
 
 
 def refusal(message: str, key: str = "") -> PydanticCustomError:
-    """An error to raise inside a check; `key` is appended to the path that the message names."""
+    """Error to raise inside a validator; `key` is appended to the path that the message names."""
     return PydanticCustomError("refused", "{message}", {"message": message, "key": key})
 
 
@@ -115,7 +115,7 @@ Relation = TypeVar("Relation", bound=Callable[[Any], Refusals])
 
 
 def relation(check: Relation) -> Relation:
-    """A check of a Section's keys against each other, a method that gives a `refusal` of each problem or raises GainroomError.
+    """Decorator of a validator of a Section's keys against each other: a method that yields refusals or raises GainroomError.
 
     It sees the keys whose own values are right, and ends unseen where it asks for another.
     """
@@ -125,11 +125,13 @@ def relation(check: Relation) -> Relation:
 
 _RELATIONS: set[Any] = set()
 TOGETHER = object()
-"""Context of a validation that keeps what is right of a section, and its problems beside it (`partly`)."""
+"""Context of a validation that returns the valid part of a section together with its problems (`partly`)."""
 
 
 class Section(BaseModel):
-    """A mapping with known keys. A field's description says what a missing key would hold: what it is, its unit, and what is allowed.
+    """Mapping with known keys.
+
+    A field's description says what a missing key would hold: its meaning, its unit, and the allowed values.
 
     MEANT   what is meant by keys that others have for the same, where no likeness of names tells it
 
@@ -142,11 +144,11 @@ class Section(BaseModel):
     _faults: tuple[Problem, ...] = PrivateAttr(())
     _contradictions: tuple[Problem, ...] = PrivateAttr(())
     _unwritten: frozenset[str] = PrivateAttr(frozenset())
-    """Fields that are no key of what was read, whose own keys stand in their place."""
+    """Fields that are not keys of the data; their own keys replace them."""
 
     @classmethod
     def prepared(cls, data: dict[str, Any]) -> dict[str, Any]:
-        """The fields of what was read, where its keys are not their names."""
+        """Data with field names in the place of keys that differ from them."""
         return data
 
     @classmethod
@@ -219,7 +221,7 @@ class Section(BaseModel):
                 pass
 
     def require_right(self) -> None:
-        """Raise UnjudgedError where anything is wrong in it."""
+        """Raise UnjudgedError if anything in the section is wrong."""
         if any(True for _ in self.problems()):
             raise UnjudgedError
 
@@ -237,7 +239,7 @@ class Section(BaseModel):
         return bool(self.__dict__)
 
     def problems(self) -> Iterator[Problem]:
-        """All that is wrong in it, and in what it holds."""
+        """Problems of the section and of the sections inside it."""
         yield from self._faults
         for name, value in self.__dict__.items():
             yield from _below("" if name in self._unwritten else name, _within(value))
@@ -260,7 +262,7 @@ class Section(BaseModel):
 
 @cache
 def _relations_of(kind: type[Section]) -> list[Callable[[Any], Refusals]]:
-    """Those of its own and of what it inherits, these first."""
+    """Relations of a section, those of its base classes first."""
     every = (each for one in reversed(kind.__mro__) for each in vars(one).values())
     return [each for each in every if isinstance(each, FunctionType) and each in _RELATIONS]
 
@@ -280,7 +282,7 @@ def _within(value: Any) -> Iterator[Problem]:
 
 
 def _below(key: str, problems: Iterable[Problem]) -> list[Problem]:
-    """Problems of the value of `key`, by paths that begin with it."""
+    """Problems of the value of `key`, with paths that begin with it."""
     return [(_joined(key, path), message) for path, message in problems]
 
 
@@ -289,7 +291,7 @@ def _joined(path: str, key: str) -> str:
 
 
 def known(value: Any) -> Any:
-    """`value`. Raises UnjudgedError where it is Wrong, or not there."""
+    """Value itself. Raises UnjudgedError if it is Wrong or missing."""
     if value is None or isinstance(value, Wrong):
         raise UnjudgedError
     return value
@@ -320,7 +322,7 @@ AnySection = TypeVar("AnySection", bound=Section)
 
 
 def validate(model: type[AnySection], data: object, source: str, within: str = "") -> AnySection:
-    """`data` as a `model`. Raises GainroomError with all that is wrong, each as SOURCE: key.path: message.
+    """Section `model` of `data`. Raises GainroomError with all problems, each as SOURCE: key.path: message.
 
     within   the key whose value `data` is; "" for a whole file
     """
@@ -338,7 +340,7 @@ def partly(model: type[AnySection], data: object, source: str, together: Togethe
 
 
 def made_when_read(model: Callable[[], type[Section]], optional: bool = True) -> BeforeValidator:
-    """A check of a section whose keys are known only when it is read; None stays None where it is `optional`."""
+    """Validator of a section whose keys are known only when it is read; None stays None if it is `optional`."""
 
     def check(value: object, info: ValidationInfo) -> Section | None:
         return None if value is None and optional else model().model_validate(value, context=info.context)
@@ -347,7 +349,7 @@ def made_when_read(model: Callable[[], type[Section]], optional: bool = True) ->
 
 
 def typed(kinds: Mapping[str, type[Section]], beside: str) -> BeforeValidator:
-    """A check of a section whose `type`, one of `kinds`, decides which keys it has `beside`: the type comes first."""
+    """Validator of a section whose `type`, one of `kinds`, decides the keys that stand `beside` it: the type is validated first."""
     allowed = listed([*kinds], "or", len(kinds))
 
     def check(value: object, info: ValidationInfo) -> Section:
@@ -364,7 +366,7 @@ def typed(kinds: Mapping[str, type[Section]], beside: str) -> BeforeValidator:
 
 
 def _said_of(path: str, message: str) -> str:
-    """A message after the path of what it is about: one sentence where it begins with a verb, "drive.bandwidth is missing"."""
+    """Message after its path: one sentence if the message begins with a verb, "drive.bandwidth is missing"."""
     return f"{path}{' ' if message.startswith(('is ', 'has ')) else ': '}{message}" if path else message
 
 
@@ -404,7 +406,7 @@ def _message(error: Any) -> str:
 
 
 def checked(owner: str, value: object, check: BeforeValidator) -> float:
-    """`value` as one of this module's checks lets it pass. Raises GainroomError that names `owner`, UnjudgedError for what is Wrong."""
+    """Value that passes `check`. Raises GainroomError that names `owner`, UnjudgedError for a value that is Wrong."""
     if isinstance(value, Wrong):
         raise UnjudgedError
     try:
@@ -414,12 +416,12 @@ def checked(owner: str, value: object, check: BeforeValidator) -> float:
 
 
 def dotted(*keys: str) -> str:
-    """The path of keys that lead to a value, as messages write it; a key that is no plain word stands in quotes."""
+    """Path of keys that lead to a value, as in messages; a key that is no plain word stands in quotes."""
     return ".".join(key if re.fullmatch(r"[\w/-]+", key) else shown(key) for key in keys)
 
 
 def _path(data: Any, location: tuple[Any, ...], key: str) -> str:
-    """('control', 'notches', 0) and 'width' as control.notches[0].width, without pydantic's tags between."""
+    """Path such as control.notches[0].width from ('control', 'notches', 0) and 'width', without pydantic's tags between."""
     path = ""
     for part in location:
         if isinstance(data, list) and isinstance(part, int):

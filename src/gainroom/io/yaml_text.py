@@ -1,4 +1,4 @@
-"""Reading YAML with bounds: any file costs little time and memory, and an error is one line.
+"""Bounded reading of YAML: any file costs little time and memory, and an error is one line.
 
 Scalars are read by YAML 1.2's core rules, not PyYAML's 1.1: 1e4 is a number, `on` is a word, 010 and 1:30 are no
 numbers.
@@ -35,23 +35,23 @@ PLAIN = {
 }
 """Plain texts for PyYAML's messages about malformed text."""
 LONGEST = 60
-"""Characters of a value in a message."""
+"""Maximum length of a value in a message [characters]."""
 
 
 Problem = tuple[str, str]
-"""The path of keys that lead to what is wrong, and what is wrong with it."""
+"""Path of keys that lead to a wrong value, and the message about it."""
 
 
 @dataclass(frozen=True)
 class Wrong:
-    """Stands for a value that is wrong, with all that is wrong with it, paths from there; without any where that is said elsewhere."""
+    """Placeholder of a wrong value, with its problems, paths relative to it; no problems if they are reported elsewhere."""
 
     problems: tuple[Problem, ...] = ()
 
 
 @dataclass(frozen=True)
 class Tagged:
-    """A value whose tag says that it is no plain one: where it stands, and the keys of mappings in it."""
+    """Value with a tag of its own: its line, and the keys of mappings in it."""
 
     tag: str
     line: int
@@ -62,7 +62,7 @@ class Tagged:
 
 
 def shown(value: object) -> str:
-    """`value` for a message: printable, on one line, not longer than LONGEST."""
+    """Value for a message: printable, on one line, not longer than LONGEST."""
     if value is None or isinstance(value, bool):
         return {None: "nothing", True: "true", False: "false"}[value]
     text = ascii(value) if isinstance(value, str) and not value.isprintable() else _short(value, [LONGEST])
@@ -71,7 +71,7 @@ def shown(value: object) -> str:
 
 
 def _short(value: object, left: list[int]) -> str:
-    """repr, of as many values as are `left`: a list that holds another one twice, and so on, would be endless."""
+    """Representation of as many values as are `left`: a list that contains itself twice, and so on, would be endless."""
     left[0] -= 1
     if left[0] < 0:
         return "…"
@@ -85,12 +85,12 @@ def _short(value: object, left: list[int]) -> str:
 
 
 def read_text(path: Path) -> str:
-    """The text of a configuration file, within bounds. Raises GainroomError."""
+    """Text of a configuration file, within bounds. Raises GainroomError."""
     return bounded_text(path, MAX_BYTES, "a configuration file")
 
 
 def parse_yaml(text: str, source: str, of_others: bool = False, together: Together | None = None) -> Any:
-    """The plain dicts, lists and scalars of a YAML text; None where it holds nothing.
+    """Plain dicts, lists and scalars of a YAML text; None if it is empty.
 
     source      named in messages
     of_others   whether values may be used again (&, *, <<) and have tags, as in files that programs write
@@ -152,7 +152,7 @@ class _Loader(yaml.SafeLoader):
             self._depth -= 1
 
     def _check(self, event: Any) -> None:
-        """Raise what is wrong with a value that begins with this event."""
+        """Raises the error of a value that begins with this event."""
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
             raise self._refusal("anchors and aliases (&, *) are not allowed here", event.start_mark)
         if getattr(event, "tag", None) is not None:
@@ -169,7 +169,7 @@ class _Loader(yaml.SafeLoader):
         return seen
 
     def _key(self, node: yaml.Node, value: yaml.Node) -> str | None:
-        """None, and a fault, where it is no word."""
+        """Key of a node; None, with a recorded problem, if it is no word."""
         key = self.construct_object(node, deep=True) if isinstance(node, yaml.ScalarNode) else None
         if isinstance(key, str):
             return key
@@ -206,7 +206,7 @@ _Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_number)
 
 
 class _OfOthers(_Loader):
-    """With anchors, aliases and merge keys, each use of a value counted as if it were written there, and with tags."""
+    """Loader with anchors, aliases and merge keys, each use of a value counted as if it were written there, and with tags."""
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
@@ -240,7 +240,7 @@ class _OfOthers(_Loader):
         pass
 
     def _plain_tag(self, node: yaml.Node, tag: str) -> str:
-        """The tag of a plain value of the same meaning, else the tag as it is written."""
+        """Tag of a plain value with the same meaning, else the tag as it is written."""
         if isinstance(node, yaml.ScalarNode):
             plain = self.resolve(yaml.ScalarNode, node.value, (True, False))
             kind = tag.removeprefix(CORE)
@@ -265,7 +265,7 @@ class _OfOthers(_Loader):
         return merged | super().construct_mapping(plain, deep)
 
     def _key(self, node: yaml.Node, value: yaml.Node) -> str | None:
-        """Also a number, true or null, as it is written, but where it may be the rest of a decimal comma's number."""
+        """Key of a node, including numbers, true and null as written, except where it may be the rest of a number with a decimal comma."""
         is_plain = isinstance(node, yaml.ScalarNode) and node.tag.startswith(CORE) and value.tag != f"{CORE}null"
         return node.value if is_plain else super()._key(node, value)
 

@@ -1,12 +1,12 @@
-"""The C++ core: what is hot, and nothing else. Headers in include/gainroom, bound by nanobind as `_core`."""
+"""C++ core: the performance-critical computations, and nothing else. Headers in include/gainroom, bound by nanobind as `_core`."""
 
 from pathlib import Path
 
 
 def include_dir() -> Path:
-    """The folder of the C++ headers, for a compiler's -I."""
+    """Folder of the C++ headers, for a compiler's -I."""
     return Path(__file__).with_name("include")
 
 
 def warmup() -> None:
-    """Nothing is left to do: the core is compiled before it is installed. Kept for callers of earlier versions."""
+    """Function without effect, for callers of earlier versions: the core is compiled before it is installed."""

@@ -19,18 +19,18 @@ def scan(
 def quadratic_programme(
     bend: Floats, pull: Floats, slope: Floats, value: Floats, penalty: float, low: Floats, high: Floats
 ) -> tuple[Floats, float]:
-    """The x (1, n) with low ≤ x ≤ high, and t ≥ 0, that make ½ Σ bend x² + pull·x + penalty t + ½ t² smallest with value + slope x ≤ t.
+    """Solution x (1, n) with low ≤ x ≤ high, and t ≥ 0, of the smallest ½ Σ bend x² + pull·x + penalty t + ½ t² with value + slope x ≤ t.
 
     slope (m, n); value (m,); the others (n,), bend > 0.
     """
 
 def response(zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, points: Complexes) -> Complexes:
-    """The value at s = points (k,), as factors.hpp; sample_time 0: continuous."""
+    """Response at s = points (k,), of factors.hpp; sample_time 0: continuous."""
 
 def response_and_slope(
     zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, omega: Floats
 ) -> tuple[Complexes, Complexes]:
-    """The value at s = jω (k,) and its derivative by ω."""
+    """Response at s = jω (k,) and its derivative by ω."""
 
 def sample(zeros: Complexes, poles: Complexes, gain: float, sample_time: float, fraction: float) -> tuple[Complexes, Complexes, float]:
     """Sampled system of sampling.hpp: zeros, poles and gain in δ; no poles if the numbers are too far apart in size."""
@@ -50,15 +50,15 @@ def delay_margin(
     """Delay margin of scalar_delay_margin.hpp: outcome (the number of its enum), extra delay [s] and ω [rad/s]; crossings (k, 2)."""
 
 def split_delays(delays: Floats, sample_time: float) -> Floats:
-    """(k, 2) whole ticks and the rest as a fraction of a tick, of delays (k,) [s]."""
+    """Whole ticks and the rest as a fraction of a tick (k, 2) of delays (k,) [s]."""
 
 def unstable_roots(gains: Floats, phases: Floats, half_turns: float, unstable_poles: int) -> float: ...
 def half_encirclements(start_phase: float, outside: bool, ends_on_boundary: bool, last_phase: float, gains: Floats) -> float: ...
 def assigned(cost: Floats) -> Integers:
-    """(n,) the column of each row at the least total of `cost` (n, n); ValueError where that is not finite."""
+    """Column (n,) assigned to each row at the least total of `cost` (n, n); ValueError if that is not finite."""
 
 def paired(before: Complexes, after: Complexes) -> Integers:
-    """(k, n) which eigenvalue `after` (k, n) continues each one `before`, as in locus_step.hpp; ValueError where they are not finite."""
+    """Index (k, n) of the eigenvalue `after` (k, n) that continues each one `before`, as in locus_step.hpp; ValueError if not finite."""
 
 class ModalLoop:
     """Loop of modal_loop.hpp; rigid (n, n), real unless `twofold`; shapes (m, n), poles (m,), partners (m,) or (0,)."""
@@ -77,13 +77,13 @@ class ModalLoop:
         inexact: float,
     ) -> None: ...
     def set_laws(self, zeros: Complexes, poles: Complexes, counts: Integers, gains: Floats, delays: Floats) -> None:
-        """Zeros, and poles, joint by joint; counts (n, 2) of them, gains and delays (n,)."""
+        """Sets the control laws: zeros, and poles, joint by joint; counts (n, 2) of them, gains and delays (n,)."""
 
     def responses(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        """f₀ and f_k (k, 1 + m), and d (k, n), at omega (k,)."""
+        """Responses f₀ and f_k (k, 1 + m), and d (k, n), at omega (k,)."""
 
     def mobility(self, s: Complexes) -> Complexes:
-        """P (k, n²) at s (k,), |Re s| < 1e-6 Im s; sampled: behind hold, current loop and the fraction of a tick."""
+        """Mobility P (k, n²) at s (k,), |Re s| < 1e-6 Im s; sampled: behind hold, current loop and the fraction of a tick."""
 
     def bends(self, omega: Floats) -> tuple[Floats, Floats]:
         """Bounds of the interpolation error of `responses` from each ω to the next: (k − 1, 1 + m), (k − 1, n)."""
@@ -106,7 +106,7 @@ class ModalLoop:
         """
 
     def searched(self, low: float, high: float, gain: float, passive: bool) -> Floats:
-        """(k, 2) the part of [low, high] rad/s in which factors up to `gain` may put a root on the boundary."""
+        """Parts (k, 2) of [low, high] rad/s in which factors up to `gain` may put a root on the boundary."""
 
     def excluded(
         self, low: float, high: float, start: float, gain: float, basis: Complexes, floor: float, most: int, counting: bool
@@ -121,7 +121,7 @@ class PostureLimits:
 
     def __init__(self, loop: ModalLoop, slow: float, fast: float, highest: list[float], passive: bool) -> None: ...
     def run(self, rigid: Floats, shapes: Floats, poles: Complexes, partners: Complexes, inexact: Floats) -> tuple[Integers, Floats]:
-        """ModeStacks of k postures: (k, 1) 1 where the limit is proved; (k, 3) gain, ω and the number of the joint that moves most."""
+        """Limits of ModeStacks of k postures: (k, 1) 1 if proved; (k, 3) gain, ω and the index of the joint that moves most."""
 
 class Body:
     """Joint of motion.hpp; positions, rates, entries (2, m)."""
@@ -149,11 +149,11 @@ class Hardware:
     ) -> None: ...
 
 class Testbed:
-    """One joint at some tick, from `state` (m,); no command takes more than `longest` whole ticks. For one thread at a time."""
+    """Testbed of one joint at some tick, from `state` (m,); no command takes more than `longest` whole ticks. For one thread at a time."""
 
     def __init__(self, body: Body, control: Control, hardware: Hardware, state: Floats, longest: int) -> None: ...
     def advance(self, given: Floats, whole: Integers, fraction: Floats) -> Floats:
-        """Rows (made, 7) of the next k ticks, fewer where a position is out of bounds.
+        """Rows (made, 7) of the next k ticks, fewer if a position is out of bounds.
 
         given             (k, 7) reference, motion, feedforward, torques and noises of motor and link
         whole, fraction   (k,) delays of the commands [ticks]
@@ -162,7 +162,7 @@ class Testbed:
         """
 
 def substep(body: Body, hardware: Hardware, state: Floats, bent: Floats, width: float, torques: Floats) -> None:
-    """Moves `state` (m,) and `bent` (2,)."""
+    """Moves `state` (m,) and `bent` (2,) by one substep."""
 
 def recur(transposed: Floats, forcing: Floats, states: Floats, limit: float) -> int:
     """Fills `states` (k + 1, m) from its first row."""
@@ -219,7 +219,7 @@ def predict(
     """Fills `errors` (m, o), and changes `state` (n,)."""
 
 def link_inverse_inertia(mass: Floats, rows: Floats, joints: int) -> Floats:
-    """W (n, n) of link_inertia.hpp."""
+    """Inverse inertia W (n, n) of the links, of link_inertia.hpp."""
 
 class GainTracker:
     """Tracker of tracker.hpp; joints (n, 10) in the order of JointData, sample_time 0: continuous. For one thread at a time.
@@ -249,26 +249,26 @@ class GainTracker:
     def update(
         self, mass: Floats, jacobians: list[Floats], contact: int, tasks: list[Floats] = ...
     ) -> tuple[float, float, bool, int, float, int]:
-        """`tasks`: their Jacobians, m rows in all."""
+        """Limit at the next tick; `tasks`: their Jacobians, m rows in all."""
 
     def settle(self, mass: Floats, jacobians: list[Floats], contact: int, tasks: list[Floats], gain: float) -> tuple[bool, float]:
         """Decision if such ticks lead to the limit `gain`, and the limit that they lead to."""
 
     def set_body(self, tree: RigidTree, contacts: list[tuple[Floats, Floats]], switches: list[int], tasks: Floats) -> None:
-        """For update_posture: frames (c, 13) and held (c, 6) of each contact state; those that are kept ready; tasks (k, 14)."""
+        """Sets the robot for update_posture: frames (c, 13) and held (c, 6) of each contact state; those kept ready; tasks (k, 14)."""
 
     def update_posture(self, q: Floats, contact: int) -> tuple[float, float, bool, int, float, int]:
         """Limit at a posture (nq,), as update; other contact states are prepared in turn."""
 
     def replay(self, q: Floats, contacts: list[int]) -> Floats:
-        """(T, 7) what update_posture answers at each of q (T, nq) and contacts (T,), and how long it took [s]."""
+        """Answers (T, 7) of update_posture at each of q (T, nq) and contacts (T,), and its time [s]."""
 
     def prepare(self, jacobians: list[Floats], contact: int) -> None:
-        """After `update`: the same mass matrix, were the robot in another contact state."""
+        """Prepares another contact state with the mass matrix of the last `update`."""
 
     def update_inverse(self, w: Floats, contact: int) -> tuple[float, float, bool, int, float, int]: ...
     def lost(self, flag: int, contact: int, limit: float) -> tuple[float, float, bool, int, float, int]:
-        """The answer to a tick of which only the contact state is known, or not even that (negative); `limit`: one in another posture."""
+        """Answer to a tick of which only the contact state is known, or not even that (negative); `limit`: one in another posture."""
 
     def crossings(self, contact: int) -> Floats: ...
     def counted_gain(self, contact: int) -> float: ...
@@ -279,13 +279,13 @@ class GainTracker:
     def passive_frequency(self) -> float: ...
 
 def eigenvalues(matrices: Complexes) -> Complexes:
-    """(k, n) of matrices (k, n, n), as eigenvalues.hpp finds them; NaN where they do not settle."""
+    """Eigenvalues (k, n) of matrices (k, n, n), as eigenvalues.hpp finds them; NaN if they do not converge."""
 
 def symmetric_eigenvalues(matrices: Complexes, error: float) -> Complexes:
     """Eigenvalues of matrices that are symmetric in some units; NaN for others, or where they may be off by more than `error`."""
 
 def inverses(matrices: Complexes) -> Complexes:
-    """(k, n n) of matrices (k, n, n). Raises ValueError for a singular one."""
+    """Inverses (k, n n) of matrices (k, n, n). Raises ValueError for a singular one."""
 
 class DirectedLoop:
     """Loop of directed_loop.hpp without its gains. torque (n, m), jacobian (m, n), both (0, 0) if the directions are the joints.
@@ -319,7 +319,7 @@ class DirectedLoop:
         step: float,
     ) -> None: ...
     def set_modes(self, modes: ModalLoop) -> None:
-        """From now on responses are summed over modes where s is about jω."""
+        """Sets the modes over which responses are summed from now on if s is about jω."""
 
     def set_law(
         self,
@@ -333,10 +333,10 @@ class DirectedLoop:
     ) -> None: ...
     def set_boundary(self, grid: Floats, tilt: float, unstable_poles: int, settles: float) -> None: ...
     def lag_about(self, gains: Floats, omega: float) -> tuple[float, float]:
-        """The lag [rad] of the locus nearest to −1 where it crosses the unit circle about ω, and where; NaN where it is lost."""
+        """Lag [rad] of the locus nearest to −1 at its crossing of the unit circle about ω, and that ω; NaN if it is lost."""
 
     def response(self, omega: Floats) -> Complexes:
-        """E P C e^{−sT} X (k, m²) at ω (k,)."""
+        """Response E P C e^{−sT} X (k, m²) at ω (k,)."""
 
 class Look:
     """Sampled loop of loop_samples.hpp and loop_curves.hpp; gains (3, m). Margins are columns (c, 1), with their derivatives (c, 2 m)."""
@@ -353,54 +353,57 @@ class Look:
     @property
     def samples(self) -> int: ...
     def tell_apart(self, factor: float, phase: float) -> None:
-        """More samples where loci that nearly meet may cross with a lesser factor > 1 on the gains, or phase [rad]."""
+        """Adds samples where loci that nearly meet may cross with a lesser factor > 1 on the gains, or phase [rad]."""
 
     def least(self, apart: bool = True) -> tuple[float, float, float, float, float, float]:
         """Least margins of loop_curves.hpp; `apart`: with more samples where loci that nearly meet may cross with less."""
 
     def peak(self, slope: float, offset: float) -> tuple[float, float]: ...
     def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float, until: float = ...) -> tuple[Floats, Floats]:
-        """`until`: the first that is less alone, without its changes. As in peaks, where it is the first that is higher."""
+        """Crossings of the loop with `gains`.
+
+        `until`: only the first crossing with a smaller margin, without its derivatives. As in peaks, where it is the first that is higher.
+        """
 
     def delays(self, gains: Floats, longest: float) -> tuple[Floats, Floats]: ...
     def delay_crossings(self, longest: float) -> Floats:
-        """(c, 2): delays [s] and ω of each."""
+        """Crossings (c, 2): delays [s] and ω of each."""
 
     def one_loop(self) -> Floats:
-        """(n, 4): |ln g| up and down of each joint's gains, a phase [rad], the largest |S_ii|."""
+        """Margins (n, 4) of one joint at a time: |ln g| up and down of its gains, a phase [rad], the largest |S_ii|."""
 
     def common_factors(self) -> Floats:
-        """(2, 2): |ln g| and ω, 0 at rest, of the nearest factors on all gains, above and below 1, that lose a stable loop; inf: none."""
+        """Nearest factors (2, 2) on all gains, above and below 1, that lose a stable loop: |ln g| and ω, 0 at rest; inf: none."""
 
     def passing_factors(self) -> Floats:
-        """(c, 2): of factors on all gains at which a locus passes −1, as far as they are followed, ln g and ω."""
+        """Factors (c, 2) on all gains at which a locus passes −1, as far as they are followed: ln g and ω."""
 
     def common_phase(self) -> tuple[float, float]:
-        """[rad], > 0 for a lag, and its ω; inf where there is none."""
+        """Common phase [rad], > 0 for a lag, and its ω; inf if there is none."""
 
     def crossed(self, lag: float) -> int:
-        """Roots that a `lag` [rad] in all loops brings across the boundary; < 0 a lead."""
+        """Number of roots that a `lag` [rad] in all loops moves across the boundary; < 0 a lead."""
 
     def one_loop_count(self, joint: int, change: float, gain: int) -> int:
-        """Roots that a change of one joint's gains, of all (0) as a part of them, of kp (1) or kd (2), makes unstable.
+        """Number of roots that a change of one joint's gains, of all (0) as a part of them, of kp (1) or kd (2), makes unstable.
 
         Hugely negative where they cannot be counted.
         """
 
     def growths(self, gain: int) -> Floats:
-        """(n, 1) by how much kp (1) or kd (2) of each joint may grow, the others as they are; inf: by any; NaN: not known."""
+        """Factors (n, 1) by which kp (1) or kd (2) of each joint may grow, the others as they are; inf: by any; NaN: not known."""
 
     def peaks(self, gains: Floats, least: float, slope: float, offset: float, until: float = ...) -> tuple[Floats, Floats]: ...
     def ends(self, gains: Floats, locus: bool, reach: float) -> tuple[Floats, Floats]: ...
 
 def balanced(matrices: Complexes) -> Floats:
-    """x (k, n) of matrices (k, n, n), as structured_value.hpp."""
+    """Scaling x (k, n) of matrices (k, n, n), of structured_value.hpp."""
 
 def improved(matrices: Complexes, start: Floats, tolerance: float) -> tuple[Floats, Floats]:
-    """x (k, n) and σ_max (k, 1) of matrices (k, n, n), from `start` (k, n)."""
+    """Scaling x (k, n) and σ_max (k, 1) of matrices (k, n, n), improved from `start` (k, n)."""
 
 def from_below(matrix: Complexes, enough: float) -> tuple[float, Complexes]:
-    """The largest |eigenvalue| found of M diag(q), and q (n, 1); the search ends at `enough`."""
+    """Largest |eigenvalue| found of M diag(q), and q (n, 1); the search ends at `enough`."""
 
 def disk_peak(omega: Floats, samples: Complexes, response: Callable[[float], Complexes]) -> tuple[float, float, Floats]:
     """Peak of disk_peak.hpp, from samples (k, n, n) of S − T at rising omega (k,): σ_max, its ω, and x (n, 1)."""
@@ -410,17 +413,17 @@ class DiskModes:
 
     def __init__(self, poles: Complexes, into: Complexes, out: Complexes, delays: Floats, share: Floats, step: float) -> None: ...
     def matrices(self, omega: Floats) -> Complexes:
-        """X Y⁻¹ (k, n²) at omega (k,)."""
+        """Matrices X Y⁻¹ (k, n²) at omega (k,)."""
 
     def distances(self, low: Floats, high: Floats) -> Floats:
-        """(k, m) the least |v − p| for ω in [low, high] (k,)."""
+        """Least distances |v − p| (k, m) for ω in [low, high] (k,)."""
 
     def bounds(self, low: Floats, high: Floats, x: Floats, enough: float) -> tuple[Complexes, Floats]:
         """Bounds on intervals (k,) with x (k, n): M0, M1, M2 (k, 3 n²); upper bound of σ_max and the remainder (k, 2)."""
 
     def end(self, height: float) -> float: ...
     def search(self, omega: Floats, most: int) -> tuple[tuple[float, float, Floats], float]:
-        """The peak (σ_max, ω, x (n, 1); none: x (0, 1)) from samples at omega (k,), rising from 0, and a bound of σ_max over all ω.
+        """Peak (σ_max, ω, x (n, 1); none: x (0, 1)) from samples at omega (k,), rising from 0, and a bound of σ_max over all ω.
 
         The bound is infinite where `most` intervals are not enough for it.
         """
@@ -434,7 +437,7 @@ class RigidTree:
 
     def __init__(self, floating: bool, root: Floats, joints: Floats, masses: Floats, gravity: Floats) -> None: ...
     def weight(self, q: Floats) -> Floats:
-        """g (N,) at posture q (nq,)."""
+        """Weight g (N,) at posture q (nq,)."""
 
     def dynamics(self, q: Floats, frames: Floats, held: Floats, tasks: Floats) -> tuple[Floats, Floats, Floats]:
         """Mass matrix (N, N); the rows that frames (c, 13) hold, held (c, 6); those of tasks (k, 14), world axes."""
@@ -445,7 +448,7 @@ class PostureEstimate:
     def __init__(self, tree: RigidTree, frames: Floats, held: Floats, start: Floats) -> None: ...
     def renew(self, back: Floats, counted: Floats | None) -> None: ...
     def update(self, joints: Floats) -> Floats:
-        """The posture (nq,) of the encoders' joints (n,)."""
+        """Posture (nq,) of the encoders' joints (n,)."""
 
 class TaskValues:
     """Task values of posture_estimate.hpp: tasks (k, 14): 0 centre of mass, 1 posture, 2 position, 3 orientation; then its frame (13)."""
@@ -454,15 +457,15 @@ class TaskValues:
     def read(self, q: Floats) -> Floats: ...
 
 def exponential(matrix: Floats) -> Floats:
-    """e^A (n, n), as in motion.hpp."""
+    """Matrix exponential e^A (n, n), of motion.hpp."""
 
 def pseudo_inverse(matrix: Floats, share: float) -> Floats:
-    """A⁺ (n, m) of A (m, n), as row_space.hpp."""
+    """Pseudo-inverse A⁺ (n, m) of A (m, n), of row_space.hpp."""
 
 def task_motion(
     inertia: Floats, held: Floats, tasks: Floats, sizes: list[int], joints: int, movable: float
 ) -> tuple[Floats, Floats, list[int], int]:
-    """Y (N, n), X (n, m), directions of each task that can be moved, and motions that contacts leave, as task_motion.hpp.
+    """Task motion of task_motion.hpp: Y (N, n), X (n, m), directions of each task that can be moved, and motions that contacts leave.
 
     ValueError where a number is not finite, or the inertia not positive definite.
     """
@@ -488,4 +491,4 @@ class BoxLoop:
         rest: float,
     ) -> None: ...
     def at(self, low: Floats, high: Floats, scaled: bool) -> tuple[Floats, Complexes, Floats]:
-        """Sectors of boxes low to high (n, p): their four bounds (4, n), centers (1, n) and scores (n, p)."""
+        """Sectors of boxes low to high (n, p): their four bounds (4, n), centres (1, n) and scores (n, p)."""

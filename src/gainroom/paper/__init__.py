@@ -50,12 +50,12 @@ FIGURES = (
     Figure("Claim 3: a large load cannot track", claim3.rows, claim3.pictures, ROBOT),
     Figure("Claim 4: limits in operational space", claim4.rows, claim4.pictures, ROBOT),
 )
-"""In the paper's order."""
+"""Figures in the paper's order."""
 
 
 @dataclass(frozen=True)
 class Reproduced:
-    """A figure as it comes out here."""
+    """Figure as reproduced here."""
 
     title: str
     rows: tuple[Row, ...]
@@ -64,7 +64,7 @@ class Reproduced:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """All figures, in the paper's order; `warnings` say what was left out, and what to do about it."""
+    """Reproduction of all figures, in the paper's order; `warnings` name omissions and their remedies."""
 
     figures: tuple[Reproduced, ...]
     warnings: tuple[str, ...] = ()

@@ -30,7 +30,7 @@ LONGEST = 0.5  # step [rad] that does not turn the knees over
 
 @cache
 def biped() -> System:
-    """The example file. Raises GainroomError where Pinocchio is not installed."""
+    """System of the example file. Raises GainroomError if Pinocchio is not installed."""
     return parse_robot((files("gainroom") / "files" / "examples" / EXAMPLE).read_text("utf-8"), EXAMPLE)
 
 
@@ -44,7 +44,7 @@ def standing(contact: str, rigid: bool = False) -> RobotModel:
 
 
 def standing_so(q: Floats) -> RobotModel:
-    """The biped on both feet in posture `q`."""
+    """Biped on both feet in posture `q`."""
     robot = biped().source
     return linearize(robot.body, robot.actuators, q, robot.contacts["double"])
 
@@ -58,12 +58,12 @@ def com_tasks(model: RobotModel, rotors: bool = True, pelvis: bool = False) -> T
 
 
 def free_loads(contact: str) -> Floats:
-    """(12,) 1/W_ii [kg m²]: the load of every joint with its neighbours free."""
+    """Load 1/W_ii of every joint with its neighbours free (12,) [kg m²]."""
     return 1 / np.diag(standing(contact).link_inverse_inertia)
 
 
 def on_both_feet(body: RigidBody, com: Floats, pitch: float, near: Floats | None = None) -> Floats:
-    """The posture (nq,) with both soles flat at height 0, straight ahead under the hips, their origins (the ankles') at x = 0.
+    """Posture (nq,) with both soles flat at height 0, straight ahead under the hips, their origins (the ankles') at x = 0.
 
     com     (3,) centre of mass over the middle between the feet [m]
     pitch   of the pelvis [rad], forward where positive; it neither rolls nor yaws
@@ -93,5 +93,5 @@ def on_both_feet(body: RigidBody, com: Floats, pitch: float, near: Floats | None
 
 
 def _turn(axes: Floats, wanted: Rotation) -> Floats:
-    """The remaining rotation, in the frame's own axes [rad]."""
+    """Remaining rotation, in the frame's own axes [rad]."""
     return (Rotation.from_matrix(axes).inv() * wanted).as_rotvec()

@@ -64,13 +64,13 @@ def pictures() -> Iterator[Picture]:
 
 @cache
 def limits(delay: float) -> tuple[Floats, Floats]:
-    """Over RATIOS: the factor on Fig. 9's gains at the edge of stability, and the frequency of the vibration there [rad/s]."""
+    """Factors on Fig. 9's gains at the edge of stability over RATIOS, and the frequency of the vibration there [rad/s]."""
     found = [limit_with_load(ratio * MOTOR_INERTIA, delay=delay) for ratio in RATIOS.tolist()]
     return np.array([limit.gain for limit in found]), np.array([limit.frequency for limit in found])
 
 
 def change(delay: float) -> Floats:
-    """The gain limit over RATIOS against that of the heaviest load [dB]."""
+    """Gain limit over RATIOS relative to that of the heaviest load [dB]."""
     gains = limits(delay)[0]
     return 20 * np.log10(gains / gains[-1])
 

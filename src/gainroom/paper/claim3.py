@@ -122,7 +122,7 @@ def edge_at(load: float) -> Edge:
 
 @cache
 def supporting(contact: str, joint: str) -> Edge:
-    """A supporting ankle, the body held stiff above it."""
+    """Edge of a supporting ankle, with the body held stiff above it."""
     moving = [NAMES.index(name) for name in SWAY[contact, joint]]
     load = shared_load(standing(contact).link_inverse_inertia, moving, NAMES.index(f"left_{joint}"))
     return edge_at(load / sum(name.endswith(joint) for name in SWAY[contact, joint]))

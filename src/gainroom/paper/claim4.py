@@ -30,7 +30,7 @@ GAIN_SETS = {  # K'p [1/s²], K'v [1/s] in x, y, z
 NAMED = {"table1_gains": "K'p 50, 90, 200, K'v 1, 5, 15", "com_100_20": "K'p 100, K'v 20"}
 PRINTED_GAP = (300.0, 57.6)  # [N·m·s/rad] "around 300" for a joint by itself; the largest in Table I
 CLEARLY = 1.5
-"""Coupling that costs a third of the limit counts as its cause; 10 % does not."""
+"""Ratio of limits from which on coupling counts as the cause: it costs a third of the limit; 10 % does not count."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def pictures() -> Iterator[Picture]:
 
 @cache
 def standing_limits(contact: str, gains: str) -> Limits:
-    """In the example's first posture."""
+    """Limits in the example's first posture."""
     model = standing(contact)
     matrices = com_tasks(model).joint_gains(*GAIN_SETS[gains])
     rigid = gain_limit(build_loop(standing(contact, rigid=True), DRIVE, PD(*matrices))).gain

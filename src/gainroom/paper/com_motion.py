@@ -49,16 +49,16 @@ class ComMotion:
 
     @property
     def error(self) -> Floats:
-        """(k, 3) reference minus measured, from encoders on the motor side, as the controller has it."""
+        """Reference minus measured position (k, 3), from encoders on the motor side, as the controller has it."""
         return self.run.error[:, :3]
 
     @property
     def steady(self) -> Floats:
-        """(3,) at the end."""
+        """Error (3,) at the end."""
         return self.run.steady_error(STEADY)[:3]
 
     def after(self, duration: float) -> Floats:
-        """(3,) error `duration` [s] after the end of the motion."""
+        """Error (3,) `duration` [s] after the end of the motion."""
         return self.error[np.argmin(np.abs(self.time - MOTION - duration))]
 
 

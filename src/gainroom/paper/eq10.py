@@ -15,7 +15,7 @@ ROUNDING = 1e-8  # relative; linear systems with condition numbers of about 1e6
 
 
 def rows() -> Iterator[Row]:
-    """In double and in single support."""
+    """Rows in double and in single support."""
     for contact, support in SUPPORTS.items():
         model = standing(contact)
         tasks = com_tasks(model)
@@ -50,7 +50,7 @@ def _torque_deviation(model: RobotModel) -> float:
 
 
 def _accelerations(model: RobotModel, torque: Floats) -> Floats:
-    """(N, m) of everything under joint torques (n, m): inertia with rotors, contacts that do not accelerate."""
+    """Accelerations (N, m) of all coordinates under joint torques (n, m): inertia with rotors, contacts that do not accelerate."""
     inertia, contacts = with_rotors(model), model.contact_jacobian
     held = len(contacts)
     system = np.block([[inertia, contacts.T], [contacts, np.zeros((held, held))]])
@@ -59,5 +59,5 @@ def _accelerations(model: RobotModel, torque: Floats) -> Floats:
 
 
 def _com(model: RobotModel, moved: Floats) -> Floats:
-    """(3,) the centre of mass [m] after a small motion (N,)."""
+    """Centre of mass (3,) [m] after a small motion (N,)."""
     return model.body.com(model.body.integrate(model.q, moved))

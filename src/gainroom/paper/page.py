@@ -1,4 +1,4 @@
-"""The reproduction as a page: the answer, the pictures in the paper's form, and every number beside the paper's."""
+"""Page of the reproduction: the answer, the pictures in the paper's form, and every number beside the paper's."""
 
 from collections.abc import Sequence
 from html import escape
@@ -71,7 +71,7 @@ def _named(row: Row) -> Html:
 
 
 def _inputs() -> Html:
-    """The inputs, and whether the paper prints them."""
+    """Inputs of the reproduction, each with its origin in the paper or by inference."""
     joint, drive, gains, testbed = joints.joint_with_load(joints.RATIO), joints.DRIVE, joints.GAINS, joints.TESTBED
     matching = "inferred from Fig. 9's four cases"
     rows = (

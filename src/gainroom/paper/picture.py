@@ -101,5 +101,5 @@ def bode(
 
 
 def decibels(loop: Loop, omega: float) -> float:
-    """|L(jω)| [dB] of a scalar loop."""
+    """Magnitude |L(jω)| [dB] of a scalar loop."""
     return float(20 * np.log10(np.abs(loop.response(omega).item())))

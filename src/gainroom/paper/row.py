@@ -36,7 +36,7 @@ class Row:
 
     @property
     def is_claim(self) -> bool:
-        """The note says what becomes of one of the paper's conclusions."""
+        """True if the note gives the result of one of the paper's conclusions."""
         return self.note.startswith("Claim ")
 
 

@@ -25,7 +25,7 @@ DELAY_TEXT = f"{1e3 * TESTBED_DRIVE.delay:.4g} ms"
 
 
 def rows() -> Iterator[Row]:
-    """Continuous, then sampled."""
+    """Rows of the continuous, then of the sampled model."""
     yield from _continuous_rows()
     yield from _sampled_rows()
 

@@ -35,7 +35,7 @@ def loop_of_testbed(kp: float, kv: float, delay: float = BUS_DELAY, joint: Elast
 
 
 def virtual_testbed(loop: Loop, jitter: float = 0.0, whole_ticks: bool = False) -> Testbed:
-    """That loop with the hardware's friction, gravity, encoders and torque limit; `jitter` [s] of the bus."""
+    """Testbed with the hardware's friction, gravity, encoders and torque limit; `jitter` [s] of the bus."""
     return Testbed(
         loop,
         motor_friction=MOTOR_FRICTION,
