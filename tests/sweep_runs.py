@@ -9,7 +9,7 @@ from pathlib import Path
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.files.sweep_options import standing
 from gainroom.studies.sweep.limits import Limits
-from gainroom.studies.sweep.plan import SweepPlan, Task
+from gainroom.studies.sweep.plan import SweepPlan, SweepTask
 from gainroom.studies.sweep.postures import sampled
 from gainroom.studies.sweep.run import Done, run
 from gainroom.studies.sweep.store import Store
@@ -39,7 +39,7 @@ class Deadly(SweepPlan):
     deadly: int = 0
     once: str = ""
 
-    def computed(self, task: Task) -> Limits:
+    def computed(self, task: SweepTask) -> Limits:
         if task == self.task(self.deadly) and not (self.once and os.path.exists(self.once)):
             if self.once:
                 Path(self.once).touch()

@@ -17,7 +17,7 @@ import gainroom as gr
 from gainroom.analysis.part_requirements import unread
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
-from gainroom.studies.deciding_joints import deciding_joints
+from gainroom.studies.critical_joints import critical_joints
 from gainroom.system.controller import CONTROLLERS, Controller, GainKey
 from gainroom.system.requirement import Requirement
 from gainroom.system.requirements import REQUIREMENTS, SensitivityBound
@@ -282,9 +282,9 @@ def test_the_joint_that_misses_a_requirement(monkeypatch: pytest.MonkeyPatch):
         values = loop.response(np.geomspace(0.1, 3000, 20_000))
         peaks = np.abs(1 - np.diagonal(np.linalg.inv(np.eye(2) + values), axis1=1, axis2=2)).max(axis=0)
         assert np.argmax(peaks) == worst
-        assert deciding_joints(loop, found, ("hip", "knee"), known.name) == (("hip", "knee")[worst],)
-        assert deciding_joints(loop, found, ("hip", "knee"), "bandwidth") == ()
-        assert deciding_joints(loop, found, ("hip", "knee"), "of_joints") == ("knee",)
+        assert critical_joints(loop, found, ("hip", "knee"), known.name) == (("hip", "knee")[worst],)
+        assert critical_joints(loop, found, ("hip", "knee"), "bandwidth") == ()
+        assert critical_joints(loop, found, ("hip", "knee"), "of_joints") == ("knee",)
 
 
 def test_no_picture_leaves_out_a_requirement_unsaid():

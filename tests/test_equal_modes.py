@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 import gainroom as gr
 from gainroom.analysis.equal_modes import common_mode
 from gainroom.analysis.gain_limit import limit_from_loci
-from gainroom.studies.deciding_joints import deciding_joints
+from gainroom.studies.critical_joints import critical_joints
 from gainroom.studies.state import limiting_joints
 from gainroom.system.linear.arrays import first_least, rank
 
@@ -47,7 +47,7 @@ def test_equal_legs_are_both_named_where_delay_or_phase_is_lost(digit):
     loop = legs(digit)
     found = gr.joint_margins(loop)
     for name in ("delay_margin", "phase_margin"):
-        named = deciding_joints(loop, found, NAMES, name)
+        named = critical_joints(loop, found, NAMES, name)
         assert {one.removeprefix("left_") for one in named if "left" in one} == {
             one.removeprefix("right_") for one in named if "right" in one
         }

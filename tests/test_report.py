@@ -14,7 +14,7 @@ from gainroom.report.gain_map import GainPoint, _marks
 from gainroom.report.joint import joint_page
 from gainroom.report.joint_tables import JointPresentation
 from gainroom.report.joint_text import _change, sentence, warnings as warnings_of
-from gainroom.report.map_lines import View
+from gainroom.report.map_lines import MapView
 from gainroom.report.number_format import digits
 from gainroom.report.page import Card, Html, Lead, Section, figure, page, table
 from gainroom.simulation.step_response import step_response
@@ -160,7 +160,7 @@ def test_gain_map_draws_the_exact_boundary(stable, stable_page):
 @pytest.mark.parametrize("place", [(0.40, 0.26), (0.36, 0.25), (0.335, 0.252), (0.33, 0.22), (0.97, 0.25), (0.30, 0.25)])
 def test_names_on_the_gain_map_cover_no_mark_and_no_name(place: tuple[float, float]):
     """Of gains nearly alike, in pixels: 7.5 per letter, a line of 18, marks of 16."""
-    view, spots = View(10.0, 100.0, 10.0, 100.0), []
+    view, spots = MapView(10.0, 100.0, 10.0, 100.0), []
     for name, (x, y) in {"this file": place, "recommended": (0.33, 0.25), "10 Hz rule": (0.34, 0.30)}.items():
         spots.append(GainPoint(name, 10 * x, 100 * y, "circle", "#000000"))
     _, notes = _marks(spots, view, ("kp", "kd"))

@@ -7,8 +7,7 @@ import pytest
 import gainroom as gr
 from draws import draw_setup
 from gainroom.errors import GainroomError
-from gainroom.system.linear.sampling import sample
-from gainroom.system.linear.transfer_function import Factored
+from gainroom.system.linear.transfer_function import Factored, sample
 from wide_joints import narrow, wide
 
 DIGITS = 200

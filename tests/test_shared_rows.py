@@ -4,7 +4,7 @@ import pytest
 
 from gainroom.cli.output import render
 from gainroom.report.columns import alike_rows, shared_row
-from gainroom.report.presentation import Grid
+from gainroom.report.presentation import TextTable
 
 LEFT = ("left_knee", "no", "98.7", "✗ 22.1°")
 
@@ -40,7 +40,7 @@ def test_four_legs_share_one_row_and_other_joints_keep_theirs():
 def test_what_differs_in_a_column_that_has_no_room_is_no_difference(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("COLUMNS", "80")
     rows = [(f"{side}_{'long' * 4}", "12.34", "1.5", value) for side, value in (("left", "1.234567"), ("right", "2.345678"))]
-    grid = Grid("", ["joint", "a", "b", "more"], rows, ["more"]).sharing
+    grid = TextTable("", ["joint", "a", "b", "more"], rows, ["more"]).sharing
     assert len([line for line in render(grid).splitlines() if "12.34" in line]) == 2
     monkeypatch.setenv("COLUMNS", "40")
     assert len([line for line in render(grid).splitlines() if "12.34" in line]) == 1

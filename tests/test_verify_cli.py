@@ -16,7 +16,7 @@ from gainroom.files.joint_yaml import parse_joint
 from gainroom.report.verification import verification_page
 from gainroom.report.verification_text import VerificationPresentation, percent, sentence
 from gainroom.studies import verification
-from gainroom.studies.verification import Case, Verification, growth_about, verify
+from gainroom.studies.verification import Verification, VerifiedLimit, growth_about, verify
 from test_report import figures, headline, without_library
 
 EXAMPLES = joint_examples()
@@ -113,7 +113,7 @@ def test_a_wrong_prediction_is_status_1(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_tolerances_are_of_gain_and_of_frequency():
-    case = Case("one joint", "linear", 1.0, 1.0009, 100.0, 100.09)
+    case = VerifiedLimit("one joint", "linear", 1.0, 1.0009, 100.0, 100.09)
     assert case.agrees
     assert not replace(case, simulated_gain=1.0011).agrees
     assert not replace(case, simulated_frequency=99.8).agrees
@@ -174,11 +174,11 @@ def test_a_run_is_one_case_of_the_ranges():
 
 
 ROBOT_CASES = (
-    Case("stand/double: joint space", "linear", 1.2, 1.2003, 300.0, 300.03),
-    Case("stand/double: joint space", "mujoco", 1.2, 1.19, 300.0, 303.0),
-    Case("stand/left: joint space", "linear", 0.5, 0.5, 250.0, 250.0),
-    Case("stand/left: joint space", "mujoco", 0.5, float("nan"), 250.0, float("nan")),
-    Case("stand/left: task space", "linear", float("inf"), float("inf"), float("nan"), float("nan")),
+    VerifiedLimit("stand/double: joint space", "linear", 1.2, 1.2003, 300.0, 300.03),
+    VerifiedLimit("stand/double: joint space", "mujoco", 1.2, 1.19, 300.0, 303.0),
+    VerifiedLimit("stand/left: joint space", "linear", 0.5, 0.5, 250.0, 250.0),
+    VerifiedLimit("stand/left: joint space", "mujoco", 0.5, float("nan"), 250.0, float("nan")),
+    VerifiedLimit("stand/left: task space", "linear", float("inf"), float("inf"), float("nan"), float("nan")),
 )
 
 
@@ -204,7 +204,7 @@ def test_every_case_is_in_the_picture():
 
 
 @pytest.mark.parametrize("cases", [ROBOT_CASES, ROBOT_CASES[:2], ROBOT_CASES[:3], ROBOT_CASES[4:]])
-def test_the_page_says_what_json_says(cases: tuple[Case, ...]):
+def test_the_page_says_what_json_says(cases: tuple[VerifiedLimit, ...]):
     """Of gains that disagree, that have headroom, that are unstable, and that nothing makes vibrate; frequencies in Hz."""
     result = Verification(cases, of_robot=True)
     own = without_library(verification_page(shown(SAMPLED, result), "gainroom verify robot.yaml"))
@@ -228,8 +228,8 @@ def test_a_difference_has_digits_enough_to_tell_it_from_what_is_allowed():
 
 
 def test_cases_that_disagree_are_reported_with_differences_and_likely_cause():
-    good = Case("stand: joint space", "linear", 1.0, 1.0, 500.0, 500.0)
-    off = Case("stand: joint space", "mujoco", 1.0, 0.9798, 500.0, 560.0)
+    good = VerifiedLimit("stand: joint space", "linear", 1.0, 1.0, 500.0, 500.0)
+    off = VerifiedLimit("stand: joint space", "mujoco", 1.0, 0.9798, 500.0, 560.0)
     told = sentence(Verification((good, off), of_robot=True))
     assert "in 1 of 2 cases. stand: joint space (mujoco): gain differs by 2.02 %, frequency differs by 12 %, 2 % allowed. " in told
     assert "The linear simulation agrees" in told
@@ -239,7 +239,7 @@ def test_cases_that_disagree_are_reported_with_differences_and_likely_cause():
 
 
 def test_what_verify_leaves_out_is_said():
-    good = Case("one joint", "linear", 1.0, 1.0, 500.0, 500.0)
+    good = VerifiedLimit("one joint", "linear", 1.0, 1.0, 500.0, 500.0)
     assert sentence(Verification((good,))).endswith("Both are for small motions.")
     limited = Verification((good,), effects=("friction", "the torque limit"))
     assert sentence(limited).endswith("Both are for small motions, without the scenario's friction and torque limit.")

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..report.bode import Case, frequency_span, response
+from ..report.bode import BodeLoop, frequency_span, response
 from ..report.gain_map import around, edge_frequencies, gain_points
-from ..report.map_lines import View as Window, opened, outlines, required_lines
+from ..report.map_lines import MapView as Window, opened, outlines, required_lines
 from ..simulation.step_response import step_response
 from ..studies.joint import JointStudy
 from .bench import drawn_line, drawn_response, drawn_step, rounded
@@ -20,7 +20,7 @@ STEP_POINTS = 500
 
 def sweep_span(study: JointStudy) -> tuple[float, float]:
     """Span of the frequency axis [rad/s], constant while gains move."""
-    low, high = frequency_span(study, [Case("", study.loop, study.margins)])
+    low, high = frequency_span(study, [BodeLoop("", study.loop, study.margins)])
     return low / WIDER, high if study.system.control.sample_time is not None else high * WIDER
 
 

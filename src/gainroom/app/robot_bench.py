@@ -28,7 +28,7 @@ from ..report.verdict import robot_to_use, verdict_facts
 from ..robot.model import RobotModel
 from ..robot.robot import Posture, Robot
 from ..simulation.robot_simulation import RobotSimulation
-from ..studies.deciding_joints import deciding_joints_in
+from ..studies.critical_joints import critical_joints_in
 from ..studies.loop_numbers import limit_of
 from ..studies.progress import Progress, quiet
 from ..studies.robot import RobotStudy, study_robot
@@ -350,7 +350,7 @@ class RobotBench:
         """Place of a row's worst value: posture, contact state, and the joint that misses its requirement there."""
         state = study.worst[row["name"]]
         place = {"posture": state.posture, "contact": state.contact}
-        missing = deciding_joints_in(state, row["name"])[:1] if row["met"] is False and study.stable_in_range else ()
+        missing = critical_joints_in(state, row["name"])[:1] if row["met"] is False and study.stable_in_range else ()
         return {**place, "joint": missing[0]} if missing and missing[0] in self._channels.names else place
 
     def _to_use(self, study: RobotStudy) -> dict[str, dict[str, float]]:

@@ -204,8 +204,7 @@ def _besides(
 def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: "Callable[[Audited], Audit]") -> "tuple[Audit, Audited]":
     """Audit of `found`, or of each reading of it, and the system audited; `judged` audits one of them."""
     from ..files.readings import HOST, damping_readings, drive_reading
-    from ..studies.audit import ReadAs
-    from ..studies.audit_readings import least_of, with_drives
+    from ..studies.audit import ReadAs, least_of, with_drives
 
     damped = damping_readings(model, gains, found)
     if damped:

@@ -19,7 +19,7 @@ from .progress import progress_bar
 if TYPE_CHECKING:
     from ..files.logs import LoggedJoint
     from ..identification import JointFit
-    from ..report.estimates import Answer
+    from ..report.estimate_columns import Answer
     from ..system.drive import Drive
 
 GAINS = ("kp", "kd")
@@ -252,7 +252,7 @@ def show(
     facts: Mapping[str, Any] | None = None,
 ) -> None:
     """Prints the sentence, the numbers, `more`, the `files` written, and the warnings; `facts`: further keys in JSON."""
-    from ..report.estimates import TITLES
+    from ..report.estimate_columns import TITLES
     from ..report.log_text import logged_facts, logged_remarks
     from ..report.presentation import closing
 

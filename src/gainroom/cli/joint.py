@@ -32,9 +32,9 @@ def joint(
 
     system = load_joint(file, two_paths=True)
     if system.control.kd_path is not None:
-        from .two_paths import two_paths
+        from .gain_paths import study_paths
 
-        return exit_status(two_paths(system, as_json, report), exit_zero)
+        return exit_status(study_paths(system, as_json, report), exit_zero)
     with report_stream(report) as page:
         from ..report.joint_tables import JointPresentation
         from ..studies.joint import study_joint

@@ -118,14 +118,14 @@ def _drawn(part: "Part | Table") -> Any:
     """Text, unbroken line or table in rich's types."""
     from rich.text import Text
 
-    from ..report.presentation import Grid, Legend, Typed
+    from ..report.presentation import Legend, TextTable, Unwrapped
 
-    if isinstance(part, Grid):
+    if isinstance(part, TextTable):
         drawn = table(part.title, part.headings, part.rows, part.drops)
         return _drawn(part.shared(headings(drawn))) if part.shares else drawn
     if isinstance(part, Legend):
         return part.text([heading for one in part.tables for heading in headings(_drawn(one))])
-    return Text(printable(part), no_wrap=True) if isinstance(part, Typed) else part
+    return Text(printable(part), no_wrap=True) if isinstance(part, Unwrapped) else part
 
 
 def render(*parts: Any, wide: bool = False) -> str:

@@ -40,9 +40,9 @@ def robot(
 
     system = load_robot_system(file, two_paths=True)
     if system.control.kd_path is not None:
-        from .two_paths import two_paths
+        from .gain_paths import study_paths
 
-        return exit_status(two_paths(system, as_json, report), exit_zero)
+        return exit_status(study_paths(system, as_json, report), exit_zero)
     with report_stream(report) as page:
         with progress_bar("robot:") as progress:
             study, elsewhere = _studied(system, sweep, progress)

@@ -11,7 +11,7 @@ audit        audit, audit_text; gearboxes, simulator_text
 simulate     simulation, simulation_text; curves
 sweep        sweep, sweep_text; workspace: a sweep as a part of another page
 verify       verification, verification_text
-identify     identification, identified_text, log_text, estimates; plan; diagnosis, diagnosis_text
+identify     identification, identified_text, log_text, estimate_columns; plan; diagnosis, diagnosis_text
 shared       words (every sentence about safety), verdict (requirements and gains to use, first on every page), gains_to_use,
-             next_commands, margin_columns, columns, presentation, page (HTML), page_parts, number_format, style; two_paths
+             next_commands, margin_columns, columns, presentation, page (HTML), page_parts, number_format, style; gain_paths
 """

@@ -118,7 +118,7 @@ def _gain_margin_text(result: Audit) -> str:
 
 def _lead(shown: AuditPresentation) -> Lead:
     result, swept = shown.result, shown.swept
-    said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _do_this(result, shown.call), verdict(result)
+    warnings, do, sentence = list(audit_warnings(result)[:ON_TOP]), _do_this(result, shown.call), verdict(result)
     if not result.stable and result.to_use is None and not result.withheld:
         sentence = audit_sentence(result)
     sentence = in_workspace(in_simulator(sentence, shown.simulated), swept)
@@ -127,10 +127,10 @@ def _lead(shown: AuditPresentation) -> Lead:
         if result.safe:
             do = advice_box(advice)
         else:
-            said.insert(0, " ".join([*advice.remarks, advice.heading]))
+            warnings.insert(0, " ".join([*advice.remarks, advice.heading]))
     how = tone(shown.verdict)
     where = " in the simulator: do not train with" if result.stable else ": do not run"
-    return Lead(sentence, how, f"UNSTABLE{where} these gains" if how == "bad" else "", said, do)
+    return Lead(sentence, how, f"UNSTABLE{where} these gains" if how == "bad" else "", warnings, do)
 
 
 def _do_this(result: Audit, call: str) -> Html | str:
@@ -263,7 +263,7 @@ def audited_margins(result: Audit) -> list[Column]:
 
 
 @dataclass(frozen=True)
-class Row:
+class HeadroomRow:
     """Row of factors by state (k,), the least of joints that share it; NaN: none. `sides`: the prefixes of their names."""
 
     name: str
@@ -281,17 +281,17 @@ class Row:
         return float(np.min(self.factors, initial=math.inf, where=~np.isnan(self.factors)))
 
 
-def headroom_rows(result: Audit) -> list[Row]:
+def headroom_rows(result: Audit) -> list[HeadroomRow]:
     """Rows of the headroom picture: all gains together, single paths if kd has its own, and every joint as judged, least headroom first."""
-    rows = [Row(TOGETHER, (), np.array([state.limit.gain for state in result.states]))]
+    rows = [HeadroomRow(TOGETHER, (), np.array([state.limit.gain for state in result.states]))]
     paths = [state.margins.paths for state in result.states]
     if any(path is not None for path in paths):
-        rows.append(Row(PATHS, (), np.array([math.nan if path is None else path.headroom for path in paths])))
+        rows.append(HeadroomRow(PATHS, (), np.array([math.nan if path is None else path.headroom for path in paths])))
     judged = np.array([result.joint_limits_in(state) for state in result.states])
-    joints: list[Row] = []
+    joints: list[HeadroomRow] = []
     for name, factors in zip(result.system.source.joint_names, judged.T, strict=True):
         side, _, rest = re.sub(r"([^A-Za-z0-9]+)", r"\0\1", name, count=1).partition("\0")
-        own = Row(rest, (side,), factors) if rest else Row(name, (), factors)
+        own = HeadroomRow(rest, (side,), factors) if rest else HeadroomRow(name, (), factors)
         twin = next(
             (k for k, row in enumerate(joints) if own.sides and row.name == rest and math.isclose(row.least, own.least, rel_tol=ALIKE)),
             None,
@@ -299,12 +299,12 @@ def headroom_rows(result: Audit) -> list[Row]:
         if twin is None:
             joints.append(own)
         else:
-            joints[twin] = Row(rest, (*joints[twin].sides, side), np.fmin(joints[twin].factors, factors))
-    single = [Row(row.title, (), row.factors) if len(row.sides) == 1 else row for row in joints]
+            joints[twin] = HeadroomRow(rest, (*joints[twin].sides, side), np.fmin(joints[twin].factors, factors))
+    single = [HeadroomRow(row.title, (), row.factors) if len(row.sides) == 1 else row for row in joints]
     return rows + sorted(single, key=lambda row: rank(row.least))
 
 
-def row_of_verdict(result: Audit, rows: list[Row]) -> Row:
+def row_of_verdict(result: Audit, rows: list[HeadroomRow]) -> HeadroomRow:
     """Row that the verdict names, the least of those that count: all gains together and single paths.
 
     For a stable robot that misses the gain margin the rows of joints count too.
@@ -373,7 +373,7 @@ def _level(value: float) -> str:
     return digits(to_db(value), "dB", 3) if value > 0 else "stable at no factor"
 
 
-def _label(row: Row) -> str:
+def _label(row: HeadroomRow) -> str:
     """Row label: the name, and in smaller letters its sides."""
     below = f'<br><span style="font-size:11px;color:{style.SOFT}">{escape(", ".join(row.sides), quote=False)}</span>' if row.sides else ""
     return escape(row.name.lstrip("_- ") if row.sides else row.name, quote=False) + below

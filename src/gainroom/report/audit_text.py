@@ -16,7 +16,7 @@ from ..files.audit_options import GIVEN, Audited
 from ..files.carried_robot import carried
 from ..io.as_typed import as_typed
 from ..studies.audit import Audit
-from ..studies.deciding_joints import joints_that_miss
+from ..studies.critical_joints import joints_that_miss
 from ..studies.factors import typed_factor
 from ..studies.lowered_gains import GainsToUse
 from ..studies.state import HELD, USUAL_RATE
@@ -32,7 +32,7 @@ from .margin_columns import margin_value, required_facts, requirement
 from .next_commands import search_and_audit
 from .number_format import digits, model_facts, model_text, path_facts
 from .page import Advice
-from .presentation import Grid, Legend, Part, Presentation, closing, do_this, folded, warned_first
+from .presentation import Legend, Part, Presentation, TextTable, closing, do_this, folded, warned_first
 from .robot_columns import AUDITED_JOINT, audited_joints, audited_states, joint_caption, legend
 from .robot_text import free_joints, unconfirmed
 from .words import SOFTER, UNSTABLE, headline, in_simulator, motor_inertias, unsafe_joints, without_motors
@@ -246,7 +246,7 @@ def what_to_do(
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
     none = "No common factor on the gains was found that gives all margins."
-    if result.has_two_paths:
+    if result.has_kd_path:
         return Advice(f"{none} Gains whose kd closes on another clock are not searched: lower kp or kd, and audit again.")
     if result.system.source.unknown.get("motor_inertia_unknown"):
         return Advice(f"{none} {MOTORS_FIRST}: others would be searched for other motors.")
@@ -360,9 +360,13 @@ def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
     of_first, count = _values(result, found, first), len(found.joints)
     left = len(result.joints) - count
     groups = _by_factor(result, found)
-    kept = sum(not joint.safe and joint.name not in found.joints for joint in result.joints)
+    unchanged = sum(not joint.safe and joint.name not in found.joints for joint in result.joints)
     others = f" and leave the other{f' {left}' if count > 1 else 's'}" if left else ""
-    others += f", of which {kept} that {'fail' if kept > 1 else 'fails'} now {'have' if kept > 1 else 'has'} enough then" if kept else ""
+    others += (
+        f", of which {unchanged} that {'fail' if unchanged > 1 else 'fails'} now {'have' if unchanged > 1 else 'has'} enough then"
+        if unchanged
+        else ""
+    )
     if count == 1:
         return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}){others}"
     whose = f"the gains of {count} joints" if left else "all gains"
@@ -487,7 +491,7 @@ class AuditPresentation(Presentation):
     def _answer(self, do: Advice) -> tuple[list[Part], tuple[str, ...]]:
         """Parts with verdict, advice, reason and further questions; and the simulator's assumptions."""
         result, swept = self.result, self.swept
-        said, there, more, assumed = in_simulator(verdict(result), self.simulated), do_this(do), [], ()
+        answer, there, more, assumed = in_simulator(verdict(result), self.simulated), do_this(do), [], ()
         if self.simulated is not None:
             from .simulator_text import simulator_assumptions, simulator_sentence
 
@@ -495,9 +499,9 @@ class AuditPresentation(Presentation):
         if swept is not None:
             from .workspace import advice_there, in_workspace, workspace_text
 
-            said, more = in_workspace(said, swept), [*more, "", workspace_text(swept, advised=not result.safe)]
+            answer, more = in_workspace(answer, swept), [*more, "", workspace_text(swept, advised=not result.safe)]
             there = do_this(replace(advice_there(swept), remarks=())) if result.safe and not swept.safe else there
-        return [said, *there, reason(result), *more], assumed
+        return [answer, *there, reason(result), *more], assumed
 
 
 def _to_use_facts(result: Audit) -> dict[str, Any] | None:
@@ -534,12 +538,14 @@ def _reading_facts(result: Audit) -> list[dict[str, Any]]:
 
 def _tightest_joints(result: Audit, count: int) -> list[Part]:
     """Table of the `count` joints with the least headroom, and a note on the rest."""
-    kept = "limit_others_closed" if result.stable else "gain_limit"  # what joints are judged by
-    kept = "" if result.stable and "gain_margin" in result.required.asked else kept  # which has a column of its own
+    limit_key = "limit_others_closed" if result.stable else "gain_limit"  # what joints are judged by
+    limit_key = "" if result.stable and "gain_margin" in result.required.asked else limit_key  # which has a column of its own
     columns = [
-        one for one in audited_joints(result) if one.key == kept or one.key not in ("motor_inertia", "gain_limit", "limit_others_closed")
+        one
+        for one in audited_joints(result)
+        if one.key == limit_key or one.key not in ("motor_inertia", "gain_limit", "limit_others_closed")
     ]
-    every = Grid.of("", columns, result.joints_tightest_first)
+    every = TextTable.of("", columns, result.joints_tightest_first)
     groups = alike_rows(every.rows)
     left = [result.joints_tightest_first[k] for group in groups[count:] for k in group]
     failing = sum(not joint.safe for joint in left)
@@ -553,9 +559,9 @@ def _all_there_is(result: Audit) -> list[Part]:
     """Tables of every contact state and joint."""
     control, columns = result.system.control, audited_states(result.enough_in)
     title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
-    states = Grid.of(title, columns, result.states + result.immobile)
+    states = TextTable.of(title, columns, result.states + result.immobile)
     drops = ("motor inertia", "one loop", "alone")
-    joints = Grid.of("Joint by joint, in the worst state", audited_joints(result), result.joints, drops).sharing
+    joints = TextTable.of("Joint by joint, in the worst state", audited_joints(result), result.joints, drops).sharing
     return [
         states,
         Legend([states], lambda headings: definitions(columns, headings)),

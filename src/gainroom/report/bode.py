@@ -21,7 +21,7 @@ LOOK = (("solid", style.BLACK, 3.0), ("dash", style.BLUE, 1.8), ("dot", style.VE
 
 
 @dataclass(frozen=True)
-class Case:
+class BodeLoop:
     """One of the four loops of the figure."""
 
     name: str
@@ -29,15 +29,15 @@ class Case:
     margins: Margins
 
 
-def cases(study: JointStudy) -> list[Case]:
+def cases(study: JointStudy) -> list[BodeLoop]:
     """Loops of the figure: the given one, then without elasticity, without delay, without both, as far as they differ."""
     present = [name for name in ("elasticity", "delay") if name in study.others]
-    found = [Case(f"with {' and '.join(present)}" if present else "this loop", study.loop, study.margins)]
+    found = [BodeLoop(f"with {' and '.join(present)}" if present else "this loop", study.loop, study.margins)]
     names = {"elasticity": "without elasticity", "delay": "without delay", "delay and elasticity": "without both"}
-    return found + [Case(title, *study.others[name]) for name, title in names.items() if name in study.others]
+    return found + [BodeLoop(title, *study.others[name]) for name, title in names.items() if name in study.others]
 
 
-def bode(study: JointStudy, shown: list[Case]) -> Html:
+def bode(study: JointStudy, shown: list[BodeLoop]) -> Html:
     """Figure of magnitude and phase on one frequency axis, with the deciding margins as arrows."""
     span = frequency_span(study, shown)
     curves = [response(case.loop, *span) for case in shown]
@@ -86,7 +86,7 @@ def grid(loop: Loop, low: float, high: float) -> Floats:
     return omega[(omega >= low) & (omega <= high)]
 
 
-def frequency_span(study: JointStudy, shown: list[Case]) -> tuple[float, float]:
+def frequency_span(study: JointStudy, shown: list[BodeLoop]) -> tuple[float, float]:
     """Frequency range [rad/s] from well below the first crossover to well above the last landmark, or to the Nyquist frequency."""
     joint, drive = study.system.source, study.system.drives[0]
     marks = [joint.resonance, joint.antiresonance, drive.bandwidth]
@@ -175,13 +175,13 @@ def _lines(study: JointStudy, angles: list[float]) -> list[dict]:
     return shapes + [style.upright(omega, "#bbb", "dot") for omega in marked]
 
 
-def _title(shown: list[Case]) -> str:
+def _title(shown: list[BodeLoop]) -> str:
     if len(shown) == 4:
         return "Open loop with and without elasticity and delay"
     return "Open loop" + (f", with and {shown[1].name}" if len(shown) == 2 else "")
 
 
-def _caption(study: JointStudy, shown: list[Case]) -> str:
+def _caption(study: JointStudy, shown: list[BodeLoop]) -> str:
     cases = []
     for case in shown:
         found = case.margins
@@ -198,7 +198,7 @@ def _caption(study: JointStudy, shown: list[Case]) -> str:
 WINDOW = ((-3.2, 1.6), (-2.4, 2.4))  # real, imaginary
 
 
-def nyquist(study: JointStudy, shown: list[Case]) -> Html:
+def nyquist(study: JointStudy, shown: list[BodeLoop]) -> Html:
     """Figure of L(jω) near −1, with the disk about −1 that the disk margin excludes."""
     low, high = frequency_span(study, shown)
     omega = grid(study.loop, 0.05 * low, high if study.system.control.sample_time is not None else 4 * high)

@@ -14,7 +14,7 @@ from ..studies.joint import JointStudy
 from ..system.linear.arrays import Floats
 from ..system.margin_units import to_db
 from . import style
-from .map_lines import View, contours, opened, outlines
+from .map_lines import MapView, contours, opened, outlines
 from .number_format import digits, frequency, hertz
 from .page import Html, figure
 
@@ -22,7 +22,7 @@ BINS = 12  # colours along the boundary
 
 
 def vibration_edge(
-    region: PDRegion, stable: list[Floats], view: View, taken: list[style.Annotation]
+    region: PDRegion, stable: list[Floats], view: MapView, taken: list[style.Annotation]
 ) -> tuple[list[style.Trace], list[style.Annotation]]:
     """Boundary of stability, coloured by the frequency at which the joint vibrates there."""
     pieces = [opened(outline) for outline in stable]
@@ -60,7 +60,7 @@ def edge_frequencies(region: PDRegion, piece: Floats) -> Floats:
     return omega
 
 
-def _frequency_labels(points: list[tuple[float, float, float]], view: View, taken: list[style.Annotation]) -> list[style.Annotation]:
+def _frequency_labels(points: list[tuple[float, float, float]], view: MapView, taken: list[style.Annotation]) -> list[style.Annotation]:
     """Frequency labels along the visible boundary, clear of the labels in `taken`."""
     notes = []
     for share, lower in ((0.12, False), (0.35, False), (0.6, False), (0.85, False), (0.66, True)):
@@ -145,7 +145,7 @@ def gain_points(study: JointStudy) -> list[GainPoint]:
     return found
 
 
-def around(study: JointStudy, spots: list[GainPoint]) -> View:
+def around(study: JointStudy, spots: list[GainPoint]) -> MapView:
     """View around the marked gains, no wider than the stable region."""
     outline = np.vstack(study.region.boundary) if study.region.boundary else np.zeros((1, 2))
     widest = max(float(outline[:, 0].max()), 1e-12)
@@ -154,17 +154,17 @@ def around(study: JointStudy, spots: list[GainPoint]) -> View:
     near = outline[outline[:, 0] <= kp]
     top = float(near[:, 1].max()) if len(near) else 0.0
     kd = 1.12 * max([top, *(spot.kd for spot in spots if spot.kd < 4 * top or top <= 0)])
-    return View(kp, kd, max(kp, 1.04 * widest), max(kd, 1.06 * float(outline[:, 1].max())))
+    return MapView(kp, kd, max(kp, 1.04 * widest), max(kd, 1.06 * float(outline[:, 1].max())))
 
 
-def _zoom(view: View) -> dict[str, Any]:
+def _zoom(view: MapView) -> dict[str, Any]:
     """Zoom buttons: around the gains, or the whole stable region."""
     ranges = (("Around these gains", view.kp, view.kd), ("All stable gains", view.whole_kp, view.whole_kd))
     buttons = [{"label": text, "method": "relayout", "args": [{"xaxis.range": [0, kp], "yaxis.range": [0, kd]}]} for text, kp, kd in ranges]
     return {"type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom", "buttons": buttons}
 
 
-def _stable_area(stable: list[Floats], view: View, name: str) -> tuple[list[style.Trace], list[style.Annotation]]:
+def _stable_area(stable: list[Floats], view: MapView, name: str) -> tuple[list[style.Trace], list[style.Annotation]]:
     """Hatched background, and on it the stable region, named `name` in the legend."""
     kp, kd = 3 * view.whole_kp, 3 * view.whole_kd
     hatch = {"shape": "/", "fgcolor": "#b5b5b5", "bgcolor": "#efefef", "size": 9, "solidity": 0.18}
@@ -184,7 +184,7 @@ def _area(outline: Floats, color: str) -> style.Trace:
     return style.line(outline[:, 0], outline[:, 1], color, width=0, fill="toself", fillcolor=color, hoveron="points")
 
 
-def _marks(spots: list[GainPoint], view: View, names: tuple[str, str]) -> tuple[list[style.Trace], list[style.Annotation]]:
+def _marks(spots: list[GainPoint], view: MapView, names: tuple[str, str]) -> tuple[list[style.Trace], list[style.Annotation]]:
     """Marks (dot, star, cross) with labels that cover no mark or other label; coinciding gains share one label."""
     traces, notes, named = [], [], set()
     taken: list[Box] = [(spot.kp / view.kp, spot.kd / view.kd, *MARK) for spot in spots]
@@ -228,7 +228,7 @@ def _outside(box: Box) -> float:
     return box[2] * box[3] - _overlap(box, (0.5, 0.5, 1.0, 1.0))
 
 
-def _hover(study: JointStudy, view: View) -> style.Trace:
+def _hover(study: JointStudy, view: MapView) -> style.Trace:
     """Invisible grid of points that show their margins."""
     kp, kd = ((np.arange(count) + 0.5) / count * end for count, end in zip(HOVER, (view.kp, view.kd), strict=True))
     grid_kp, grid_kd = (part.ravel() for part in np.meshgrid(kp, kd))

@@ -12,7 +12,7 @@ from ..identification.residuals import MOST_EXPLAINED, MOST_LEFT
 from ..system.linear.arrays import Floats
 from . import style
 from .curves import Curve, Panel, stacked, thinned
-from .estimates import TITLES, Answer, interval_text, warranted_digits
+from .estimate_columns import TITLES, Answer, interval_text, warranted_digits
 from .identified_text import ASKED_TITLES, asked_rows
 from .number_format import digits, hertz
 from .page import Card, Html, Lead, Section, figure, page, table
@@ -377,7 +377,7 @@ def autocorrelation(fit: JointFit) -> Html:
     inside = float(np.mean(np.abs(tests.autocorrelation) <= tests.chance))
     share, most = digits(100 * tests.explained, "%", 2), digits(100 * MOST_EXPLAINED, "%", 2)
     missed, allowed = digits(100 * tests.balance.most, "%", 2), digits(100 * MOST_LEFT, "%", 2)
-    said = (
+    summary = (
         "the model misses nothing that the torque does"
         if tests.adequate
         else "the model misses what the torque does, and its intervals do not allow for it"
@@ -386,7 +386,7 @@ def autocorrelation(fit: JointFit) -> Html:
         "Of the errors of predictions one tick ahead; white noise stays within the band in 95 of 100 lags, "
         f"here {digits(100 * inside, '%', 2)} do. "
         f"What counts is the torque that the model misses in a third octave, {missed} of its power, with at most {allowed} allowed, and "
-        f"the share of the residual that follows the torque: {share}, with at most {most}, unless next to no torque is missed: {said}."
+        f"the share of the residual that follows the torque: {share}, with at most {most}, unless next to no torque is missed: {summary}."
     )
     return figure({"data": traces, "layout": layout}, "Residuals", caption, 320, style.NARROW)
 

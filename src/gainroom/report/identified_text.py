@@ -10,7 +10,7 @@ from ..identification.estimate import PARAMETERS
 from ..identification.gains import MOST_EXPLAINED
 from ..identification.residuals import MOST_LEFT
 from .columns import Column
-from .estimates import Answer, estimated, interval_text
+from .estimate_columns import Answer, estimated, interval_text
 from .number_format import digits, hertz
 
 HERTZ = ("Hz", 1 / (2 * math.pi))

@@ -52,9 +52,9 @@ def joint_page(shown: JointPresentation, command: str) -> str:
 
 def _lead(shown: JointPresentation) -> Lead:
     study = shown.study
-    said, do, how = warnings(study), gains_box(study, shown.to_use), tone(study.verdict)
+    found_warnings, do, how = warnings(study), gains_box(study, shown.to_use), tone(study.verdict)
     where = f" within the uncertainty ranges, at {case_text(study.unstable_at)}" if study.unstable_at else ""
-    return Lead(sentence(study), how, f"UNSTABLE{where}: do not run these gains" if how == "bad" else "", said, do)
+    return Lead(sentence(study), how, f"UNSTABLE{where}: do not run these gains" if how == "bad" else "", found_warnings, do)
 
 
 def _cards(study: JointStudy) -> list[Card]:

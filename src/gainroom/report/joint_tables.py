@@ -17,13 +17,13 @@ from .margin_columns import bounded_columns, compared_rows, margin_columns, marg
 from .number_format import digits, frequency, model_facts, model_text, own_gains, typed_gains
 from .page import Html, facts, table
 from .page_parts import filters, uncertainty_text
-from .presentation import Grid, Part, Presentation, closing, folded, warned_first
+from .presentation import Part, Presentation, TextTable, closing, folded, warned_first
 from .verdict import ToUse, joint_to_use, verdict_lines
 
 if TYPE_CHECKING:  # which loads the pictures
     from ..design.joint_gains import Recommendation
     from ..design.uncertainty_cost import UncertaintyCost
-    from .bode import Case
+    from .bode import BodeLoop
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,10 @@ class JointPresentation(Presentation):
 
     def screens(self, verbose: bool) -> Iterator[list[Part]]:
         study, use = self.study, self.to_use
-        doubts, said = warned_first(warnings(study), verbose)
+        doubts, others = warned_first(warnings(study), verbose)
         parts = [*doubts, sentence(study), *verdict_lines(study, use)]
         parts += [*folded(use), "", *_all_there_is(study)] if verbose else []
-        yield [*parts, *closing(self.files, said, notes=notes(study) if verbose else ())]
+        yield [*parts, *closing(self.files, others, notes=notes(study) if verbose else ())]
 
 
 def _margins(margins: Margins) -> dict[str, Any]:
@@ -127,8 +127,8 @@ def _all_there_is(study: JointStudy) -> list[Part]:
     parts: list[Part] = [
         *filter(None, [cause(study)]),
         "",
-        Grid(f"Margins ({model}{ranges})", ("", "value", "at", "required", "met"), _margin_rows(study)),
-        Grid.of("Gains", gain_columns(study), [own, *largest_gains(study), *others]),
+        TextTable(f"Margins ({model}{ranges})", ("", "value", "at", "required", "met"), _margin_rows(study)),
+        TextTable.of("Gains", gain_columns(study), [own, *largest_gains(study), *others]),
     ]
     if study.recommended is not None:
         controller = study.recommended.controller
@@ -256,7 +256,7 @@ def crossing_table(found: Margins) -> Html:
     return table(headers, [row for _, row in sorted(rows)], caption)
 
 
-def case_table(shown: "list[Case]") -> Html:
+def case_table(shown: "list[BodeLoop]") -> Html:
     """Table of the loops in the Bode figure."""
     rows = [
         (

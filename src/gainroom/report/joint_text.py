@@ -182,24 +182,24 @@ def warnings(study: "JointStudy") -> tuple[str, ...]:
     """Warnings that change the decision, each with its remedy; those that weaken the verdict first, as only the first are always shown."""
     system, found = study.system, study.margins
     joint, control = system.source, system.control
-    said = list(unusual_values(system))
+    texts = list(unusual_values(system))
     if not found.certified:
-        said.append("a crossing or peak could not be certified: treat these margins as estimates and report the input")
-    said += lost_at_usual_rate(study)
+        texts.append("a crossing or peak could not be certified: treat these margins as estimates and report the input")
+    texts += lost_at_usual_rate(study)
     if _drifts(system):
         cause = "kp is 0" if "kp" in control.controller.gain_names() else "the controller gives no torque against a constant error"
-        said.append(f"{cause}: no torque holds the joint's position, so it drifts; the verdict covers its other motions; give it kp")
+        texts.append(f"{cause}: no torque holds the joint's position, so it drifts; the verdict covers its other motions; give it kp")
     if not study.range_proved:
-        said.append("these gains are stable in every case examined within the uncertainty ranges; in between it is not proved")
+        texts.append("these gains are stable in every case examined within the uncertainty ranges; in between it is not proved")
     if study.system.rate_is_missing and study.at_usual_rate is None:
-        said.append(CONTINUOUS)
+        texts.append(CONTINUOUS)
     if control.feedback == "link" and joint.damping == 0 and not math.isinf(joint.stiffness):
-        said.append(undamped_link_feedback(study, "this joint"))
+        texts.append(undamped_link_feedback(study, "this joint"))
     if study.recommended is None and math.isinf(study.max_kp):
-        said.append("nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth")
+        texts.append("nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth")
     elif study.recommended is None and system.requirements.asked:
-        said.append(_no_gains(system))
-    return tuple(said)
+        texts.append(_no_gains(system))
+    return tuple(texts)
 
 
 def undamped_link_feedback(study: Analysis, what: str) -> str:
@@ -214,18 +214,18 @@ def undamped_link_feedback(study: Analysis, what: str) -> str:
 
 def notes(study: "JointStudy") -> tuple[str, ...]:
     """Further notes for the user."""
-    said, system, found = [], study.system, study.margins
+    texts, system, found = [], study.system, study.margins
     if not found.stable and 0 < study.limit.gain < math.inf:
         instead = "" if study.recommended is None else ", or use the recommended ones"
-        said.append(f"these gains are unstable: multiply all of them by less than {digits(study.limit.gain, '', 3)}{instead}")
+        texts.append(f"these gains are unstable: multiply all of them by less than {digits(study.limit.gain, '', 3)}{instead}")
     if study.unstable_at:
         instead = "lower these gains, or give narrower ranges" if study.recommended is None else "use the recommended gains"
-        said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
+        texts.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
     if study.system.rate_is_missing and study.at_usual_rate is not None:
-        said += [*_recommended_without_rate(study), CONTINUOUS]
+        texts += [*_recommended_without_rate(study), CONTINUOUS]
     if not system.control.controller.has_plane:
-        said.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")
-    return (*said, *([] if system.uncertainty.names else [EXACT]))
+        texts.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")
+    return (*texts, *([] if system.uncertainty.names else [EXACT]))
 
 
 def _recommended_without_rate(study: "JointStudy") -> list[str]:

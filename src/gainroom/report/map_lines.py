@@ -19,7 +19,7 @@ LINES = ((style.GREEN, "solid"), (style.BLUE, "dash"), (style.PURPLE, "dot"), (s
 
 
 @dataclass(frozen=True)
-class View:
+class MapView:
     """Displayed range, from 0 to kp and kd; `whole_kp`, `whole_kd`: with the whole stable region."""
 
     kp: float
@@ -28,7 +28,7 @@ class View:
     whole_kd: float
 
 
-def outlines(region: PDRegion, view: View) -> list[Floats]:
+def outlines(region: PDRegion, view: MapView) -> list[Floats]:
     """Closed outlines (m, 2) of the allowed gains within kp >= 0, kd >= 0."""
     kps, columns = _columns(region, view)
     if not len(kps):
@@ -37,7 +37,7 @@ def outlines(region: PDRegion, view: View) -> list[Floats]:
     return [np.clip(outline, 0.0, [np.inf, ceiling]) for outline in traced(kps, [np.clip(c, -ceiling, ceiling) for c in columns])]
 
 
-def _columns(region: PDRegion, view: View) -> tuple[Floats, list[Floats]]:
+def _columns(region: PDRegion, view: MapView) -> tuple[Floats, list[Floats]]:
     """Lines kp = const up to the region's tip, closer together near it, and the allowed kd on each."""
     tip = _tip(region, view.whole_kp)
     if tip <= 0:
@@ -68,7 +68,7 @@ def _tip(region: PDRegion, widest: float) -> float:
     return inside
 
 
-def contours(study: JointStudy, view: View, taken: list[style.Annotation]) -> tuple[list[style.Trace], list[style.Annotation]]:
+def contours(study: JointStudy, view: MapView, taken: list[style.Annotation]) -> tuple[list[style.Trace], list[style.Annotation]]:
     """Lines of equal gain margin, phase margin and Ms; required levels are thicker."""
     traces, notes = [], []
     for place, (level, text, color, dash, asked) in enumerate(_levels(study.system.requirements)):
@@ -84,7 +84,7 @@ def contours(study: JointStudy, view: View, taken: list[style.Annotation]) -> tu
     return traces, notes
 
 
-def required_lines(study: JointStudy, view: View) -> list[tuple[str, list[Floats]]]:
+def required_lines(study: JointStudy, view: MapView) -> list[tuple[str, list[Floats]]]:
     """Line of each required margin, by its label."""
     asked = [(level, text) for level, text, _, _, required in _levels(study.system.requirements) if required]
     return [(text, [opened(outline) for outline in outlines(replace(study.region, required=level), view)]) for level, text in asked]
@@ -111,7 +111,7 @@ def opened(outline: Floats) -> Floats:
     return line[:-1] if first[0] and first[-1] else line
 
 
-def _label_spot(lines: list[Floats], view: View, place: int, taken: list[style.Annotation]) -> tuple[float, float] | None:
+def _label_spot(lines: list[Floats], view: MapView, place: int, taken: list[style.Annotation]) -> tuple[float, float] | None:
     """Point of a line farthest from existing labels, and not too near the frame; None: none."""
     points = np.vstack(lines) if lines else np.zeros((0, 2))
     scaled = points / [view.kp, view.kd]

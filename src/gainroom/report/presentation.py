@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from .page import Advice
 
 
-class Typed(str):
+class Unwrapped(str):
     """Line of the terminal that is never wrapped: a path, or text to type or copy."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True)
-class Grid:
+class TextTable:
     """Table of the terminal, as text.
 
     drops    headings of columns that may be left out for lack of room, the first first
@@ -37,16 +37,16 @@ class Grid:
     shares: bool = False
 
     @classmethod
-    def of(cls, title: str, columns: Sequence[Column], rows: Iterable[Any], drops: Sequence[str] = ()) -> "Grid":
+    def of(cls, title: str, columns: Sequence[Column], rows: Iterable[Any], drops: Sequence[str] = ()) -> "TextTable":
         """Table of columns and rows."""
         return cls(title, *tabulated(columns, rows), drops)
 
     @property
-    def sharing(self) -> "Grid":
+    def sharing(self) -> "TextTable":
         """Table in which rows that print alike share one."""
         return replace(self, shares=True)
 
-    def shared(self, shown: Sequence[str]) -> "Grid":
+    def shared(self, shown: Sequence[str]) -> "TextTable":
         """Table of the columns `shown`, with one row for those that print alike under names that differ in one word."""
         places = [k for k, heading in enumerate(self.headings) if heading in shown]
         rows = [[row[k] for k in places] for row in self.rows]
@@ -57,13 +57,13 @@ class Grid:
 class Legend:
     """Text below tables; `text` takes the headings of the columns displayed."""
 
-    tables: Sequence[Grid]
+    tables: Sequence[TextTable]
     text: Callable[[Sequence[str]], str]
 
 
 MOST_WARNINGS = 3
 """Most warnings on a terminal without --verbose."""
-Part = str | Grid | Legend
+Part = str | TextTable | Legend
 """Part of a terminal answer: text to be wrapped, or a table or legend."""
 
 
@@ -91,7 +91,7 @@ def closing(
     files: Mapping[str, Path | None], warnings: Iterable[str] = (), assumed: Iterable[str] = (), notes: Iterable[str] = ()
 ) -> list[Part]:
     """Last lines of an answer; `files`: see Presentation."""
-    written = [Typed(f"{name}: {path}") for name, path in files.items() if path is not None]
+    written = [Unwrapped(f"{name}: {path}") for name, path in files.items() if path is not None]
     kinds = {"Assumed": assumed, "Warning": warnings, "Note": notes}
     return [*written, *(f"{kind}: {text}" for kind, texts in kinds.items() for text in texts)]
 
@@ -124,4 +124,4 @@ def folded(found: "Advice") -> list[Part]:
 
 
 def _typed(lines: Iterable[str]) -> list[Part]:
-    return [Typed(f"  {line}") for line in lines]
+    return [Unwrapped(f"  {line}") for line in lines]

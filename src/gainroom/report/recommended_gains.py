@@ -112,7 +112,7 @@ def _immobile(gains: RobotGains) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Row:
+class GainSetRow:
     """Set of gains of one contact state, or ("") the one safe in all; `gain_set` None: there is none."""
 
     contact: str
@@ -144,9 +144,12 @@ class Row:
         return digits(one.in_unit(one.value(margins)), one.unit, 3) + one.named(margins).removeprefix(one.title).replace(" of", ",", 1)
 
 
-def rows(gains: RobotGains) -> list[Row]:
+def rows(gains: RobotGains) -> list[GainSetRow]:
     """Sets of gains, the one safe in all states first."""
-    return [Row(EVERYWHERE, gains.everywhere, gains), *(Row(contact, found, gains) for contact, found in gains.per_contact.items())]
+    return [
+        GainSetRow(EVERYWHERE, gains.everywhere, gains),
+        *(GainSetRow(contact, found, gains) for contact, found in gains.per_contact.items()),
+    ]
 
 
 SET = [
@@ -194,7 +197,7 @@ def recommended_facts(gains: RobotGains) -> dict[str, Any]:
     }
 
 
-def gain_columns(sets: Sequence[Row], inertia: Floats | None = None) -> list[Column]:
+def gain_columns(sets: Sequence[GainSetRow], inertia: Floats | None = None) -> list[Column]:
     """Columns of the gains of a joint or task direction, by index, in every set; with `inertia` (n,) divided by it."""
     gains = sets[0].gains
     cascade = any(row.gain_set is not None and row.gain_set.ki is not None for row in sets)
@@ -202,11 +205,11 @@ def gain_columns(sets: Sequence[Row], inertia: Floats | None = None) -> list[Col
     if inertia is not None:
         titles = {"kp": "kp/J [1/s²]", "kd": "kd/J [1/s]"}
 
-    def column(row: Row, name: str, title: str) -> Column:
+    def column(row: GainSetRow, name: str, title: str) -> Column:
         values = None if row.gain_set is None else getattr(row.gain_set, name) / (1.0 if inertia is None else inertia)
         return Column(title, "", lambda k: "none" if values is None else values[k])
 
-    def prefix(row: Row, name: str) -> str:
+    def prefix(row: GainSetRow, name: str) -> str:
         return f"{row.title}: " if len(sets) > 1 and name == "kp" else ""
 
     return [

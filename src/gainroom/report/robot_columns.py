@@ -256,8 +256,8 @@ def audited_joints(result: "Audit") -> list[Column]:
         def factor(row: Any) -> str:
             return f"× {use.factors[result.joints.index(row)]:.4g}"
 
-        kept = any(not joint.safe and joint.name not in use.joints for joint in result.joints)
-        columns.insert(4, Column("use", "", lambda row: None, shown=factor, definition=f"{USE}{KEPT}" if kept else USE))
+        unchanged = any(not joint.safe and joint.name not in use.joints for joint in result.joints)
+        columns.insert(4, Column("use", "", lambda row: None, shown=factor, definition=f"{USE}{KEPT}" if unchanged else USE))
     place = next(k for k, one in enumerate(columns) if one.key == "motor_inertia")
     return [*columns[:place], *judged_columns(result.required), *columns[place:]]
 
@@ -272,8 +272,8 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
         "one loop": f"one loop: the factor on one joint's gains until vibration, the other loops closed{endless}",
     }
     gains, margins = units_of(shown, {name: units[name] for name in ("kp", "kd", "ki")}), judged_legend(result.required, shown)
-    told = [gains, *(text for title, text in parts.items() if title in shown), *filter(None, [margins])]
-    return f"{'; '.join(told)}.{'' if margins else f' {safe_means(asked(result))}.'}"
+    clauses = [gains, *(text for title, text in parts.items() if title in shown), *filter(None, [margins])]
+    return f"{'; '.join(clauses)}.{'' if margins else f' {safe_means(asked(result))}.'}"
 
 
 def joint_caption(result: "Audit", shown: Collection[str]) -> str:
@@ -281,9 +281,9 @@ def joint_caption(result: "Audit", shown: Collection[str]) -> str:
     units = joint_units(result.system.source.body)
     by_title = {**{name: units[name] for name in ("kp", "kd", "ki")}, "motor inertia": units["load"]}
     margins = judged_legend(result.required, shown)
-    said = f"{margins}. {safe_means(asked(result), True)}" if margins else safe_means(asked(result))
-    said = f"{units_of(shown, by_title)}.{units['prismatic']} {said}."
-    return " ".join(filter(None, ["In the worst state.", definitions(audited_joints(result), shown), said]))
+    caption = f"{margins}. {safe_means(asked(result), True)}" if margins else safe_means(asked(result))
+    caption = f"{units_of(shown, by_title)}.{units['prismatic']} {caption}."
+    return " ".join(filter(None, ["In the worst state.", definitions(audited_joints(result), shown), caption]))
 
 
 def asked(result: "Audit") -> str:

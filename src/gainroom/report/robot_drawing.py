@@ -10,7 +10,7 @@ from ..studies.state import State, limiting_joints, strongest_first
 from . import style
 from .number_format import digits, hertz
 from .page import Html, figure
-from .robot_skeleton import NAMES_BETWEEN, View, common_view, drawn, labels, participation_text, stand, vibration
+from .robot_skeleton import NAMES_BETWEEN, DrawingView, common_view, drawn, labels, participation_text, stand, vibration
 
 # ColorBrewer's YlOrBr (Brewer 2013): light to dark in grey too, and to all eyes
 PARTICIPATION = [[0, "#fffbe6"], [0.15, "#fee391"], [0.35, "#fec44f"], [0.55, "#fe9929"], [0.75, "#cc4c02"], [1, "#662506"]]
@@ -57,7 +57,7 @@ def hero(state: State, alone: bool, motion: GainLimit | None = None, title: str 
     return figure({"data": [*traces, bars], "layout": picture}, title, caption, height, narrow)
 
 
-def small(state: State, limit: GainLimit, view: View, others: int) -> Html:
+def small(state: State, limit: GainLimit, view: DrawingView, others: int) -> Html:
     """Small figure of one contact state in the common view, with the vibration at `limit`: of its joints' gains or its tasks'.
 
     others   number of postures of this contact state with more headroom
@@ -120,7 +120,7 @@ def _hero_caption(state: State) -> str:
     return f"{lead}: start there for more gain headroom. {text}"
 
 
-def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, domain: list[float], bar: dict) -> dict:
+def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: DrawingView, domain: list[float], bar: dict) -> dict:
     """Layout with hidden, equally scaled axes in `domain` of the width; `bar`: place of the colour bar."""
     hidden = {"showgrid": False, "showline": False, "showticklabels": False, "ticks": "", "zeroline": False, "fixedrange": True}
     ground = "white" if limit.stable else style.UNSTABLE_GROUND

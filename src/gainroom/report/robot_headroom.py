@@ -207,19 +207,19 @@ MARKS = (
     ("other loops closed", "circle", style.BLACK, 10),
     ("all together", "diamond", style.VERMILION, 8),
 )
-Row = tuple[str, tuple[float, float, float]]
+FactorRow = tuple[str, tuple[float, float, float]]
 """Name, and factors: alone, with the other loops closed, all together. NaN: none."""
 
 
 def coupling(factors: Factors, what: str) -> tuple[Html, Html]:
     """Figures of the factors on one part alone, with the other loops closed, and on all: by state, and by part in the tightest state."""
     few, tight = factors.few(), factors.tightest
-    by_state: list[Row] = [
+    by_state: list[FactorRow] = [
         (style.shown(state.title), (_least(few.alone[k]), _least(few.other_loops_closed[k]), float(few.together[k])))
         for k, state in enumerate(few.states)
     ]
     parts = zip(factors.parts, factors.alone[tight].tolist(), factors.other_loops_closed[tight].tolist(), strict=True)
-    by_part: list[Row] = [(style.shown(part), (alone, closed, math.nan)) for part, alone, closed in parts]
+    by_part: list[FactorRow] = [(style.shown(part), (alone, closed, math.nan)) for part, alone, closed in parts]
     title = f"Each {what} in {factors.states[tight].title}"
     return (
         _dumbbells(by_state, math.nan, f"Tightest {what}, state by state", _cost_caption(factors, what)),
@@ -232,7 +232,7 @@ def _least(values: Floats) -> float:
     return float(known.min()) if len(known) else math.nan
 
 
-def _dumbbells(rows: Sequence[Row], whole: float, title: str, caption: str) -> Html:
+def _dumbbells(rows: Sequence[FactorRow], whole: float, title: str, caption: str) -> Html:
     """Figure of three joined marks per row on a logarithmic scale; `whole`: one value for all rows, drawn as a line."""
     finite = [value for _, values in rows for value in (*values, whole) if math.isfinite(value) and value > 0]
     low, high = min([1.0, *finite]), max([1.0, *finite])
@@ -260,7 +260,7 @@ def _dumbbells(rows: Sequence[Row], whole: float, title: str, caption: str) -> H
     return figure({"data": _marks(rows, left, right), "layout": picture}, title, caption, height, {"margin.l": 8})
 
 
-def _marks(rows: Sequence[Row], left: float, right: float) -> list[style.Trace]:
+def _marks(rows: Sequence[FactorRow], left: float, right: float) -> list[style.Trace]:
     """Traces of the bars, then the three kinds of marks; none outside [left, right]."""
     edge = (right / left) ** 0.03
     names, values = [name for name, _ in rows], np.array([values for _, values in rows])

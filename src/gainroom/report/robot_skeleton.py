@@ -24,7 +24,7 @@ Projection = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True)
-class View:
+class DrawingView:
     """Side and front view in one plane, equal for every state. The front view is moved to the right by `shift`.
 
     low, high   (2,) corners of the whole drawing [m]
@@ -44,21 +44,21 @@ class View:
         return points[:, [1, 2]] - points[:, [0]] * DEPTH + np.array([self.shift, 0.0])
 
 
-def common_view(states: Sequence[State], gap: float = 0.3) -> View:
+def common_view(states: Sequence[State], gap: float = 0.3) -> DrawingView:
     """View that holds the robot in each of `states`, with `gap` of its size between the two projections."""
     return view_of([state.model for state in states], gap)
 
 
-def view_of(models: Sequence[RobotModel], gap: float = 0.3) -> View:
+def view_of(models: Sequence[RobotModel], gap: float = 0.3) -> DrawingView:
     """View that holds each of `models`, with `gap` of the robot's size between the two projections."""
     nodes = np.vstack([_outline(model) for model in models])
     size = float(np.ptp(nodes, axis=0).max()) or 1.0
-    bare = View(np.zeros(2), np.zeros(2), 0.0, size)
+    bare = DrawingView(np.zeros(2), np.zeros(2), 0.0, size)
     side, front = bare.side(nodes), bare.front(nodes)
     shift = float(side[:, 0].max() - front[:, 0].min()) + gap * size
     both = np.vstack([side, front + np.array([shift, 0.0])])
     low, high = np.array([0.1, 0.18]), np.array([0.7 * gap - 0.1, 0.06])  # space for labels
-    return View(both.min(axis=0) - low * size, both.max(axis=0) + high * size, shift, size)
+    return DrawingView(both.min(axis=0) - low * size, both.max(axis=0) + high * size, shift, size)
 
 
 def vibration(limit: GainLimit) -> Floats | None:
@@ -79,7 +79,7 @@ def _outline(model: RobotModel) -> Floats:
     return np.vstack([body.skeleton(q).positions, body.com(q), *(body.frame_placement(q, one.frame)[1] for one in model.contacts)])
 
 
-def drawn(model: RobotModel, limit: GainLimit, view: View, size: int) -> tuple[list[style.Trace], list[style.Annotation]]:
+def drawn(model: RobotModel, limit: GainLimit, view: DrawingView, size: int) -> tuple[list[style.Trace], list[style.Annotation]]:
     """Traces and labels of links, contacts, joints, centre of mass and a scale."""
     points = model.body.skeleton(model.q).positions
     traces: list[style.Trace] = []
@@ -91,7 +91,7 @@ def drawn(model: RobotModel, limit: GainLimit, view: View, size: int) -> tuple[l
     return [*traces, _scale(view)], _names(model, limit, view)
 
 
-def _links(model: RobotModel, plane: Floats, depth: Floats, view: View) -> list[style.Trace]:
+def _links(model: RobotModel, plane: Floats, depth: Floats, view: DrawingView) -> list[style.Trace]:
     """Lines from every node to its parent, the farther half first and lighter; a stand on a fixed base is dashed."""
     parents, held = model.body.skeleton(model.q).parents, [(k, 0) for k in stand(model)]
     ends = [(k, int(parent)) for k, parent in enumerate(parents) if parent >= 0 and (k, 0) not in held]
@@ -120,20 +120,20 @@ def _between(plane: Floats, ends: Sequence[tuple[int, int]], color: str, width: 
     return style.line(x, y, color, dash=dash, width=width)
 
 
-def ghost(model: RobotModel, view: View) -> list[style.Trace]:
+def ghost(model: RobotModel, view: DrawingView) -> list[style.Trace]:
     """Links of another posture, faint, to be drawn first."""
     skeleton = model.body.skeleton(model.q)
     ends = [(k, int(parent)) for k, parent in enumerate(skeleton.parents) if parent >= 0]
     return [_between(project(skeleton.positions), ends, GHOST, 4) for project in (view.side, view.front)]
 
 
-def path(points: Floats, view: View) -> list[style.Trace]:
+def path(points: Floats, view: DrawingView) -> list[style.Trace]:
     """Path of a point (k, 3) [m] in both views."""
     planes = (project(points) for project in (view.side, view.front))
     return [style.line(plane[:, 0], plane[:, 1], style.BLUE, width=2.5) for plane in planes]
 
 
-def _joints(model: RobotModel, limit: GainLimit, plane: Floats, depth: Floats, size: int, view: View) -> list[style.Trace]:
+def _joints(model: RobotModel, limit: GainLimit, plane: Floats, depth: Floats, size: int, view: DrawingView) -> list[style.Trace]:
     """Joints as discs, coincident ones as rings; base, locked joints and ends of chains are small and grey."""
     skeleton, parts, mode = model.body.skeleton(model.q), vibration(limit), limit.mode
     rings = _rings(skeleton.positions, skeleton.joints, view.size)
@@ -167,7 +167,7 @@ def _rings(positions: Floats, joints: Integers, size: float) -> list[int]:
     return [sum(j > k for j in close[k]) if k in close else 0 for k in range(len(positions))]
 
 
-def _contacts(model: RobotModel, view: View, project: Projection) -> list[style.Trace]:
+def _contacts(model: RobotModel, view: DrawingView, project: Projection) -> list[style.Trace]:
     """Patches under contacts: flat, line or point, not to scale; and one under a fixed base."""
     body, q = model.body, model.q
     half = 0.075 * view.size
@@ -192,7 +192,7 @@ def _centre(model: RobotModel, project: Projection) -> style.Trace:
     return style.markers(plane[:, 0], plane[:, 1], "circle-cross-open", style.BLUE, 13, hoverinfo="text", text="centre of mass")
 
 
-def _scale(view: View) -> style.Trace:
+def _scale(view: DrawingView) -> style.Trace:
     """Scale bar of a round length at the foot of the picture."""
     length = _round_length(0.35 * view.size)
     x, y = view.low[0] + 0.04 * view.size, view.low[1] + 0.05 * view.size
@@ -205,7 +205,7 @@ def _round_length(length: float) -> float:
     return decade * max(step for step in (1, 2, 5) if step * decade <= length)
 
 
-def _names(model: RobotModel, limit: GainLimit, view: View) -> list[style.Annotation]:
+def _names(model: RobotModel, limit: GainLimit, view: DrawingView) -> list[style.Annotation]:
     """Labels of the two views, with a note if nothing touches the ground, or if the state is unstable."""
     middle = view.side(_outline(model))[:, 0], view.front(_outline(model))[:, 0]
     notes = []
@@ -218,7 +218,7 @@ def _names(model: RobotModel, limit: GainLimit, view: View) -> list[style.Annota
     return notes
 
 
-def labels(model: RobotModel, limit: GainLimit, view: View, scale: float) -> list[style.Annotation]:
+def labels(model: RobotModel, limit: GainLimit, view: DrawingView, scale: float) -> list[style.Annotation]:
     """Names of the limiting joints beside the front view, left ones to the right, without overlap. `scale` [px/m]."""
     skeleton = model.body.skeleton(model.q)
     plane = view.front(skeleton.positions)

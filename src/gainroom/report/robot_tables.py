@@ -23,8 +23,8 @@ from .next_commands import audit_of_found, kept
 from .number_format import digits, hertz, model_facts, model_text, span
 from .page import Html, facts, paragraph, table
 from .page_parts import filters, uncertainty_text
-from .presentation import Grid, Legend, Part, Presentation, closing, folded, warned_first
-from .recommended_gains import Row, cost_text, gain_columns, gains_text, inertia_text, recommended_facts, rows, set_columns
+from .presentation import Legend, Part, Presentation, TextTable, closing, folded, warned_first
+from .recommended_gains import GainSetRow, cost_text, gain_columns, gains_text, inertia_text, recommended_facts, rows, set_columns
 from .robot_columns import JOINT, TASK, actuator_facts, state_columns, worst_facts
 from .robot_text import notes, sentence, warnings
 from .robot_units import joint_units, requirements_text
@@ -120,24 +120,24 @@ class RobotPresentation(Presentation):
 
     def screens(self, verbose: bool) -> Iterator[list[Part]]:
         study, use = self.study, self.to_use
-        doubts, said = warned_first(warnings(study), verbose)
+        doubts, others = warned_first(warnings(study), verbose)
         parts = [*doubts, sentence(study), *verdict_lines(study, use), *self.elsewhere]
         if verbose:
             parts += [*folded(use), "", *_all_there_is(study)]
-            yield [*parts, *closing(self.files, said, study.system.assumptions, notes(study))]
+            yield [*parts, *closing(self.files, others, study.system.assumptions, notes(study))]
             return
         more = "By state, joint and task: --verbose, or --report."
-        yield [*parts, *closing(self.files, said), *([] if self.files.get("Report") else [more])]
+        yield [*parts, *closing(self.files, others), *([] if self.files.get("Report") else [more])]
 
 
 def _all_there_is(study: RobotStudy) -> list[Part]:
     """Tables of every state, joint and task, and all recommended gains."""
     columns = state_columns()
     title = f"All joints together ({model_text(study.system.control.sample_time)})"
-    states = Grid.of(title, columns, study.states + study.immobile, ("delay", "one-loop phase", "disk"))
+    states = TextTable.of(title, columns, study.states + study.immobile, ("delay", "one-loop phase", "disk"))
     parts: list[Part] = [states, Legend([states], lambda shown: definitions(columns, shown)), ""]
     drops = ("load", "by itself")
-    joints = {state: Grid.of(f"Joints, {state.title}", JOINT, state.joints, drops).sharing for state in study.tightest_by_contact}
+    joints = {state: TextTable.of(f"Joints, {state.title}", JOINT, state.joints, drops).sharing for state in study.tightest_by_contact}
     for state, shown in joints.items():
         parts += [shown, *_task_parts(state)]
     parts.append(Legend([*joints.values()], lambda shown: joint_legend(study.system.source.body, shown)))
@@ -152,7 +152,7 @@ def _all_there_is(study: RobotStudy) -> list[Part]:
 def _task_parts(state: State) -> list[Part]:
     if state.tasks is None or not state.tasks.moves:
         return []
-    return [Grid.of(f"Tasks, {state.title}; together {tasks_together(state.tasks)}", TASK, state.tasks.rows), TASK_UNITS, ""]
+    return [TextTable.of(f"Tasks, {state.title}; together {tasks_together(state.tasks)}", TASK, state.tasks.rows), TASK_UNITS, ""]
 
 
 def _gains_parts(gains: RobotGains, first: tuple[str, str]) -> list[Part]:
@@ -164,7 +164,7 @@ def _gains_parts(gains: RobotGains, first: tuple[str, str]) -> list[Part]:
     columns = gain_columns([safe])
     if gains.inertia is not None:
         columns += gain_columns([safe], gains.inertia)[1:]
-    return [Grid.of(f"Recommended gains, {gains.space} space", columns, range(len(gains.names))).sharing, *text]
+    return [TextTable.of(f"Recommended gains, {gains.space} space", columns, range(len(gains.names))).sharing, *text]
 
 
 def state_table(study: RobotStudy) -> Html:
@@ -237,7 +237,7 @@ def gain_tables(gains: RobotGains, system: System) -> list[Html]:
     return [paragraph(f"kp [{units['kp']}], kd [{units['kd']}]:{units['prismatic']}"), plain, divided, margins]
 
 
-def _gain_caption(gains: RobotGains, shown: Sequence[Row]) -> str:
+def _gain_caption(gains: RobotGains, shown: Sequence[GainSetRow]) -> str:
     text = cost_text(gains) or "One set for every state."
     if gains.everywhere is None:
         text = "No single set meets the requirements in every state: switch gains with the contacts."

@@ -17,7 +17,7 @@ from ..system.requirements import REQUIREMENTS
 from .columns import Column
 from .number_format import digits, frequency, gain_factor, milli, motion, settling
 from .page import Advice
-from .presentation import Grid, Part, Presentation, closing, do_this, warned_first
+from .presentation import Part, Presentation, TextTable, closing, do_this, warned_first
 from .words import NOT_SAFE, UNSTABLE, run_headline
 
 SMALLEST_ERROR = 1e-6
@@ -393,15 +393,15 @@ class SimulationPresentation(Presentation):
         rows = [(f"{channel} [m{run.units[k]}]", *tracking_cells(outcome, k)) for k, channel in enumerate(run.channels)]
         columns = [Column(title, "", lambda row, k=k: row[k]) for k, title in enumerate(("", *TRACKING))]
         title = f"Tracking ({outcome.spec.kind}, {digits(1 / run.sample_time, 'Hz')}, encoders on the {run.feedback} side)"
-        doubts, said = warned_first(warnings(outcome), verbose)
+        doubts, others = warned_first(warnings(outcome), verbose)
         yield [
             *doubts,
             sentence(outcome),
             *do_this(self.advice),
             "",
-            Grid.of(title, columns, rows),
+            TextTable.of(title, columns, rows),
             *(_all_there_is(outcome) if verbose else []),
-            *closing(self.files, said),
+            *closing(self.files, others),
             *([] if verbose else ["Torques and vibration: --verbose."]),
         ]
 
@@ -416,6 +416,6 @@ def _all_there_is(outcome: Outcome) -> list[Part]:
     ]
     vibrations = [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit, outcome.gain))]
     return [
-        Grid("Joints with the largest torques" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),
-        Grid("Vibration", ("", "frequency", "growth"), vibrations),
+        TextTable("Joints with the largest torques" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),
+        TextTable("Vibration", ("", "frequency", "growth"), vibrations),
     ]

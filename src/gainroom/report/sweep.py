@@ -50,8 +50,8 @@ def sweep_page(shown: SweepPresentation, command: str) -> str:
             "robot, postures, what is assumed",
         ),
     ]
-    said = use(found, at_worst)
-    do_this = advice(said, "") if said and worst is not None and found.scale < 1 else ""
+    advised = use(found, at_worst)
+    do_this = advice(advised, "") if advised and worst is not None and found.scale < 1 else ""
     how = tone(swept_verdict(found, at_worst))
     lead = Lead(" ".join(verdict(found, at_worst)), how, swept_banner(found) if how == "bad" else "", warnings(found), do_this)
     kind = model_kind(plan.system.control.sample_time)

@@ -16,7 +16,7 @@ from ..system.requirements import Requirements
 from .columns import Column, facts
 from .margin_columns import margin_value, requirement
 from .number_format import digits, gain_factor, hertz, model_facts
-from .presentation import Grid, Part, Presentation, closing, warned_first
+from .presentation import Part, Presentation, TextTable, closing, warned_first
 from .robot_columns import state_columns
 from .words import swept_headline
 
@@ -90,12 +90,12 @@ def advice(found: SweepSummary, worst: WorstStates) -> str:
 
 def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
     """Sentences on the certainty of the worst case."""
-    worst, said = found.worst_posture, []
+    worst, texts = found.worst_posture, []
     if worst is None:
-        return said
+        return texts
     if math.isfinite(found.rarer_than):
         share = digits(100 * found.rarer_than, "%", 2)
-        said.append(f"Less than {share} of further postures lie lower ({100 * CONFIDENCE:.0f} % confidence)")
+        texts.append(f"Less than {share} of further postures lie lower ({100 * CONFIDENCE:.0f} % confidence)")
     if searched is not None and worst.gain > 0:
         lower = 1 - searched.gain / worst.gain
         near = (
@@ -105,8 +105,8 @@ def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
             if lower < 1e-4
             else f"{digits(searched.gain, '', 4)} ×, {digits(100 * lower, '%', 2)} lower"
         )
-        said.append(f"a local search from the worst finds {near}" if said else f"A local search from the worst finds {near}")
-    return ["; ".join(said) + "."] if said else []
+        texts.append(f"a local search from the worst finds {near}" if texts else f"A local search from the worst finds {near}")
+    return ["; ".join(texts) + "."] if texts else []
 
 
 def verdict(found: SweepSummary, worst: WorstStates) -> list[str]:
@@ -119,12 +119,12 @@ def unmet_text(found: SweepSummary, worst: WorstStates, required: Requirements |
 
     required   requirements asked for among those judged; the others are defaults; None: all are asked for
     """
-    said = []
+    texts = []
     for usual, heading in ((False, "Not met"), (True, "Not required, and short of what is usual there")):
         unmet = [one for name, one in worst.unmet.items() if usual is not (required is None or name in required.asked)]
         missed = [_missed(found, worst, one, "usual" if usual else "required") for one in unmet if not math.isnan(one.value)]
-        said += [f"{heading}: {'; '.join(missed)}."] if missed else []
-    return " ".join(said)
+        texts += [f"{heading}: {'; '.join(missed)}."] if missed else []
+    return " ".join(texts)
 
 
 def _missed(found: SweepSummary, worst: WorstStates, one: SampledRequirement, bound: str) -> str:
@@ -187,19 +187,21 @@ def sample_facts(found: SweepSummary, worst: WorstStates) -> dict[str, Any]:
 
 def warnings(found: SweepSummary) -> list[str]:
     """Warnings that weaken the verdict."""
-    said = list(found.plan.notes)
+    texts = list(found.plan.notes)
     if found.unknown:
-        said.append(f"{counted(found.unknown)} limits are not known: no certified answer was found there; these postures count as failing.")
+        texts.append(
+            f"{counted(found.unknown)} limits are not known: no certified answer was found there; these postures count as failing."
+        )
     if found.uncertified:
-        said.append(f"{counted(found.uncertified)} limits are not certified: roots could not be counted on both sides.")
+        texts.append(f"{counted(found.uncertified)} limits are not certified: roots could not be counted on both sides.")
     if found.lower > 0:
         needed = f"; {digits(to_db(found.margin), 'dB', 3)} required" if found.margin > 1 else ""
-        said.append(
+        texts.append(
             f"Lower gains are unstable, too: somewhere below {found.lower:.3g} × these ({digits(-to_db(found.lower), 'dB', 3)}{needed})."
         )
     if not found.complete:
-        said.append("The sweep is not complete: the same command goes on.")
-    return said
+        texts.append("The sweep is not complete: the same command goes on.")
+    return texts
 
 
 def columns(found: SweepSummary) -> list[Column]:
@@ -333,7 +335,7 @@ class SweepPresentation(Presentation):
             *doubts,
             *verdict(found, at_worst),
             *filter(None, [advice(found, at_worst)]),
-            Grid.of("", columns(found), found.contacts, ("highest", "10 %")),
+            TextTable.of("", columns(found), found.contacts, ("highest", "10 %")),
             *sureness(found, found.searched),
             *filter(None, [looked_at(found, at_worst)]),
             *closing(self.files, [*warned, *self.mended]),

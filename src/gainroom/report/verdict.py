@@ -18,7 +18,7 @@ from .gains_to_use import joint_gains, kept, robot_gains
 from .margin_columns import lacking, margin_value, requirement
 from .number_format import digits, hertz, own_gains, rate, span, typed
 from .page import Advice, Html, advice_box, table
-from .presentation import Grid, Part, do_this
+from .presentation import Part, TextTable, do_this
 from .robot_units import unit_of_gain
 from .words import AT_USUAL, tone
 
@@ -168,8 +168,11 @@ def _beside(controller: Any, present: Any) -> list[str]:
     now = {name: value for name, value, _ in own_gains(present)} if type(present) is type(controller) else {}
     lines, units = joint_gains(controller), [unit for _, _, unit in own_gains(controller)]
     width = max(map(len, lines))
-    said = [f"now {typed(now[name])}" if name in now else "" for name, _, _ in own_gains(controller)]
-    gains = [f"{line:{width}}  # {', '.join(filter(None, parts))}".rstrip(" #") for line, *parts in zip(lines, units, said, strict=True)]
+    present_values = [f"now {typed(now[name])}" if name in now else "" for name, _, _ in own_gains(controller)]
+    gains = [
+        f"{line:{width}}  # {', '.join(filter(None, parts))}".rstrip(" #")
+        for line, *parts in zip(lines, units, present_values, strict=True)
+    ]
     return other_type(controller, present) + gains
 
 
@@ -284,7 +287,7 @@ def _heading(study: Analysis, place: str, only: str = "") -> str:
 def verdict_lines(study: Analysis, to_use: ToUse) -> list[Part]:
     """First parts of the terminal's answer: gains to use with remarks, and the table of every requirement at its worst."""
     drops = ("at", "nominal", to_use.column, "required")
-    rows = Grid.of("", verdict_columns(study, to_use.margins, to_use.column), study.worst, drops)
+    rows = TextTable.of("", verdict_columns(study, to_use.margins, to_use.column), study.worst, drops)
     return [*do_this(to_use), rows] if to_use.lines else [rows]
 
 

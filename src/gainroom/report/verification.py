@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import listed
-from ..studies.verification import TOLERANCES, Case, Verification, growth_about
+from ..studies.verification import TOLERANCES, Verification, VerifiedLimit, growth_about
 from ..system.requirements import Requirements
 from ..system.system import System
 from . import style
@@ -29,19 +29,19 @@ WIDEST = 100.0
 """Largest difference [%] drawn to scale; larger ones are drawn at the end."""
 
 
-def agreement(cases: Sequence[Case]) -> Html:
+def agreement(cases: Sequence[VerifiedLimit]) -> Html:
     """Figures of predicted and simulated limits, row by row, and of the differences in gain and frequency with their tolerance."""
     return beside(_limits(cases), _differences(cases))
 
 
-def _limits(cases: Sequence[Case]) -> Html:
+def _limits(cases: Sequence[VerifiedLimit]) -> Html:
     """Figure of simulated over predicted limits; limits of 0 and inf at the ends."""
     rows, values = _rows(cases), [value for case in cases for value in (case.predicted_gain, case.simulated_gain)]
     known = [1.0, *(value for value in values if math.isfinite(value) and value > 0)]
     left, right = min(known) / 1.6, max(1.6 * max(known), 6.3 * min(known))  # a decade at least: ticks at 1, 2 and 5
     edge = (right / left) ** 0.02
 
-    def marks(some: Sequence[Case], how: str, shift: float, *look: Any, name: str) -> style.Trace:
+    def marks(some: Sequence[VerifiedLimit], how: str, shift: float, *look: Any, name: str) -> style.Trace:
         gains = [getattr(case, f"{how}_gain") for case in some]
         at = [hertz(getattr(case, f"{how}_frequency")) for case in some]
         hover = [
@@ -61,7 +61,7 @@ def _limits(cases: Sequence[Case]) -> Html:
     return _picture(traces, axis, rows, [start], [], "Limit, predicted and simulated", caption)
 
 
-def _differences(cases: Sequence[Case]) -> Html:
+def _differences(cases: Sequence[VerifiedLimit]) -> Html:
     """Figure of the differences, gains filled, frequencies open, in percent of the prediction."""
     rows, every = _rows(cases), [value for case in cases for value in (case.gain_difference, case.frequency_difference)]
     allowed = {witness: 100 * TOLERANCES[witness] for witness in SHADES if any(case.witness == witness for case in cases)}
@@ -90,11 +90,11 @@ def _differences(cases: Sequence[Case]) -> Html:
     return _picture(traces, axis, rows, bands, lost, "Simulated minus predicted", caption)
 
 
-def _rows(cases: Sequence[Case]) -> list[str]:
+def _rows(cases: Sequence[VerifiedLimit]) -> list[str]:
     return list(dict.fromkeys(case.what for case in cases))
 
 
-def _by_witness(cases: Sequence[Case]) -> list[tuple[str, list[Case]]]:
+def _by_witness(cases: Sequence[VerifiedLimit]) -> list[tuple[str, list[VerifiedLimit]]]:
     found = [(witness, [case for case in cases if case.witness == witness]) for witness in MARKS]
     return [(witness, some) for witness, some in found if some]
 
@@ -164,10 +164,10 @@ def verification_page(shown: VerificationPresentation, command: str) -> str:
             "the model, and how the limits are simulated",
         ),
     ]
-    said = [f"left out: {warning}" for warning in result.warnings]
+    texts = [f"left out: {warning}" for warning in result.warnings]
     state = "bare" if result.least.enough is False or result.least.predicted_gain <= 1 else "good"
     headline = "" if result.agrees else "Simulation and prediction disagree: do not rely on the predicted limit"
-    lead = Lead(sentence(result), state if result.agrees else "bad", headline, said, advice_box(shown.advice))
+    lead = Lead(sentence(result), state if result.agrees else "bad", headline, texts, advice_box(shown.advice))
     return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, command)
 
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import apart, at_frequency, listed
-from ..studies.verification import Case, Verification
+from ..studies.verification import Verification, VerifiedLimit
 from ..system.requirements import Requirements
 from ..system.system import System
 from .columns import Column, facts, yes
 from .margin_columns import short_text
 from .number_format import digits
 from .page import Advice
-from .presentation import Grid, Part, Presentation, closing, do_this
+from .presentation import Part, Presentation, TextTable, closing, do_this
 from .words import NOT_SAFE, UNSTABLE
 
 
@@ -65,12 +65,12 @@ def left_out(result: Verification) -> str:
     return "are for small motions" + (f", without the scenario's {effects}" if effects else "")
 
 
-def furthest(case: Case) -> float:
+def furthest(case: VerifiedLimit) -> float:
     """Larger of both differences."""
     return max(size(case.gain_difference), size(case.frequency_difference))
 
 
-def _differences(case: Case) -> str:
+def _differences(case: VerifiedLimit) -> str:
     """Differences beyond the tolerance, as text."""
     parts = []
     for what, difference in (("gain", case.gain_difference), ("frequency", case.frequency_difference)):
@@ -79,7 +79,7 @@ def _differences(case: Case) -> str:
     return ", ".join(parts) + f", {100 * case.tolerance:g} % allowed"
 
 
-def _where_to_look(cases: tuple[Case, ...], wrong: list[Case]) -> str:
+def _where_to_look(cases: tuple[VerifiedLimit, ...], wrong: list[VerifiedLimit]) -> str:
     """Likely cause of a disagreement, as text."""
     if any(case.witness == "linear" for case in wrong):
         return "The prediction itself is in doubt: please report the input"
@@ -101,13 +101,13 @@ def _compared(quantity: str, key: str, unit: str, significant: int, scale: float
     """Columns of a quantity predicted and simulated, and its relative difference; displayed is the JSON value times `scale`."""
 
     def column(how: str) -> Column:
-        def value(case: Case) -> float:
+        def value(case: VerifiedLimit) -> float:
             return getattr(case, f"{how}_{quantity}")
 
         shown = f"{how} [{unit}]"
         return Column(shown, f"{how}_{key}", value, shown=lambda case: digits(scale * value(case), significant=significant))
 
-    def difference(case: Case) -> float:
+    def difference(case: VerifiedLimit) -> float:
         return getattr(case, f"{quantity}_difference")
 
     shown = Column("difference", f"{quantity}_difference", difference, shown=lambda case: percent(difference(case), case.tolerance))
@@ -173,7 +173,7 @@ class VerificationPresentation(Presentation):
             sentence(self.result),
             *do_this(self.advice),
             "",
-            Grid.of("Factor on all gains at which vibration starts, and its frequency", SHORT, self.result.cases, ("difference",)),
+            TextTable.of("Factor on all gains at which vibration starts, and its frequency", SHORT, self.result.cases, ("difference",)),
             *(f"Left out: {warning}" for warning in self.result.warnings),
             *closing(self.files),
         ]

@@ -13,11 +13,11 @@ from ..system.requirements import REQUIREMENTS
 
 if TYPE_CHECKING:
     from ..studies.analysis import Analysis
+    from ..studies.gain_paths import PathStudy
     from ..studies.simulation import Outcome
     from ..studies.simulator_audit import SimulatorAudit
     from ..studies.sweep.summary import SweepSummary
     from ..studies.swept_margins import WorstStates
-    from ..studies.two_paths import PathStudy
     from ..studies.verdict import Finding, Level, Verdict
 
 LEVELS: "Mapping[Level, str]" = {"safe": "Safe", "unsafe": "Not safe", "undecided": "Not decided"}
@@ -114,12 +114,12 @@ def _undecided(study: "Analysis", where: str, reading: str) -> str:
 def _otherwise(study: "Analysis") -> str:
     """Sentence with the verdict under another value of an assumption: "With …: not safe."; "" if none was examined."""
     unsafe = not study.stable_in_range or bool(_known_to_fail(study))
-    told = dict.fromkeys(  # what two unknowns decide together is told once
+    verdicts = dict.fromkeys(  # what two unknowns decide together is told once
         f"with {one.readings[-1].text}: {LEVELS[one.readings[-1].level].lower()}"
         for one in study.verdict.findings
         if one.code in ASSUMED and one.readings and (unsafe or one.code != "rate_unknown")
     )
-    return f" {'; '.join(told)}.".replace(" w", " W", 1) if told else ""
+    return f" {'; '.join(verdicts)}.".replace(" w", " W", 1) if verdicts else ""
 
 
 def _as_computed(study: "Analysis") -> str:
@@ -320,8 +320,8 @@ def swept_banner(found: "SweepSummary") -> str:
     return f"NOT SAFE: unstable in {f'all {found.count}' if unstable == found.count else f'{unstable} of {found.count}'} postures"
 
 
-def swept_headline(found: "SweepSummary", worst: "WorstStates", said: str, missed: str) -> list[str]:
-    """Verdict on a sweep; `said`: sentence on the lowest gain limit, `missed`: on other requirements that fail."""
+def swept_headline(found: "SweepSummary", worst: "WorstStates", lowest_limit: str, missed: str) -> list[str]:
+    """Verdict on a sweep; `lowest_limit`: its sentence, `missed`: on other requirements that fail."""
     from ..studies.swept_margins import swept_verdict  # loads the stores of sweeps
 
     verdict = swept_verdict(found, worst)
@@ -330,7 +330,7 @@ def swept_headline(found: "SweepSummary", worst: "WorstStates", said: str, misse
     if verdict.level == "safe" and not worst.everywhere and worst.requirements:
         others = listed([one.requirement.title for one in worst.requirements])
         start = f"{LEVELS['safe']} where judged: {others} in {worst.count} of {found.count} postures. "
-    first, second = (missed, said) if found.margin_held and missed else (said, missed)
+    first, second = (missed, lowest_limit) if found.margin_held and missed else (lowest_limit, missed)
     return [text for text in (start + first, second) if text]
 
 

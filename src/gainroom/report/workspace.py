@@ -36,9 +36,9 @@ from .sweep_text import (
 def workspace_text(swept: AuditedWorkspace, advised: bool) -> str:
     """Terminal text of an audit on its workspace; `advised`: with the factor of advice_there."""
     found = swept.summary
-    said = [sentence(found), *sureness(found, None), later_there(swept), *warnings(found)]
-    said += [workspace_advice(swept) if advised else "", unmet_there(swept)]
-    return " ".join(["Workspace:", *filter(None, said), sample_text(swept)])
+    texts = [sentence(found), *sureness(found, None), later_there(swept), *warnings(found)]
+    texts += [workspace_advice(swept) if advised else "", unmet_there(swept)]
+    return " ".join(["Workspace:", *filter(None, texts), sample_text(swept)])
 
 
 def in_workspace(verdict: str, swept: AuditedWorkspace | None) -> str:
@@ -94,10 +94,10 @@ def workspace_advice(swept: AuditedWorkspace) -> str:
     """Sentence with the common factor that keeps gain margin and extra delay in the whole workspace; "" if these gains do."""
     if swept.summary.margin_held and (swept.later is None or swept.later.margin_held):
         return ""
-    kept = "keep the gain margin" if swept.later is None else "keep the gain margin, and are stable with that extra delay,"
+    predicate = "keep the gain margin" if swept.later is None else "keep the gain margin, and are stable with that extra delay,"
     if not math.isfinite(swept.scale):
         return "No common factor is known that does so in every posture swept."
-    return f"All gains × {typed_factor(swept.scale):.4g} {kept} in every posture swept."
+    return f"All gains × {typed_factor(swept.scale):.4g} {predicate} in every posture swept."
 
 
 def workspace_facts(found: SweepSummary) -> dict[str, Any]:
@@ -128,12 +128,14 @@ FAR = 3.0
 """Multiple of the required margin: if all limits are above, the figure leaves the margin out."""
 
 
-def workspace_section(found: SweepSummary, title: str, said: str = "", audited: AuditedWorkspace | None = None) -> Section:
-    """Section on a workspace; `said`: the verdict, if not that of a sweep; `audited`: further results there."""
+def workspace_section(found: SweepSummary, title: str, verdict: str = "", audited: AuditedWorkspace | None = None) -> Section:
+    """Section on a workspace; `verdict`: its sentence, if not that of a sweep; `audited`: further results there."""
     worst = found.worst_posture
     states = () if worst is None else worst_states(found, 0).states if audited is None else audited.sample.states
     later = "" if audited is None else later_there(audited)
-    parts: list[Html] = [paragraph(" ".join([said or sentence(found), *sureness(found, None), *filter(None, [later]), *warnings(found)]))]
+    parts: list[Html] = [
+        paragraph(" ".join([verdict or sentence(found), *sureness(found, None), *filter(None, [later]), *warnings(found)]))
+    ]
     if worst is not None:
         parts.append(facts(_numbers(found, audited is not None and audited.later is not None)))
     if audited is not None and audited.sample.requirements:

@@ -104,7 +104,7 @@ def contact_jacobian(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) 
     return np.vstack([np.zeros((0, body.nv)), *rows])
 
 
-class Held(NamedTuple):
+class Constraints(NamedTuple):
     """Held directions: rows of contact_jacobian, then closed loops, then springs of passive joints.
 
     jacobian           J_c (c, N)
@@ -121,12 +121,12 @@ class Held(NamedTuple):
         return ~np.isfinite(self.springs)
 
 
-def held(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> Held:
+def held(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> Constraints:
     """Constraints on the robot in posture `q` (nq,) on `contacts`. Raises GainroomError as contact_jacobian."""
     loops = linkage_jacobian(body, q)
     sprung = [body.rate(name)[None] for name in body.passive_springs]
     own = np.array(list(body.passive_springs.values())).reshape(-1, 2)
-    return Held(
+    return Constraints(
         np.vstack([contact_jacobian(body, q, contacts), loops, *sprung]),
         np.concatenate([np.zeros(0), *(contact.springs for contact in contacts), np.full(len(loops), np.inf), own[:, 0]]),
         np.concatenate([np.zeros(0), *(contact.dampers for contact in contacts), np.zeros(len(loops)), own[:, 1]]),

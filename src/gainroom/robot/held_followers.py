@@ -23,8 +23,8 @@ def on_a_tree(system: System) -> System:
     warning = (
         f"the motion of joints that follow others, which are held here: {held}; those that lead them have less inertia, and other limits"
     )
-    kept = (text for text in system.warnings if not text.startswith(FOLLOWERS_NOTE))
-    return replace(system, source=replace(robot, postures=postures), warnings=(warning, *kept))
+    others = (text for text in system.warnings if not text.startswith(FOLLOWERS_NOTE))
+    return replace(system, source=replace(robot, postures=postures), warnings=(warning, *others))
 
 
 def followers(body: RigidBody) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from ..errors import GainroomError, require_finite
 from ..system.linear.arrays import Floats
 from ..system.plant import Compliance
 from .assemble import massless
-from .contact import REDUNDANT, Contact, Held, free_motion, held
+from .contact import REDUNDANT, Constraints, Contact, free_motion, held
 from .linkage import ties_base
 from .model import RobotModel
 
@@ -66,7 +66,7 @@ def linearize(body: "RigidBody", actuators: "Actuators", q: Floats, contacts: Se
     )
 
 
-def _links(body: "RigidBody", inertia: Floats, holding: Held) -> tuple[Floats, Floats, Floats]:
+def _links(body: "RigidBody", inertia: Floats, holding: Constraints) -> tuple[Floats, Floats, Floats]:
     """Free motion R (nv, r), its joint rows S R (n, r), and W (n, n) = S R Rᵀ Sᵀ, without contact springs."""
     motion = free_motion(inertia, holding.jacobian[holding.rigid])
     joints = motion[body.nv - body.size :]
@@ -160,7 +160,7 @@ def _free(motion: Floats, joints: Floats) -> int:
     return motion.shape[1] - int(np.count_nonzero(sizes > REDUNDANT * sizes.max(initial=0.0)))
 
 
-def _compliance(motion: Floats, joints: Floats, holding: Held) -> Compliance | None:
+def _compliance(motion: Floats, joints: Floats, holding: Constraints) -> Compliance | None:
     """Compliance of contact springs and passive-joint springs, in the form of Plant; None if all constraints are rigid."""
     soft = ~holding.rigid
     if not soft.any():

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..system.linear.arrays import Booleans, Floats
 from ..system.plant import Plant
-from .contact import Contact, Held
+from .contact import Constraints, Contact
 
 if TYPE_CHECKING:
     from .body import RigidBody
@@ -47,7 +47,7 @@ class RobotModel(Plant):
     body: "RigidBody"
     q: Floats
     inertia: Floats
-    held: Held
+    held: Constraints
     contacts: tuple[Contact, ...] = ()
     posture: str = ""
     contact: str = ""

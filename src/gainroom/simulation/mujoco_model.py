@@ -265,8 +265,8 @@ def _add_contact(
     frame = body.model.frames[body.model.getFrameId(contact.frame)]
     rotation, place = body.frame_placement(q, contact.frame)
     foot, world = (
-        _Place(bodies[frame.parentJoint], frame.placement.translation, frame.placement.rotation),
-        _Place(spec.worldbody, place, rotation),
+        _BodyFrame(bodies[frame.parentJoint], frame.placement.translation, frame.placement.rotation),
+        _BodyFrame(spec.worldbody, place, rotation),
     )
     soft = np.isfinite(contact.springs)
     if soft.all():
@@ -282,14 +282,14 @@ def _add_contact(
 
 
 @dataclass(frozen=True)
-class _Place:
+class _BodyFrame:
     """Frame on a MuJoCo body."""
 
     body: Any
     position: Floats
     rotation: Floats
 
-    def turned(self, rotation: Floats) -> "_Place":
+    def turned(self, rotation: Floats) -> "_BodyFrame":
         """Frame at the same origin with other axes, the columns of `rotation` in its own."""
         return replace(self, rotation=self.rotation @ rotation)
 
@@ -308,7 +308,7 @@ class _Place:
         )
 
 
-def _add_holds(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, contact: Contact, timestep: float) -> None:
+def _add_holds(mujoco: Any, pin: Any, spec: Any, foot: _BodyFrame, world: _BodyFrame, contact: Contact, timestep: float) -> None:
     """Add equality constraints: a weld; for a line two of its points, for a point itself."""
     offsets = {"flat": [0.0], "line": [-0.05, 0.05], "point": [0.0]}[contact.kind]
     kind = mujoco.mjtEq.mjEQ_WELD if contact.kind == "flat" else mujoco.mjtEq.mjEQ_CONNECT
@@ -327,7 +327,7 @@ def _add_holds(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, co
         )
 
 
-def _add_springs(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, contact: Contact) -> None:
+def _add_springs(mujoco: Any, pin: Any, spec: Any, foot: _BodyFrame, world: _BodyFrame, contact: Contact) -> None:
     """Add a spring and a damper per direction, as actuators that push on the frame by its displacement."""
     names = [f"{contact.frame}/{side}" for side in ("foot", "ground")]
     for name, place in zip(names, (foot, world), strict=True):
@@ -339,7 +339,7 @@ def _add_springs(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, 
         spring.biastype, spring.biasprm[1:3] = mujoco.mjtBias.mjBIAS_AFFINE, (-stiffness, -damping)
 
 
-def _add_ground(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, contact: Contact, ground: Ground) -> None:
+def _add_ground(mujoco: Any, pin: Any, spec: Any, foot: _BodyFrame, world: _BodyFrame, contact: Contact, ground: Ground) -> None:
     """Add a ground plane under the frame, and the touching shape on the foot: box, cylinder along y, or ball, lowest at the frame.
 
     foot, world   the contact frame on either side, with the axes of its ground

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from ..errors import GainroomError
 from ..system.loop import Loop
 from .run_record import Run, cut, joined
-from .scenario import MOST_TICKS, Scenario, Signals
+from .scenario import MOST_TICKS, Scenario, ScenarioInputs
 from .stepping import LinearStepper
 from .testbed import Testbed
 from .testbed_stepping import TestbedStepper
@@ -32,7 +32,7 @@ def simulate(system: Loop | Testbed, scenario: Scenario) -> Run:
 
 def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> Iterator[Run]:
     """Run in parts of `block` ticks, as they are computed; it ends early if it diverges, with the reason in the last part."""
-    signals = Signals(scenario, _sampled(system))
+    signals = ScenarioInputs(scenario, _sampled(system))
     stepper = TestbedStepper(system, signals) if isinstance(system, Testbed) else LinearStepper(system, signals)
     first, total = 0, signals.ticks + 1  # both ends of the run are rows
     while first < total:

@@ -95,7 +95,7 @@ class Inputs:
     noise: Floats
 
 
-class Signals:
+class ScenarioInputs:
     """Inputs of a scenario in the order of time, block after block."""
 
     def __init__(self, scenario: Scenario, loop: Loop) -> None:

@@ -17,13 +17,13 @@ from ..system.linear.arrays import Floats
 from ..system.linear.state_space import StateSpace, hold, split_delay
 from ..system.loop import Loop
 from .run_record import OVERFLOWING, Run
-from .scenario import Inputs, Signals
+from .scenario import Inputs, ScenarioInputs
 
 
 class LinearStepper:
     """Simulation state of a sampled loop of n joints. Raises GainroomError if it cannot start in the scenario's state."""
 
-    def __init__(self, loop: Loop, signals: Signals) -> None:
+    def __init__(self, loop: Loop, signals: ScenarioInputs) -> None:
         parts, step = loop.parts, loop.sample_time
         assert parts is not None
         assert step is not None

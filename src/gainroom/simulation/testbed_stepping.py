@@ -11,7 +11,7 @@ from ..system.linear.arrays import Floats, Integers
 from ..system.linear.state_space import split_delay
 from ..system.loop import Loop
 from .run_record import Run
-from .scenario import Inputs, Signals
+from .scenario import Inputs, ScenarioInputs
 from .testbed import Testbed
 
 
@@ -20,7 +20,7 @@ class TestbedStepper:
 
     __test__ = False  # not a test class, whatever its name
 
-    def __init__(self, testbed: Testbed, signals: Signals) -> None:
+    def __init__(self, testbed: Testbed, signals: ScenarioInputs) -> None:
         loop = testbed.loop
         assert loop.parts is not None
         assert loop.sample_time is not None

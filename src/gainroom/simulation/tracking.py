@@ -30,7 +30,7 @@ class Tracking:
     settling_time: Floats
 
 
-class Tracked(Protocol):
+class TrackedRun(Protocol):
     """Run of k ticks with its reference, each (k, m)."""
 
     @property
@@ -41,7 +41,7 @@ class Tracked(Protocol):
     def error(self) -> Floats: ...
 
 
-def track(response: Tracked, until: float = math.inf) -> Tracking:
+def track(response: TrackedRun, until: float = math.inf) -> Tracking:
     """Tracking performance of a run, completed or not.
 
     until   start of a later disturbance [s]: overshoot and settling time are those before it; nan for a settling time that it cuts short
@@ -59,7 +59,7 @@ def track(response: Tracked, until: float = math.inf) -> Tracking:
     )
 
 
-def _arrival(response: Tracked, joint: int, rows: int) -> tuple[float, float]:
+def _arrival(response: TrackedRun, joint: int, rows: int) -> tuple[float, float]:
     """Overshoot and settling time of one joint within the first `rows`."""
     reference = response.reference[:rows, joint]
     position = reference - response.error[:rows, joint]

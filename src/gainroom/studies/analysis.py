@@ -15,7 +15,7 @@ from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import Balance, System
 from ..system.uncertainty import Uncertainty
-from .deciding_joints import deciding_joints_in
+from .critical_joints import critical_joints_in
 from .over_uncertainty import Worst, unknown_first
 from .progress import Progress, quiet
 from .state import State, limit_headroom, limiting_joints, state_of
@@ -292,7 +292,7 @@ def found_missed(study: Analysis) -> Iterator[Finding]:
     required = study.system.requirements
     for name, state in study.unmet.items():
         omega = REQUIREMENTS[name].frequency(study.worst_in(state).margins)
-        joints = deciding_joints_in(state, name) if len(study.system.source.joint_names) > 1 else ()
+        joints = critical_joints_in(state, name) if len(study.system.source.joint_names) > 1 else ()
         found = missed(required, name, study.least(state, name), frequency=omega, state=study.title_of(state), joints=joints)
         yield replace(found, level="undecided") if name in study.swaying and not study.system.balance else found
     yield from sway_found(study.system, list((study.swaying or study.damped_above).values()), study.remedies["sway"])

@@ -26,7 +26,7 @@ from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
 from ..system.uncertainty import Place, Uncertainty
 from .analysis import Analysis, analyze, verdict_of
-from .deciding_joints import deciding_joints_in, joints_that_miss, margins_by_joint
+from .critical_joints import critical_joints_in, joints_that_miss, margins_by_joint
 from .factors import largest_factor
 from .loop_numbers import extra_delay, margins_of
 from .lowered_gains import GainsToUse, gains_over_range, gains_to_use
@@ -106,7 +106,7 @@ class Audit(Analysis):
     system.requirements   required margins
     over     places tried in the ranges; `system` and all numbers are of the worst. None: no ranges
     held     further places at which recommended gains have to hold, beside the worst
-    readings   possible readings of ambiguous input; all numbers are of one of them (audit_readings.py)
+    readings   possible readings of ambiguous input; all numbers are of one of them (least_of)
     open       True: the readings differ in the verdict, so that there is none
     joint_damping   reading of the model's own joint damping: "controller": contained in kd; "friction": link_viscous; None: not stated
     """
@@ -158,8 +158,8 @@ class Audit(Analysis):
             found = found.with_findings(Finding("range_sampled", "safe"))
         if not self.open:
             return found
-        told = {each.code: each for one in self.readings for each in one.audit.verdict.deciding if each.readings}
-        found = Verdict.of(told.get(each.code, each) for each in found.findings)  # what decides in one of them alone
+        ambiguous = {each.code: each for one in self.readings for each in one.audit.verdict.deciding if each.readings}
+        found = Verdict.of(ambiguous.get(each.code, each) for each in found.findings)  # what decides in one of them alone
         levels = tuple(Reading(one.option, one.audit.verdict.level) for one in self.readings)
         return found.open(Finding("read_in_two_ways", "undecided", remedy=self.readings[0].option.split()[0], readings=levels))
 
@@ -222,7 +222,7 @@ class Audit(Analysis):
     def _margins_by_joint_in(self, state: State, one: Requirement) -> Floats:
         if one.name == "gain_margin":
             return margins_by_joint(state, one, _together(state), state.limiting_joints)
-        return margins_by_joint(state, one, self.value_in(state, one), deciding_joints_in(state, one.name))
+        return margins_by_joint(state, one, self.value_in(state, one), critical_joints_in(state, one.name))
 
     def extra_delay(self, state: State) -> float:
         """Extra delay until a state vibrates [s]; NaN: not known."""
@@ -295,7 +295,7 @@ class Audit(Analysis):
         return tuple(sorted(self.joints, key=order))
 
     @property
-    def has_two_paths(self) -> bool:
+    def has_kd_path(self) -> bool:
         """True if kd has a separate path."""
         return any(state.margins.paths is not None for state in self.states)
 
@@ -303,7 +303,7 @@ class Audit(Analysis):
     def scale(self) -> float:
         """Factor on all gains that makes them safe; NaN if none was found, or kd has a separate path."""
         most = min(1.0, min(state.limit.gain for state in self.states) / self.margin)
-        if self.has_two_paths or not most > 0:
+        if self.has_kd_path or not most > 0:
             return math.nan
         every = np.ones(len(self.system.source.joint_names), dtype=bool)
 
@@ -495,3 +495,19 @@ def or_none(question: Callable[[], Answer]) -> Answer | None:
 def _moving(system: System) -> list[State]:
     """States in which the gains act on some motion."""
     return [state for names in system.source.states if (state := state_of(system, *names)).moves]
+
+
+def least_of(readings: Sequence[ReadAs]) -> Audit:
+    """Audit of the reading with the lowest gain limit, with all readings attached; any of them may be the true one."""
+    return _read(min((one.audit for one in readings), key=lambda audit: audit.tightest.limit.gain), readings)
+
+
+def with_drives(host: Audit, drives: Callable[[], ReadAs | None], option: str, meaning: str) -> Audit:
+    """Audit of gains on the host, with the reading that they run in the drives attached if the drives can take them and it decides."""
+    there = None if host.withheld else or_none(drives)
+    return host if there is None or (host.safe and there.audit.safe) else _read(host, (ReadAs(option, meaning, host), there))
+
+
+def _read(one: Audit, readings: Sequence[ReadAs]) -> Audit:
+    """Audit `one` with all readings attached; no verdict if they differ."""
+    return replace(one, readings=tuple(readings), open=len({each.audit.verdict.level for each in readings}) > 1)

@@ -60,7 +60,7 @@ class AuditOfGains(Protocol):
     @property
     def safe(self) -> bool: ...
     @property
-    def has_two_paths(self) -> bool: ...
+    def has_kd_path(self) -> bool: ...
     @cached_property
     def scale(self) -> float: ...
     def enough_together_in(self, state: State) -> bool: ...
@@ -185,7 +185,7 @@ def _lowered(result: AuditOfGains) -> Iterator[tuple[Booleans, float]]:
     names, limits = result.system.source.joint_names, np.array([joint.limit for joint in result.joints])
     vibrating = {name for state in result.states if not result.enough_together_in(state) for name in state.limiting_joints}
     short, tried = (limits < result.margin) | np.isin(names, list(vibrating)), []
-    for some in () if result.has_two_paths else (short, np.array([not joint.safe for joint in result.joints])):
+    for some in () if result.has_kd_path else (short, np.array([not joint.safe for joint in result.joints])):
         lowered = _with_images(result, some)
         most = min(1.0, float(np.min(limits[lowered], initial=math.inf)) / result.margin)
         for _ in range(GROWTHS if most > 0 else 0):
@@ -231,7 +231,7 @@ def _images(result: AuditOfGains, first: int, near: float = ALIKE) -> Booleans:
 
 def _with_images(result: AuditOfGains, lowered: Booleans) -> Booleans:
     """Joints (n,) together with their mirror images, whose gains are lowered together: limbs that take turns have the same gains."""
-    of, kept = np.array(image_groups(result.system.source.joint_names)), lowered.copy()
+    of, with_images = np.array(image_groups(result.system.source.joint_names)), lowered.copy()
     for first in np.flatnonzero(lowered).tolist():
-        kept |= _images(result, first, near=0.0) & (of == of[first])
-    return kept
+        with_images |= _images(result, first, near=0.0) & (of == of[first])
+    return with_images

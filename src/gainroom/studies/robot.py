@@ -21,7 +21,7 @@ from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from ..system.uncertainty import Place, Uncertainty
 from .analysis import Analysis, analyze
-from .deciding_joints import most_sensitive
+from .critical_joints import most_sensitive
 from .progress import Progress, after, quiet
 from .state import USUAL_RATE, State, task_headroom
 from .worst_place import try_places
@@ -36,7 +36,7 @@ HELD = 4
 
 
 @dataclass(frozen=True)
-class Motion:
+class MarginMotion:
     """Motion of the joints at a margin in one state; `limit` holds its frequency and mode.
 
     place   in the uncertainty, as text; "" at the nominal values
@@ -131,7 +131,7 @@ class RobotStudy(Analysis):
         return margins_at_rate(self.system, found, gains.space, USUAL_RATE)
 
     @cached_property
-    def decisive_motion(self) -> Motion | None:
+    def decisive_motion(self) -> MarginMotion | None:
         """Motion at the worst value of the decisive requirement; None if that is the gain limit, or has no frequency.
 
         All loops together: the eigenvector of L whose eigenvalue is nearest to −1. One loop: the column of S, the response to a disturbance
@@ -151,7 +151,7 @@ class RobotStudy(Analysis):
         else:
             sensitivity, k = most_sensitive(response)
             mode, joint = sensitivity[:, k], state.model.joint_names[k]
-        return Motion(state, place, replace(found.limit, frequency=omega, mode=mode / mode[np.argmax(np.abs(mode))]), joint)
+        return MarginMotion(state, place, replace(found.limit, frequency=omega, mode=mode / mode[np.argmax(np.abs(mode))]), joint)
 
     def _worst_case(self, name: str) -> tuple[State, str]:
         """Worst state of a requirement at its worst place in the uncertainty; and that place, as text."""

@@ -103,8 +103,8 @@ class Verdict:
 
     def open(self, *why: Finding) -> "Verdict":
         """Verdict in which missing data, `why`, may turn unsafe findings into safe ones: these become undecided."""
-        told = (replace(one, level="undecided") if one.level == "unsafe" else one for one in self.findings)
-        return Verdict.of((*why, *told))
+        reopened = (replace(one, level="undecided") if one.level == "unsafe" else one for one in self.findings)
+        return Verdict.of((*why, *reopened))
 
 
 @dataclass(frozen=True)

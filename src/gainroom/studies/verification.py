@@ -37,7 +37,7 @@ PERIODS_PER_RUN = 100.0  # periods of the predicted vibration: enough to detect 
 
 
 @dataclass(frozen=True)
-class Case:
+class VerifiedLimit:
     """One limit, predicted and simulated. Gains: factors on the file's; infinite, with frequency NaN, if none vibrates.
 
     what       description as text
@@ -84,7 +84,7 @@ class Case:
         return abs(self.gain_difference) <= self.tolerance and abs(self.frequency_difference) <= self.tolerance
 
 
-Job = tuple[str, Callable[[], Case]]
+Job = tuple[str, Callable[[], VerifiedLimit]]
 """Name of a case, and the function that computes it."""
 
 
@@ -92,7 +92,7 @@ Job = tuple[str, Callable[[], Case]]
 class Verification:
     """Result of `gainroom verify`."""
 
-    cases: tuple[Case, ...]
+    cases: tuple[VerifiedLimit, ...]
     of_robot: bool = False
     warnings: tuple[str, ...] = ()
     """Omissions and their reasons."""
@@ -107,7 +107,7 @@ class Verification:
         return all(case.agrees for case in self.cases)
 
     @property
-    def least(self) -> Case:
+    def least(self) -> VerifiedLimit:
         """Case with the lowest predicted limit, unknown ones first; among those that the file's requirements apply to, if there are any."""
         judged = [case for case in self.cases if case.required is not None] or self.cases
         return min(judged, key=lambda case: -math.inf if math.isnan(case.predicted_gain) else case.predicted_gain)
@@ -202,7 +202,7 @@ def growth_about(loop: Loop) -> Growth:
     return Growth(gains, np.array(predicted), np.array(simulated))
 
 
-def linear_case(what: str, loop: Loop) -> Case:
+def linear_case(what: str, loop: Loop) -> VerifiedLimit:
     """Case of a sampled loop of any number of joints, stepped linearly."""
     limit = gain_limit(loop)
     if not 0 < limit.gain < math.inf:
@@ -212,7 +212,7 @@ def linear_case(what: str, loop: Loop) -> Case:
     return _case(what, "linear", limit, lambda: linear_onset(loop.scaled(begin), _duration(loop, limit)), begin)
 
 
-def _mujoco(what: str, system: System, posture: str, contact: str, loop: Loop) -> Callable[[], Case] | None:
+def _mujoco(what: str, system: System, posture: str, contact: str, loop: Loop) -> Callable[[], VerifiedLimit] | None:
     """Function that computes the MuJoCo case; None if no predicted limit can be searched.
 
     Raises GainroomError if MuJoCo cannot simulate the state.
@@ -227,13 +227,13 @@ def _mujoco(what: str, system: System, posture: str, contact: str, loop: Loop) -
     return lambda: _case(what, "mujoco", limit, lambda: robot_onset(setup, limit.gain))
 
 
-def _case(what: str, witness: str, limit: GainLimit, search: Callable[[], Onset], begin: float = 1.0) -> Case:
+def _case(what: str, witness: str, limit: GainLimit, search: Callable[[], Onset], begin: float = 1.0) -> VerifiedLimit:
     """Case of `limit` beside the result of `search`, as a factor on `begin`; NaN if no factor tried changes stability."""
     try:
         onset = search()
     except GainroomError:
-        return Case(what, witness, limit.gain, math.nan, limit.frequency, math.nan)
-    return Case(what, witness, limit.gain, begin * onset.gain, limit.frequency, onset.frequency, onset.runs)
+        return VerifiedLimit(what, witness, limit.gain, math.nan, limit.frequency, math.nan)
+    return VerifiedLimit(what, witness, limit.gain, begin * onset.gain, limit.frequency, onset.frequency, onset.runs)
 
 
 def _duration(loop: Loop, limit: GainLimit) -> float:
@@ -243,19 +243,19 @@ def _duration(loop: Loop, limit: GainLimit) -> float:
     return float(np.clip(wanted, FEWEST_RUN_TICKS * loop.sample_time, MOST_RUN_TICKS * loop.sample_time))
 
 
-def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
+def _without_limit(what: str, loop: Loop, limit: GainLimit) -> VerifiedLimit:
     """Case in which no factor changes the predicted stability; none that is tried may change the simulated one."""
     if limit.gain == 0:  # it grows at every factor, more slowly at lower gains
         grown = [linear_vibration(loop.scaled(factor), LOWERED_DURATION / math.sqrt(factor)) for factor in LOWERED]
         grows = all(found is not None and found.growth_rate > 0 for found in grown)
-        return Case(what, "linear", 0.0, 0.0 if grows else math.nan, math.nan, math.nan, len(LOWERED))
+        return VerifiedLimit(what, "linear", 0.0, 0.0 if grows else math.nan, math.nan, math.nan, len(LOWERED))
     try:
         onset = linear_onset(loop)
     except GainroomError:  # the same verdict at every factor: it may be either
         found = linear_vibration(loop)
         decays = found is None or found.growth_rate <= 0
-        return Case(what, "linear", math.inf, math.inf if decays else math.nan, math.nan, math.nan)
-    return Case(what, "linear", limit.gain, onset.gain, limit.frequency, onset.frequency, onset.runs)
+        return VerifiedLimit(what, "linear", math.inf, math.inf if decays else math.nan, math.nan, math.nan)
+    return VerifiedLimit(what, "linear", limit.gain, onset.gain, limit.frequency, onset.frequency, onset.runs)
 
 
 def _difference(predicted: float, simulated: float) -> float:

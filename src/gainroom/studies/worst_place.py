@@ -24,7 +24,7 @@ GEARBOX = ("resonance", "stiffness", "damping_ratio", "damping")
 """Quantity that a scan from stiff to soft varies, the first of these that is uncertain."""
 
 
-class Placed(Protocol):
+class PlacedState(Protocol):
     """Posture and contact state with its plant: a State (state.py)."""
 
     @property
@@ -123,7 +123,7 @@ class OverRange:
         return [one.place for one in found[:most]]
 
 
-def try_places(system: System, states: Sequence[Placed], progress: Progress = quiet, tries: Tries = TRIES) -> OverRange:
+def try_places(system: System, states: Sequence[PlacedState], progress: Progress = quiet, tries: Tries = TRIES) -> OverRange:
     """Worst place of a system over its uncertainty, in those of its `states` in which a joint moves."""
     search = _Search(system, states, progress, tries)
     with suppress(_Enough):
@@ -137,7 +137,7 @@ class _Enough(Exception):  # noqa: N818 - ends a search
 
 
 class _Search:
-    def __init__(self, system: System, states: Sequence[Placed], progress: Progress, tries: Tries) -> None:
+    def __init__(self, system: System, states: Sequence[PlacedState], progress: Progress, tries: Tries) -> None:
         self.system, self.states, self.progress, self.tries = system, states, progress, tries
         self.uncertain, self.size = system.uncertainty, len(system.source.joint_names)
         self.names, self.tried = self.uncertain.names, dict[Place, Tried]()
@@ -269,15 +269,15 @@ def _peak(three: Sequence[tuple[float, float]], enough: float) -> float | None:
     return place if x0 < place < x2 and min(abs(place - x) for x in (x0, x1, x2)) > 1e-6 else None
 
 
-def _judged(system: System, states: Sequence[Placed], place: Place, together: bool) -> Tried:
+def _judged(system: System, states: Sequence[PlacedState], place: Place, together: bool) -> Tried:
     """Judgement of one place in all states."""
     values, safe, stable, worst = system.source.quantities, True, True, -math.inf
     for state in states:
         known = {name: value for name, value in values.items() if hasattr(state.model, name) and name != "link_inertia"}
         model = replace(state.model, **known) if system.source.body is not None else system.source.linearize()
         case = StateCase(state.posture, state.contact, "", system, model)
-        kept, counted, short = _in_state(case)
-        safe, stable, worst = safe and kept, stable and counted, float(np.maximum(worst, short))
+        met, counted, short = _in_state(case)
+        safe, stable, worst = safe and met, stable and counted, float(np.maximum(worst, short))
     return Tried(place, system, safe, worst, stable, together)
 
 

@@ -56,12 +56,12 @@ class ActuatorEntry:
         Raises GainroomError where only one of rotor_inertia and gear_ratio is given, or either beside motor_inertia.
         """
         halves = {"rotor_inertia": self.rotor_inertia, "gear_ratio": self.gear_ratio}
-        said = [name for name, value in halves.items() if value is not None]
-        if self.motor_inertia is not None and said:
-            raise GainroomError(f"{owner}: {said[0]} has no meaning beside motor_inertia; give either")
-        if self.motor_inertia is not None or not said:
+        given = [name for name, value in halves.items() if value is not None]
+        if self.motor_inertia is not None and given:
+            raise GainroomError(f"{owner}: {given[0]} has no meaning beside motor_inertia; give either")
+        if self.motor_inertia is not None or not given:
             return self.motor_inertia
         if self.rotor_inertia is None or self.gear_ratio is None:
             missing = "gear_ratio" if self.gear_ratio is None else "rotor_inertia"
-            raise GainroomError(f"{owner}: {said[0]} needs {missing}, or give motor_inertia (joint side) instead of both")
+            raise GainroomError(f"{owner}: {given[0]} needs {missing}, or give motor_inertia (joint side) instead of both")
         return self.rotor_inertia * self.gear_ratio**2

@@ -37,7 +37,7 @@ class Branch:
         return self.solve(kp, a, b)
 
 
-class Lines(Protocol):
+class GainLines(Protocol):
     """Lines kp = const in the gain plane, on which a curve or disk in the plane of L becomes intervals of kd."""
 
     def swept(self, branches: Sequence[Branch], ends: Sequence[complex]) -> list[Any]:
@@ -69,7 +69,7 @@ class ExcludedSet(ABC):
     """Set in the plane of L that contains −1 and that L(jω) must avoid."""
 
     @abstractmethod
-    def on(self, lines: Lines) -> list[Any]:
+    def on(self, lines: GainLines) -> list[Any]:
         """Excluded kd, as the intervals that `lines` returns."""
 
     @abstractmethod
@@ -92,7 +92,7 @@ class Segment(ExcludedSet):
 
     factor: float
 
-    def on(self, lines: Lines) -> list[Any]:
+    def on(self, lines: GainLines) -> list[Any]:
         factor = self.factor
 
         def solve(kp: Floats, a: Complexes, b: Complexes) -> tuple[Floats, Booleans]:
@@ -122,7 +122,7 @@ class Arc(ExcludedSet):
 
     angle: float
 
-    def on(self, lines: Lines) -> list[Any]:
+    def on(self, lines: GainLines) -> list[Any]:
         return lines.swept([self._branch(sign) for sign in (-1.0, 1.0)], [-cmath.exp(1j * self.angle), -cmath.exp(-1j * self.angle)])
 
     def _branch(self, sign: float) -> Branch:
@@ -154,7 +154,7 @@ class Disk(ExcludedSet):
         beyond = ceiling - offset**2 / ceiling
         return cls(-(ceiling - offset * (slope + offset) / ceiling) / beyond, abs(slope) / beyond)
 
-    def on(self, lines: Lines) -> list[Any]:
+    def on(self, lines: GainLines) -> list[Any]:
         return lines.shadow(self.center, self.radius)
 
     def clear(self, boxes: Boxes) -> Booleans:

@@ -369,7 +369,7 @@ def build_loop(
         _require_alike(plant, controller)
     parts = Parts(plant, drives, controller, feedback, sample_time, kd_path)
     if kd_path is not None:
-        return _two_paths(parts)
+        return _split_loop(parts)
     delays = parts.delays if sample_time is None else np.zeros(plant.size)
     if plant.size > 1:
         loop = Loop(plant.size, sample_time, delays=delays, parts=parts)
@@ -393,7 +393,7 @@ def _require_alike(plant: Plant, controller: Controller) -> None:
         )
 
 
-def _two_paths(parts: Parts) -> Loop:
+def _split_loop(parts: Parts) -> Loop:
     """Loop whose kd closes on a separate path. Raises GainroomError if the ratio of the rates or a filter does not allow it."""
     assert parts.kd_path is not None
     if parts.sample_time is None:

@@ -15,7 +15,7 @@ class MarginRecord(Protocol):
         ...
 
 
-class Curves(Protocol):
+class LoopCurves(Protocol):
     """Curves of coupled loops and their derivatives by the gains (design/margin_slopes.py)."""
 
     def at_axis(self, name: str, factor: float) -> Any:
@@ -39,7 +39,7 @@ class Curves(Protocol):
         ...
 
 
-class Sampled(Protocol):
+class SampledLoops(Protocol):
     """Coupled loops sampled along the stability boundary (analysis/look.py)."""
 
     def peak(self, slope: float = 1.0, offset: float = 0.0) -> tuple[float, float]:

@@ -7,9 +7,8 @@ import numpy as np
 from ..errors import GainroomError
 from .assembly import Feedback, Parts, actuated_state, current_loop
 from .drive import Drive
-from .linear.sampling import sample
 from .linear.state_space import StateSpace, factored, hold, split_delay
-from .linear.transfer_function import Factored, ratio
+from .linear.transfer_function import Factored, ratio, sample
 from .plant import Plant
 
 

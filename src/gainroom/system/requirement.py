@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import GainroomError
 from .excluded_sets import ROUND_OFF, ExcludedSet
 from .linear.arrays import Floats
-from .loop_protocols import Curves, MarginRecord, Sampled
+from .loop_protocols import LoopCurves, MarginRecord, SampledLoops
 from .margin_units import IN_SI
 
 
@@ -114,13 +114,13 @@ class Requirement:
 
     def _measured_once(self, loop: Any) -> float:
         """`measured`, cached on the loop; NaN where it raises GainroomError."""
-        kept: dict[Requirement, float] = loop.measurements
-        if self not in kept:
+        measured: dict[Requirement, float] = loop.measurements
+        if self not in measured:
             try:
-                kept[self] = float(self.measured(loop))
+                measured[self] = float(self.measured(loop))
             except GainroomError:
-                kept[self] = math.nan
-        return kept[self]
+                measured[self] = math.nan
+        return measured[self]
 
     def of_loops(self, found: Any) -> Floats | None:
         """Values (n,) one loop at a time, other loops closed; None where the margin is of all loops together alone, or not known."""
@@ -171,10 +171,10 @@ class Requirement:
         """Factor on all gains up to which coupled loops have to be sampled finely."""
         return 1.0
 
-    def sampled(self, seen: Sampled) -> dict[str, float]:
+    def sampled(self, seen: SampledLoops) -> dict[str, float]:
         """Fields of Margins that follow quickly from sampled coupled loops; where it is empty all margins are computed at every sample."""
         return {}
 
-    def slopes(self, curves: Curves, needed: float) -> Any:
+    def slopes(self, curves: LoopCurves, needed: float) -> Any:
         """Shortfall of coupled loops at every place where it may occur, and its derivative by every gain."""
         return curves.by_differences(self, needed)

@@ -12,7 +12,7 @@ from typing import Any
 from ..errors import GainroomError
 from .excluded_sets import ROUND_OFF, Arc, Disk, ExcludedSet, Segment
 from .linear.arrays import Floats
-from .loop_protocols import Curves, MarginRecord, Sampled
+from .loop_protocols import LoopCurves, MarginRecord, SampledLoops
 from .margin_units import from_db, to_db
 from .requirement import Requirement
 
@@ -46,7 +46,7 @@ class GainMargin(Requirement):
     def excluded(self, needed: float) -> ExcludedSet:
         return Segment(needed)
 
-    def slopes(self, curves: Curves, needed: float) -> Any:
+    def slopes(self, curves: LoopCurves, needed: float) -> Any:
         return curves.at_axis(self.name, needed)
 
 
@@ -79,7 +79,7 @@ class PhaseMargin(Requirement):
     def excluded(self, needed: float) -> ExcludedSet:
         return Arc(needed)
 
-    def slopes(self, curves: Curves, needed: float) -> Any:
+    def slopes(self, curves: LoopCurves, needed: float) -> Any:
         return curves.at_circle(self.name, needed)
 
 
@@ -101,11 +101,11 @@ class SensitivityBound(Requirement):
     def excluded(self, needed: float) -> ExcludedSet:
         return Disk.of_ceiling(needed, self.slope, self.offset)
 
-    def sampled(self, seen: Sampled) -> dict[str, float]:
+    def sampled(self, seen: SampledLoops) -> dict[str, float]:
         height, omega = seen.peak(self.slope, self.offset)
         return {self.bounds or self.name: height} | ({self.at_frequency: omega} if self.at_frequency else {})
 
-    def slopes(self, curves: Curves, needed: float) -> Any:
+    def slopes(self, curves: LoopCurves, needed: float) -> Any:
         return curves.at_peaks(self.name, needed, self.slope, self.offset)
 
 
@@ -113,11 +113,11 @@ class SensitivityBound(Requirement):
 class DelayMargin(Requirement):
     """Delay margin τ [s] > 0: the loop is stable with any extra delay up to τ, equal in all loops."""
 
-    def sampled(self, seen: Sampled) -> dict[str, float]:
+    def sampled(self, seen: SampledLoops) -> dict[str, float]:
         delay, omega = seen.delay()
         return {self.name: delay, self.at_frequency: omega}
 
-    def slopes(self, curves: Curves, needed: float) -> Any:
+    def slopes(self, curves: LoopCurves, needed: float) -> Any:
         return curves.at_delays(self.name, needed * (1 + TICKS))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from ...errors import GainroomError, one_line
 from .limits import Limits
 from .local_pool import Stop
-from .plan import SweepPlan, Task
+from .plan import SweepPlan, SweepTask
 
 CONNECTING = 10.0
 """Time [s] in which a scheduler has to answer."""
@@ -30,17 +30,17 @@ class _GoneError(Exception):
     """Scheduler that was there no longer answers."""
 
 
-def on_cluster(plan: SweepPlan, tasks: Iterator[Task], stop: Stop, address: str) -> Iterator[tuple[Task, Limits]]:
+def on_cluster(plan: SweepPlan, tasks: Iterator[SweepTask], stop: Stop, address: str) -> Iterator[tuple[SweepTask, Limits]]:
     """Limits of tasks as they are finished; ends early once `stop` is true.
 
     A scheduler that goes away is waited for, ABSENT s, and its unfinished tasks are submitted again. Raises GainroomError if none answers,
     it has no workers, these have another version, or a task fails.
     """
-    given: dict[Any, Task] = {}
-    waiting: list[Task] = []
+    given: dict[Any, SweepTask] = {}
+    waiting: list[SweepTask] = []
     lost = 0.0
 
-    def following() -> Task | None:
+    def following() -> SweepTask | None:
         return waiting.pop() if waiting else next(tasks, None)
 
     while not stop():
@@ -49,8 +49,8 @@ def on_cluster(plan: SweepPlan, tasks: Iterator[Task], stop: Stop, address: str)
         except (OSError, TimeoutError, ValueError) as error:
             if lost and time.monotonic() < lost + ABSENT:
                 continue
-            kept = "; it was there: what was finished is kept" if lost else ""
-            raise GainroomError(f"--scheduler {address}: does not answer: {one_line(error, 120)}{kept}") from error
+            note = "; it was there: what was finished is kept" if lost else ""
+            raise GainroomError(f"--scheduler {address}: does not answer: {one_line(error, 120)}{note}") from error
         try:
             yield from _with(client, plan, following, given, stop)
             return
@@ -74,8 +74,8 @@ def _client(address: str) -> Any:
 
 
 def _with(
-    client: Any, plan: SweepPlan, following: Callable[[], Task | None], given: dict[Any, Task], stop: Stop
-) -> Iterator[tuple[Task, Limits]]:
+    client: Any, plan: SweepPlan, following: Callable[[], SweepTask | None], given: dict[Any, SweepTask], stop: Stop
+) -> Iterator[tuple[SweepTask, Limits]]:
     """Limits of tasks on a scheduler that answers; `given`: tasks that it holds. Raises _GoneError."""
     from ... import __version__
 
@@ -156,5 +156,5 @@ def _prepared(pickled: bytes, version: str) -> SweepPlan:
     return pickle.loads(pickled)
 
 
-def _computed(plan: SweepPlan, task: Task) -> Limits:
+def _computed(plan: SweepPlan, task: SweepTask) -> Limits:
     return plan.computed(task)

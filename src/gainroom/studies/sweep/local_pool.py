@@ -14,7 +14,7 @@ from typing import Any
 
 from ...errors import GainroomError
 from .limits import Limits
-from .plan import SweepPlan, Task
+from .plan import SweepPlan, SweepTask
 
 MOST_DEATHS = 3
 """Most processes that may die over one task: then the task, or a machine without memory, is at fault."""
@@ -23,7 +23,7 @@ PATIENCE = 0.1
 Stop = Callable[[], bool]
 
 
-def in_this_process(plan: SweepPlan, tasks: Iterator[Task], stop: Stop) -> Iterator[tuple[Task, Limits]]:
+def in_this_process(plan: SweepPlan, tasks: Iterator[SweepTask], stop: Stop) -> Iterator[tuple[SweepTask, Limits]]:
     """Limits of tasks, computed one after the other in this process."""
     for task in tasks:
         if stop():
@@ -31,14 +31,14 @@ def in_this_process(plan: SweepPlan, tasks: Iterator[Task], stop: Stop) -> Itera
         yield task, plan.computed(task)
 
 
-def in_processes(plan: SweepPlan, tasks: Iterator[Task], stop: Stop, workers: int) -> Iterator[tuple[Task, Limits]]:
+def in_processes(plan: SweepPlan, tasks: Iterator[SweepTask], stop: Stop, workers: int) -> Iterator[tuple[SweepTask, Limits]]:
     """Limits of tasks as they are finished; ends early once `stop` is true.
 
     Raises what a task raises; GainroomError if processes keep dying.
     """
     context = multiprocessing.get_context("spawn")
     crew: list[_Worker] = []
-    again: list[tuple[Task, int]] = []
+    again: list[tuple[SweepTask, int]] = []
 
     def give(worker: "_Worker") -> None:
         task, deaths = again.pop() if again else (next(tasks, None), 0)
@@ -97,10 +97,10 @@ class _Worker:
 
     process: Any
     pipe: "Connection[Any, Any]"
-    task: Task | None = None
+    task: SweepTask | None = None
     deaths: int = 0
 
-    def send(self, task: Task) -> None:
+    def send(self, task: SweepTask) -> None:
         """Send a task; a process that has died is noticed when its answer is read."""
         with contextlib.suppress(OSError):
             self.pipe.send(task)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...system.linear.arrays import Floats
 from .limits import Limits
-from .plan import SweepPlan, Task
+from .plan import SweepPlan, SweepTask
 
 CELLS = 12
 """Number of cells of each joint's range: with 10 000 postures some 70 lie in a cell of a pair."""
@@ -33,7 +33,7 @@ class PairMaps:
         return max(self.lowest, key=lambda pair: _spread(self.lowest[pair]), default=None)
 
 
-def pair_maps(plan: SweepPlan, finished: Iterable[tuple[Task, Limits]], often: Floats) -> PairMaps:
+def pair_maps(plan: SweepPlan, finished: Iterable[tuple[SweepTask, Limits]], often: Floats) -> PairMaps:
     """Maps of a sweep; `often` (n,): number of times each joint limits, by which joints are chosen if there are too many."""
     low, high = plan.postures.low, plan.postures.high
     moving = np.flatnonzero(high > low)

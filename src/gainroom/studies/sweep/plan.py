@@ -24,7 +24,7 @@ CHUNK, LONG_CHUNK, LONG = 4096, 65536, 1 << 24
 MOST_DRAWS = 10_000
 
 
-class Task(NamedTuple):
+class SweepTask(NamedTuple):
     """Postures `first` to `stop` of one draw and contact state, all as indices; `part`: index of this piece of the postures."""
 
     draw: int
@@ -82,14 +82,14 @@ class SweepPlan:
         """Number of limits in all."""
         return len(self.places) * len(self.contacts) * self.postures.count
 
-    def task(self, number: int) -> Task:
+    def task(self, number: int) -> SweepTask:
         """Task with index `number`, 0 to `tasks` − 1."""
         rest, part = divmod(number, self.parts)
         draw, contact = divmod(rest, len(self.contacts))
         first = part * self.chunk
-        return Task(draw, contact, part, first, min(first + self.chunk, self.postures.count))
+        return SweepTask(draw, contact, part, first, min(first + self.chunk, self.postures.count))
 
-    def computed(self, task: Task) -> Limits:
+    def computed(self, task: SweepTask) -> Limits:
         """Limits of a task, bit-identical wherever it is computed."""
         return self._of(task.draw, task.contact).limits(self.postures.at(task.first, task.stop))
 
@@ -144,8 +144,8 @@ def _digest(value: Any) -> str:
 def _canonical(value: Any) -> Any:
     """JSON-like form of a value that depends on its numbers alone, not on the file or its location."""
     if isinstance(value, Robot):  # without names of files, and what does not enter a limit
-        kept = (value.actuators, value.contacts, value.stack, value.gravity, value.body)
-        return ["Robot", *map(_canonical, kept)]
+        parts = (value.actuators, value.contacts, value.stack, value.gravity, value.body)
+        return ["Robot", *map(_canonical, parts)]
     if hasattr(value, "saveToString"):  # a model of Pinocchio's
         return hashlib.sha256(_model(value)).hexdigest()
     if is_dataclass(value) and not isinstance(value, type):

@@ -34,9 +34,9 @@ def run(store: Store, workers: int | None = None, scheduler: str = "", progress:
     todo, damaged = [], []
     for number in range(plan.tasks):
         task = plan.task(number)
-        said = store.damage(task) if store.has(task) else ""
-        damaged += [said] * bool(said)
-        todo += [number] * bool(said or not store.has(task))
+        message = store.damage(task) if store.has(task) else ""
+        damaged += [message] * bool(message)
+        todo += [number] * bool(message or not store.has(task))
     found = done = plan.states - sum(plan.task(number).size for number in todo)
     progress(done, plan.states, "")
     tasks = map(plan.task, todo)

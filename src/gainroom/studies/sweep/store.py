@@ -18,7 +18,7 @@ import numpy as np
 from ...errors import GainroomError
 from .checksums import damaged
 from .limits import Limits
-from .plan import SweepPlan, Task
+from .plan import SweepPlan, SweepTask
 from .store_layout import RESULTS, created, filled, kept, library, mended, require_same, telling
 
 if TYPE_CHECKING:
@@ -48,11 +48,11 @@ class Store:
         created(path, plan)
         return cls(path, plan)
 
-    def has(self, task: Task) -> bool:
+    def has(self, task: SweepTask) -> bool:
         """True if a task is finished."""
         return all(filled(self.path / name / "c" / place) for name, place in self._places(task))
 
-    def write(self, task: Task, found: Limits) -> None:
+    def write(self, task: SweepTask, found: Limits) -> None:
         """Write a finished task. Raises GainroomError if it cannot be written, as on a full disk; existing files stay."""
         with telling(self.path):
             for name, field in FIELDS.items():
@@ -60,7 +60,7 @@ class Store:
             if task.draw == task.contact == 0:
                 self._arrays["angles"][task.first : task.stop] = self.plan.postures.at(task.first, task.stop)
 
-    def read(self, task: Task) -> Limits:
+    def read(self, task: SweepTask) -> Limits:
         """Stored limits of a task. Raises GainroomError, naming the file, if it is damaged."""
         with telling(self.path, "read"):
             parts = {field: self._arrays[name][task.draw, task.contact, task.first : task.stop] for name, field in FIELDS.items()}
@@ -69,7 +69,7 @@ class Store:
                 raise damaged(self.path, f"{name}/c/{task.draw}/{task.contact}/{task.part}")
         return Limits(**parts)
 
-    def damage(self, task: Task) -> str:
+    def damage(self, task: SweepTask) -> str:
         """Message about a finished task that is damaged; "" for an intact one."""
         try:
             self.read(task)
@@ -80,14 +80,14 @@ class Store:
             return str(error)
         return ""
 
-    def finished(self) -> Iterator[tuple[Task, Limits]]:
+    def finished(self) -> Iterator[tuple[SweepTask, Limits]]:
         """Finished tasks with their limits, in order, one in memory at a time."""
         for number in range(self.plan.tasks):
             task = self.plan.task(number)
             if self.has(task):
                 yield task, self.read(task)
 
-    def _places(self, task: Task) -> list[tuple[str, str]]:
+    def _places(self, task: SweepTask) -> list[tuple[str, str]]:
         places = [(name, f"{task.draw}/{task.contact}/{task.part}") for name in RESULTS]
         return [*places, ("angles", f"{task.part}/0")] if task.draw == task.contact == 0 else places
 

@@ -62,25 +62,27 @@ def attributes(path: Path) -> dict[str, Any]:
         found = dict(group["attributes"])
     except (ValueError, KeyError, TypeError, RecursionError):
         group, found = {}, {}
-    kept = str(found.get("format"))
+    written_format = str(found.get("format"))
     whole = CHECKSUM in found and own_digest(group) == found[CHECKSUM]
     if (CHECKSUM in found and not whole) or (not found and NAME.encode() in content):
         raise GainroomError(f"{damaged(path, METADATA)}, so whose it is cannot be told; it stays as it is: name another store")
-    if whole and kept == FORMAT:
+    if whole and written_format == FORMAT:
         if not _complete(found):
             raise damaged(path, METADATA)
         return found
-    if kept in UNCHECKED:
+    if written_format in UNCHECKED:
         what = "the store of a sweep by an older gainroom, without checksums: damage in it would not be seen"
         raise GainroomError(f"{path}: is {what}; it stays as it is: sweep again into another store")
-    what = "the store of a sweep by another version of gainroom" if kept.startswith(NAME) else "not the store of a sweep"
+    what = "the store of a sweep by another version of gainroom" if written_format.startswith(NAME) else "not the store of a sweep"
     raise GainroomError(f"{path}: is {what}, and stays as it is")
 
 
-def _complete(said: dict[str, Any]) -> bool:
+def _complete(found: dict[str, Any]) -> bool:
     """True if attributes have everything needed to read and continue the sweep."""
-    names = (isinstance(said.get(key), dict) and all(isinstance(each, str) for each in said[key].values()) for key in ("identity", DIGESTS))
-    counts = (isinstance(said.get(key), int) and said[key] > 0 for key in ("count", "chunk"))
+    names = (
+        isinstance(found.get(key), dict) and all(isinstance(each, str) for each in found[key].values()) for key in ("identity", DIGESTS)
+    )
+    counts = (isinstance(found.get(key), int) and found[key] > 0 for key in ("count", "chunk"))
     return all(names) and all(counts)
 
 
@@ -94,11 +96,11 @@ def kept(path: Path) -> Any:
 
 def require_finished(path: Path) -> None:
     """Raise GainroomError if parts of the results at `path` are missing."""
-    said = attributes(path)
+    found = attributes(path)
     with telling(path, "read"):
         shapes = {name: json.loads((path / name / METADATA).read_bytes())["shape"] for name in GROWING}
     for name, shape in shapes.items():
-        parts = math.ceil(said["count"] / said["chunk"])
+        parts = math.ceil(found["count"] / found["chunk"])
         before = ["/".join(map(str, place)) + "/" for place in np.ndindex(*shape[:2])] if name in RESULTS else [""]
         after = "" if name in RESULTS else "/0"
         for place in (f"{name}/c/{first}{part}{after}" for first in before for part in range(parts)):
@@ -111,8 +113,8 @@ def require_same(path: Path, plan: SweepPlan) -> None:
     stored = attributes(path)["identity"]
     for name, text in DIFFERENT.items():
         if stored.get(name) != plan.identity[name]:
-            said = text.format(stored=stored.get(name), now=plan.identity[name])
-            raise GainroomError(f"{path}: {said}; nothing was changed there: name another store")
+            message = text.format(stored=stored.get(name), now=plan.identity[name])
+            raise GainroomError(f"{path}: {message}; nothing was changed there: name another store")
 
 
 def created(path: Path, plan: SweepPlan) -> None:

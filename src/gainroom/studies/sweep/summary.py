@@ -14,7 +14,7 @@ from ...robot.robot import Posture, Robot
 from ...system.linear.arrays import Floats, Integers
 from ...system.system import System
 from .limits import Limits
-from .plan import SweepPlan, Task
+from .plan import SweepPlan, SweepTask
 
 WORST = 8
 """Default number of worst postures remembered per contact state."""
@@ -183,7 +183,7 @@ class SweepSummary:
 
 
 def summarized(
-    plan: SweepPlan, finished: Iterable[tuple[Task, Limits]], margin: float | None = None, remembered: int = WORST
+    plan: SweepPlan, finished: Iterable[tuple[SweepTask, Limits]], margin: float | None = None, remembered: int = WORST
 ) -> SweepSummary:
     """Summary of finished tasks, in any order.
 
@@ -209,7 +209,7 @@ class _Part:
         self._lower = 0.0
         self._worst: list[tuple[float, int, int, SweptPosture]] = []
 
-    def take(self, task: Task, limits: Limits) -> None:
+    def take(self, task: SweepTask, limits: Limits) -> None:
         known = ~np.isnan(limits.gain)
         gain = limits.gain[known]
         counts = self._counts
@@ -228,7 +228,7 @@ class _Part:
         self._joints += np.bincount(limits.joint[limits.joint >= 0], minlength=len(self._joints))
         self._remember(task, limits)
 
-    def _remember(self, task: Task, limits: Limits) -> None:
+    def _remember(self, task: SweepTask, limits: Limits) -> None:
         """Keep the lowest limits, the first of equal ones."""
         bound = -self._worst[0][0] if len(self._worst) == self._most else math.inf
         candidates = np.flatnonzero(limits.gain <= bound)

@@ -17,6 +17,7 @@ from ...errors import GainroomError
 from ...native import _core
 from .arrays import Complexes, Floats
 
+FASTEST = 50.0  # growth rate of a pole times the tick: e^50 exceeds what a double resolves, let alone what a controller can hold
 _NO_ROOTS = np.zeros(0, dtype=complex)
 
 
@@ -195,3 +196,18 @@ def polynomials_times(numerators: Floats, shared: Factored) -> list[Factored]:
         zeros = np.concatenate([zeros, later]) if len(later) else zeros
         found.append(Factored(zeros, poles, num[0] * shared.gain if num else 0.0, shared.delay, shared.sample_time))
     return found
+
+
+def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Factored:
+    """`system` (continuous, strictly proper, its delay left aside) sampled at T_s [s] with `fraction` in [0, 1) of a tick of delay.
+
+    The sampling is exact, behind a zero-order hold; native/include/gainroom/sampling.hpp has the formulas, and why they need 96 digits.
+    Raises GainroomError if a pole grows by more than e^50 within a tick, or if the coefficients span too many orders of magnitude.
+    """
+    rate = float(np.max(system.poles.real, initial=0.0))
+    if rate * sample_time > FASTEST:
+        raise GainroomError(f"loop: grows by itself at {rate:.3g}/s, too fast to be sampled every {1e3 * sample_time:g} ms")
+    zeros, poles, gain = _core.sample(system.zeros, system.poles, system.gain, sample_time, fraction)
+    if not len(poles):
+        raise GainroomError(f"loop: cannot be sampled every {1e3 * sample_time:g} ms: its values are too many orders of magnitude apart")
+    return Factored(zeros, poles, gain, 0.0, sample_time)

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import listed
-from ..studies.two_paths import PathCase, PathStudy
+from ..studies.gain_paths import PathCase, PathStudy
 from ..system.margin_units import to_db
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS
 from .columns import Column, definitions, facts, yes
 from .margin_columns import margin_facts, required_facts
 from .number_format import digits, hertz, model_facts, model_text, path_facts
-from .presentation import Grid, Legend, Part, Presentation, closing, warned_first
+from .presentation import Legend, Part, Presentation, TextTable, closing, warned_first
 from .words import UNSTABLE, path_headline
 
 NOT_MADE = "gain maps, largest gains, recommended gains and curves over frequency are of loops with one path, and are not made here"
@@ -88,15 +88,15 @@ def requirement_rows(study: PathStudy) -> list[tuple[str, ...]]:
 
 def warnings(study: PathStudy) -> tuple[str, ...]:
     """Warnings for the user."""
-    system, said = study.system, []
+    system, texts = study.system, []
     if study.unknown:
         names = listed([REQUIREMENTS[name].title for name in study.unknown])
-        said.append(f"{names}: not known of this loop, and not judged")
+        texts.append(f"{names}: not known of this loop, and not judged")
     if system.uncertainty.names:
-        said.append("within the ranges every corner and points between were examined; the rest is not proved")
+        texts.append("within the ranges every corner and points between were examined; the rest is not proved")
     if not all(case.margins.certified for case in study.cases if case.limit.stable):
-        said.append("a margin is not known as far as others are searched, or its eigenvalues could not be counted on both sides")
-    return (*said, *system.warnings, *(text for text in unusual_values(system) if text not in system.warnings))
+        texts.append("a margin is not known as far as others are searched, or its eigenvalues could not be counted on both sides")
+    return (*texts, *system.warnings, *(text for text in unusual_values(system) if text not in system.warnings))
 
 
 def assumptions(study: PathStudy) -> tuple[str, ...]:
@@ -147,8 +147,8 @@ class PathPresentation(Presentation):
     def screens(self, verbose: bool) -> Iterator[list[Part]]:
         study, control = self.study, self.study.system.control
         columns = COLUMNS if study.nominal[0].title else COLUMNS[1:]
-        nominal = Grid.of(f"Nominal ({model_text(control.sample_time, control.kd_path)})", columns, study.nominal, ("at", "phase"))
-        doubts, said = warned_first(warnings(study), every=True)
+        nominal = TextTable.of(f"Nominal ({model_text(control.sample_time, control.kd_path)})", columns, study.nominal, ("at", "phase"))
+        doubts, others = warned_first(warnings(study), every=True)
         yield [
             *doubts,
             sentence(study),
@@ -156,6 +156,6 @@ class PathPresentation(Presentation):
             nominal,
             Legend([nominal], lambda headings: definitions(columns, headings)),
             "",
-            Grid("Requirements, at their worst", ("", "value", "at", "required", "met"), requirement_rows(study)),
-            *closing(self.files, said, assumptions(study), [NOT_MADE]),
+            TextTable("Requirements, at their worst", ("", "value", "at", "required", "met"), requirement_rows(study)),
+            *closing(self.files, others, assumptions(study), [NOT_MADE]),
         ]

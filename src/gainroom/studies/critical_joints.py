@@ -19,7 +19,7 @@ def joints_that_miss(state: State, one: Requirement, needed: float) -> tuple[str
     own = one.of_loops(state.counted)
     values = [] if own is None else own.tolist()
     short = [name for name, value in zip(state.model.joint_names, values, strict=False) if not one.met(needed, value)]
-    return tuple(dict.fromkeys([*deciding_joints_in(state, one.name), *short]))
+    return tuple(dict.fromkeys([*critical_joints_in(state, one.name), *short]))
 
 
 def margins_by_joint(state: State, one: Requirement, together: float, deciding: tuple[str, ...]) -> Floats:
@@ -36,12 +36,12 @@ def margins_by_joint(state: State, one: Requirement, together: float, deciding: 
     return np.where(decides, (np.maximum if one.at_most else np.minimum)(values, together), values)
 
 
-def deciding_joints_in(state: State, name: str) -> tuple[str, ...]:
+def critical_joints_in(state: State, name: str) -> tuple[str, ...]:
     """Names of the joints that decide the margin `name` of a state."""
-    return deciding_joints(state.loop, state.counted, state.model.joint_names, name)
+    return critical_joints(state.loop, state.counted, state.model.joint_names, name)
 
 
-def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: str) -> tuple[str, ...]:
+def critical_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: str) -> tuple[str, ...]:
     """Names of the joints that move at the frequency of a margin: in the vibration at the gain limit, or at the delay or phase margin.
 
     A margin of one loop at a time (peak sensitivity, or a single-loop margin below that of all loops together) has a single joint. Empty

@@ -12,17 +12,17 @@ if TYPE_CHECKING:
     from ..system.system import System
 
 
-def two_paths(system: "System", as_json: bool, report: Path | None) -> "Verdict":
+def study_paths(system: "System", as_json: bool, report: Path | None) -> "Verdict":
     """Verdict on a system whose kd has a path of its own, after it is shown.
 
     Raises GainroomError for a page.
     """
     if report is not None:
         raise GainroomError("--report: there is no page where kd closes on a path of its own; the terminal and --json have its numbers")
-    from ..report.two_paths import PathPresentation
-    from ..studies.two_paths import study_two_paths
+    from ..report.gain_paths import PathPresentation
+    from ..studies.gain_paths import study_gain_paths
 
     with progress_bar("states:") as progress:
-        study = study_two_paths(system, progress)
+        study = study_gain_paths(system, progress)
     present(PathPresentation(study), as_json, False)
     return study.verdict

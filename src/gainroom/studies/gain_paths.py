@@ -12,7 +12,7 @@ from ..errors import GainroomError, computable
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .analysis import KEYS, read_as, unstable
-from .deciding_joints import deciding_joints_in
+from .critical_joints import critical_joints_in
 from .progress import Progress, quiet
 from .state import State, path_headroom
 from .verdict import Finding, Verdict, judged, missed
@@ -113,7 +113,7 @@ class PathStudy:
         for name in (*self.unmet, *self.unknown):
             value, case = self.worst[name]
             omega = REQUIREMENTS[name].frequency(case.margins)
-            joints = deciding_joints_in(case.state, name) if len(self.system.source.joint_names) > 1 else ()
+            joints = critical_joints_in(case.state, name) if len(self.system.source.joint_names) > 1 else ()
             found.append(missed(self.system.requirements, name, value, frequency=omega, state=case.text, joints=joints))
         if self.stable_in_range and self.system.uncertainty.names and not self.unmet:
             found.append(Finding("range_sampled", "safe"))
@@ -130,7 +130,7 @@ class PathStudy:
         return None if self.unknown or self.system.uncertainty.names else True
 
 
-def study_two_paths(system: System, progress: Progress = quiet) -> PathStudy:
+def study_gain_paths(system: System, progress: Progress = quiet) -> PathStudy:
     """Study of every state and case of a system whose kd has a separate path. Raises GainroomError if no case can be computed."""
     every, found = list(system.cases(inside=True)), []
     for index, case in enumerate(every):
