@@ -8,10 +8,10 @@ A mutant is the package with one place changed: a number, a sign, an operator, a
 Places are drawn with a seed, in every folder of FOLDERS as many as its lines ask for, and uniformly within it; type hints, `__all__` and
 strings are none. Everything else in the file stays letter by letter.
 
-Tests run in a temporary copy of the tree, nearest first. Nearness is a distance in the graph of names: a test that names the changed
-definition is near, one that names a function that names it is one step further, as is one whose file imports one file more on the way; a
-step along a name that many definitions share is longer, and slow tests are two steps further. The first failure kills the mutant; so does
-a test, or an import, that says nothing for `--hang` seconds, which the table tells apart. Every test that killed then runs on the
+Tests run in a temporary copy of the tree, file by file, nearest first. Nearness is a distance in the graph of names: a test that names the
+changed definition is near, one that names a function that names it is one step further, as is one whose file imports one file more on the
+way; a step along a name that many definitions share is longer, and slow tests are two steps further. The first failure kills the mutant;
+so does a test, or an import, that says nothing for `--hang` seconds, which the table tells apart. Every test that killed then runs on the
 unchanged copy: one that fails there as well is left out, and its mutants are tested again.
 
 "Survived" means: no test failed that began within `--limit` seconds. A more distant test might; and a mutant may be equivalent, which
@@ -345,8 +345,8 @@ class NameGraph:
             if home in (None, path) and (not self.in_package[index] or self.all[index].path in users)
         ]
 
-    def nearest_tests(self, mutant: Mutant) -> list[str]:
-        """All tests, as pytest names them: first those whose way to the mutated definition is shortest, of equal ones the shorter."""
+    def nearest_tests(self, mutant: Mutant) -> list[list[str]]:
+        """All tests, as pytest names them, by file, slow ones apart: nearest first, of equally near ones the shorter."""
         parts = mutant.definition.split(".")
         own = [index for (path, _), index in self.at.items() if path == mutant.path]
         starts = [self.at[mutant.path, name] for name in (".".join(parts[:2]), parts[0]) if (mutant.path, name) in self.at][:1] or own
@@ -366,8 +366,11 @@ class NameGraph:
         for index, names in distance.items():
             if (test := self.all[index]).is_test:
                 far = names + min(users.get(test.path, FAR), FAR) + SLOW * test.slow
-                ranked.append((far, len(test.mentions), f"{test.path}::{test.name}"))
-        return [name for *_, name in sorted(ranked)]
+                ranked.append((far, len(test.mentions), test.slow, f"{test.path}::{test.name}"))
+        units: dict[tuple[str, bool], list[str]] = {}  # in the order of their nearest test
+        for *_, slow, name in sorted(ranked):
+            units.setdefault((name.partition("::")[0], slow), []).append(name)
+        return list(units.values())
 
 
 def imported(path: Path, tree: ast.Module, files: dict[Path, ast.Module]) -> dict[str, tuple[str, Path | None]]:
@@ -481,14 +484,14 @@ class Verdict:
         return ("killed, timeout in " if self.hung else "killed by ") + self.killer
 
 
-def verdict_of(mutant: Mutant, copy: Copy, source: bytes, tests: list[str], limit: float) -> Verdict:
-    """The mutant's end, by tests in processes of more and more."""
+def verdict_of(mutant: Mutant, copy: Copy, source: bytes, tests: list[list[str]], limit: float) -> Verdict:
+    """The mutant's end, by tests of more and more files in a process: to read one takes as long as some of its tests."""
     verdict, begun = Verdict(mutant), time.monotonic()
     copy.write(mutant.path, mutant.text(source))
     try:
-        at, size = 0, 20
+        at, size = 0, 2
         while at < len(tests) and time.monotonic() - begun < limit:
-            run = copy.run(tests[at : at + size], begun + limit, first=True)
+            run = copy.run(list(itertools.chain(*tests[at : at + size])), begun + limit, first=True)
             verdict.ran += run.passed
             if run.failed or run.hung:
                 verdict.killer, verdict.hung = (run.hung or run.failed[0]), bool(run.hung)
@@ -527,13 +530,13 @@ def main() -> int:
     mutants = draw(ROOT, asked.seed, asked.count, asked.only or FOLDERS)
     numbers = asked.pick or range(1, len(mutants) + 1)
     if asked.tests:
-        tests = dict.fromkeys(numbers, asked.tests)
+        tests = {number: [asked.tests] for number in numbers}
     else:
         graph = NameGraph(ROOT)
         tests = {number: graph.nearest_tests(mutants[number - 1]) for number in numbers}
     if asked.list:
         for number in numbers:
-            print(row(number, mutants[number - 1], " ".join(name.removeprefix("tests/") for name in tests[number][:3])))
+            print(row(number, mutants[number - 1], " ".join(names[0].removeprefix("tests/") for names in tests[number][:4])))
         return 0
     verdicts: dict[int, Verdict] = {}
     with tempfile.TemporaryDirectory(prefix="gainroom-mutants-") as folder:
@@ -544,7 +547,7 @@ def main() -> int:
             for number in due:
                 mutant = mutants[number - 1]
                 source = (copy.folder / mutant.path).read_bytes()
-                fair = [test for test in tests[number] if not any(name.startswith(test) for name in bad)]
+                fair = [[test for test in names if not any(name.startswith(test) for name in bad)] for names in tests[number]]
                 verdicts[number] = verdict_of(mutant, copy, source, fair, asked.limit)
                 print(row(number, mutant, f"{verdicts[number].text()} ({verdicts[number].seconds:.0f} s)"), flush=True)
             bad |= failing_unchanged(copy, {verdict.killer for verdict in verdicts.values() if verdict.killer} - bad)

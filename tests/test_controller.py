@@ -226,3 +226,17 @@ def test_on_one_joint_it_does_what_it_does_on_that_joint_of_many(make, sample_ti
     for k in range(2):
         alone = whole.on_joint(k, 2).matrix(s, v, 1, sample_time)[:, 0, 0]
         np.testing.assert_allclose(alone, whole.matrix(s, v, 2, sample_time)[:, k, k], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("controller", "corner"),
+    [
+        (gr.PD(12.0, 3.0), 12 / 3),  # kp = ω kd
+        (gr.PID(kp=0.0, kd=2.0, ki=50.0), sqrt(50 / 2)),  # ki/ω = ω kd
+        (gr.PID(kp=10.0, kd=2.0, ki=8.0), 8 / 10),  # ki/ω = kp, before kp = ω kd at 5 and ki/ω = ω kd at 2
+        (gr.PID(kp=10.0, kd=40.0, ki=80.0), 10 / 40),  # kp = ω kd, before ki/ω = kp at 8
+        (gr.PD(12.0, 0.0), float("inf")),
+    ],
+)
+def test_the_slowest_corner_is_where_two_terms_are_equally_large(controller, corner):
+    assert controller.slowest(1) == pytest.approx(corner, rel=1e-15)

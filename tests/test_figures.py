@@ -11,7 +11,7 @@ import gainroom as gr
 from gainroom.files.logs import open_log, read_log
 from gainroom.paper import fig6, locked_output
 from gainroom.paper.fig6 import STEPS, delays_in, torque_steps
-from gainroom.paper.fig11 import simulated_limit, trial
+from gainroom.paper.fig11 import LAST, Trial, simulated_limit, trial
 from gainroom.paper.joints import SAMPLE_TIME, TESTBED, TESTBED_DRIVE, TESTBED_KP
 from gainroom.paper.virtual_testbed import loop_of_testbed
 
@@ -25,6 +25,13 @@ def test_kv_80_vibrates_and_70_does_not(trials):
     assert trials[80.0].vibrates
     assert not trials[70.0].vibrates
     assert not trials[80.0].response.diverged
+
+
+@pytest.mark.parametrize(("falls_to", "vibrates"), [(0.99, True), (0.5, True), (0.3, False), (0.1, False)])
+def test_what_falls_to_a_third_while_it_is_looked_at_decays(trials, falls_to, vibrates):
+    """exp(−1) = 0.37 of the amplitude is left after a time constant, which is as long as the part that is looked at."""
+    seen = trials[80.0].vibration
+    assert Trial(trials[80.0].response, replace(seen, growth_rate=math.log(falls_to) / LAST)).vibrates == vibrates
 
 
 def test_the_vibration_has_the_predicted_frequency(trials):

@@ -91,7 +91,7 @@ def test_mutants_are_killed_hang_or_survive_in_a_copy(tree, tmp_path):
     for mutant in (mutant for place in Places(path, source).found for mutant in place if mutant.before == ">"):
         assert isinstance(mutant, Mutant)
         tests = graph.nearest_tests(mutant)
-        assert tests == [f"tests/test_sizes.py::test_{mutant.definition}"]
+        assert tests == [[f"tests/test_sizes.py::test_{mutant.definition}"]]
         found = verdict_of(mutant, copy, source, tests, 60.0)
         ends[mutant.definition, mutant.after] = (found.killer, found.hung, found.exhausted)
     larger, halvings = "tests/test_sizes.py::test_larger", "tests/test_sizes.py::test_halvings"

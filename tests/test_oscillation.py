@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gainroom.simulation.oscillation import vibration
+from gainroom.simulation.oscillation import vibration, windows
 from refusals import assert_refused
 
 TICK = 5e-4
@@ -108,3 +108,16 @@ def test_noise_is_no_vibration():
 )
 def test_bad_calls_are_refused(make, words):
     assert_refused(make, words)
+
+
+@pytest.mark.parametrize("count", [26, 100, 1000, 4001, 8999])
+def test_windows_are_of_one_length_and_overlap_by_half(count):
+    """Eight of a long motion, whose nine halves fill it but for less than one; none reaches beyond its end."""
+    found = windows(count)
+    lengths = {window.stop - window.start for window in found}
+    assert len(lengths) == 1
+    half = lengths.pop() // 2
+    assert [window.start for window in found] == [half * k for k in range(len(found))]
+    assert count - half < found[-1].stop <= count or len(found) >= 8
+    assert found[-1].stop <= count
+    assert windows(25) == []

@@ -180,3 +180,13 @@ def test_badly_scaled_polynomial_keeps_its_digits():
 def test_zero_polynomial_has_no_roots():
     with pytest.raises(gr.GainroomError, match="zero polynomial"):
         polynomial_roots([0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("first", "size", "halves"), [(1, 10, False), (2, 10, False), (3, 10, True), (5, 10, True), (9, 10, False), (1, 3, True)]
+)
+def test_states_are_solved_apart_where_that_halves_the_work(first, size, halves):
+    """Solving takes the cube of the states: k³ + (n − k)³ against n³, as 2³ + 8³ = 520 and 3³ + 7³ = 370 of 1000, 1 + 8 = 9 of 27."""
+    system = random_system(np.random.default_rng([first, size]), size)
+    system.a[:first, first:] = 0.0
+    assert system.lead == (first if halves else 0)
