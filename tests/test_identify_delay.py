@@ -9,7 +9,7 @@ import gainroom as gr
 from gainroom.identification.arrival_fit import ArrivalLikelihood
 from gainroom.identification.arrival_law import Spread, Unseen
 from gainroom.identification.arrivals import Arrivals, arrivals
-from gainroom.identification.current_loop import Data, Response, held
+from gainroom.identification.current_loop import Data, Response, held, rough_response
 from gainroom.identification.delay import identify_delay
 from gainroom.identification.record import Record
 from gainroom.identification.setpoint_delay import identify_setpoint_delay
@@ -365,3 +365,12 @@ def test_whole_population(make, least_told, capsys):
     assert len(errors) >= least_told * WHOLE
     assert np.mean(errors < 0.1) >= 0.97
     assert refused <= 0.1 * WHOLE
+
+
+@pytest.mark.parametrize("still", ["command", "torque"])
+def test_what_rests_tells_no_delay(still):
+    """A command without power, or a torque without any, is no share of anything: refused, with no division by 0 on the way."""
+    moving = np.random.default_rng(0).normal(size=200)
+    signals = {"command": moving, "torque": moving} | {still: np.ones(200)}
+    with pytest.raises(gr.GainroomError, match="the target torque does not change"):
+        rough_response(Data(**signals, run_length=np.arange(200)), 0.0, 5.0)

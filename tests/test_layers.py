@@ -2,6 +2,7 @@
 
 import ast
 import re
+from dataclasses import FrozenInstanceError, fields, is_dataclass
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -109,3 +110,12 @@ def test_importing_the_command_line_costs_little():
                 assert not {alias.name.split(".")[0] for alias in node.names} & HEAVY, path
             elif isinstance(node, ast.ImportFrom):
                 assert (node.module or "").split(".")[0] not in HEAVY, path
+
+
+@pytest.mark.parametrize("name", [name for name in gainroom.__all__ if is_dataclass(getattr(gainroom, name))])
+def test_what_the_package_shows_does_not_change_in_a_users_hands(name: str):
+    """Results are kept and shared by who asks again: an attribute that is set would be everyone's."""
+    shown = getattr(gainroom, name)
+    made = object.__new__(shown)
+    with pytest.raises(FrozenInstanceError):
+        setattr(made, fields(shown)[0].name, None)

@@ -10,7 +10,7 @@ import pytest
 from pytest import approx
 
 import gainroom as gr
-from gainroom.report.gain_map import GainPoint, _marks
+from gainroom.report.gain_map import GainPoint, _marks, gain_map
 from gainroom.report.joint import joint_page
 from gainroom.report.joint_tables import JointPresentation
 from gainroom.report.joint_text import _change, sentence, warnings as warnings_of
@@ -189,6 +189,15 @@ def test_the_legend_of_the_gain_map_says_of_which_joint_its_areas_are(stable_pag
     uncertain = replace(specification(), uncertainty=gr.Uncertainty(delay=(2e-3, 3e-3)))
     drawn = figures(joint_page(JointPresentation(gr.study_joint(uncertain)), "gainroom joint joint.yaml"))[0]
     assert [trace["name"] for trace in drawn["data"] if trace["showlegend"]] == [f"{name} (nominal joint only)" for name in names]
+
+
+@pytest.mark.parametrize(("kp", "zooms"), [(100.0, True), (5000.0, False)])
+def test_the_gain_map_zooms_where_it_shows_a_part_of_the_stable_gains(kp: float, zooms: bool):
+    study = gr.study_joint(specification(kd=10.0).with_controller(gr.PD(kp, 10.0)))
+    layout = figures(str(gain_map(study)))[0]["layout"]
+    shown, largest = layout["xaxis"]["range"][1], study.region.max_kp()
+    assert (shown < largest) == zooms
+    assert bool(layout["updatemenus"]) == zooms
 
 
 @pytest.mark.slow

@@ -201,7 +201,8 @@ def test_a_rate_that_is_assumed_is_told_where_the_gains_are():
     assert half.peak_sensitivity > 2
     assert "run `gainroom joint knee.yaml` again: at 1 kHz these gains have " in use.remarks[0]
     assert short in use.remarks[0]
-    assert any("recommended is for continuous time, and at 2 kHz those gains have" in note for note in notes(study))
+    (said,) = [note for note in notes(study) if "recommended is for continuous time, and at 2 kHz those gains have" in note]
+    assert said.endswith("; at_usual_rate has gains for 2 kHz, which is assumed")  # as `use` has
 
 
 LINK = """\
