@@ -11,7 +11,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import GainroomError
-from ..robot.body import RigidBody, library
+from ..io.guarded_child import Answer, GuardedChild, guarded_child
+from ..robot.body import RigidBody
 from ..robot.contact import free_motion
 from ..robot.formats.xml_text import read_xml
 from ..robot.model import RobotModel
@@ -61,12 +62,13 @@ def shapes_of(body: RigidBody) -> tuple[Shape, ...]:
     path = Path(body.source)
     with contextlib.suppress(GainroomError, OSError, ValueError, RuntimeError):
         root = read_xml(path)
-        found = _of_urdf(root, path) if root.tag == "robot" else _of_mjcf(root, path)
+        with guarded_child(path, "a robot with shapes", f"{__package__}.shape_files") as child:
+            found = _of_urdf(root, path, child) if root.tag == "robot" else _of_mjcf(root, path, child)
         return tuple(shape for shape in found if shape.frame in body.frames)[:MOST_SHAPES]
     return ()
 
 
-def _of_urdf(root: Element, path: Path) -> list[Shape]:
+def _of_urdf(root: Element, path: Path, child: GuardedChild) -> list[Shape]:
     found, meshes = [], {}
     for link in root.findall("link"):
         for visual in link.findall("visual"):
@@ -78,7 +80,7 @@ def _of_urdf(root: Element, path: Path) -> list[Shape]:
                 scale = tuple(_numbers(form.get("scale", "1 1 1"), 3))
                 key = form.get("filename", ""), scale
                 if key not in meshes:
-                    meshes[key] = _mesh(path, *key)
+                    meshes[key] = _mesh(child, mesh_file(path, key[0]), scale)
                 if meshes[key] is not None:
                     found.append(Shape(link.get("name", ""), "mesh", place, (), *meshes[key]))
             elif form.tag == "box":
@@ -133,19 +135,21 @@ def mesh_file(path: Path, name: str) -> Path | None:
     return None
 
 
-def _mesh(path: Path, name: str, scale: tuple[float, ...]) -> tuple[Floats, Any] | None:
-    """Corners and faces of a mesh; None if there is no such file, or it is too large."""
-    file = mesh_file(path, name)
+def _mesh(child: GuardedChild, file: Path | None, scale: tuple[float, ...]) -> tuple[Floats, Any] | None:
+    """Corners and faces of a mesh; None if there is no such file, the child cannot read it, or it is too large."""
     if file is None:
         return None
-    with contextlib.suppress(ValueError, RuntimeError):
-        loaded = library("coal", "Pinocchio").MeshLoader().load(str(file), np.array(scale))
-        corners = np.asarray(loaded.vertices())
-        order = range(3) if np.prod(scale) > 0 else (2, 1, 0)  # mirrored, a triangle is seen from behind
-        faces = np.array([[triangle[k] for k in order] for triangle in (loaded.tri_indices(i) for i in range(loaded.num_tris))])
-        if 0 < len(corners) <= MOST_CORNERS and np.all(np.isfinite(corners)):
-            return corners, faces
+    with contextlib.suppress(GainroomError):
+        return _triangles(child.ask([str(file), *scale]))
     return None
+
+
+def _triangles(answer: Answer) -> tuple[Floats, Any] | None:
+    """Corners (k, 3) and faces (m, 3) that the child has sent; None of too many."""
+    count, numbers = answer[0]["corners"], answer[1]
+    if numbers is None or not 0 < count <= MOST_CORNERS or not np.all(np.isfinite(numbers)):
+        return None
+    return numbers[: 3 * count].reshape(-1, 3), numbers[3 * count :].reshape(-1, 3).astype(int)
 
 
 def _is_all_inside(root: Element, path: Path) -> bool:
@@ -171,35 +175,19 @@ def _is_all_inside(root: Element, path: Path) -> bool:
     return all((home / folder / name).resolve().is_relative_to(home) for folder in folders for name in {"", *names})
 
 
-def _of_mjcf(root: Element, path: Path) -> list[Shape]:
+def _of_mjcf(root: Element, path: Path, child: GuardedChild) -> list[Shape]:
     """Shapes of an MJCF compiled by MuJoCo; empty unless every file that it names lies in the model's folder."""
     if not _is_all_inside(root, path):
         return []
-    model = library("mujoco", "MuJoCo").MjModel.from_xml_path(str(path))
-    pictures = [k for k in range(model.ngeom) if not model.geom_contype[k] and not model.geom_conaffinity[k]]
-    found = []
-    for k in pictures or range(model.ngeom):
-        if not model.geom_bodyid[k] or model.geom_group[k] > 2:
+    found, meshes = [], {}
+    for frame, kind, place, size in child.ask("shapes")[0]["shapes"]:
+        if kind != "mesh":
+            found.append(Shape(frame, kind, np.array(place), tuple(size)))
             continue
-        body, place = model.body(int(model.geom_bodyid[k])).name, np.eye(4)
-        w, x, y, z = model.geom_quat[k]
-        place[:3, :3] = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-        place[:3, 3] = model.geom_pos[k]
-        a, b, c = model.geom_size[k].tolist()
-        kind = {2: "sphere", 3: "capsule", 4: "sphere", 5: "cylinder", 6: "box", 7: "mesh"}.get(int(model.geom_type[k]))
-        if kind == "mesh":
-            mesh = int(model.geom_dataid[k])
-            corner, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-            corners = np.array(model.mesh_vert[corner : corner + model.mesh_vertnum[mesh]])
-            if len(corners) <= MOST_CORNERS:
-                found.append(Shape(body, kind, place, (), corners, np.array(model.mesh_face[face : face + model.mesh_facenum[mesh]])))
-        elif kind is not None:
-            size = {"sphere": (a,), "box": (2 * a, 2 * b, 2 * c)}.get(kind, (a, 2 * b))
-            found.append(Shape(body, kind, place, size))
+        if size not in meshes:
+            meshes[size] = _triangles(child.ask(size))
+        if meshes[size] is not None:
+            found.append(Shape(frame, kind, np.array(place), (), *meshes[size]))
     return found
 
 

@@ -13,7 +13,17 @@ _unfinished: list[Callable[[], object]] = []
 
 def note_read(status: os.stat_result, name: object) -> None:
     """Records that a run takes its input from this file, under any of its names."""
-    _read[status.st_dev, status.st_ino] = str(name)
+    note_file(status.st_dev, status.st_ino, str(name))
+
+
+def note_file(device: int, number: int, name: str) -> None:
+    """Records a file by the numbers of its device and inode, which a child that reads for this process has sent."""
+    _read[device, number] = name
+
+
+def files_read() -> dict[tuple[int, int], str]:
+    """Names of the files that were read, by device and inode."""
+    return {**_read}
 
 
 def forget_read() -> None:

@@ -12,7 +12,22 @@ Linear model   robot (all of the above), linearize, model (about one posture in 
 Pinocchio and MuJoCo come with the extra `robot` and load when a model is first read.
 """
 
-from .body import RigidBody
-from .formats.model_files import load_model
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from .body import RigidBody as RigidBody
+    from .formats.model_files import load_model as load_model
 
 __all__ = ["RigidBody", "load_model"]
+
+
+def __getattr__(name: str) -> object:
+    """The two names load on first use: the guarded child that compiles an MJCF needs neither."""
+    if name == "RigidBody":
+        from .body import RigidBody
+
+        return RigidBody
+    if name == "load_model":
+        from .formats.model_files import load_model
+
+        return load_model
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

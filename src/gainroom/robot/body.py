@@ -4,7 +4,7 @@ Velocities are v = (base twist, passive joint rates, joint rates): a floating ba
 own axes, as Pinocchio has it (Featherstone, Rigid Body Dynamics Algorithms, 2008; Carpentier et al., The Pinocchio C++ library, 2019).
 """
 
-import importlib
+import importlib.util
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,12 +23,17 @@ Base = Literal["fixed", "floating"]
 UNLIMITED = 1e300  # Pinocchio writes the largest float where a joint has no limit
 
 
+def require_installed(name: str, title: str) -> None:
+    """Raise GainroomError where the module `name` of the extra `robot` is not installed; it is not loaded."""
+    if importlib.util.find_spec(name) is None:
+        raise GainroomError(f"robot models need {title}: pip install 'gainroom[robot]'")
+
+
 def library(name: str, title: str) -> Any:
     """Module `name` of the extra `robot`. Raises GainroomError if it is not installed or does not load."""
+    require_installed(name, title)
     try:
         return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        raise GainroomError(f"robot models need {title}: pip install 'gainroom[robot]'") from error
     except ImportError as error:
         raise GainroomError(f"robot models need {title}, which is installed but does not load: {error}") from error
 

@@ -20,7 +20,7 @@ from ..errors import GainroomError, nearest, require_finite, require_positive
 from ..robot.actuators import Actuators
 from ..robot.body import RigidBody, library
 from ..robot.contact import Contact
-from ..robot.formats.mjcf_file import ARENA
+from ..robot.formats.mjcf_compiler import ARENA
 from ..robot.ground import Ground, Sole, ground_axes, upwards
 from ..system.linear.arrays import Floats, Integers
 

@@ -97,7 +97,7 @@ def mjcf_text(text: str, path: Path, goal: Carried, header: Sequence[str]) -> st
 def joint_values(text: str, path: Path, name: str) -> dict[str, float]:
     """Armature or damping of each joint of an MJCF with one degree of freedom, of the joint and its actuators together [SI]."""
     model = compile_mjcf(parse_xml(text, str(path)), path).model
-    return {model.joint(k).name: joint_and_actuators(model, name, k) for k in range(model.njnt)}
+    return {joint: joint_and_actuators(model, name, k) for k, joint in enumerate(model.names["joint"])}
 
 
 def _with_joints(text: str, path: Path, gains: Mapping[str, Gain], joint_damping: str | None) -> str:
@@ -106,8 +106,7 @@ def _with_joints(text: str, path: Path, gains: Mapping[str, Gain], joint_damping
     model = compile_mjcf(parse_xml(text, str(path)), path).model
     limits = position_gains(path, text).joints
     edits = []
-    for k in range(model.njnt):
-        name = model.joint(k).name
+    for k, name in enumerate(model.names["joint"]):
         if name not in gains or name not in places.joints:
             continue
         gain, changes = gains[name], {}

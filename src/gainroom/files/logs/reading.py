@@ -18,6 +18,7 @@ from .abilities import TORQUES
 from .channels import CHANNELS
 from .cleaning import Cleaner, ahead
 from .formats import format_of
+from .formats.guarded_table import opened_table
 from .mapping import map_columns
 from .options import LogOptions
 from .record import JointLog, Log, Origin, Quality
@@ -247,7 +248,7 @@ def log_reader(path: Path, options: LogOptions | None = None, progress: Progress
     form = format_of(path)
     with contextlib.ExitStack() as stack:
         with guarded(path, form.title):
-            table = stack.enter_context(form.table(path, options.columns.get(TIME)))
+            table = stack.enter_context(opened_table(form, path, options.columns.get(TIME)))
         yield LogReader(path, options, table, form.title, progress)
 
 

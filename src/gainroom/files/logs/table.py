@@ -110,6 +110,10 @@ class LogFormat:
     makes: ClassVar[type | None] = None
     """Sink of a format that can be written; made from a path."""
 
+    def is_guarded(self, path: Path) -> bool:
+        """Whether a library parses this file: guarded_table.opened_table then calls `table` in a guarded child."""
+        return False
+
     def table(self, path: Path, time: str | None) -> contextlib.AbstractContextManager[Table]:
         """Open table of a file; `time`: the user's name for the column of time stamps. Raises GainroomError, or what its library raises."""
         raise NotImplementedError

@@ -15,13 +15,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from ...errors import GainroomError, first_of_many
-from ..assemble import Description
+from ...errors import GainroomError, first_of_many, refuse_all
+from ..assemble import Description, require_at_most
 from ..body import Base, library
 from ..linkage import FollowingJoint, JoinedFrames, Linkage
 from ..plausible_links import Solid
 from .mjcf_constraints import Constraints, Join, Placed
-from .mjcf_file import Compiled, compile_mjcf
+from .mjcf_file import MOST_KEYFRAMES, Compiled, compile_mjcf
 from .model_format import INTEGRATORS, ActuatorGain, ActuatorGains, ModelFormat, Stepping
 
 
@@ -35,9 +35,8 @@ class Mjcf(ModelFormat):
     has_base = True
 
     def describe(self, root: Element, path: Path, base: Base | None) -> Description:
+        compiled = compile_mjcf(root, path, meanwhile=lambda: library("pinocchio", "Pinocchio"))  # each takes half a second
         pin = library("pinocchio", "Pinocchio")
-        library("mujoco", "Pinocchio and MuJoCo")
-        compiled = compile_mjcf(root, path)
         tree = _Tree(pin, compiled.model, str(path))
         tree.grow(base, compiled.constraints)
         tree.constrain(compiled.constraints)
@@ -56,9 +55,12 @@ class Mjcf(ModelFormat):
 
     def keyframes(self, root: Element, path: Path) -> Mapping[str, Mapping[str, float]]:
         """Of the joints with one degree of freedom."""
-        model = compile_mjcf(root, path, keyframes=True).model
+        compiled = compile_mjcf(root, path)
+        require_at_most(str(path), sum(map(len, root.findall("keyframe"))), "of <keyframe>", MOST_KEYFRAMES)
+        refuse_all(compiled.unkeyed)
+        model = compiled.model
         places = {_joint_name(model, joint): model.jnt_qposadr[joint] for joint in range(model.njnt) if model.jnt_type[joint] in _ONE_DOF}
-        frames = {model.key(index).name or f"key#{index}": model.key_qpos[index] for index in range(model.nkey)}
+        frames = {name or f"key#{index}": model.key_qpos[index] for index, name in enumerate(model.names["key"])}
         return {frame: {joint: float(qpos[place]) for joint, place in places.items()} for frame, qpos in frames.items()}
 
     def position_gains(self, root: Element, path: Path) -> ActuatorGains:
@@ -84,11 +86,9 @@ class Mjcf(ModelFormat):
 
     def stepping(self, root: Element, path: Path) -> Stepping:
         """What <option> says, in the file or what it includes."""
-        mujoco = library("mujoco", "Pinocchio and MuJoCo")
         option = compile_mjcf(root, path).model.opt
         named = {name for each in root.iter("option") for name in each.attrib}
-        enum = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_")
-        name = next((name for name in INTEGRATORS if name.upper() == enum), enum)
+        name = next((name for name in INTEGRATORS if name.upper() == option.integrator), option.integrator)
         unnamed = tuple(name for name in ("timestep", "integrator") if name not in named)
         return Stepping(float(option.timestep), name, int(option.disableflags), unnamed, True)
 
@@ -228,7 +228,7 @@ class _Tree:
         model, pin = self.mujoco_model, self.pin
         bodies = {_body_name(model, body) for body in range(1, model.nbody)}
         for site in range(model.nsite):
-            name, body = model.site(site).name, int(model.site_bodyid[site])
+            name, body = model.names["site"][site], int(model.site_bodyid[site])
             if body not in self.places or not name:
                 continue
             if name in bodies:
@@ -280,8 +280,7 @@ class _Tree:
 
 def _disabled(model: Any, flag: str) -> bool:
     """Whether the file switches a part of the physics off, by the name of MuJoCo's flag."""
-    bits = library("mujoco", "Pinocchio and MuJoCo").mjtDisableBit
-    return bool(model.opt.disableflags & int(getattr(bits, flag, 0)))
+    return flag in model.opt.disabled
 
 
 def _not_counted(model: Any) -> tuple[str, ...]:
@@ -320,11 +319,11 @@ def joint_and_actuators(model: Any, name: str, joint: int) -> float:
 
 
 def _body_name(model: Any, body: int) -> str:
-    return model.body(int(body)).name or f"body#{body}"
+    return model.names["body"][body] or f"body#{body}"
 
 
 def _joint_name(model: Any, joint: int) -> str:
-    return model.joint(int(joint)).name or f"joint#{joint}"
+    return model.names["joint"][joint] or f"joint#{joint}"
 
 
 def _unused(name: str, names: set[str]) -> str:

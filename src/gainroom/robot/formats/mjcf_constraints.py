@@ -1,5 +1,6 @@
 """Equality constraints of an MJCF: which parts of a robot they hold together, as MuJoCo compiles them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -42,6 +43,23 @@ class Constraints:
     joins: tuple[Join, ...] = ()
     ties: tuple[Tie, ...] = ()
     ignored: int = 0
+
+    def as_json(self) -> list[Any]:
+        """For `from_json`, of lists, numbers and texts."""
+        ends = lambda join: [[end.body, end.position.tolist(), end.quaternion.tolist()] for end in (join.first, join.second)]  # noqa: E731
+        joins = [[join.name, join.welded, *ends(join)] for join in self.joins]
+        return [joins, [[tie.follower, tie.leader, tie.coefficients] for tie in self.ties], self.ignored]
+
+    @classmethod
+    def from_json(cls, data: Sequence[Any]) -> "Constraints":
+        """Constraints that `as_json` has written."""
+        joins, ties, ignored = data
+        placed = lambda end: Placed(end[0], np.array(end[1]), np.array(end[2]))  # noqa: E731
+        return cls(
+            tuple(Join(name, welded, placed(first), placed(second)) for name, welded, first, second in joins),
+            tuple(Tie(follower, leader, tuple(coefficients)) for follower, leader, coefficients in ties),
+            ignored,
+        )
 
 
 def take_constraints(mujoco: Any, spec: Any) -> Constraints:

@@ -35,6 +35,9 @@ class Matlab(LogFormat):
     title = "a MATLAB file"
     endings = (".mat",)
 
+    def is_guarded(self, path: Path) -> bool:
+        return path.is_file() and _is_hdf5(path)
+
     @contextlib.contextmanager
     def table(self, path: Path, time: str | None) -> Iterator[Table]:
         content = whole_file(path) if path.is_file() and not _is_hdf5(path) else b""

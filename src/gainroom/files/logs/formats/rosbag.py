@@ -24,6 +24,9 @@ class Bag(LogFormat):
     title = "a ROS 2 bag"
     endings = (".db3",)
 
+    def is_guarded(self, path: Path) -> bool:
+        return True
+
     @contextlib.contextmanager
     def table(self, path: Path, time: str | None) -> Iterator[Table]:
         files = _files(path) if path.is_dir() else [path]

@@ -32,6 +32,9 @@ class Ros1Bag(LogFormat):
     title = "a ROS 1 bag"
     endings = (".bag", ".active")
 
+    def is_guarded(self, path: Path) -> bool:
+        return True
+
     @contextlib.contextmanager
     def table(self, path: Path, time: str | None) -> Iterator[Table]:
         checked_file(path)
