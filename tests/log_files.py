@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 JOINTS = ("hip", "knee")
 BEGAN = 1_700_000_000
@@ -257,3 +258,8 @@ WRITERS: dict[str, Callable[[Path, Truth], None]] = {
 def damaged_file(path: Path) -> Path:
     """The file of a log that is to be damaged."""
     return next(file for file in sorted(path.iterdir()) if file.suffix in (".db3", ".mcap")) if path.is_dir() else path
+
+
+def read_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No guarded child is started for a log: for tests that change what reads, or read a file a hundred times."""
+    monkeypatch.setattr("gainroom.files.logs.reading.opened_table", lambda form, path, time: form.table(path, time))

@@ -7,7 +7,7 @@ import pytest
 
 from gainroom.files.logs import CHANNELS, LogOptions, log_reader, read_log
 from gainroom.simulation.run_record import LOGGED
-from log_files import BEGAN, JOINTS, WRITERS, Truth, write_bag
+from log_files import BEGAN, JOINTS, WRITERS, Truth, read_in_this_process, write_bag
 from refusals import assert_refused
 
 POSITIONS = {"log.json": ("motor_position", "motor_velocity", "reference"), "log.pt": ("motor_position", "reference")}
@@ -53,7 +53,7 @@ def test_a_window_and_a_joint(name: str, tmp_path: Path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_in_blocks_and_as_a_whole(name: str, tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("gainroom.files.logs.reading.opened_table", lambda form, path, time: form.table(path, time))  # blocks are set here
+    read_in_this_process(monkeypatch)
     for place in ("csv_text.BLOCK_ROWS", "parquet.BLOCK_ROWS", "arrays.BLOCK_ROWS", "messages.BATCH"):
         monkeypatch.setattr(f"gainroom.files.logs.formats.{place}", 64)
     WRITERS[name](tmp_path / name, TRUTH)
@@ -106,7 +106,7 @@ def test_topics_wherever_they_stand_in_the_file(order: str, tmp_path: Path, monk
     """Each joint has a topic: in blocks of a hundred messages, in whatever order, the rows are the same."""
     from mcap.writer import Writer
 
-    monkeypatch.setattr("gainroom.files.logs.reading.opened_table", lambda form, path, time: form.table(path, time))  # batches are set here
+    read_in_this_process(monkeypatch)
     monkeypatch.setattr("gainroom.files.logs.formats.messages.BATCH", 100)
     rows = [(joint, k) for joint in JOINTS for k in range(1000)]
     if order != "one after the other":

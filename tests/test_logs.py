@@ -20,6 +20,7 @@ from gainroom.simulation.run_record import LOGGED
 from gainroom.simulation.scenario import Scenario
 from gainroom.simulation.testbed import Testbed
 from gainroom.simulation.trajectories import Spline, Step
+from log_files import read_in_this_process
 from refusals import assert_refused
 
 FORMATS = ("csv", "parquet", "mcap")
@@ -267,8 +268,9 @@ def test_bad_csv_is_told_in_one_line(text, words, tmp_path: Path):
     assert_refused(lambda: read_log(path), ["log.csv", *words])
 
 
-def test_a_damaged_mcap_is_told_in_one_line(tmp_path: Path):
+def test_a_damaged_mcap_is_told_in_one_line(tmp_path: Path, monkeypatch):
     """One byte changed, in a hundred places: rows that come back are right, and what is wrong is told as an error of this package."""
+    read_in_this_process(monkeypatch)
     path = tmp_path / "log.mcap"
     with open_log(path, ("joint",)) as log:
         log.write(block(60))
@@ -319,6 +321,7 @@ def test_blocks_that_do_not_fit(tmp_path: Path):
 
 
 def test_a_missing_library_is_named(tmp_path: Path, monkeypatch):
+    read_in_this_process(monkeypatch)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     (tmp_path / "run.parquet").write_bytes(b"")
