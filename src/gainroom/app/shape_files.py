@@ -24,7 +24,7 @@ MOST_GROUP = 2
 
 @contextlib.contextmanager
 def opened(path: Path) -> Iterator[tuple[dict[str, Any], Handler]]:
-    """See above."""
+    """Answers to the requests above. Raises GainroomError where MuJoCo or Assimp is not installed."""
     models: list[Any] = []
 
     def answer(request: Any) -> Answer:

@@ -49,7 +49,7 @@ Answer = tuple[dict[str, Any], Array | None]
 Handler = Callable[[Any], Answer]
 """From a request to its answer."""
 Opened = AbstractContextManager[tuple[dict[str, Any], Handler]]
-"""What a file holds, and what answers requests about it: made by a module's `opened(path, *arguments)`, path and arguments as text."""
+"""Content of a file, and the handler of requests about it, as a module's `opened(path, *arguments)` gives them; arguments are text."""
 
 
 class GuardedChild:
@@ -110,7 +110,7 @@ class GuardedChild:
         self._process.kill()
 
     def _ended(self) -> GainroomError:
-        """Why there is no answer."""
+        """Error that says why there is no answer."""
         self._process.kill()
         late = self._process.wait() == -getattr(signal, "SIGXCPU", 0) or self._late
         if late:
@@ -148,7 +148,7 @@ def guarded_child(path: Path, title: str, module: str, *arguments: str) -> Itera
 
 
 def _seconds(path: Path) -> float:
-    """Until an answer about a file, or the files of a folder, must have come."""
+    """Time until an answer about a file, or the files of a folder, must have come [s]."""
     with contextlib.suppress(OSError):
         files = path.iterdir() if path.is_dir() else (path,)
         return LEAST_SECONDS + SECONDS_PER_BYTE * sum(file.stat().st_size for file in files)

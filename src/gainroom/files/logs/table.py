@@ -111,7 +111,7 @@ class LogFormat:
     """Sink of a format that can be written; made from a path."""
 
     def is_guarded(self, path: Path) -> bool:
-        """Whether a library parses this file: guarded_table.opened_table then calls `table` in a guarded child."""
+        """True if a library parses this file: guarded_table.opened_table then calls `table` in a guarded child."""
         return False
 
     def table(self, path: Path, time: str | None) -> contextlib.AbstractContextManager[Table]:

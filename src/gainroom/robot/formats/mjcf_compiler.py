@@ -66,9 +66,9 @@ ARRAYS = (
     "actuator_damping",
     "actuator_delay",
 )
-"""What is read of an MjModel, by MuJoCo's names; some of them are younger than the oldest MuJoCo that is supported."""
+"""Arrays of an MjModel that are read, by MuJoCo's names; some are younger than the oldest MuJoCo that is supported."""
 COUNTS = {"body": "nbody", "joint": "njnt", "site": "nsite"}
-"""How many there are of what is called by names."""
+"""Parts whose names are read, and MuJoCo's number of them."""
 FINITE = {
     "body": ("body_mass", "body_inertia", "body_pos", "body_ipos", "body_quat", "body_iquat"),
     "joint": ("jnt_pos", "jnt_axis", "jnt_stiffness"),
@@ -161,7 +161,7 @@ def opened(path: Path) -> Iterator[tuple[dict[str, Any], Handler]]:
 
 
 def _compile(mujoco: Any, text: str, path: Path) -> tuple[Any, dict[str, Any]]:
-    """The model without its constraints, and what is known of these, of its actuators and by warnings. Raises GainroomError."""
+    """Model without its constraints; constraints, actuators, meshes and warnings beside it. Raises GainroomError."""
     source = str(path)
     with mujoco_warnings(mujoco) as said, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -211,14 +211,14 @@ def _drop_shapes(spec: Any, path: Path) -> list[str]:
 
 
 def _gives_inertia(spec: Any, body: Any, geom: Any) -> bool:
-    """Whether MuJoCo would take part of the body's inertia from this geom, where it looks at geoms at all."""
+    """True if MuJoCo would take part of the body's inertia from this geom, where it looks at geoms at all."""
     low, high = spec.compiler.inertiagrouprange
     weightless = geom.mass == 0 or (geom.mass != geom.mass and geom.density == 0)  # a NaN says: by density
     return low <= geom.group <= high and not weightless and not (_is_static(spec, body) and spec.compiler.settotalmass <= 0)
 
 
 def _is_static(spec: Any, body: Any) -> bool:
-    """Whether no joint moves the body."""
+    """True if no joint moves the body."""
     while body.name != spec.worldbody.name or body.id != spec.worldbody.id:
         if len(body.joints):
             return False

@@ -97,7 +97,7 @@ def compile_mjcf(root: Element, path: Path, meanwhile: Callable[[], object] | No
 
 
 def _sent(path: Path, text: str, keyed: str, meanwhile: Callable[[], object] | None) -> Compiled:
-    """What the child makes of it."""
+    """Model that a guarded child compiles from the text. Raises GainroomError."""
     with guarded_child(path, "an MJCF", f"{__package__}.mjcf_compiler") as child:
         if meanwhile is not None:
             meanwhile()
@@ -116,7 +116,7 @@ def _sent(path: Path, text: str, keyed: str, meanwhile: Callable[[], object] | N
 
 
 def _stamp(name: str) -> tuple[int, int, int]:
-    """What changes where a mesh file does; the run reads it."""
+    """Inode, size [bytes] and time of change [ns] of a mesh file, which is noted as read; zeros if it is gone."""
     with contextlib.suppress(OSError):
         status = os.stat(name)
         note_read(status, name)

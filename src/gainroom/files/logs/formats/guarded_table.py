@@ -19,7 +19,7 @@ from . import format_of
 
 @contextlib.contextmanager
 def opened_table(form: LogFormat, path: Path, time: str | None) -> Iterator[Table]:
-    """See LogFormat.table."""
+    """Table of a log, as LogFormat.table gives it, from a guarded child if the format asks for one. Raises GainroomError."""
     if form.is_guarded(path):
         with guarded_child(path, form.title, __name__, *([] if time is None else [time])) as child:
             yield _GuardedTable(child)
@@ -54,7 +54,7 @@ class _GuardedTable(Table):
 
 @contextlib.contextmanager
 def opened(path: Path, time: str | None = None) -> Iterator[tuple[dict[str, Any], Handler]]:
-    """The table of a log, in the child."""
+    """Table of a log, opened in the child."""
     form = format_of(path)
     with guarded(path, form.title), form.table(path, time) as table:
         blocks: Iterator[Floats] = iter(())
@@ -70,7 +70,7 @@ def opened(path: Path, time: str | None = None) -> Iterator[tuple[dict[str, Any]
 
 
 def _state(table: Table) -> dict[str, Any]:
-    """What reading changes of a table."""
+    """Fields of a table that reading changes."""
     return {"complete": table.complete, "share": table.share, "taken_off": table.taken_off, "notes": table.notes}
 
 
