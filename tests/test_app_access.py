@@ -134,7 +134,7 @@ def test_elsewhere_than_here_it_takes_a_token(tmp_path: Path):
     """Checked at the application, as a test should not listen on other interfaces."""
     import asyncio
 
-    from gainroom.app.access import Guard
+    from gainroom.app.server import Guard
 
     reached = []
 

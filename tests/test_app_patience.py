@@ -5,7 +5,7 @@ import time
 import pytest
 
 from app_pages import serving
-from gainroom.app.patience import HEADERS_WITHIN
+from gainroom.app.server import HEADERS_WITHIN
 
 websockets = pytest.importorskip("websockets.sync.client")
 

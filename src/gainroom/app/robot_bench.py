@@ -25,13 +25,15 @@ from ..report.robot_columns import state_columns
 from ..report.robot_tables import RobotPresentation
 from ..report.robot_text import sentence, warnings
 from ..report.verdict import robot_to_use, verdict_facts
+from ..report.words import tone
 from ..robot.model import RobotModel
 from ..robot.robot import Posture, Robot
 from ..simulation.robot_simulation import RobotSimulation
+from ..studies.analysis import analyzed, in_turn
 from ..studies.critical_joints import critical_joints_in
 from ..studies.loop_numbers import limit_of
 from ..studies.progress import Progress, quiet
-from ..studies.robot import RobotStudy, study_robot
+from ..studies.robot import NUMBERS, RobotStudy, study_robot
 from ..studies.state import State, limit_headroom, strongest_first
 from ..system.controller import Controller
 from ..system.system import System
@@ -58,7 +60,6 @@ from .robot_curves import (
 )
 from .robot_shapes import described, film, pose, shapes_of
 from .shaken import shaken
-from .so_far import SoFar, tone_so_far
 
 
 class RobotBench:
@@ -74,7 +75,7 @@ class RobotBench:
         self._models = Remembered[RobotModel]()
         self._limits = Remembered[tuple[State, GainLimit | None]]()
         self._stars = Remembered[str]()
-        self._so_far = SoFar()
+        self._so_far = GrowingStudy()
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._channels = Channels(self._system)
         carriers = self._system.source.body.carriers
@@ -321,7 +322,7 @@ class RobotBench:
         yield from shaken(spec, progress, lambda run: film(run, self.shapes), self._channels.channel(view).name)
 
     def _studies(self, view: View, progress: Progress) -> Iterator[RobotStudy]:
-        """Studies of SoFar, with the recommended gains that are known; the view's state and joint do not change them."""
+        """Studies of GrowingStudy, with the recommended gains that are known; the view's state and joint do not change them."""
         place = view.posture if view.angles else None
         key = repr(view.model_copy(update={"posture": place, "contact": None, "joint": view.joint if view.point else None}))
         known = self._found.get(self.plant(view))
@@ -405,3 +406,39 @@ class RobotBench:
             if key not in self._planes or window is not None:
                 self._planes[key] = PartPlane.of(state.loop, part_of(state, channel), window or window_for(channel))
             return self._planes[key]
+
+
+class GrowingStudy:
+    """Study of a robot that grows from the visible state to all states; the latest one is cached for further views at the same gains."""
+
+    def __init__(self) -> None:
+        self._last: tuple[str, RobotStudy] | None = None
+
+    def studies(self, key: str, system: System, shown: tuple[str, str], progress: Progress) -> Iterator[RobotStudy]:
+        """Studies of the state `shown`, of all states so far whenever another is unstable, and finally of every state.
+
+        `key` differs between different systems. The states with the least headroom before come first.
+        """
+        last = self._last
+        if last is None or last[0] != key:
+            progress(0, 1, "this state")
+            before = {} if last is None else {_place(state): limit_headroom(state.limit) for state in last[1].states}
+            order = sorted(system.source.states, key=lambda place: (place != shown, before.get(place, math.inf)))
+            found: dict[tuple[str, str], State] = {}
+            for state in in_turn(system, order, progress, NUMBERS):
+                found[_place(state)] = state
+                if len(found) < len(order) and state.moves and (len(found) == 1 or not state.limit.stable):
+                    yield RobotStudy(system, tuple(found[place] for place in system.source.states if place in found))
+            every = analyzed(system, (found[place] for place in system.source.states)).every
+            last = self._last = key, RobotStudy(system, every)
+        yield last[1]
+
+
+def tone_so_far(study: RobotStudy) -> str:
+    """Tone of the verdict on the page; "good" only after all states."""
+    found = tone(study.verdict)
+    return "wait" if study.examined and found == "good" else found
+
+
+def _place(state: State) -> tuple[str, str]:
+    return state.posture, state.contact

@@ -245,7 +245,7 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
     fit, seen = found.fit, found.seen
     late = 0.0 if seen is None else _arrival_error(seen, len(record.time))
     deviation = float(fit.means[2])
-    # Which command acted when is guessed without a demand torque; guesses repeat themselves, so their errors are not in the covariance.
+    # Without a demand torque the command that acted is guessed; guesses repeat themselves, so their errors are not in the covariance.
     guessed = GUESSED * deviation if "demand_torque" not in channels and seen is not None else 0.0
     sampled = float(np.hypot(late, FLOOR))
     late = float(np.hypot(late, max(guessed, WITHIN * float(fit.means[3]), FLOOR)))
@@ -257,7 +257,7 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
     fast = [each for each in (other.fast() for other in alike) if each is not None]
     any_speed = any(math.isinf(each.speeds[1]) for each in fast)
     _require_determined(fit, None if any_speed else lag, record)
-    # What is certain without any fit: a command arrives in the tick before the demand shows it, and not before it leaves.
+    # Bounds that are certain without any fit: a command arrives in the tick before the demand shows it, and not before it leaves.
     certain = seen is not None and "demand_torque" in channels
     low, high = (seen.mean - 1 - 2 * late, seen.mean + 2 * late) if certain and seen is not None else (0.0, max(lag.high, fit.means[0]))
     if fast:

@@ -21,7 +21,7 @@ def excitation(channels: Mapping[str, Floats]) -> Floats:
     """Change (m,) of each row from the row before, of the first channel of SHOWN_BY in the log."""
     name = next((name for name in SHOWN_BY if name in channels), None)
     values = next(iter(channels.values())) if name is None else channels[name]
-    # Not its square, so that one crash does not outweigh a minute of excitation.
+    # The change itself, not its square, so that one crash does not outweigh a minute of excitation.
     return np.abs(np.diff(values, prepend=values[:1]))
 
 

@@ -263,7 +263,7 @@ def _result(spectra: _Spectra, best: _Fit, name: str, asked: tuple[float | None,
     residual = spectra.passed(spectra.torque) - columns @ best.gains
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
     variance = covariance(residual[:, None] * (jacobian @ inverse))
-    # What a tick's rounding of the torque leaves even where it repeats.
+    # Variance of the rounding of the torque, step²/12, which remains even where the signal repeats.
     rounding = resolution(spectra.torque) ** 2 / 12
     variance = variance + rounding * inverse
     floor = (LAW_BEHIND if best.slow > 0 else LAW) * np.array([*np.abs(best.gains), *np.zeros(len(slopes))])

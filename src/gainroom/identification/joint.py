@@ -39,7 +39,7 @@ LEAST_LINES = 12  # of the spectrum, at which the torque must explain the motion
 MOST_RELATIVE = 0.2  # standard error of log K, above which the log does not tell the stiffness
 MOST_INERTIA = 0.1  # standard error of the logarithm of inertia
 DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay at best
-# No law of friction is exact, and what is wrong with it repeats with the motion, so that no average over time takes it out. The share of
+# Every law of friction is inexact, and its error repeats with the motion, so that no average over time removes it. The share of
 # the residual that the torque explains shows how much is left. Sized on virtual joints with Stribeck friction on both sides (tests).
 MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
 USUAL_LAG = 1.5  # ticks of a hold and a current loop
@@ -339,7 +339,7 @@ class _Fitting:
         self.signals = self._signals(joint, weight := friction[3:])
         best = self._not_ahead(likeliest(self.model, self.signals, best.parameters, self.prior, 30))
         joint, drive, friction, noise, between = self.model.parts(best.parameters)
-        # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
+        # The fit under another law of friction is as likely: the difference is a deviation that no amount of data averages out.
         # The wider law is one that the fitted friction stands for, so that it says nothing of the friction's own numbers.
         variance, inertial = best.variance_of(self._blocks(joint)), np.isin(self.model.names, INERTIAL)
         for velocity in STRIBECK_VELOCITIES:

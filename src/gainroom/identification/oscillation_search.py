@@ -9,17 +9,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import GainroomError
 from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, vibration, windows
 from ..system.linear.arrays import Floats
+from .frequency_response import FEEDBACK
 from .record import Record
 from .recorded_oscillation import LOOKED_AT, POSITIONS, RINGING, TORQUES, UNCHANGED, RecordedOscillation, measured
-from .run_away import Departure, departure
 from .setpoint_feedback import follows_position
 from .setpoint_motion import as_commanded, follows, is_harmonic, set_point, steady_pieces
 from .speed_order import Turning, turning
-from .torque_excitation import excited_band
 
 RESTING = 0.1  # damping ratio above which an oscillation is the settling of a joint
 SMALLEST = 24  # changes of a reading that are tried for a step, and what lies between them
@@ -43,6 +43,29 @@ MAINLY = 0.3  # of the set-point's motion: its swing
 STEADY = 0.05  # damping ratio, either way, of an outer loop's swing: one that seems to grow faster is a sweep
 TRIES = 4  # oscillations that are looked at, each of a higher frequency
 STRIDES = (1, 4, 16, 64, 256)  # ticks whose mean is taken
+SWINGS = 4  # half periods, of which the last three grow
+GROWS = 1.1  # from one to the next, at least
+DOUBLES = 2.0  # over two of them
+LARGE_STEPS = 30.0  # of the encoder
+FAR_TIMES = 5.0  # times the largest deviation of before: with many swings, or none
+FAR_OFF = 0.2  # [rad] likewise, at least
+EARLY, LATE = 0.7, 0.1  # of the rows: those before, and the end
+LEAST_GIVEN = 0.2  # of the torque's power, from which on feedback does not make it: of virtual vibrations below 1e-6, of multisines above 1
+MOST_LINE = (
+    0.4  # likewise: less at the vibration's frequency is one line among others; of a vibration it is 0.9, of stick-slip 0.25 or more
+)
+LINE_WIDTH = 4  # lines of the spectrum that are one under its window
+SPOILT = 0.02  # of the rows, which may be left out: an excitation is in all of them
+SLOWER, FASTEST = 2.5, 0.9  # the band looked at: from the frequency over this, up to this share of half the rate
+BEYOND_BAND = 0.02  # of the excitation's power beyond either end of its band
+
+
+@dataclass(frozen=True)
+class Departure:
+    """Departure from the set-point: size at the end [rad], and frequency, growth rate and amplitude of the last swings if they are few."""
+
+    size: float
+    vibration: Vibration | None
 
 
 @dataclass(frozen=True)
@@ -277,3 +300,91 @@ def _irregular(values: Floats, tick: float, step: float, least: float) -> Vibrat
     if float(power @ np.cos(2 * np.pi * frequency * tick)) < COLOURED * total:
         return None
     return Vibration(2 * math.pi * float(frequency[int(np.argmax(power))]), 0.0, size)
+
+
+def departure(values: Floats, tick: float, step: float) -> Departure | None:
+    """Departure from deviations (m,) from a set-point that rests or moves steadily; None if the joint stays with it.
+
+    A swing that grows so fast that the log holds a few of them has no frequency that a spectrum shows, and one whose torque is limited
+    becomes slower as it grows.
+    """
+    size = np.abs(values)
+    crossings = np.flatnonzero(values[1:] * values[:-1] < 0) + 1
+    edges = [0, *crossings.tolist(), len(values)]
+    peaks = np.maximum.reduceat(size, edges[:-1])
+    counted = peaks > 0.02 * float(size.max())  # noise near zero makes swings of its own
+    places = np.array(edges[:-1])[counted]
+    peaks = peaks[counted]
+    if len(peaks) > 2 and peaks[-1] < peaks[-2] and size[-1] >= 0.99 * peaks[-1]:  # the log ends in the middle of a swing
+        places, peaks = places[:-1], peaks[:-1]
+    if len(peaks) >= SWINGS and len(peaks) < len(values) / 8:
+        late = peaks[-3:]
+        if (
+            np.all(late[1:] > GROWS * late[:-1])
+            and late[-1] > DOUBLES * late[0]
+            and late[-1] >= size.max()
+            and late[-1] > LARGE_STEPS * step
+        ):
+            half = float(np.mean(np.diff(places[-3:]))) * tick
+            swings = Vibration(math.pi / half, float(math.log(late[-1] / late[0])) / (2 * half), float(late[-1]))
+            return Departure(float(late[-1]), swings)
+    early, end = float(size[: round(EARLY * len(size))].max()), float(size[-max(1, round(LATE * len(size))) :].max())
+    return Departure(end, None) if end > max(FAR_TIMES * early, FAR_OFF, LARGE_STEPS * step) else None
+
+
+def excited_band(record: Record, side: str, rows: slice, frequency: float) -> tuple[float, float] | None:
+    """Band [rad/s] of an excitation in target_torque that contains `frequency` [rad/s]; None if the torque there is the loop's.
+
+    A vibration goes round the loop, so that the controller's law makes its torque of the position; and it is a line of the spectrum that
+    stands out, with its harmonics. An excitation over a band is neither. The law is that of least squares between torque and motion, both
+    differenced twice (frequency_response.given_torque), here with the set-point and the integral of the error.
+
+    side, rows   of the position in which an oscillation of that frequency was found
+    """
+    if not record.has("target_torque") or side not in ("motor_position", "link_position"):
+        return None
+    reference = record.channels["reference"][rows] if record.has("reference") else None
+    torque, position = record.channels["target_torque"][rows], record.channels[side][rows]
+    if len(torque) < 4 * LINE_WIDTH * FEEDBACK:
+        return None
+    whole, given = _power(torque[FEEDBACK - 1 :]), _power(_given(torque, position, reference))
+    omega = 2 * math.pi * np.fft.rfftfreq(len(torque) - FEEDBACK + 1, record.sample_time)
+    band = (omega > frequency / SLOWER) & (omega < FASTEST * math.pi / record.sample_time)
+    total = float(whole[band].sum())
+    line = float(whole[np.abs(omega - frequency) < LINE_WIDTH * omega[1]].sum())
+    if not total > 0 or line > MOST_LINE * total or float(given[band].sum()) < LEAST_GIVEN * total:
+        return None
+    share = np.cumsum(whole[LINE_WIDTH:]) / float(whole[LINE_WIDTH:].sum())
+    low, high = (float(omega[LINE_WIDTH:][int(np.argmax(share >= end))]) for end in (BEYOND_BAND, 1 - BEYOND_BAND))
+    return low, high
+
+
+def _given(torque: Floats, position: Floats, reference: Floats | None) -> Floats:
+    """Part of the torque (m,) that no linear law of the last positions and set-points explains, without the first rows."""
+    error, columns = position, [_latest(position)]
+    if reference is not None and np.ptp(reference) > 0:
+        error = position - reference
+        columns.append(_latest(reference))
+    law = np.hstack([*columns, np.cumsum(error)[FEEDBACK - 1 :, None]])
+    changes = np.diff(law, 2, axis=0)
+    scale = np.maximum(np.linalg.norm(changes, axis=0), 1e-300)
+    asked = np.diff(torque[FEEDBACK - 1 :], 2)
+    weights = np.linalg.lstsq(changes / scale, asked, rcond=1e-10)[0]
+    off = np.abs(asked - changes / scale @ weights)
+    few = off > np.quantile(off, 1 - SPOILT)  # rows that were spoilt, and made of their neighbours, are of no law
+    weights = np.linalg.lstsq((changes / scale)[~few], asked[~few], rcond=1e-10)[0]
+    given = torque[FEEDBACK - 1 :] - law @ (weights / scale)
+    spoilt = np.convolve(np.pad(few, 1), np.ones(3), mode="same") > 0.5
+    rows = np.arange(len(given))
+    return np.interp(rows, rows[~spoilt], given[~spoilt])
+
+
+def _latest(values: Floats) -> Floats:
+    """Signal and its latest changes, (m − FEEDBACK + 1, FEEDBACK + 1)."""
+    return np.column_stack([values[FEEDBACK - 1 :], sliding_window_view(np.diff(values, prepend=values[0]), FEEDBACK)])
+
+
+def _power(values: Floats) -> Floats:
+    """Power spectrum of a signal beside a straight line, under a Hann window."""
+    time = np.linspace(-1, 1, len(values))
+    return np.abs(np.fft.rfft((values - np.polyval(np.polyfit(time, values, 1), time)) * np.hanning(len(values)))) ** 2

@@ -261,7 +261,7 @@ def _require_motion(shape: _Shape, hardware: Hardware, size: float) -> None:
 
 def _require_identifiable(shape: _Shape, expected: Mapping[str, float]) -> None:
     """Raise GainroomError if identification would refuse the log, or find no stiffness in it."""
-    # Of normal errors 2 standard errors make a half-width.
+    # A half-width of a 95 % interval is 2 standard errors of a normal law.
     for name, most in (("stiffness", 2 * MOST_RELATIVE), ("motor_inertia", 4 * MOST_INERTIA), ("link_inertia", 4 * MOST_INERTIA)):
         if not expected[name] < most:
             raise GainroomError(

@@ -205,7 +205,7 @@ def _filter(
         process = np.zeros((size + 1, size + 1))
         process[:size, :size] = white**2 * (push @ push.T)
         process[size, size] = drift**2
-        # In units in which readings are about one.
+        # The equation is solved in units in which readings are about one.
         covariance = lowest**2 * stationary(a, c, process / lowest**2, np.square(readings) / lowest**2)
         spreads.append(c @ covariance @ c.T + np.diag(np.square(readings)))
         gains.append(a @ np.linalg.solve(spreads[-1], c @ covariance).T)

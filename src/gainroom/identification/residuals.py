@@ -14,8 +14,8 @@ MOST_REPEATED = 0.8  # correlation of the residual with itself some ticks before
 NOTHING_LEFT = 1e-4  # of the motion left: a simulated log without noise, in which round-off follows the torque
 MOST_EXPLAINED = 0.3  # of the residual's power, by the torque: more, and the model misses what the torque does
 COPIED, LONGEST_COPIES = 0.05, 10  # of the largest step of other rows; rows from copy to copy
-# Of the torque's power in a third octave, that is left: right models left 0.9 % at most, with friction of a third of the torque, and wrong
-# ones that moved a parameter by a fifth 1.4 % at least (simulations of two kinds, resonances of 5 to 60 Hz).
+# Unexplained share of the torque's power in a third octave: right models left 0.9 % at most, with friction of a third of the torque, and
+# wrong ones that moved a parameter by a fifth 1.4 % at least (simulations of two kinds, resonances of 5 to 60 Hz).
 MOST_LEFT, LITTLE_LEFT = 0.012, 0.006
 
 

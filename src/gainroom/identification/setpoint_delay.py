@@ -124,7 +124,7 @@ class _Simulation:
         smooth = 1 / (1 + (self.omega * self.tick * 8) ** 4)
         velocity = np.fft.irfft(self._spectrum(velocity) * smooth, self.size)[: self.count]
         along = np.clip(velocity / (SMOOTH * float(np.std(velocity)) + 1e-12), -1, 1)
-        # Where the loop is fast, set-points are held from tick to tick; where it is sampled, torques are: half a tick, and sin x / x.
+        # A fast loop holds set-points from tick to tick, a sampled one torques: the hold delays by half a tick and attenuates by sin x / x.
         self.hold, self.rate = _hold(self.omega, held), 1j * self.omega * _hold(self.omega, held)
         self.raw = reference - self.mean
         self.reference = self._spectrum(self.raw) * (_hold(self.omega, self.tick) if held < 0.5 * self.tick else 1.0)

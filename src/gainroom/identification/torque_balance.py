@@ -132,7 +132,7 @@ def torque_balance(spectra: Spectra, joint: ElasticJoint, drive: Drive, between:
     if np.isfinite(joint.stiffness):
         square, damping = joint.stiffness / joint.link_inertia, joint.damping / joint.link_inertia
         passed = (square + damping * omega) / (square + damping * omega + omega**2)
-        # Where the record begins the link moves already: its free motion, which decays, in both phases.
+        # The link moves already when the record begins: its decaying free motion, in both phases.
         root = -damping / 2 + 1j * np.sqrt(max(square - damping**2 / 4, 0.0))
         free = np.exp(root * np.arange(spectra.count) * spectra.tick)
         columns = [free.real, free.imag]

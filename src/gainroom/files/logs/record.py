@@ -115,7 +115,7 @@ class JointLog:
         if sum(len(part.time) for part in parts) < SHORTEST:
             raise GainroomError(f"{len(self.time)} rows are too few to identify anything; at least {SHORTEST} are needed")
         began = parts[0].time[0]
-        # Each part begins on the tick nearest to its own: up to half a tick of a gap's length is not known to the ticks around it.
+        # A part begins on the tick nearest to its own: up to half a tick of a gap's length is not known to the ticks around it.
         first = [round((part.time[0] - began) / self.sample_time) for part in parts]
         ticks = np.concatenate([start + np.arange(len(part.time)) for start, part in zip(first, parts, strict=True)])
         channels = {name: np.concatenate([part.channels[name] for part in parts]) for name in self.channels}
