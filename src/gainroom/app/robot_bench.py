@@ -188,10 +188,10 @@ class RobotBench:
             for name, own, limit in zip(channels.names, channels.gains(view), limits, strict=True)
         }
         rate = system.control.sample_time
-        kept = self._kept(system, view)
-        return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {kept}", None if rate is None else 1 / rate)
+        margin_text = self._limit_text(system, view)
+        return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {margin_text}", None if rate is None else 1 / rate)
 
-    def _kept(self, system: System, view: View) -> str:
+    def _limit_text(self, system: System, view: View) -> str:
         """Text of the gain limit in the worst of all states, certified as `gainroom robot` does, at nominal values."""
         states = [state for place in system.source.states if (state := self._at(system, view, place)).moves]
         if not states:
@@ -372,8 +372,8 @@ class RobotBench:
         if key not in self._stars:
             found = study_robot(self.system(there), progress, recommend=False)
             open_in = [state.title for state in found.states if not state.margins.certified]
-            kept = "meets every requirement in every state" if found.requirements_met else "does not meet every requirement"
-            self._stars[key] = f"{kept}; {f'not certified in {listed(open_in)}' if open_in else 'limits certified'}"
+            margin_text = "meets every requirement in every state" if found.requirements_met else "does not meet every requirement"
+            self._stars[key] = f"{margin_text}; {f'not certified in {listed(open_in)}' if open_in else 'limits certified'}"
         return self._stars[key]
 
     def _state(self, view: View) -> tuple[str, str]:

@@ -97,10 +97,10 @@ def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | N
     def required(kps: Floats) -> list[Floats]:
         return required_columns(plane, asked, kps)
 
-    kept = plane.outlines(window, required) if asked.asked else ()
+    required_outlines = plane.outlines(window, required) if asked.asked else ()
     return {
         "stable": [*map(drawn_line, plane.outlines(window))],
-        "required": [*map(drawn_line, kept)],
+        "required": [*map(drawn_line, required_outlines)],
         "unread": list(unread(asked)),
         "edge": _edge(plane, window),
         "lines": [],

@@ -23,7 +23,7 @@ for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 """Parameters of glibc's malloc.h."""
-KEPT = 1 << 25
+RETAINED_BYTES = 1 << 25
 """Size of freed memory that is not returned to the system [bytes]."""
 
 
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Threads of a search take and free large arrays: with a heap for each, what one has freed another does not get, which is a quarter of
     # the memory of a humanoid's study. What goes back to the system is cleared before it comes again. Only glibc knows these settings.
     with suppress(OSError, AttributeError, TypeError):
-        for setting, value in ((M_ARENA_MAX, 1), (M_MMAP_THRESHOLD, KEPT), (M_TRIM_THRESHOLD, 2 * KEPT)):
+        for setting, value in ((M_ARENA_MAX, 1), (M_MMAP_THRESHOLD, RETAINED_BYTES), (M_TRIM_THRESHOLD, 2 * RETAINED_BYTES)):
             ctypes.CDLL(None).mallopt(setting, value)
     from ..design.forked import own_process
 
@@ -78,13 +78,13 @@ def _run(arguments: Sequence[str] | None) -> int:
         return stop.status
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)  # of the command that was called wrongly, where it was found
-        told, missing = error.format_message(), type(error).__name__ == "MissingParameter"
+        message, missing = error.format_message(), type(error).__name__ == "MissingParameter"
         if missing and (text := getattr(getattr(error, "param", None), "help", None)):  # what it is, so that nobody has to look it up
-            told = f"{told.rstrip('.')}: {text.rstrip('.')}"
-        names = getattr(getattr(context, "command", None), "commands", None) if told.startswith("No such command") else None
+            message = f"{message.rstrip('.')}: {text.rstrip('.')}"
+        names = getattr(getattr(context, "command", None), "commands", None) if message.startswith("No such command") else None
         if names and context is not None:
-            told = f"{told.rstrip('.')}; commands: {', '.join(names)}"
-        return _complain(f"{told} (see {'gainroom' if context is None else context.command_path} --help)")
+            message = f"{message.rstrip('.')}; commands: {', '.join(names)}"
+        return _complain(f"{message} (see {'gainroom' if context is None else context.command_path} --help)")
     except typer.Abort as error:  # what typer makes of an EOFError, wherever that came from
         raise error.__cause__ or error from None
     except SystemExit:  # typer's way out where the reader of a help text has left

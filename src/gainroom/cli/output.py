@@ -24,11 +24,11 @@ WIDEST = 100
 """Maximum width [columns]."""
 SCREEN_LINES = 25
 """Maximum number of lines of an answer with a shorter form, which fits on the first screen of a terminal."""
-UNBROKEN = "\ue000"
-"""Placeholder of THIN while lines are broken, as KEPT is for spaces: rich would break a number there."""
+UNBROKEN_THIN = "\ue000"
+"""Placeholder of THIN while lines are broken, as UNBROKEN_SPACE is for spaces: rich would break a number there."""
 NARROWEST = 40
 """Minimum width [columns]: a narrower table says nothing, and a terminal of unknown width may report 0 or 1."""
-KEPT = "\ue001"
+UNBROKEN_SPACE = "\ue001"
 """Placeholder of a space at which no line is broken, as those in UNITS."""
 LONG_WORD = 28
 """Length above which a word, such as a name, is broken before a column is left out."""
@@ -164,10 +164,12 @@ def render(*parts: Any, wide: bool = False) -> str:
     )
     for part in map(_drawn, parts):
         if isinstance(part, str):
-            part = UNITS.sub(KEPT, "\n".join(map(printable, part.split("\n"))).replace(THIN, UNBROKEN))
+            part = UNITS.sub(UNBROKEN_SPACE, "\n".join(map(printable, part.split("\n"))).replace(THIN, UNBROKEN_THIN))
         console.width = max(across, getattr(part, "min_width", None) or 0)  # of a table whose numbers need more
         console.print(part, soft_wrap=bool(getattr(part, "no_wrap", False)))
-    return "\n".join(line.rstrip() for line in buffer.getvalue().replace(UNBROKEN, THIN).replace(KEPT, " ").splitlines()) + "\n"
+    return (
+        "\n".join(line.rstrip() for line in buffer.getvalue().replace(UNBROKEN_THIN, THIN).replace(UNBROKEN_SPACE, " ").splitlines()) + "\n"
+    )
 
 
 def shared_widths(
@@ -205,7 +207,7 @@ def shared_widths(
 
 def _least(column: Sequence[str], longest: int, measure: Callable[[str], int]) -> int:
     """Width that whole numbers need, and words up to the `longest`."""
-    parts = [part for text in column for part in _kept(text).split(" ")]
+    parts = [part for text in column for part in _unbroken_units(text).split(" ")]
     return max(measure(part) if _NUMBER.match(part) else min(measure(part), longest) for part in parts)
 
 
@@ -215,8 +217,8 @@ def _lines(text: str, width: int) -> str:
         return text
     wrapper = TextWrapper(width, break_on_hyphens=False)
     wrapper.wordsep_simple_re = _BEHIND_SLASH
-    return "\n".join(wrapper.wrap(_kept(text))).replace(KEPT, " ")
+    return "\n".join(wrapper.wrap(_unbroken_units(text))).replace(UNBROKEN_SPACE, " ")
 
 
-def _kept(text: str) -> str:
-    return UNITS.sub(KEPT, text)
+def _unbroken_units(text: str) -> str:
+    return UNITS.sub(UNBROKEN_SPACE, text)

@@ -92,18 +92,18 @@ def at_rest() -> None:
 @contextlib.contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[int, int, str], None]]:
     """Function of (steps done, total steps, next step): it draws a bar on a terminal; elsewhere the next line shows it."""
-    told = _running[-1][0] if _running else Progress()
-    told.tell(title, 0, 0, "")
+    progress = _running[-1][0] if _running else Progress()
+    progress.tell(title, 0, 0, "")
     try:
         if sys.stderr is None or not sys.stderr.isatty():
-            yield lambda done, total, what: told.tell(title, done, total, what)
+            yield lambda done, total, what: progress.tell(title, done, total, what)
             return
-        told.in_a_bar = True
+        progress.in_a_bar = True
         with _bar(title) as update:
             yield update
     finally:
-        told.in_a_bar = False
-        told.tell(title, 0, 0, LAST)
+        progress.in_a_bar = False
+        progress.tell(title, 0, 0, LAST)
 
 
 @contextlib.contextmanager

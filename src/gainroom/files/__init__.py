@@ -4,11 +4,11 @@ One joint       joint_yaml (with its sections), joint_scenario (what is simulate
                 its record
 A robot         robot_yaml reads, robot_sections has its keys, robot_scenario what is simulated; joint_references (joints in files of
                 their own)
-Both            system_sections: motor, drive, control (with the types of controllers), limits, ranges; absurd_values; file_types tells
+Both            system_sections: motor, drive, control (with the types of controllers), limits, ranges; plausibility; file_types tells
                 one from the other; edited_text writes values into them
 Command lines   audit_options (a bare model), readings (what it leaves open), audited_robot (as a robot.yaml), simulator_options,
                 sweep_options, typed_requirements; typed_over_gains (beside what a file of gains says)
 Gains           gain_files reads and gain_export writes other people's forms, each in gain_formats; model_keyframes (postures of MJCF);
-                carried_robot (what goes along with gains of the robot that they are of)
+                gain_context (the properties of a robot that are stored with its gains)
 Logs            logs, with a file per format
 """

@@ -27,12 +27,12 @@ from ..robot.linkage import ties_base
 from ..robot.name_patterns import DEFAULT, select, select_all
 from ..system.plausibility import NO_STIFFNESS
 from ..system.system import Balance, System
-from .absurd_values import examined
-from .carried_robot import BALANCE, OF_JOINTS
 from .file_types import kind_of_file, wrong_kind
+from .gain_context import BALANCE, JOINT_KEYS
 from .gain_files import JointGains, gains_of, read_gains
 from .gain_formats.gain_record import ANGLE, GAINS_RUN, JOINT_DAMPING, GainFile
 from .model_keyframes import model_keyframes
+from .plausibility import plausible
 from .robot_sections import RobotFile
 from .robot_yaml import base_of, robot_spec
 from .system_sections import refuse_long_delay
@@ -197,7 +197,7 @@ class AuditOptions:
             "contacts": {"flight" if body.base == "floating" and not ties_base(body) else "free": []}
             | ({"contact": [_contact(text) for text in self.contacts]} if self.contacts else {}),
         }
-        self._along(data, gains.origin.system, [names[k] for k in given], idle)
+        self._add_context(data, gains.origin.system, [names[k] for k in given], idle)
         for key, pattern, value in self.of_joints:
             for k in select(pattern, [names[k] for k in given], f"{option_name(key)} {pattern}={value:g}"):
                 data["joints"].setdefault(names[given[k]], {})[key] = value
@@ -206,7 +206,7 @@ class AuditOptions:
                 reduce(lambda section, name: section.setdefault(name, {}), sections, data)[key] = value
         return data
 
-    def _along(self, data: dict[str, Any], system: Mapping[str, Any], given: Sequence[str], idle: Sequence[str]) -> None:
+    def _add_context(self, data: dict[str, Any], system: Mapping[str, Any], given: Sequence[str], idle: Sequence[str]) -> None:
         """Adds the system that is stored with the gains to the sections `data`, except where an option gives another value.
 
         `given` are the joints with gains, `idle` those without.
@@ -215,7 +215,7 @@ class AuditOptions:
         for name in given:
             own = (system.get("joints") or {}).get(name) or {}
             left = {"bandwidth": self.bandwidth is not None, "delay_ms": self.on_drive or not self._same_delay(system)}
-            own = {key: own[key] for key in OF_JOINTS if key in own and not left.get(key)}
+            own = {key: own[key] for key in JOINT_KEYS if key in own and not left.get(key)}
             if own:
                 joints[name] = {**own, **joints.get(name, {})}
         patterns = (system.get("joints") or {}).get("passive") or ()
@@ -228,14 +228,14 @@ class AuditOptions:
         data["drive"] |= {key: value for key, value in (system.get("drive") or {}).items() if not left.get(key)}
         if not self.balance and BALANCE in system:
             data[BALANCE] = system[BALANCE]
-        if known := self._judged(system):
+        if known := self._context_ranges(system):
             data["uncertainty"] = known
         if not self.posture and "postures" in system:
             data["postures"] = system["postures"]
         if not self.contacts and "contacts" in system:
             data["contacts"] = system["contacts"]
 
-    def _judged(self, system: Mapping[str, Any]) -> dict[str, Any]:
+    def _context_ranges(self, system: Mapping[str, Any]) -> dict[str, Any]:
         """Ranges that are stored with the gains, without those of quantities that an option gives, which are known."""
         typed = {key for key, *_ in self.of_joints} | {key for key in JOINT_VALUES if getattr(self, key) is not None}
         typed |= {"stiffness", "damping"} if self.gearboxes else set()
@@ -315,14 +315,14 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
             owner = "--drive-delay-ms" if options.gains_run == "drive" else "--delay-ms"
             refuse_long_delay(1e-3 * (file.drive.delay_ms or 0.0), sample_time, owner)
         spec = robot_spec(file, str(path), lambda: path, known_body=body)
-        kept = []
+        without_effect = []
         if options.gearboxes:
             names, given = spec.source.joint_names, ~spec.source.actuators.assumed_rigid
             typed = typed_gearboxes(options.gearboxes, names, given, "--gearbox")
-            kept, sections = typed.without_effect("--gearbox", source), _with_gearboxes(sections, names, typed.types)
+            without_effect, sections = typed.without_effect("--gearbox", source), _with_gearboxes(sections, names, typed.types)
             spec = robot_spec(validate(RobotFile, sections, ""), str(path), lambda: path, known_body=body)
     with named(str(source)):
-        spec = examined(spec)
+        spec = plausible(spec)
     read += [
         f"--posture {name}: the keyframe of {scene}"
         for name in options.posture
@@ -347,7 +347,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     idle = [name for name, has in zip(body.every_joint, found.given, strict=True) if has and name not in body.joint_names]
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
     # A file of gains may have left out a leg; a model has the actuators that it has.
-    warnings = (*found.notes, *([] if gains is None else held), *idle, *kept, *_damping_asked(warnings, options))
+    warnings = (*found.notes, *([] if gains is None else held), *idle, *without_effect, *_damping_asked(warnings, options))
     return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, options)
 
 

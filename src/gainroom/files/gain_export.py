@@ -13,10 +13,10 @@ from typing import Any
 from ..errors import GainroomError, first_of_many, listed, printable
 from ..io.yaml_text import read_text, shown
 from ..robot.formats.model_files import joint_order, load_model
-from .carried_robot import left_out, system_flags
 from .edited_text import written
+from .gain_context import context_flags, without_flag
 from .gain_files import gains_of, parse_file
-from .gain_formats.export_text import Carried, arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
+from .gain_formats.export_text import ExportedGains, arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
 from .gain_formats.gain_record import ACTUATOR, Gain, GainFile
 from .gain_formats.mjcf_export import joint_values, mjcf_text
 from .gain_formats.ros2_control import ros2_control_onto
@@ -39,7 +39,7 @@ MOST_IN_PATTERN = 150
 """Maximum length of the names in one pattern [characters]."""
 LINE = 120
 """Maximum length of a line of flags in a comment [characters]."""
-Written = Callable[[Carried, Sequence[str]], str]
+Written = Callable[[ExportedGains, Sequence[str]], str]
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | Non
     names = _joint_names(file, model)
     gains = _by_joint(file, names)
     _refuse_integral(gains, form, kind)
-    goal = Carried(gains, file.origin, _posture(file, names))
+    goal = ExportedGains(gains, file.origin, _posture(file, names))
     before = "" if onto is None else read_text(onto) if form != "mjcf" else _model_text(onto)
     header = _header(file, version, today)
     text = _written(form, onto, before, goal, header)
@@ -126,7 +126,7 @@ def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | Non
     return Export(text, before, back, tuple(flags), (*file.notes_for(names), *notes))
 
 
-def _written(form: str, onto: Path | None, before: str, goal: Carried, header: Sequence[str]) -> str:
+def _written(form: str, onto: Path | None, before: str, goal: ExportedGains, header: Sequence[str]) -> str:
     """Text of the whole file."""
     if onto is not None and form == "mjcf":
         return mjcf_text(before, onto, goal, header)
@@ -222,7 +222,7 @@ def _header(file: GainFile, version: str, today: datetime.date) -> list[str]:
     return [printable(line)[:300] for line in lines]
 
 
-def _not_held(found: GainFile, goal: Carried, form: str) -> tuple[list[str], list[str]]:
+def _not_held(found: GainFile, goal: ExportedGains, form: str) -> tuple[list[str], list[str]]:
     """Flags with which audit gets the part of `goal` that the written file, read back as `found`, does not hold; and notes about it."""
     back = _back(found, goal.gains)
     flags: list[str] = []
@@ -250,10 +250,10 @@ def _not_held(found: GainFile, goal: Carried, form: str) -> tuple[list[str], lis
         drive = {"--drive-rate-hz": origin.drive_rate_hz, "--drive-delay-ms": origin.drive_delay_ms}
         flags += [text for option, value in drive.items() if value is not None for text in (option, written(value))]
     lost = {key: each for key, each in origin.system.items() if there.system.get(key) != each}
-    more, whose = system_flags(lost)
+    more, whose = context_flags(lost)
     flags += more
     missing += whose
-    if left := left_out(lost, whose):
+    if left := without_flag(lost, whose):
         notes.append(f"{listed(left, most=9)} have no place in this form, and no option: only yaml holds them")
     if origin.gearboxes:
         missing.append("the gearboxes' types")
@@ -276,7 +276,7 @@ def _not_held(found: GainFile, goal: Carried, form: str) -> tuple[list[str], lis
     return flags, notes
 
 
-def _damping_notes(text: str, form: str, onto: Path | None, goal: Carried) -> list[str]:
+def _damping_notes(text: str, form: str, onto: Path | None, goal: ExportedGains) -> list[str]:
     """Note for gains whose kd includes the joints' own damping: where the target would count this damping a second time."""
     if goal.origin.joint_damping != "controller" or form == "yaml":
         return []

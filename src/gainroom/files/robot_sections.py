@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from ..errors import listed
-from ..io.validation import KEPT, Flag, Name, NotNegative, Positive, Refusals, Section, made_when_read, number, refusal, relation
+from ..io.validation import SEPARATELY, Flag, Name, NotNegative, Positive, Refusals, Section, made_when_read, number, refusal, relation
 from ..io.yaml_text import shown
 from ..robot.body import Base
 from ..robot.contact import Contact, ContactKind
@@ -192,13 +192,13 @@ class RobotControlSection(ControlSection):
                 yield refusal(f"{self.type} has no meaning in task space: {', or '.join(kinds)}", key="type")
 
 
-Postures = dict[str, Annotated[dict[str, Angle], KEPT]]
+Postures = dict[str, Annotated[dict[str, Angle], SEPARATELY]]
 ContactStates = dict[
     str,
     Annotated[
         list[Annotated[ContactSection, BeforeValidator(lambda value: {"frame": value} if isinstance(value, str) else value)]],
         Field(max_length=MOST_NAMES),
-        KEPT,
+        SEPARATELY,
     ],
 ]
 

@@ -29,9 +29,9 @@ from ..system.actuator_entry import ActuatorEntry
 from ..system.linear.arrays import Floats
 from ..system.plausibility import DEGREES, TURN
 from ..system.system import Control, System
-from .absurd_values import examined
 from .file_types import parse_as
 from .joint_references import with_ranges
+from .plausibility import plausible
 from .robot_sections import ContactSection, ModelSection, RobotFile, TaskSection
 from .system_sections import known_gains, refuse_two_paths
 
@@ -66,7 +66,7 @@ def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool =
         together.step(lambda: refuse_two_paths(file.control, two_paths))
         system = robot_spec(file, source, lambda: _model_path(file.model, folder), folder)
     with named(source):
-        system = examined(system)
+        system = plausible(system)
         if system.control.controller is not None and not np.any(getattr(system.control.controller, "kp", 1.0)):
             raise GainroomError("control.kp: must be > 0 on some joint")
     if file.limits is not None:

@@ -89,18 +89,18 @@ def with_joint_damping(typed: str | None, found: JointGains, body: RigidBody, so
 
     Raises GainroomError where the two contradict each other.
     """
-    said = found.origin.joint_damping
-    if typed is not None and said is not None and typed != said:
-        raise GainroomError(f"--joint-damping {typed}: the gains of {source} hold it as {said} already: leave the option out")
+    counted_as = found.origin.joint_damping
+    if typed is not None and counted_as is not None and typed != counted_as:
+        raise GainroomError(f"--joint-damping {typed}: the gains of {source} hold it as {counted_as} already: leave the option out")
     known = [(name, damping, found.actuators[k].get("link_viscous")) for k, name, damping in _damped(body, found)]
     if typed == "controller" and (counted := [name for name, damping, other in known if other == damping]):
         names = first_of_many(counted)
         raise GainroomError(f"--joint-damping controller: {source} has the joints' own damping of {names} as link_viscous already")
     if typed == "friction" and (others := [f"{name} {other:g}, not {own:g}" for name, own, other in known if other not in (None, own)]):
         raise GainroomError(f"--joint-damping friction: {source} has another link_viscous of {first_of_many(others)}")
-    if said is not None:
-        held = {"controller": "kd", "friction": "link_viscous"}[said]
-        return said, found, [f"{held} of {source} has the joints' own damping of the model in it already"]
+    if counted_as is not None:
+        held = {"controller": "kd", "friction": "link_viscous"}[counted_as]
+        return counted_as, found, [f"{held} of {source} has the joints' own damping of the model in it already"]
     if typed != "controller":
         return typed, found, []
     if found.origin.whole_kd:

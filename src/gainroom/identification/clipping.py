@@ -111,7 +111,7 @@ def _runs(values: Floats) -> tuple[list[tuple[int, int]], float]:
     return list(zip(np.flatnonzero(begins).tolist(), (np.flatnonzero(ends) + 1).tolist(), strict=True)), noise
 
 
-def _bends(values: Floats, first: int, last: int, step: float) -> bool:
+def _enters_sharply(values: Floats, first: int, last: int, step: float) -> bool:
     """True if `values` (m,) enter or leave the run more steeply than a smooth extremum would."""
     length = last - first
     part = values[first:last]
@@ -133,7 +133,12 @@ def _at_bound(values: Floats, moved: Floats) -> tuple[Booleans, float]:
         level = float(np.median(values[first:last]))
         around = values[max(int(first - BESIDE * length), 0) : int(last + BESIDE * length)]
         topmost = around.max() <= level + max(TOP * size, np.ptp(values[first:last]))
-        if topmost and level > np.median(values) and np.ptp(moved[first:last]) >= LEAST_STEPS and _bends(values, first, last, step):
+        if (
+            topmost
+            and level > np.median(values)
+            and np.ptp(moved[first:last]) >= LEAST_STEPS
+            and _enters_sharply(values, first, last, step)
+        ):
             at.append((first, last, level))
         else:
             beside += length

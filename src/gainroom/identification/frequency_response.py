@@ -148,7 +148,7 @@ def _judged(
     output_power: Floats,
     powers: Floats,
     lowest: float,
-    told: tuple[int, int],
+    averaging: tuple[int, int],
 ) -> FrequencyResponse:
     """Response with clearance and strength, from coherences (d, k) and powers (d, k) by driver; `lowest` [Hz] that counts."""
     # White noise of the encoder, differenced twice; its size from the highest frequencies, where a joint hardly moves.
@@ -162,7 +162,7 @@ def _judged(
     coherence = np.min(shared, axis=0)
     good = np.isfinite(response) & np.isfinite(coherence) & (frequency > 0) & (frequency < 0.45 / sample_time)
     return FrequencyResponse(
-        2 * np.pi * frequency[good], response[good], coherence[good], clearance[good], strength[good], 2 * np.pi * lowest, *told
+        2 * np.pi * frequency[good], response[good], coherence[good], clearance[good], strength[good], 2 * np.pi * lowest, *averaging
     )
 
 

@@ -72,13 +72,13 @@ def motion_of(
         link = filtered(raw, smooth * passed)
         slow = 1 / (1 + (omega / (SLOW * joint.antiresonance)) ** 4)
 
-        def reckoned(motor_side: Floats, kept: Floats) -> Floats:
-            return motor_side[0] + filtered(motor_side - motor_side[0], kept * passed)
+        def reckoned(motor_side: Floats, smoothing: Floats) -> Floats:
+            return motor_side[0] + filtered(motor_side - motor_side[0], smoothing * passed)
 
         rest = reckoned(positions[:, 0], slow)
         swinging = float(weight @ [np.mean(np.cos(rest)), -np.mean(np.sin(rest))])
         bent = weight @ [np.sin(rest), np.cos(rest)] / joint.stiffness
-        angle, resting = (reckoned(positions[:, 0] - bent, kept) for kept in (smooth, slow))
+        angle, resting = (reckoned(positions[:, 0] - bent, smoothing) for smoothing in (smooth, slow))
     else:
         link = motor
     slow = (2 if cautious else 1) * TURNING * float(np.std(motor))

@@ -44,14 +44,14 @@ def _made(reference: Floats, position: Floats, period: float) -> bool:
     wanted, last, second, third = (values[places - back] for back in range(4))
     knots = int(np.clip(len(places) // 12, 3, 10))
     at = rows[places]
-    past = [*_bent(last, knots), second, third, second * np.abs(second - second.mean())]
+    past = [*_piecewise_linear(last, knots), second, third, second * np.abs(second - second.mean())]
     between = [reference[at - back * own_held] for back in (1, 2, 3)] if own_held < held else []
     past += between
     own = min(_left(past, wanted), _beside_harmonics(values, rows, 2 * math.pi / period, held))
 
     def left(late: int, ahead: float) -> float:
         here, before = position[at - late], position[np.maximum(at - late - held, 0)]
-        return _left([*_bent(here + ahead * (here - before), knots), before, last, *between[:1]], wanted)
+        return _left([*_piecewise_linear(here + ahead * (here - before), knots), before, last, *between[:1]], wanted)
 
     coarse = max(1, LATEST * held // MOST_DELAYS)
     best, late = min((left(late, ahead), late) for late in range(0, LATEST * held + 1, coarse) for ahead in AHEAD)
@@ -74,11 +74,11 @@ def _set_rows(reference: Floats, period: float) -> tuple[Integers, int, int]:
         count = max(1, round(length / held))
         rows += [round(first + length * k / count) for k in range(1, count + 1)]
     every = max(1, round(period / PER_PERIOD / held)) if held < period / PER_PERIOD / 2 else 1
-    kept = np.array(rows[::every])
-    return kept[kept >= 2 * LATEST * held * every], held * every, held
+    updates = np.array(rows[::every])
+    return updates[updates >= 2 * LATEST * held * every], held * every, held
 
 
-def _bent(values: Floats, knots: int) -> list[Floats]:
+def _piecewise_linear(values: Floats, knots: int) -> list[Floats]:
     """Columns of a piecewise linear function with `knots` bends at quantiles."""
     return [values, *(np.maximum(values - at, 0) for at in np.quantile(values, np.linspace(0, 1, knots + 2)[1:-1]))]
 

@@ -304,7 +304,7 @@ def _as_wrong(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         return Wrong(tuple(_problems_of(error, value)))
 
 
-KEPT = WrapValidator(_as_wrong)
+SEPARATELY = WrapValidator(_as_wrong)
 """Validator for one of several values of a field: an invalid one becomes Wrong and hides no problem of the others; see `known`."""
 
 

@@ -13,7 +13,7 @@ from .. import __version__
 from ..analysis.margin_record import PathMargins
 from ..errors import apart, at_frequency, beside, listed
 from ..files.audit_options import GIVEN, Audited
-from ..files.carried_robot import carried
+from ..files.gain_context import gain_context
 from ..io.as_typed import as_typed
 from ..studies.audit import Audit
 from ..studies.critical_joints import joints_that_miss
@@ -450,7 +450,7 @@ class AuditPresentation(Presentation):
             "limiting_joints": list(result.limiting_joints),
             "posture": result.angles,
             "base": system.source.body.base,
-            "system": carried(self.of.sections, system),
+            "system": gain_context(self.of.sections, system),
             "joints": [facts(AUDITED_JOINT, joint) for joint in result.joints],
             "states": [facts(audited_states(result.enough_in), state) for state in result.states + result.immobile],
             **self._further_facts(),

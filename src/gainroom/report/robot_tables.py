@@ -74,7 +74,7 @@ class RobotPresentation(Presentation):
         return replace(found, then=("To audit these gains:", [kept(self.call), audit]))
 
     def facts(self) -> dict[str, Any]:
-        from ..files.carried_robot import carried
+        from ..files.gain_context import gain_context
         from ..files.robot_yaml import robot_sections
 
         study, usual = self.study, self.study.recommended_at_usual_rate
@@ -103,7 +103,7 @@ class RobotPresentation(Presentation):
             "actuators": actuator_facts(study.system),
             "gearbox_range": typed_facts(study.system),
             "rigid_gearboxes": list(study.system.source.unknown.get("gearbox_unknown", ())),
-            "system": carried(robot_sections(self.file), study.system),
+            "system": gain_context(robot_sections(self.file), study.system),
             "assumptions": list(study.system.assumptions),
             "warnings": [*warnings(study), *notes(study)],
             **(swept if self.over_sweep else worse),

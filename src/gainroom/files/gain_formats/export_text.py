@@ -20,7 +20,7 @@ CONTROLLER = "effort_joint_trajectory_controller"
 
 
 @dataclass(frozen=True)
-class Carried:
+class ExportedGains:
     """Content of a file to be written: gains by joint, their origin, and the joint angles that are not 0, by joint."""
 
     gains: Mapping[str, Gain]
@@ -52,7 +52,7 @@ def _entries(values: Mapping[str, float]) -> str:
     return ", ".join(f"{quoted(name)}: {number_text(value)}" for name, value in values.items())
 
 
-def plain_text(goal: Carried, header: Sequence[str]) -> str:
+def plain_text(goal: ExportedGains, header: Sequence[str]) -> str:
     """Plain YAML: joint → {kp, kd, …}, with location, rate and posture of the gains."""
     said = {key: getattr(goal.origin, key) for key in ("sample_rate_hz", "gains_run", "drive_rate_hz", "drive_delay_ms", "joint_damping")}
     lines = [f"{key}: {value if isinstance(value, str) else number_text(value)}\n" for key, value in said.items() if value is not None]
@@ -74,7 +74,7 @@ def ros2_terms(gain: Gain) -> dict[str, float]:
     return {"p": gain.kp, "i": gain.ki, "d": gain.kd} | ({} if limit is None else {"u_clamp_max": limit, "u_clamp_min": -limit})
 
 
-def ros2_control_text(goal: Carried, header: Sequence[str]) -> str:
+def ros2_control_text(goal: ExportedGains, header: Sequence[str]) -> str:
     """YAML of a joint_trajectory_controller with effort commands; its update_rate is an integer."""
     rate = goal.origin.sample_rate_hz
     manager = "controller_manager:\n  ros__parameters:\n" + (f"    update_rate: {round(rate)}\n" if rate else "")
@@ -86,7 +86,7 @@ def ros2_control_text(goal: Carried, header: Sequence[str]) -> str:
     )
 
 
-def arrays_text(goal: Carried, header: Sequence[str]) -> str:
+def arrays_text(goal: ExportedGains, header: Sequence[str]) -> str:
     """YAML of the arrays kps and kds with joint_names."""
     columns = {
         "joint_names": map(quoted, goal.gains),
@@ -96,7 +96,7 @@ def arrays_text(goal: Carried, header: Sequence[str]) -> str:
     return commented(header) + "".join(f"{key}: [{', '.join(values)}]\n" for key, values in columns.items())
 
 
-def mjlab_text(goal: Carried, header: Sequence[str]) -> str:
+def mjlab_text(goal: ExportedGains, header: Sequence[str]) -> str:
     """Python text of a tuple of BuiltinPositionActuatorCfg, joints with equal gains together, and the posture."""
     entries = [
         f"    BuiltinPositionActuatorCfg(\n        target_names_expr=({_patterns(names)},),\n{_fields(gain, 'effort_limit')}    ),\n"
@@ -107,7 +107,7 @@ def mjlab_text(goal: Carried, header: Sequence[str]) -> str:
     return f"{commented(header)}{imports}\nACTUATORS = (\n{''.join(entries)})\n{state}"
 
 
-def isaac_lab_text(goal: Carried, header: Sequence[str]) -> str:
+def isaac_lab_text(goal: ExportedGains, header: Sequence[str]) -> str:
     """Python text of a dictionary of ImplicitActuatorCfg, joints with equal gains together, and the posture."""
     entries = []
     for number, (gain, names) in enumerate(_alike(goal.gains)):
@@ -126,7 +126,7 @@ def _initial_state(imported: str, owner: str, posture: Mapping[str, float]) -> t
     return imported, f"\nINITIAL_STATE = {owner}.InitialStateCfg(joint_pos={{\n{angles}}})\n"
 
 
-def legged_gym_text(goal: Carried, header: Sequence[str]) -> str:
+def legged_gym_text(goal: ExportedGains, header: Sequence[str]) -> str:
     """Python text of a class with a class `control`, and `init_state` with the posture of all joints.
 
     The shortest names first, as of the keys in a joint's name the last one counts there.
@@ -178,7 +178,7 @@ def copied_gains(gains: Mapping[str, Gain], form: str, margins: str, rate: float
     Raises GainroomError where the form cannot hold the gains.
     """
     header = [printable(f"gains from gainroom app: {margins}")[:300]]
-    goal = Carried(gains, Origin(sample_rate_hz=rate))
+    goal = ExportedGains(gains, Origin(sample_rate_hz=rate))
     if form == "yaml":
         return plain_text(goal, header)
     if form == "ros2_control":

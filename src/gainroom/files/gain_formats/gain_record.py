@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BeforeValidator, Field
 
 from ...errors import first_of_many
-from ...io.validation import KEPT, NotNegative, Positive, Section, number, refusal
+from ...io.validation import SEPARATELY, NotNegative, Positive, Section, number, refusal
 from ...io.yaml_text import shown
 from ...robot.name_patterns import DEFAULT, assign, select_all
 from ..system_sections import Stiffness
@@ -64,7 +64,7 @@ def _pair(value: object) -> object:
     return value
 
 
-AnyGain = Annotated[GainSection, BeforeValidator(_pair), KEPT]
+AnyGain = Annotated[GainSection, BeforeValidator(_pair), SEPARATELY]
 """Gains of a joint or pattern in YAML or JSON."""
 
 
@@ -79,7 +79,7 @@ class Origin:
     gains_run        where they run: "host", "drive" or "split" (kd on the drive); None: not said
     drive_rate_hz, drive_delay_ms   of the loop that runs on the drive
     joint_damping    what of JOINT_DAMPING the model's own damping was taken for, which is in these kd or link_viscous; None: not said
-    system           what decides and is no joint's own number, as carried_robot.py has it
+    system           context of the gains, see gain_context.py
     whole_kd         no damping of the model is to be added to these kd
     gearboxes        types of those that lie in ranges, as --gearbox takes them
     required         limits that they were judged by, each as --require takes it, where those are not the usual

@@ -55,8 +55,8 @@ def legged_gym_robots(values: PythonValues) -> dict[str, Record]:
             control = value.inherited(CONTROL)
             named = isinstance(control, Record) and control.is_class and {*GAINS} & fields_of(control).keys()
             if named and (method := _changes_gains(value)) is not None:
-                told = "mentions the gains and may change them where an object is made: write them into the class"
-                raise GainroomError(f"{values.source}: line {method.node.lineno}: {name}.{method.name} {told}")
+                problem = "mentions the gains and may change them where an object is made: write them into the class"
+                raise GainroomError(f"{values.source}: line {method.node.lineno}: {name}.{method.name} {problem}")
             if named and not any(_same(value, other) for other in found.values()):
                 found[name] = value
     return found
@@ -104,11 +104,11 @@ def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, note
         read = together.step(lambda: _gains(control, owner))
         inertia = together.step(lambda: _armature(_section(record, "asset"), f"{source}: {record.name}.asset"))
         stands = together.step(lambda: {} if angles is None or isinstance(angles, Unknown) else _numbers(angles, where, ANGLE))
-        (gains, told), found = read(), stands()
+        (gains, own_notes), found = read(), stands()
         gains = _with_armature(gains, inertia())
     unread = {ANGLES: f"{where}: {angles}"} if isinstance(angles, Unknown) else {}
     postures = {ANGLES: {re.escape(name): angle for name, angle in found.items()}} if found else {}
-    return LeggedGymGains(source, "legged_gym", gains, notes=(*notes, *told), angles=found, postures=postures, unread_postures=unread)
+    return LeggedGymGains(source, "legged_gym", gains, notes=(*notes, *own_notes), angles=found, postures=postures, unread_postures=unread)
 
 
 def has_parts(data: Mapping[str, Any], key: str) -> bool:
@@ -192,8 +192,8 @@ def _numbers(value: Any, owner: str, check: Any) -> dict[str, float]:
     if isinstance(value, Unknown):
         raise GainroomError(f"{owner}: {value}")
     if not isinstance(value, dict) or not value:
-        told = "is missing: the class that it comes from is in another file" if value is None else f"{shown(value)} is no mapping"
-        raise GainroomError(f"{owner}: {told}; write a number by part of the joints' names")
+        problem = "is missing: the class that it comes from is in another file" if value is None else f"{shown(value)} is no mapping"
+        raise GainroomError(f"{owner}: {problem}; write a number by part of the joints' names")
 
     def number(key: Any, each: Any) -> float:
         if not isinstance(key, str) or not key:

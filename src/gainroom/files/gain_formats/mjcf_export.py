@@ -19,7 +19,7 @@ from ...robot.formats.mjcf import joint_and_actuators
 from ...robot.formats.mjcf_file import ActuatorElement, compile_mjcf
 from ...robot.formats.model_files import position_gains
 from ...robot.formats.xml_text import parse_xml
-from .export_text import Carried, force_limits, number_text
+from .export_text import ExportedGains, force_limits, number_text
 from .gain_record import Gain
 
 SERVOS = ("position", "intvelocity", "pid")
@@ -81,7 +81,7 @@ class _Places:
             tag.close = self.parser.CurrentByteIndex
 
 
-def mjcf_text(text: str, path: Path, goal: Carried, header: Sequence[str]) -> str:
+def mjcf_text(text: str, path: Path, goal: ExportedGains, header: Sequence[str]) -> str:
     """Text of the MJCF read from `path`, with these gains; joint damping that kd includes is removed from the joints.
 
     Raises GainroomError where its actuators cannot take the gains.

@@ -12,7 +12,7 @@ from ...io.validation import checked, number, require_one_of
 from ...io.yaml_text import shown
 from ...robot.gearbox_types import TYPES
 from ...system.requirements import REQUIREMENTS, Requirements
-from ..carried_robot import read_carried
+from ..gain_context import read_gain_context
 from ..typed_requirements import unusual_limits
 from .gain_record import ACTUATOR, ANGLE, GAINS_RUN, JOINT_DAMPING, NOT_NEGATIVE, Gain, GainFile, Origin, postures_of
 
@@ -68,7 +68,7 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
 
     Raises GainroomError.
     """
-    postures, system = postures_of(read_carried(data.get("system"), source, "system"))
+    postures, system = postures_of(read_gain_context(data.get("system"), source, "system"))
     damping = data.get("joint_damping")
     require_one_of(f"{source}: joint_damping {shown(damping)}", damping, JOINT_DAMPING)
     if "recommended" in data:
@@ -128,8 +128,8 @@ def _place(data: Mapping[str, Any], delay: float | None, source: str) -> dict[st
     """Location of the gains with rates and delays, as fields of Origin; where the answer does not name it, its numbers do."""
     rate, command = _number(data, "sample_rate_hz", source), _number(data, "command_delay_ms", source)
     path = data.get("kd_path")
-    told = "split" if isinstance(path, dict) else "drive" if command else None
-    place = data.get("gains_run", told)
+    inferred = "split" if isinstance(path, dict) else "drive" if command else None
+    place = data.get("gains_run", inferred)
     require_one_of(f"{source}: gains_run {shown(place)}", place, GAINS_RUN)
     if place == "drive":
         return {"gains_run": place, "delay_ms": command, "drive_rate_hz": rate, "drive_delay_ms": delay}

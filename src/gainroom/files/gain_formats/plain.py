@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ...io.validation import Refusals, Section, refusal, relation, validate
-from ..carried_robot import read_carried
+from ..gain_context import read_gain_context
 from ..system_sections import DelayMs, SampleRate
 from .gain_record import ANGLE, AnyGain, Gain, GainFile, Origin, postures_of
 
@@ -76,7 +76,7 @@ def _is_gain(value: object) -> bool:
 def read_plain(data: dict[str, Any], source: str) -> GainFile:
     """Gains of a plain file. Raises GainroomError."""
     file = validate(PlainFile, data, source)
-    postures, system = postures_of(read_carried(file.system, source, "system"))
+    postures, system = postures_of(read_gain_context(file.system, source, "system"))
     origin = Origin(**{key: getattr(file, key) for key in PLACE}, system=system)
     gains = {name: Gain(**each.model_dump()) for name, each in file.gains.items()}
     return GainFile(source, "plain", gains, origin=origin, postures=postures or ({POSTURE: file.posture} if file.posture else {}))

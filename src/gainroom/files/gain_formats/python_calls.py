@@ -226,7 +226,7 @@ class Calls(Interpreter):
         names = self.bound(function, given, named)
         if names is None:
             raise NotKnown
-        names = {name: self.kept(node, value) if isinstance(value, Once) else value for name, value in names.items()}
+        names = {name: self.stored_once(node, value) if isinstance(value, Once) else value for name, value in names.items()}
         if self.calls >= MOST_CALLS:
             raise self.refusal(node, f"functions call each other more than {MOST_CALLS} deep")
         body = function.node.body
@@ -317,7 +317,7 @@ class Calls(Interpreter):
         if name in COPIES and not given and first:  # a configuration of another file: IMPORTED.copy()
             return Unknown(
                 getattr(node, "lineno", 0), first.rpartition(".")[2], f"{function.why}: write its actuators here, or lay that file beside",
-                path=path, is_free=not self.holds_record(node, *named.values()), source=self.told,
+                path=path, is_free=not self.holds_record(node, *named.values()), source=self.shown_source,
             )  # fmt: skip
         if name.lstrip("_")[:1].isupper() and not given:
             made = Record(name, getattr(node, "lineno", 0), {}, (name,), source=self.source, is_copied=path.startswith(COPYING))
@@ -505,7 +505,7 @@ class Calls(Interpreter):
                 return self._decided(value)
         raise NotKnown(next((each for each in given if isinstance(each, Unknown)), None))
 
-    def kept(self, node: ast.AST, value: Once) -> Any:
+    def stored_once(self, node: ast.AST, value: Once) -> Any:
         """Value of a name that stores a generator, zip, map, …: unknown, because it is iterated later, when its items may have changed."""
         return self.unknown(node, *value.left, why="is gone through later, which is not followed: write list(…)")
 

@@ -66,7 +66,7 @@ class Expressions(Calls):
             return Builtin(name)
         if name == "__name__":
             return "read"  # by gainroom, and not as __main__
-        return Unknown(getattr(node, "lineno", 0), name, "is no name of this file", "import", name, source=self.told)
+        return Unknown(getattr(node, "lineno", 0), name, "is no name of this file", "import", name, source=self.shown_source)
 
     def _evaluated(self, node: ast.expr) -> Any:
         match node:
@@ -224,7 +224,7 @@ class Expressions(Calls):
             return found
         if owner.is_class and name[:1].isupper():
             path = f"{'isaaclab.' if owner.is_copied else ''}{owner.name}.{name}"
-            return Unknown(getattr(node, "lineno", 0), text_of(node), "comes with another file", "import", path, source=self.told)
+            return Unknown(getattr(node, "lineno", 0), text_of(node), "comes with another file", "import", path, source=self.shown_source)
         if is_called:
             return Method(owner, name)
         why = "may have been changed" if REST in fields else "is not written in this file: a default is not known"

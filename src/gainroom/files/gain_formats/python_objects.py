@@ -291,13 +291,13 @@ def contents(value: Any) -> list[Any]:
 
 def parts(value: Any, closed: Callable[[Record], bool] = lambda record: False) -> Iterator[Any]:
     """Value and all values inside it, depth first and each once, without the contents of records that are `closed`."""
-    seen, waiting, kept = set(), [value], []
+    seen, waiting, stored_once = set(), [value], []
     while waiting:
         each = waiting.pop()
         if id(each) in seen:
             continue
         seen.add(id(each))
-        kept.append(each)  # an id is taken again once its object is gone
+        stored_once.append(each)  # an id is taken again once its object is gone
         yield each
         if not (isinstance(each, Record) and closed(each)):
             waiting += reversed(contents(each))
@@ -310,16 +310,16 @@ def has_record(value: Any) -> bool:
 
 def spoil(value: Any, unknown: Unknown) -> None:
     """Makes all contents of a value unknown, as something that is not followed may have changed it."""
-    told = unknown.held()
+    spoilt = unknown.held()
     for each in list(parts(value)):
         held = each.fields if isinstance(each, Record) else each.mapping if isinstance(each, View) else each
         if isinstance(held, dict):
-            held |= dict.fromkeys((*held, REST), told)
+            held |= dict.fromkeys((*held, REST), spoilt)
         elif isinstance(held, list):
             for one in held.family if isinstance(held, Array) else [held]:
-                one[:] = [told.many()]
+                one[:] = [spoilt.many()]
         elif isinstance(held, Once):
-            held.left[:] = [told.many()]
+            held.left[:] = [spoilt.many()]
 
 
 class Alike:

@@ -99,7 +99,7 @@ class Interpreter:
         return GainroomError(f"{self.source}: line {getattr(node, 'lineno', 0)}: {problem}")
 
     @property
-    def told(self) -> str:
+    def shown_source(self) -> str:
         """Name of the file in messages, if it is not the main file."""
         return "" if self.source == self.main else self.source
 
@@ -124,12 +124,12 @@ class Interpreter:
         """Unknown value of a node; if a value inside it is unknown, that one names the cause."""
         first = next((each for each in inner if isinstance(each, Unknown)), None)
         if first is None or why:
-            first = Unknown(getattr(node, "lineno", 0), text_of(node), why or "is not understood", source=self.told)
+            first = Unknown(getattr(node, "lineno", 0), text_of(node), why or "is not understood", source=self.shown_source)
         return first.held() if self.holds_record(node, *inner) else first
 
     def undecided(self, node: ast.AST, body: Iterable[ast.AST], why: str = NO_RUN) -> Unknown:
         """Unknown value of a node whose `body` may run or not: all that the body may change becomes unknown."""
-        unknown = Unknown(getattr(node, "lineno", 0), text_of(node), why, is_free=False, source=self.told)
+        unknown = Unknown(getattr(node, "lineno", 0), text_of(node), why, is_free=False, source=self.shown_source)
         self.spoil_by(body, unknown)
         return unknown
 
@@ -237,7 +237,7 @@ class Interpreter:
                     if isinstance(found, dict | list | tuple) and REST not in found:
                         return found[key]  # type: ignore[index]
         names = [self.found(each.id, each) for each in ast.walk(node) if isinstance(each, ast.Name)]
-        unknown = Unknown(node.lineno, text_of(node), source=self.told)
+        unknown = Unknown(node.lineno, text_of(node), source=self.shown_source)
         calls_own = any(isinstance(each, Function) for each in names)
         return unknown.held() if calls_own or self.holds_record(node, *names) else unknown
 

@@ -242,7 +242,7 @@ class _Reader(Expressions):
             case ast.FunctionDef():
                 self._store(node, self._function(node))
             case ast.AsyncFunctionDef():
-                self._store(node, Unknown(node.lineno, node.name, "is a coroutine, which is not followed", source=self.told))
+                self._store(node, Unknown(node.lineno, node.name, "is a coroutine, which is not followed", source=self.shown_source))
             case ast.Import() | ast.ImportFrom():
                 self._import(node)
             case ast.If(test=test, body=body, orelse=orelse):
@@ -264,7 +264,7 @@ class _Reader(Expressions):
             case ast.Continue():
                 raise Continue
             case ast.Raise():
-                raise Undecided(Unknown(node.lineno, text_of(node), "ends it with an error", is_free=False, source=self.told))
+                raise Undecided(Unknown(node.lineno, text_of(node), "ends it with an error", is_free=False, source=self.shown_source))
             case ast.Expr(value=value):
                 self.discarded = value
                 self.value(value)
@@ -302,8 +302,8 @@ class _Reader(Expressions):
 
     def _not_decided(self, node: ast.stmt) -> None:
         """Skips a statement that is not followed: all that it may change is unknown afterwards, and later statements may be skipped."""
-        unknown = Unknown(node.lineno, text_of(node), "cannot be decided without running the file", is_free=False, source=self.told)
-        unknown = Unknown(node.lineno, unknown.text.partition(":")[0], unknown.why, is_free=False, source=self.told)
+        unknown = Unknown(node.lineno, text_of(node), "cannot be decided without running the file", is_free=False, source=self.shown_source)
+        unknown = Unknown(node.lineno, unknown.text.partition(":")[0], unknown.why, is_free=False, source=self.shown_source)
         self.spoil_by([node], unknown)
         if any(isinstance(each, LEAVES) for each in own_nodes([node])):
             raise Undecided(unknown)
@@ -377,7 +377,7 @@ class _Reader(Expressions):
 
     def _unread(self, node: ast.stmt, path: str, origin: str, names: dict[str, Any] | str) -> Unknown:
         why = f"{origin}, {names if isinstance(names, str) else 'and other files are not read'}"
-        return Unknown(node.lineno, path.rpartition(".")[2], why, "import", path, source=self.told)
+        return Unknown(node.lineno, path.rpartition(".")[2], why, "import", path, source=self.shown_source)
 
     def _import_all(self, node: ast.stmt, dotted: str, names: dict[str, Any] | str) -> None:
         """Executes from x import *: all names of a file beside, or unknown names, which may include those of this file."""
@@ -402,7 +402,7 @@ class _Reader(Expressions):
 
     def assign(self, target: ast.expr, value: Any) -> None:
         if isinstance(value, Once):
-            value = self.kept(target, value)
+            value = self.stored_once(target, value)
         match target:
             case ast.Name(id=name):
                 self.scope.store(name, value)
@@ -515,7 +515,7 @@ class _Reader(Expressions):
         for each in reversed(others):
             function = self.value(each)
             if not isinstance(function, Function | Partial):
-                return Unknown(node.lineno, f"@{text_of(each)[:60]}", "is not followed", is_free=False, source=self.told)
+                return Unknown(node.lineno, f"@{text_of(each)[:60]}", "is not followed", is_free=False, source=self.shown_source)
             result = self.call(each, function, [result], {})
         return result
 
@@ -548,7 +548,7 @@ class _Reader(Expressions):
             if isinstance(value, Function) and name.startswith("__") and name not in ("__init__", "__post_init__"):
                 self._may_run_at_any_time(value)
         if problem := self._not_followed_in(node, record, ancestors, bases):
-            return Unknown(node.lineno, f"class {node.name}", problem, is_free=False, source=self.told)
+            return Unknown(node.lineno, f"class {node.name}", problem, is_free=False, source=self.shown_source)
         if any(kind in ENUMERATIONS for kind in record.kinds):
             record.is_enumeration = True
             is_mixed = len(node.bases) > 1 or "Flag" in record.kinds  # with text or a number, which it may be equal to
@@ -557,18 +557,18 @@ class _Reader(Expressions):
 
     def _may_run_at_any_time(self, function: Function) -> None:
         """Makes unknown, from here on, all that a special method may change: ==, len() and many other operations may run it at any time."""
-        told = Unknown(
-            function.node.lineno, f"def {function.name}", "may be run at any time, and change it", is_free=False, source=self.told
+        shown_source = Unknown(
+            function.node.lineno, f"def {function.name}", "may be run at any time, and change it", is_free=False, source=self.shown_source
         )
         for name in changed_names(function):
             scope = self.scope.module
             if name in scope.names:
-                spoil(scope.names[name], told)
+                spoil(scope.names[name], shown_source)
             if name in scope.names and not isinstance(scope.names[name], Function | Record | Unknown):
-                scope.unstable[name] = told
+                scope.unstable[name] = shown_source
                 scope.store(name, scope.names[name])
             elif name not in scope.names:
-                scope.unstable[name] = told
+                scope.unstable[name] = shown_source
 
     def _not_followed_in(self, node: ast.ClassDef, record: Record, ancestors: tuple[Record, ...] | None, bases: list[Any]) -> str:
         """Reason why a class is not followed; "" if it is."""
@@ -599,7 +599,7 @@ class _Reader(Expressions):
                 continue
             function = self.value(each)
             if not isinstance(function, Function | Partial):
-                return Unknown(node.lineno, f"@{text_of(each)[:60]}", "is not followed", is_free=False, source=self.told)
+                return Unknown(node.lineno, f"@{text_of(each)[:60]}", "is not followed", is_free=False, source=self.shown_source)
             result = self.call(each, function, [result], {})
         return result
 

@@ -44,17 +44,17 @@ class Claim:
 
 @dataclass(frozen=True)
 class Arranged:
-    """Accepted claims, and texts about the others; `told`: the columns that these texts name."""
+    """Accepted claims, and texts about the others; `mentioned`: the columns that these texts name."""
 
     claims: list[Claim]
     notes: list[str]
-    told: set[str]
+    mentioned: set[str]
 
 
 def arrange(claims: Iterable[Claim]) -> Arranged:
     """Arrangement of the claims of one file."""
     every = _outputs(_one_name(list(claims)))
-    notes, told = [], set()
+    notes, mentioned = [], set()
     doubtful = [claim for claim in every if claim.doubt]
     standing = [claim for claim in every if not claim.doubt]
     standing, sided = _sides(standing)
@@ -64,12 +64,12 @@ def arrange(claims: Iterable[Claim]) -> Arranged:
     joints = {claim.joint for claim in standing}
     for doubt in dict.fromkeys(claim.doubt for claim in doubtful):
         notes.append(_asked([claim for claim in doubtful if claim.doubt == doubt], doubt, joints))
-    told = {claim.column.name for claim in (*doubtful, *sided, *(claim for claims, _ in strangers for claim in claims))}
+    mentioned = {claim.column.name for claim in (*doubtful, *sided, *(claim for claims, _ in strangers for claim in claims))}
     for claim in sided[:1]:
         other = flag(_other_side(claim.channel), claim)
         notes.append(f"column {claim.column.name!r} was taken as {claim.channel}: others are the motor's (else: {other})")
     notes += [_asked(claims, why, joints) for claims, why in strangers]
-    return Arranged(standing, notes, told)
+    return Arranged(standing, notes, mentioned)
 
 
 def flag(channel: str, claim: Claim) -> str:

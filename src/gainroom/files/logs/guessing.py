@@ -158,17 +158,17 @@ def channel_of(text: str, whole: bool = False, commanded: bool = False, naming: 
         commanded = is_commanding(above, commanded)
     guesses = (_Parse(stem, stem_unit, bool(unit), naming, whole).guess(commanded) for stem, stem_unit in _stems(text, unit))
     guess = next((guess for guess in guesses if guess is not None), None)
-    said = guess is not None and re.split(r"[/.]", text)[-1] == guess.channel  # as this package writes it, in a topic of its own
-    return replace(guess, rank=0) if guess is not None and said else guess
+    is_own = guess is not None and re.split(r"[/.]", text)[-1] == guess.channel  # as this package writes it, in a topic of its own
+    return replace(guess, rank=0) if guess is not None and is_own else guess
 
 
 def is_commanding(path: str, otherwise: bool = False) -> bool:
     """True if a path, such as a topic, holds commands: the last of its parts with a known word decides."""
     for part in reversed(re.split(r"[/.]", path[-MOST_LETTERS:])):
-        said = {_plain(word[0].lower()) for word in WORD.finditer(part)}
-        if said & COMMANDING:
+        plain_words = {_plain(word[0].lower()) for word in WORD.finditer(part)}
+        if plain_words & COMMANDING:
             return True
-        if said & MEASURING:
+        if plain_words & MEASURING:
             return False
     return otherwise
 
@@ -178,8 +178,10 @@ def _own(text: str) -> Guess | None:
     for name in sorted(CHANNELS, key=len, reverse=True):
         rest = text[len(name) + 1 :]
         if text == name or (name != "time" and rest and text.startswith(f"{name}_")):
-            said = [_plain(word[0].lower()) for word in WORD.finditer(rest) if not word[0].isdigit()]
-            if any((word,) in _spellings() for word in said) or (said and (said[-1] in COMMANDING or SAYING.issuperset(said))):
+            plain_words = [_plain(word[0].lower()) for word in WORD.finditer(rest) if not word[0].isdigit()]
+            if any((word,) in _spellings() for word in plain_words) or (
+                plain_words and (plain_words[-1] in COMMANDING or SAYING.issuperset(plain_words))
+            ):
                 return None  # `reference_torque`, `motor_position_knee_target`, `link_position_error`, `joint_torque_measured[0]`
             unit = rest if len(rest) > 1 and known_unit(rest, CHANNELS[name].dimension) else ""
             return Guess(name, "" if unit else rest, unit, 0)
@@ -308,15 +310,15 @@ class _Parse:
         if metres and (self._naming.sided or spelled in COORDINATES):
             return None  # an angle's, of the motor
         above = self._parts[:place]
-        said = {word.plain for k, word in enumerate(words) if k not in self._used}
+        plain_words = {word.plain for k, word in enumerate(words) if k not in self._used}
         if quantity == "time":
-            return self._time(said, above, rank)
-        if said & OTHER or _elsewhere(above):
+            return self._time(plain_words, above, rank)
+        if plain_words & OTHER or _elsewhere(above):
             return None
         below = {word.plain for part in self._parts[place + 1 :] for word in _words(part)}
         side, letter = self._side(spelled, first, last, above)
         self._used |= {k for k, word in enumerate(words) if word.plain in ROLES}
-        roles = said & ROLES | below
+        roles = plain_words & ROLES | below
         command = _is_command(quantity, roles, letter or (side == "output" and spelled == "effort"))
         if roles & FEEDFORWARD and quantity != "torque":
             return None
@@ -393,24 +395,34 @@ class _Parse:
             pieces[self._words[k].piece] = pieces.get(self._words[k].piece, "") + self._words[k].text
         return "_".join(pieces.values())
 
-    def _time(self, said: set[str], above: list[str], rank: int) -> Guess | None:
-        if said - TIME_BESIDE or (said and self._words[0].plain == "t") or self._whole:
+    def _time(self, plain_words: set[str], above: list[str], rank: int) -> Guess | None:
+        if plain_words - TIME_BESIDE or (plain_words and self._words[0].plain == "t") or self._whole:
             return None
-        return Guess("time", joint_in("/".join(above)), self._unit, rank + 1 + len(said))
+        return Guess("time", joint_in("/".join(above)), self._unit, rank + 1 + len(plain_words))
 
     def _bare(self) -> Guess | None:
         """Guess for a command without a quantity: its unit decides, and set-points are positions."""
         words = self._words = _words(self._parts[-1])
-        said = {word.plain for word in words}
+        plain_words = {word.plain for word in words}
         self._used = {k for k, word in enumerate(words) if word.plain in ROLES | BARE_COMMAND | BARE_POSITION}
-        if not said & (BARE_COMMAND | BARE_POSITION) or said & (OTHER | MEASURING) or _elsewhere(self._parts[:-1]) or self._matched():
+        if (
+            not plain_words & (BARE_COMMAND | BARE_POSITION)
+            or plain_words & (OTHER | MEASURING)
+            or _elsewhere(self._parts[:-1])
+            or self._matched()
+        ):
             return None
         name, strange = self._joint(len(words), self._parts[:-1])
         by_unit = {"angle": REFERENCE_SIGNAL, "speed": "reference_velocity", "torque": "target_torque"}
         channel = next((channel for dimension, channel in by_unit.items() if self._unit and known_unit(self._unit, dimension)), "")
-        if strange or (self._whole and name) or (self._unit and not channel) or (name and said & {"u", "action"} and not name.isdigit()):
+        if (
+            strange
+            or (self._whole and name)
+            or (self._unit and not channel)
+            or (name and plain_words & {"u", "action"} and not name.isdigit())
+        ):
             return None
-        if channel or said & BARE_POSITION:
+        if channel or plain_words & BARE_POSITION:
             return Guess(channel or REFERENCE_SIGNAL, name, self._unit, BARE)
         return Guess("target_torque", name, "", BARE, doubt=COMMAND_DOUBT)
 
@@ -461,8 +473,8 @@ def _channel(quantity: str, commanded: bool, side: str, spelled: str, roles: set
 
 def _elsewhere(above: Iterable[str]) -> bool:
     """True if a path belongs to something other than a joint, such as an inertial sensor."""
-    said = [{word.plain for word in _words(part)} for part in above]
-    return any(words & ELSEWHERE and not words & (COMMANDING | MEASURING) for words in said)
+    plain_words = [{word.plain for word in _words(part)} for part in above]
+    return any(words & ELSEWHERE and not words & (COMMANDING | MEASURING) for words in plain_words)
 
 
 def joint_in(path: str) -> str:
@@ -478,9 +490,9 @@ def _joint_part(part: str) -> str:
     if name.lower() in CONTAINERS:
         name = ""
     pieces = [_joint_piece(piece) for piece in re.split(r"[_\s-]+", name)]
-    kept = [piece for piece in pieces if piece]
-    plain = {_plain(piece.lower()) for piece in kept}
-    name = "" if plain <= CONTAINERS | NEUTRAL or (len(plain) == 1 and plain <= {*SIDE_OF} and not bracket) else "_".join(kept)
+    left = [piece for piece in pieces if piece]
+    plain = {_plain(piece.lower()) for piece in left}
+    name = "" if plain <= CONTAINERS | NEUTRAL or (len(plain) == 1 and plain <= {*SIDE_OF} and not bracket) else "_".join(left)
     return f"{name}[{index.rstrip(']')}]" if name and bracket else name or index.rstrip("]")
 
 

@@ -56,8 +56,8 @@ def map_columns(columns: Sequence[Column], options: LogOptions, path: Path, left
     joints, more, used = _joints(chosen, options, path, columns, left)
     used |= set() if time is None else {time.column.name}
     unused = tuple(column.name for column in columns if column.name not in used)
-    told = arranged.told | {claim.column.name for claim in (*second, *chosen.values())}
-    silent = [name for name in unused if name not in told]
+    mentioned = arranged.mentioned | {claim.column.name for claim in (*second, *chosen.values())}
+    silent = [name for name in unused if name not in mentioned]
     if silent:
         more.append(f"columns that no channel was found for: {first_of_many(silent)}")
     order = [*CHANNELS]
@@ -160,13 +160,13 @@ def _joints(
     places = {column.name: place for place, column in enumerate(columns)}
     order = sorted(found.items(), key=lambda item: min(places[claim.column.name] for claim in item[1]))
     wanted = {joint or ONE_JOINT: claims for joint, claims in order}
-    kept = {joint: claims for joint, claims in wanted.items() if options.wants(joint)}
-    if not kept:
+    chosen_joints = {joint: claims for joint, claims in wanted.items() if options.wants(joint)}
+    if not chosen_joints:
         raise GainroomError(
             f"{path}: none of its joints is {listed([shown(name) for name in options.joints], 'or')}; it has "
             + "; ".join([first_of_many([*wanted]), *left])
         )
-    return kept, notes, {claim.column.name for claims in found.values() for claim in claims}
+    return chosen_joints, notes, {claim.column.name for claims in found.values() for claim in claims}
 
 
 def _origin(claim: Claim, joint: str, options: LogOptions, path: Path) -> Origin:

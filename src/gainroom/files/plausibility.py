@@ -17,13 +17,13 @@ MOST_TICKS = 600
 """Maximum of the delays of all joints added up [ticks]: half a minute of computing on two joints; 50 joints may have 12 each."""
 
 
-def examined(system: System) -> System:
+def plausible(system: System) -> System:
     """The system with warnings for values far outside the usual range added. Raises GainroomError for values that no robot has."""
-    _refuse_absurd(system)
+    _refuse_implausible(system)
     return replace(system, warnings=(*system.warnings, *unusual_values(system)))
 
 
-def _refuse_absurd(system: System) -> None:
+def _refuse_implausible(system: System) -> None:
     """Raise GainroomError for delays of too many ticks, nominal or at their highest, and for loops far too fast for their delay."""
     names, delays = system.source.joint_names, [drive.delay for drive in system.drives]
     for each in (delays, *([] if system.uncertainty.delay is None else [system.uncertainty.delay[1].tolist()])):

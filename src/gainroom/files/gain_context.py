@@ -21,14 +21,14 @@ KEYS = {
     "control": ("feedback", "velocity_filter", "notches"),
 }
 """Keys of a robot.yaml's sections that belong to the context; postures, contacts and uncertainty belong to it as a whole."""
-WHOLE = ("postures", "contacts", "uncertainty")
+WHOLE_SECTIONS = ("postures", "contacts", "uncertainty")
 BALANCE = "balance"
 """Key for the controller of sway, "joints" or "controller"; its value is a word, not a section."""
-LOOP = ("bandwidth", "damping_ratio")
+LOOP_KEYS = ("bandwidth", "damping_ratio")
 """Keys of a current loop."""
-USUAL: dict[str, Any] = {"feedback": "motor", "delay_includes_sampling": False}
+DEFAULTS: dict[str, Any] = {"feedback": "motor", "delay_includes_sampling": False}
 """Values that an audit assumes if nothing is given; they are not stored."""
-NEEDED = {
+REQUIRED = {
     "model": {"file": "model"},
     "drive": {"bandwidth": 1.0, "delay_ms": 1.0},
     "control": {"type": "pd", "feedback": "motor", "kp": 1, "kd": 1},
@@ -36,19 +36,19 @@ NEEDED = {
 """Values for the required keys of a robot.yaml, with which a context is validated."""
 
 
-def carried(sections: Mapping[str, Any], system: System) -> dict[str, Any]:
+def gain_context(sections: Mapping[str, Any], system: System) -> dict[str, Any]:
     """Context of gains in the `sections` of a robot.yaml, from which `system` was made; default values are left out."""
     found: dict[str, Any] = {}
     for name, keys in KEYS.items():
         own = sections.get(name) or {}
-        found[name] = {key: own[key] for key in keys if own.get(key) not in (None, [], USUAL.get(key))}
+        found[name] = {key: own[key] for key in keys if own.get(key) not in (None, [], DEFAULTS.get(key))}
     loops = {(drive.bandwidth, drive.damping_ratio) for drive in system.drives}
-    found["drive"] = {key: value for key, value in found["drive"].items() if key not in LOOP}
+    found["drive"] = {key: value for key, value in found["drive"].items() if key not in LOOP_KEYS}
     if len(loops) == 1 and math.isfinite(system.drives[0].bandwidth):
-        found["drive"] |= dict(zip(LOOP, loops.pop(), strict=True))
-    for name, own in _of_joints(system).items():
+        found["drive"] |= dict(zip(LOOP_KEYS, loops.pop(), strict=True))
+    for name, own in _joint_context(system).items():
         found["joints"].setdefault(name, own)
-    found |= {name: sections[name] for name in WHOLE if sections.get(name)}
+    found |= {name: sections[name] for name in WHOLE_SECTIONS if sections.get(name)}
     for name in ("postures", "contacts"):  # one at 0, and none on the ground, are usual
         if len(found.get(name, {})) < 2 and not any(found.get(name, {}).values()):
             found.pop(name, None)
@@ -56,12 +56,12 @@ def carried(sections: Mapping[str, Any], system: System) -> dict[str, Any]:
     return {name: section for name, section in found.items() if section}
 
 
-def _of_joints(system: System) -> dict[str, dict[str, float]]:
+def _joint_context(system: System) -> dict[str, dict[str, float]]:
     """Current loop, motor friction and delay of each joint, as far as joints differ, in a robot.yaml's units."""
     source, drives = system.source, system.drives
     columns: dict[str, Floats | list[float]] = {"motor_viscous": source.actuators.motor_viscous}
     if len({(drive.bandwidth, drive.damping_ratio) for drive in drives}) > 1:
-        columns |= {key: [getattr(drive, key) for drive in drives] for key in LOOP}
+        columns |= {key: [getattr(drive, key) for drive in drives] for key in LOOP_KEYS}
     if len({drive.delay for drive in drives}) > 1:
         columns["delay_ms"] = [1e3 * drive.delay for drive in drives]
     found = {}
@@ -71,17 +71,17 @@ def _of_joints(system: System) -> dict[str, dict[str, float]]:
     return {name: own for name, own in found.items() if own}
 
 
-USUAL_RATIO = 0.9
+DEFAULT_DAMPING_RATIO = 0.9
 """Default damping ratio of a current loop."""
-BASE, LOOPS, CONTACTS = "the base", "the current loops", "the contact states"
-OF_JOINTS = ("bandwidth", "damping_ratio", "motor_viscous", "delay_ms")
+BASE_NAME, LOOPS_NAME, CONTACTS_NAME = "the base", "the current loops", "the contact states"
+JOINT_KEYS = ("bandwidth", "damping_ratio", "motor_viscous", "delay_ms")
 """Keys of a joint that belong to the context."""
 
 
-def read_carried(data: object, source: str, within: str) -> dict[str, Any]:
+def read_gain_context(data: object, source: str, within: str) -> dict[str, Any]:
     """Context of gains that a file holds under the key `within`. Raises GainroomError where a robot.yaml could not have it."""
     sections = data if isinstance(data, dict) else {}
-    known = (*KEYS, *WHOLE, BALANCE)
+    known = (*KEYS, *WHOLE_SECTIONS, BALANCE)
     for name in sections:
         if name not in known:
             raise GainroomError(f"{source}: {dotted(within, name)}: must be one of {', '.join(known)}")
@@ -94,37 +94,37 @@ def read_carried(data: object, source: str, within: str) -> dict[str, Any]:
             if name != "joints" and key not in keys:
                 raise GainroomError(f"{source}: {dotted(within, name, key)}: must be one of {', '.join(keys)}")
     found = {**sections, **({"contacts": _with_infinite(sections["contacts"])} if "contacts" in sections else {})}
-    whole = {**found, **{name: {**needed, **found.get(name, {})} for name, needed in NEEDED.items()}}
+    whole = {**found, **{name: {**needed, **found.get(name, {})} for name, needed in REQUIRED.items()}}
     validate(RobotFile, {name: each for name, each in whole.items() if name != "uncertainty"}, source, within)
     return found
 
 
-def system_flags(lost: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+def context_flags(lost: Mapping[str, Any]) -> tuple[list[str], list[str]]:
     """Flags of `gainroom audit` that replace a context `lost` in an export, and the names of the properties that they restore."""
-    flags, whose = [], []
+    flags, names = [], []
     if base := (lost.get("model") or {}).get("base"):
-        flags, whose = [*flags, "--base", str(base)], [*whose, BASE]
+        flags, names = [*flags, "--base", str(base)], [*names, BASE_NAME]
     loops = lost.get("drive") or {}
-    if loops.get("damping_ratio", USUAL_RATIO) == USUAL_RATIO and "bandwidth" in loops:
-        flags, whose = [*flags, "--bandwidth", repr(loops["bandwidth"])], [*whose, LOOPS]
+    if loops.get("damping_ratio", DEFAULT_DAMPING_RATIO) == DEFAULT_DAMPING_RATIO and "bandwidth" in loops:
+        flags, names = [*flags, "--bandwidth", repr(loops["bandwidth"])], [*names, LOOPS_NAME]
     if BALANCE in lost:
-        flags, whose = [*flags, "--balance", lost[BALANCE]], [*whose, "who damps sway"]
+        flags, names = [*flags, "--balance", lost[BALANCE]], [*names, "who damps sway"]
     contacts = lost.get("contacts") or {}
     standing = [frames for frames in contacts.values() if frames]
     typed = [_contact_text(frame) for frame in standing[0]] if len(standing) == 1 < len(contacts) == 2 else []
     if typed and None not in typed:
-        flags, whose = [*flags, *(text for each in typed for text in ("--contact", str(each)))], [*whose, CONTACTS]
-    return flags, whose
+        flags, names = [*flags, *(text for each in typed for text in ("--contact", str(each)))], [*names, CONTACTS_NAME]
+    return flags, names
 
 
-def left_out(lost: Mapping[str, Any], given_back: Collection[str]) -> list[str]:
+def without_flag(lost: Mapping[str, Any], given_back: Collection[str]) -> list[str]:
     """Names of the properties in a context `lost` in an export that no flag of `gainroom audit` restores."""
     model, joints, control, drive = (lost.get(key) or {} for key in ("model", "joints", "control", "drive"))
     own = [key for each in joints.values() if isinstance(each, dict) for key in each]
     found = {
-        CONTACTS: "contacts" in lost,
+        CONTACTS_NAME: "contacts" in lost,
         "several postures": "postures" in lost,
-        LOOPS: "bandwidth" in own or "bandwidth" in drive,
+        LOOPS_NAME: "bandwidth" in own or "bandwidth" in drive,
         "delays joint by joint": "delay_ms" in own,
         "the motors' friction": "motor_viscous" in own,
         "joints without a motor": "passive" in joints,
