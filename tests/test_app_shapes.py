@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gainroom.app.bench import Opened
 from gainroom.app.messages import View
@@ -102,6 +103,26 @@ def test_shapes_of_an_mjcf(tmp_path: Path):
     box, capsule = shapes_of(load_model(tmp_path / "robot.xml"))
     assert (box.frame, box.kind, box.size, box.place[2, 3]) == ("arm", "box", (2.0, 4.0, 6.0), 1.0)
     assert (capsule.kind, capsule.size) == ("capsule", (0.1, 1.0))
+
+
+@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (2.0, -1.0, 3.0)])
+def test_shapes_are_turned_as_the_model_says(tmp_path: Path, axis: tuple[float, float, float]):
+    """By 0.7 rad about an axis in an MJCF, and by roll, pitch and yaw about fixed axes in a URDF: SciPy has both."""
+    pytest.importorskip("mujoco")
+    turn = Rotation.from_rotvec(0.7 * np.array(axis) / np.linalg.norm(axis))
+    x, y, z, w = turn.as_quat()
+    text = f"""<mujoco><worldbody><body name="arm"><joint name="j" axis="0 1 0"/>
+<geom type="box" size="1 2 3" pos="4 5 6" quat="{w} {x} {y} {z}"/></body></worldbody></mujoco>"""
+    (tmp_path / "robot.xml").write_text(text, "utf-8")
+    (box,) = shapes_of(load_model(tmp_path / "robot.xml"))
+    assert box.place[:3, :3] == pytest.approx(turn.as_matrix(), abs=1e-12)
+    assert box.place[:3, 3].tolist() == [4, 5, 6]
+    roll, pitch, yaw = turn.as_euler("xyz")
+    visual = f'<visual><origin xyz="4 5 6" rpy="{roll} {pitch} {yaw}"/><geometry><box size="1 2 3"/></geometry></visual>'
+    (tmp_path / "robot.urdf").write_text(ROBOT.split("<visual>")[0] + visual + "</link></robot>", "utf-8")
+    (box,) = shapes_of(load_model(tmp_path / "robot.urdf"))
+    assert box.place[:3, :3] == pytest.approx(turn.as_matrix(), abs=1e-12)
+    assert box.place[:3, 3].tolist() == [4, 5, 6]
 
 
 def test_the_mode_moves_the_joints_as_the_limit_says_and_no_contact():

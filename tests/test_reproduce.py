@@ -13,7 +13,7 @@ import pytest
 import scipy.optimize
 
 from gainroom.cli import main
-from gainroom.paper import FIGURES, Reproduction, eq4, eq10, run_reproduction
+from gainroom.paper import FIGURES, Reproduced, Reproduction, eq4, eq10, run_reproduction
 from gainroom.paper.page import reproduction_page
 from gainroom.paper.row import at_least, compare
 from gainroom.robot.tasks import Tasks
@@ -211,6 +211,21 @@ def test_reproduce_counts_what_the_paper_prints_apart(shown: Callable[..., str])
     named = [line.split()[0] for line in short if re.match(r" (fig\d+|table1|claim\d)\.", line)]
     assert named == [line.split()[0] for line in rows if line.endswith(" no")]
     assert max(map(len, short)) <= 80
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+def test_each_row_is_a_line_with_all_that_it_holds(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], verbose: bool):
+    """What disagrees with its unit; with --verbose all rows, wider than the 80 columns of a terminal."""
+    away = compare("fig9.case.crossover", 6.2, 7.5, "rad/s", 0.05, "why", "6.2")
+    near = compare("fig9." + 50 * "a", 1.5, 1.52, "N·m/rad", 0.05, "", "1.5")
+    made = Reproduction((Reproduced("Fig. 9", (away, near), ()),))
+    monkeypatch.setattr("gainroom.paper.run_reproduction", lambda progress: made)
+    assert main(["reproduce", *["--verbose"] * verbose]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines() if line.strip().startswith("fig9") and ":" not in line]
+    if verbose:
+        assert lines == [f"{away.id} 6.2 ± 0.05 7.5 rad/s no", f"{near.id} 1.5 ± 0.05 1.52 N·m/rad yes"]
+    else:
+        assert lines == [f"{away.id} 6.2 ± 0.05 7.5 rad/s"]
 
 
 def test_the_rows_as_json(shown: Callable[..., str]):
