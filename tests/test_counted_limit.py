@@ -13,6 +13,8 @@ from gainroom.analysis.loci import Sweep
 from gainroom.analysis.modal_loop import ModalLoop
 from gainroom.analysis.proof_at_rest import MOST, _lowest_corner, at_rest
 from gainroom.analysis.proved_limit import _quiet, _unstable_roots, proved_limit
+from independent.delay_roots import count_unstable
+from independent.joint import PDJoint
 from independent.machine import unstable
 from machines import Pair, chain, directed, hard, holding
 from test_coupled_population import Found, look_at_limit
@@ -307,3 +309,16 @@ def test_an_integral_needs_gains():
     assert found is not None
     assert found.lower_gain == pytest.approx(3.0 * ki / (kd * kp), rel=1e-6)  # what 1e-9 s change at 4 rad/s
     assert found.lower_frequency == pytest.approx(math.sqrt(ki / kd), rel=1e-6)
+
+
+@pytest.mark.parametrize("gain", [6.5, 14.0, 30.0, 139.0])
+@pytest.mark.parametrize("count", [3, 6])
+def test_joints_that_do_not_feel_each_other_have_each_ones_roots(gain: float, count: int):
+    """So many times the roots of one joint at the whole delay, counted in exact fractions; half of it comes on top of the loop's own.
+
+    Where the sweep ends the loci have up to half the size at which one could reach −1, and what is left of their turns adds up.
+    """
+    plant = gr.Plant(np.eye(count) / 0.8, np.full(count, 0.2), np.full(count, 1e4), np.full(count, 1.0))
+    loop = gr.build_loop(plant, gr.Drive(delay=1e-3), gr.PD(1000.0, 20.0))
+    alone = count_unstable(PDJoint(0.2, 0.8, 1e4, 1.0, 1000.0 * gain, 20.0 * gain, 2e-3))
+    assert Sweep(loop, highest=gain).unstable(gain, delay=1e-3) == count * alone
