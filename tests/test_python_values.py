@@ -36,6 +36,14 @@ def test_what_is_not_followed_is_refused_with_its_line(text: str):
         kp_of(text)
 
 
+@pytest.mark.parametrize("call", ["tensor", "as_tensor", "asarray"])
+def test_single_precision_is_not_taken_for_double(call: str):
+    """PyTorch keeps 0.1 as 0.10000000149, unless told; NumPy as Python does."""
+    assert kp_of("import numpy as np\nk = np.asarray([0.1, 3.0])[0]") == 0.1
+    with pytest.raises(GainroomError, match=rf"^r\.py: line 3: .*{call} comes with `import torch`"):
+        kp_of(f"import torch\nk = torch.{call}([0.1, 3.0])[0]")
+
+
 @pytest.mark.parametrize(
     "late",
     [

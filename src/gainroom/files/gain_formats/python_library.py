@@ -63,7 +63,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "atan2": math.atan2,
     "arctan2": math.atan2,
 }
-SEQUENCES = ("array", "asarray", "tensor", "as_tensor")
+SEQUENCES = ("array", "asarray")
 
 
 def _two_stage_planetary(rotor_inertia: Any, gear_ratio: Any) -> float:
