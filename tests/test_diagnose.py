@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.identification.oscillation_search import find_oscillation
 from gainroom.identification.record import Record
+from gainroom.identification.speed_order import NEAR, _share
 from gainroom.report.diagnosis_text import advice, sentence
 from gainroom.simulation import Friction, Scenario, Testbed, simulate
 from gainroom.studies.diagnosis import diagnose
@@ -330,3 +332,16 @@ def test_what_is_wrong_is_one_line(folder: Path):
         assert (status, out) == (2, "")
         assert words in err
         assert len(err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_share_of_a_vibration_is_that_in_scipys_periodogram(seed: int):
+    """Under a Hann window, of what a straight line leaves: a vibration on a bent drift, beside a slow swing and noise."""
+    rng, tick, omega, above = np.random.default_rng(seed), 2e-3, 90.0, 30.0
+    time = tick * np.arange(401)
+    values = np.sin(omega * time) + rng.normal(0, 0.5, len(time)) + rng.normal() * time**2 + np.sin(12.0 * time)
+    window = signal.get_window("hann", len(time), fftbins=False)
+    lines, power = signal.periodogram(values, 1 / tick, window, detrend="linear")
+    near = np.abs(2 * math.pi * lines - omega) < max(NEAR * omega, 2.5 * 2 * math.pi * lines[1])
+    share = power[near].sum() / power[2 * math.pi * lines > above].sum()
+    assert _share(values, tick, omega, above) == pytest.approx(share, rel=1e-9)

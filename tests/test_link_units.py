@@ -161,6 +161,14 @@ def test_an_inertia_that_no_solid_has_is_said_in_every_audit(tmp_path: Path, cap
     assert any(text.startswith("no solid has the inertia of these links") and "'hand'" in text for text in told["warnings"]) is said
 
 
+@pytest.mark.parametrize("product", [2e12, -2e12, 1e300])
+def test_an_inertia_beyond_all_products_is_refused_by_its_own_name(tmp_path: Path, product: float):
+    """At most 1e12 kg·m², whose products stay within a double; a product of inertia may be negative, as long as it is no larger."""
+    (tmp_path / "robot.urdf").write_text(thin(0.001, 0.001, 0.001, product), "utf-8")
+    words = ["link 'hand'", f"inertia ixy {product:g} kg·m² must be >= -1e+12 and <= 1e+12"]
+    assert_refused(lambda: load_model(tmp_path / "robot.urdf"), words)
+
+
 def test_a_negative_principal_inertia_is_refused(tmp_path: Path):
     """[[a, b], [b, a]] has a − b; round-off of files is none, and dummies that count for nothing are taken as given."""
     path = tmp_path / "robot.urdf"
