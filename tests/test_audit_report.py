@@ -87,6 +87,11 @@ def test_a_safe_robots_page(folder: Path, capsys: pytest.CaptureFixture[str]):
     delay = own.partition('class="label">delay margin<')[2].partition("</div>")[0]
     assert "met" not in delay  # nothing is required of it
     assert "≥" not in delay
+    value, until = (
+        float(found[1]) for found in (re.search(r"([\d.]+)\s*(?:<[^>]*>)*\s*ms", delay), re.search(r"from ([\d.]+) ms", delay)) if found
+    )
+    assert "of delay, 2 ms given" in delay
+    assert until == pytest.approx(2 + value, abs=0.006)  # three digits of each
     joints = cells(own, "joint")
     for row, joint in zip(joints, told["joints"], strict=True):
         gains, factors = (

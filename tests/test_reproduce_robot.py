@@ -180,9 +180,11 @@ def test_the_documentation_names_what_was_inferred():
 @pytest.mark.parametrize("delay", claim2.DELAYS)
 def test_claim2_limits_on_a_dense_grid(delay: float):
     gains, _ = claim2.limits(delay)
+    heaviest, against = smallest_scale(joint_loop(claim2.RATIOS[-1] * MOTOR_INERTIA, delay)[:, None]), claim2.change(delay)
     for k in range(0, len(claim2.RATIOS), 7):
         expected = smallest_scale(joint_loop(claim2.RATIOS[k] * MOTOR_INERTIA, delay)[:, None])
         assert gains[k] == pytest.approx(expected, rel=1e-4)  # light loads have a resonance of some grid steps' width
+        assert against[k] == pytest.approx(20 * math.log10(expected / heaviest), abs=2e-3)
 
 
 @pytest.mark.slow

@@ -119,9 +119,9 @@ def test_feet_closed_into_a_loop_leave_six_motions(body):
     assert model.compliance is None
 
 
-@pytest.mark.parametrize(("tilt", "left"), [(1e-12, 3), (1e-10, 3), (1e-7, 2), (1e-4, 2), (1.0, 2)])
+@pytest.mark.parametrize(("tilt", "left"), [(1e-12, 3), (1e-10, 3), (1.6e-9, 3), (2.4e-9, 2), (1e-7, 2), (1e-4, 2), (1.0, 2)])
 def test_a_held_direction_counts_as_its_own_from_a_billionth_on(tilt: float, left: int):
-    """Two rows that differ by `tilt`: round-off, up to 1e-10 here, holds nothing more; a leg 1e-7 from singular does."""
+    """Two rows that differ by `tilt`, whose singular values are √2 and tilt/√2: from a ratio of 1e-9 on the second holds, too."""
     held = np.array([[1.0, 0.0, 0.0, 0.0], [1.0, tilt, 0.0, 0.0]])
     motion = free_motion(np.eye(4), held)
     assert motion.shape == (4, left)
