@@ -10,8 +10,11 @@ import pytest
 
 import gainroom as gr
 from gainroom.identification.record import Record
+from gainroom.identification.recorded_oscillation import RecordedOscillation
 from gainroom.report.diagnosis_text import advice
+from gainroom.simulation.oscillation import Vibration
 from gainroom.studies.diagnosis import Diagnosis, diagnose
+from gainroom.studies.vibration_causes import _quantisation
 from gainroom.system.system import System
 from independent.joint_run import Drive, Joint, Law, Outer, Run, Setup, limit, run
 
@@ -162,3 +165,18 @@ def test_what_no_evidence_supports_is_unknown():
         found = judged(SETUP, run(SETUP, step(4.0), outside=20.0 * np.sin(2 * np.pi * hz * time(4.0))))
         assert named(found) in (None, "external_torque")
         assert all(cause.likelihood < 0.7 for cause in found.causes if cause.name not in ("external_torque", "unknown"))
+
+
+@pytest.mark.parametrize("steps", [1.0, 20.0])
+@pytest.mark.parametrize(("state", "growth"), [("growing", 0.5), ("decaying", -0.5)])
+def test_what_grows_or_decays_speaks_against_encoder_steps(steps: float, state: str, growth: float):
+    """A limit cycle of an encoder's steps keeps its size; that one does is no evidence by itself."""
+
+    def evidence(state: str, growth: float) -> dict[str, float]:
+        seen = RecordedOscillation(Vibration(200.0, growth, steps * STEP), state, "motor_position", slice(0, 1000), {}, STEP)
+        return {one.name: one.weight for one in _quantisation(seen, None)}
+
+    kept, changing = evidence("sustained", 0.0), evidence(state, growth)
+    assert "growth" not in kept
+    assert changing["growth"] < 0
+    assert {name: weight for name, weight in changing.items() if name != "growth"} == kept
