@@ -39,7 +39,7 @@ test-all: $(NATIVE)
 tests: $(NATIVE)
 	$(BIN)/pytest -n 2 --dist worksteal -q $(SLOW)
 
-# One process; half an hour where nothing else runs.
+# One process, and up to two minutes for each mutant: an idle machine tries more tests in them.
 mutants: $(NATIVE)
 	$(BIN)/python scripts/mutants.py
 
