@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import numpy as np
 
 import gainroom as gr
-from gainroom.analysis.gain_limit import limit_from_loci
+from gainroom.analysis.gain_limit import sampled_limit
 from gainroom.system.controller import Controller
 
 from .disk import PADE_ORDER, coupled_joints
@@ -33,7 +33,7 @@ def run(seed: int) -> Table:
                 taken = once(lambda loop=loop: _bisected(loop))
                 table.rows.append(_row(name, f"bisection, Padé {PADE_ORDER}", taken.cells(), taken.median / ours, found, gain, ""))
         if size == 12:
-            _proof_beside_loci(table, loop, seed)
+            _proof_beside_samples(table, loop, seed)
     if find_spec("pinocchio"):
         _ours(table, f"G1 in flight, {_rate(SAMPLE_TIME)}", _g1_in_flight(), SAMPLE_TIME, G1_LIMIT)
     table.notes = [
@@ -63,19 +63,19 @@ def _ours(table: Table, name: str, loop: gr.Loop, sample_time: float | None, lim
     return taken[False].median, found.gain
 
 
-def _proof_beside_loci(table: Table, loop: gr.Loop, seed: int) -> None:
+def _proof_beside_samples(table: Table, loop: gr.Loop, seed: int) -> None:
     """Two rows per controller, in turns: integrators, gravity and gain matrices, whose proof begins at the gains themselves."""
     parts = loop.parts
     assert parts is not None
     for name, (plant, controller) in _harder(parts.plant, parts.controller, seed).items():
-        for sample_time in (None,) if name == "gravity" else (None, SAMPLE_TIME):  # sampled, it hardly damps what swings: left to loci
+        for sample_time in (None,) if name == "gravity" else (None, SAMPLE_TIME):  # sampled, it hardly damps what swings: left to samples
 
             def build(plant=plant, controller=controller, sample_time=sample_time) -> gr.Loop:
                 return gr.build_loop(replace(plant), parts.drives, controller, sample_time=sample_time)
 
             works = {
                 "gainroom, new plant": lambda build=build: gr.gain_limit(build()),
-                "loci": lambda build=build: limit_from_loci(build()),
+                "samples": lambda build=build: sampled_limit(build()),
             }
             taken = in_turns(works, 2.0)
             found = {tool: work() for tool, work in works.items()}

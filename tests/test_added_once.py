@@ -406,7 +406,7 @@ def test_a_disturbance_observer_of_a_joint(tmp_path: Path, capsys, observer: Non
 def pasted(screen: str, text: str) -> str:
     """`text` with the lines that a terminal gives for `control` in place of OBSERVED."""
     lines = screen.partition("Do this:")[2].partition("\n\n")[0].splitlines()
-    gains = [line.partition("#")[0].strip() for line in lines if line.startswith("  ")]
+    gains = [line.partition("#")[0].strip() for line in lines if line.startswith("  ") and not line.strip().startswith("gainroom ")]
     return text.replace(OBSERVED, f"feedback: motor, {', '.join(gains)}")
 
 

@@ -1,10 +1,10 @@
-"""Eigenvalues, inverses and eigenvectors block by block are those of the whole, wherever the blocks' rows lie."""
+"""Inverses and eigenvectors block by block are those of the whole, wherever the blocks' rows lie."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gainroom.system.linear.apart import eigensystem, eigenvalues, inverses, parts_of
+from gainroom.system.linear.apart import eigensystem, inverses, parts_of
 
 SIZES = [(), (1,), (5,), (1, 1, 1), (3, 1, 4, 3), (6, 6, 17)]
 
@@ -19,14 +19,10 @@ def drawn(sizes: tuple[int, ...], count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("sizes", SIZES)
-def test_values_and_inverses(sizes):
+def test_inverses(sizes):
     matrices, owner = drawn(sizes, 4)
     found = [part.tolist() for group in parts_of(np.any(matrices != 0, axis=0)) for part in group]
     assert sorted(found) == sorted(np.flatnonzero(owner == k).tolist() for k in range(len(sizes)))
-    values = eigenvalues(matrices)
-    assert values.shape == matrices.shape[:2]
-    for one, other in zip(values, np.linalg.eigvals(matrices), strict=True):
-        assert_allclose(np.sort_complex(one), np.sort_complex(other), rtol=1e-9)  # random ones lie this well apart
     assert_allclose(inverses(matrices) @ matrices, np.broadcast_to(np.eye(len(owner)), matrices.shape), atol=1e-10)
 
 

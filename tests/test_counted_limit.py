@@ -8,13 +8,13 @@ import pytest
 
 import gainroom as gr
 from gainroom.analysis.gain_directions import gain_directions
-from gainroom.analysis.gain_limit import coupled_limit
-from gainroom.analysis.loci import Sweep
 from gainroom.analysis.modal_loop import ModalLoop
 from gainroom.analysis.proof_at_rest import MOST, _lowest_corner, at_rest
 from gainroom.analysis.proved_limit import _quiet, _unstable_roots, proved_limit
 from independent.delay_roots import count_unstable
 from independent.joint import PDJoint
+from independent.loci.limit import coupled_limit
+from independent.loci.loci import Sweep
 from independent.machine import unstable
 from machines import Pair, chain, directed, hard, holding
 from test_coupled_population import Found, look_at_limit

@@ -12,7 +12,6 @@ import pytest
 
 import gainroom as gr
 from gainroom.analysis.look import WHOLE, joint_loops, look, margins_seen
-from gainroom.analysis.sampled_curves import ROUND_OFF, height, passed_unseen, refined, side
 
 
 def machine(seed: int) -> dict[str, Any]:
@@ -65,36 +64,6 @@ def scaled(seed: int, factor: float) -> gr.Loop:
     return loop_of(machine(seed)).scaled(factor)
 
 
-@pytest.mark.parametrize("off", [height, side])
-@pytest.mark.parametrize("zeros", [2, 3])
-def test_refined_samples_show_every_crossing(zeros, off):
-    """Of polynomials with two or three zeros within a small part of a step, the ends of which are on one or on two sides of the line."""
-    drawn = 0
-    for seed in range(600):
-        rng = np.random.default_rng([zeros, seed])
-        omega = np.cumsum(rng.uniform(0.2, 1.0, 12))
-        middle, apart = rng.uniform(omega[3], omega[8]), 10 ** rng.uniform(-2.5, -0.5)
-        roots = np.sort(middle + apart * np.append(rng.uniform(0.2, 1.0, zeros - 1).cumsum(), 0.0))
-        size, phase = rng.choice([-1.0, 1.0]) * 10 ** rng.uniform(-2, 0), rng.uniform(-0.5, 0.5)
-        between = np.linspace(roots[:-1], roots[1:], 9).T
-        if np.abs(size * np.prod(between[:, :, None] - roots, axis=2)).max(axis=1).min() < 10 * ROUND_OFF:
-            continue  # as good as one
-        drawn += 1
-
-        def curve(at, roots=roots, size=size, phase=phase):
-            away, along = size * np.prod(at[:, None] - roots, axis=1), phase * at
-            away = 2 * np.tanh(away / 2)  # a turn of π would be another crossing
-            return (np.exp(away + 1j * along) if off is height else -np.exp(along + 1j * away))[:, None]
-
-        values = curve(omega)
-        omega, values = refined(omega, values, curve, lambda omega, values: passed_unseen(omega, values, off), 60, 10_000)
-        away = off(values[:, 0])
-        assert np.count_nonzero(np.diff(np.sign(away[np.abs(away) > 0]))) == zeros, seed
-        assert len(omega) < 200
-    assert drawn > 200
-
-
-# seed, factor on the gains, and an extra delay [s] with which roots are unstable
 DELAYS = [
     (10650, 10.402893350587894, 0.002742),
     (10641, 2.334087223031942, 0.007849),

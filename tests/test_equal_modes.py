@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose
 
 import gainroom as gr
 from gainroom.analysis.equal_modes import common_mode
-from gainroom.analysis.gain_limit import limit_from_loci
 from gainroom.studies.critical_joints import critical_joints
 from gainroom.studies.state import limiting_joints
 from gainroom.system.linear.arrays import first_least, rank
+from independent.loci.limit import limit_from_loci
 
 DRIVE = gr.Drive(4000.0, 0.9, 2e-3)
 LEG = np.array([[0.9, -0.3, 0.1], [-0.3, 0.5, -0.2], [0.1, -0.2, 2.0]])

@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import gainroom as gr
-from gainroom.analysis.coupled_margins import coupled_margins
 from gainroom.analysis.limbs import limbs_of
 from gainroom.analysis.look import WHOLE, LoopsApart, directed_loop, joint_loops, look, margins_seen
 from gainroom.studies.loop_numbers import first_factor
+from independent.loci.coupled_margins import coupled_margins
 from independent.machine import Machine, unstable
 from machines import between, paired
 

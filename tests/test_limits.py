@@ -11,10 +11,10 @@ import scipy.signal
 import gainroom as gr
 from draws import draw_plant, draw_setup
 from gainroom.analysis import gain_limit as limits
-from gainroom.analysis.gain_limit import coupled_limit
-from gainroom.analysis.loci import Sweep
 from gainroom.analysis.stability import scan_loop, unstable_roots
 from gainroom.analysis.stability_boundary import LOCI, in_blocks
+from independent.loci.limit import coupled_limit
+from independent.loci.loci import Sweep
 from independent.quick_margins import quick_margins
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.coupled_margins import coupled_margins
-from gainroom.analysis.look import WHOLE, Reach, directed_loop, look, margins_seen
+from gainroom.analysis.look import WHOLE, Reach, directed_loop, joint_loops, look, margins_seen
 from gainroom.native import _core
 from gainroom.system.linear.arrays import Booleans, Floats
+from independent.loci.coupled_margins import coupled_margins
 from independent.machine import unstable
 from machines import Pair, chain, limbs
 
@@ -392,3 +392,12 @@ def test_what_is_lost_has_no_margins():
     assert all(len(found) == 0 for found, _ in asked)
     for _ in range(2):
         assert np.isnan(lost.least()).all()
+
+
+def test_a_peak_that_is_steep_on_one_side_is_found():
+    """A stiff gearbox that is held back by friction on its link: sensitivity falls steeply below its peak, and hardly above."""
+    plant = gr.Plant(np.array([[1 / 1.32]]), 0.078, 3420.0, 7.3, link_viscous=0.79)
+    loop = gr.build_loop(plant, gr.Drive(789.0, 0.79, 7.4e-3), gr.PD(0.15, 1.05))
+    truth = gr.margins(loop)
+    peak, _ = look(joint_loops(loop), np.array([[0.15], [1.05], [0.0]]), Reach(2.0, 0.5)).peak(1.0, 0.0)
+    assert peak == pytest.approx(truth.peak_sensitivity, rel=1e-8)

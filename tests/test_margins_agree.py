@@ -1,4 +1,4 @@
-"""One joint is n = 1: the certified scan and the characteristic loci, which share no code, tell the same margins."""
+"""One joint is n = 1: its certified scan and the samples of coupled loops, which share no code, tell the same margins."""
 
 from dataclasses import replace
 
@@ -7,12 +7,11 @@ import pytest
 
 import gainroom as gr
 from draws import draw_setup
-from gainroom.analysis.coupled_margins import coupled_margins
-from gainroom.analysis.first_crossing import Certificate
-from gainroom.analysis.margin_record import PathMargins, worst_of
-from independent.quick_margins import quick_margins
+from gainroom.analysis.boundary import coupled_margins
+from gainroom.analysis.gain_limit import sampled_limit
+from gainroom.analysis.margin_record import Certificate, PathMargins, worst_of
 
-FOLLOWED = 1e3  # the loci are followed to this factor, down to 1e-4, and those of one loop down to 1e-3
+FOLLOWED = 1e3  # samples are followed to this factor, down to 1e-4, and those of one loop down to 1e-3
 
 
 def same(found: float, truth: float, rel: float = 1e-9) -> None:
@@ -31,31 +30,37 @@ def same_limit(found: gr.GainLimit, truth: gr.GainLimit) -> None:
 
 @pytest.mark.parametrize("sampled", [False, True], ids=["continuous", "sampled"])
 @pytest.mark.parametrize("seed", range(12))
-def test_scan_and_loci_agree(seed: int, sampled: bool):
+def test_scan_and_samples_agree(seed: int, sampled: bool):
     loop = draw_setup(np.random.default_rng([71, seed]), sampled).loop()
-    scan = gr.margins(loop)
-    loci, quick = coupled_margins(loop), quick_margins(loop)
-    assert scan.stable == loci.stable == quick.stable
+    scan, limit = gr.margins(loop), sampled_limit(loop)
+    assert limit is not None
+    assert limit.stable == scan.stable
+    same_limit(limit, scan.limit)
     if not scan.stable:
-        same_limit(loci.limit, scan.limit)
         return
 
-    same_limit(loci.limit, scan.limit)
+    found = coupled_margins(loop)
     if scan.gain_margin < FOLLOWED:
-        same(loci.one_loop.gain_margin[0], scan.gain_margin)
+        same(found.one_loop.gain_margin[0], scan.gain_margin)
     if scan.lower_gain_margin > 1e-3:
-        same(loci.one_loop.lower_gain_margin[0], scan.lower_gain_margin)
-    same(loci.phase_margin, scan.phase_margin)
-    same(loci.gain_crossover, scan.gain_crossover)
-    for one in (loci, quick):
-        same(one.least_phase_margin, abs(scan.phase_margin))
-        if scan.gain_headroom < FOLLOWED:
-            same(one.least_gain_margin, scan.gain_headroom)
-    same(loci.disk_margin, scan.disk_margin)
-    same(quick.peak_sensitivity, loci.peak_sensitivity)
-    same(loci.peak_sensitivity, scan.peak_sensitivity, 1e-7)  # flat at its top, which the loci reach by parabolas
-    if scan.delay_margin < 1.0:  # longer ones the loci leave out
-        same(loci.delay_margin, scan.delay_margin, 1e-9 if loop.sample_time is None else 2e-5)  # a fraction of a tick is not just a phase
+        same(found.one_loop.lower_gain_margin[0], scan.lower_gain_margin)
+    same(found.phase_margin, scan.phase_margin)
+    same(found.gain_crossover, scan.gain_crossover)
+    same(found.least_phase_margin, abs(scan.phase_margin))
+    if scan.gain_headroom < FOLLOWED:
+        same(found.least_gain_margin, scan.gain_headroom)
+    same(found.disk_margin, scan.disk_margin)
+    same(found.peak_sensitivity, scan.peak_sensitivity, 1e-7)  # flat at its top
+    if scan.delay_margin < 1.0:  # longer ones are left out
+        same(found.delay_margin, scan.delay_margin, 1e-9 if loop.sample_time is None else 2e-5)  # a fraction of a tick is not just a phase
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside", "holds"), [(0, 1, True), (0, 4, True), (0, -1, True), (0, 0, False), (1, 2, False), (-1, 1, False)]
+)
+def test_a_certificate_needs_none_inside_and_some_outside(inside: int, outside: int, holds: bool):
+    """−1 stands for unstable, not counted. Where nothing is lost outside either, it is no end."""
+    assert Certificate(inside, outside).holds == holds
 
 
 def test_lower_margins_are_part_of_the_headroom():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.gain_limit import limit_from_loci
+from independent.loci.limit import limit_from_loci
 
 NAMES = ("motor_inertia", "motor_viscous", "link_viscous", "stiffness", "damping", "bandwidth", "damping_ratio", "delay", "kp", "kd")
 

@@ -9,12 +9,12 @@ from scipy import signal
 from scipy.optimize import brentq
 
 import gainroom as gr
-from gainroom.analysis.first_crossing import SEARCH
-from gainroom.analysis.gain_limit import coupled_limit
-from gainroom.analysis.loci import Sweep
+from gainroom.analysis.margin_record import NUDGE
 from gainroom.analysis.modal_loop import ModalLoop
 from gainroom.analysis.proved_limit import _leads_from, proved_limit
 from gainroom.system.plant import Plant
+from independent.loci.limit import coupled_limit
+from independent.loci.loci import Sweep
 from independent.machine import unstable
 from machines import limbs
 
@@ -163,7 +163,7 @@ def assert_limit(number: int) -> bool | None:
     """Against an independent count of roots on both sides; whether a limit was proved, None where it need not be, of unstable loops."""
     pair = limbs(4242, number)
     found = proved_limit(pair.loop)
-    inside, outside = 1 - SEARCH.nudge, 1 + SEARCH.nudge
+    inside, outside = 1 - NUDGE, 1 + NUDGE
     if found is None:
         return None if unstable(pair.machine) else False
     assert found.stable is (unstable(pair.machine) == 0)

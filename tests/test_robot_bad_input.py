@@ -14,7 +14,6 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.robot.name_patterns import compile_pattern
-from independent.quick_margins import quick_margins
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
 
@@ -223,25 +222,6 @@ def test_what_doubles_cannot_hold_is_one_line(folder: Path, capsys: pytest.Captu
         monkeypatch.setattr(f"gainroom.studies.loop_numbers.{name}", singular)
     for told in (robot_line(capsys, folder, ROBOT), audit_line(capsys, folder)):
         assert "cannot be computed (singular matrix): look for values that are many orders of magnitude off" in told
-
-
-def test_a_root_on_the_boundary_keeps_nothing(monkeypatch: pytest.MonkeyPatch):
-    loop = gr.build_loop(gr.Plant(np.eye(2), np.ones(2)), gr.Drive(delay=1e-3), gr.PD(10.0, 1.0))
-    assert quick_margins(loop).stable
-
-    def singular(matrix: np.ndarray) -> None:
-        raise np.linalg.LinAlgError("Singular matrix")
-
-    monkeypatch.setattr("numpy.linalg.inv", singular)
-    assert not quick_margins(loop).stable
-
-
-def test_loci_that_cannot_be_followed_keep_nothing_that_is_required(monkeypatch: pytest.MonkeyPatch):
-    loop = gr.build_loop(gr.Plant(np.eye(2), np.ones(2)), gr.Drive(delay=1e-3), gr.PD(10.0, 1.0))
-    lenient = gr.Requirements(gain_margin=1.01)
-    assert lenient.met_by(quick_margins(loop))
-    monkeypatch.setattr("gainroom.analysis.loci.Sweep.full", True)
-    assert not lenient.met_by(quick_margins(loop))
 
 
 @pytest.mark.slow

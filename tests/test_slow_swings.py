@@ -10,7 +10,7 @@ import pytest
 import scipy.linalg
 
 import gainroom as gr
-from gainroom.analysis.first_crossing import slope
+from independent.loci.first_crossing import slope
 from independent.machine import Machine, unstable
 from machines import between, paired
 

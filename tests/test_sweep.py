@@ -16,7 +16,7 @@ import pytest
 
 import gainroom as gr
 from faults import environment
-from gainroom.analysis.first_crossing import SEARCH
+from gainroom.analysis.margin_record import NUDGE
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.studies.sweep import cluster, plan as plans
@@ -107,7 +107,7 @@ def test_results_are_labelled_and_are_those_of_gain_limit(arm, tmp_path):
         one = system.with_values(delay=found.draw_delay[draw].values, stiffness=found.draw_stiffness[draw].values)
         source = replace(one.source, postures={"here": replace(next(iter(one.source.postures.values())), angles=angles)})
         alone = gr.gain_limit(one.loop(source.linearize("here", "free")))
-        assert float(found.gain[draw, 0, posture]) == pytest.approx(alone.gain * (1 - SEARCH.nudge), rel=1e-9)
+        assert float(found.gain[draw, 0, posture]) == pytest.approx(alone.gain * (1 - NUDGE), rel=1e-9)
 
 
 def test_draws_lie_within_the_uncertainty(arm):

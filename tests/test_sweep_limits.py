@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.first_crossing import SEARCH
+from gainroom.analysis.margin_record import NUDGE
 from gainroom.analysis.modal_loop import ModalLoop
 from gainroom.analysis.proved_limit import posture_limits, proved_limit
 from gainroom.files.robot_yaml import load_robot_system
@@ -23,7 +23,7 @@ from robot_files import ROBOT, SOLO, write_arm, written
 
 BIPED = files("gainroom") / "files" / "examples" / "biped.yaml"
 POPULATION, SHARE, POSTURES = 1200, 3, 5
-PROVED = 1 - SEARCH.nudge
+PROVED = 1 - NUDGE
 """Of a crossing: up to there it is proved."""
 
 
@@ -111,13 +111,13 @@ def assert_limits(number: int) -> tuple[int, int]:
             assert unstable(at.scaled(1e3).machine) == 0
             continue
         if k == 1 + number % (POSTURES - 1):  # not the first, which is begun from nothing; one alone, as counts take long
-            for share in (0.1, 0.9, 1 - SEARCH.nudge):
+            for share in (0.1, 0.9, 1 - NUDGE):
                 assert unstable(at.scaled(share * gain).machine) == 0
-            assert unstable(at.scaled((1 + SEARCH.nudge) * gain).machine) > 0
+            assert unstable(at.scaled((1 + NUDGE) * gain).machine) > 0
         value = np.linalg.eigvals(at.loop.scaled(gain).response(np.array([omega]))[0])
         assert np.abs(value + 1).min() < 1e-8
         if alone is not None:
-            assert gain == pytest.approx(alone.gain, rel=SEARCH.nudge)  # crossings of equal limbs that are closer count as one
+            assert gain == pytest.approx(alone.gain, rel=NUDGE)  # crossings of equal limbs that are closer count as one
         assert 0 <= joint < pair.loop.size
     return done, asked
 
@@ -172,7 +172,7 @@ def test_no_limit_lies_above_the_one_that_is_computed_alone(contact):
     assert found.certified.all()
     share = found.gain / [limit.gain for limit in alone(system, angles, contact)]
     assert share.max() <= 1
-    assert share.min() >= 1 - 2 * SEARCH.nudge
+    assert share.min() >= 1 - 2 * NUDGE
 
 
 def test_at_a_limit_no_root_has_crossed():
@@ -184,7 +184,7 @@ def test_at_a_limit_no_root_has_crossed():
     for q, gain in zip(configurations(robot.body, angles), found.gain.tolist(), strict=True):
         loop = system.loop(linearize(robot.body, robot.actuators, q, robot.contacts["left"]))
         assert gr.is_stable(loop.scaled(gain))
-        assert not gr.is_stable(loop.scaled(gain * (1 + 3 * SEARCH.nudge)))
+        assert not gr.is_stable(loop.scaled(gain * (1 + 3 * NUDGE)))
 
 
 def test_the_same_wherever_and_in_whatever_company():
@@ -228,7 +228,7 @@ def test_every_kind_of_robot_has_its_limits(tmp_path, kind):
             assert not found.certified[k]
             continue
         assert found.gain[k] == pytest.approx(limit.gain * PROVED, rel=1e-9)
-        assert found.lower[k] == pytest.approx(limit.lower_gain * (1 + SEARCH.nudge), rel=1e-9)
+        assert found.lower[k] == pytest.approx(limit.lower_gain * (1 + NUDGE), rel=1e-9)
 
 
 @pytest.mark.slow

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.gain_limit import limit_from_loci
 from gainroom.analysis.proved_limit import proved_limit
+from independent.loci.limit import limit_from_loci
 from independent.machine import unstable
 from machines import between, chain, limbs
 

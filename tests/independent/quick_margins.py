@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from gainroom.analysis.first_crossing import Family, gains, height, phases, slope
-from gainroom.analysis.loci import Sweep
 from gainroom.analysis.margin_record import GainLimit, Margins, OneLoop
-from gainroom.analysis.return_ratios import Curves, Sampled, own_phases
-from gainroom.analysis.sampled_curves import meets_axis, meets_circle
 from gainroom.system.loop import Loop
+from independent.loci.first_crossing import Family, gains, height, phases, slope
+from independent.loci.loci import Sweep
+from independent.loci.return_ratios import Curves, Sampled, own_phases
+from independent.loci.sampled_curves import meets_axis, meets_circle
 
 Array = np.ndarray
 REAL, CLOSE, SLACK, BEFORE, HIGHEST = 0.01, 0.05, 0.01, 1e-6, 100.0

@@ -1,15 +1,14 @@
 """Stability, margins, limits and gain regions of a loop, certified.
 
-Margins        margins (of one joint, and the entry for all), boundary (of several joints, from samples in the core), coupled_margins (where
-               those are not enough: by loci, and one loop at a time by curve_distances), margin_record (what all give), return_ratios
-               (each loop with the others closed), disk_margin, _disk_modes and _mu (all at once, independently); multirate
-               (kd on a path of its own), with peak_gain (over the unit circle); margins_outside (without bands of frequencies)
-Delay margin   of one joint in margins; of coupled loops in boundary, or along loci by first_crossing
-Gain limits    gain_limit, by proof, samples or loci; proved: proved_limit, by modal_loop, proof_at_rest and followed_root; followed:
-               first_crossing, along loci; of a part of the gains: partial_limits, gain_directions; passive_intervals, limbs
+Margins        margins (of one joint, and the entry for all), boundary (of several joints, from samples in the core), margin_record
+               (what all give), disk_margin, _disk_modes and _mu (all at once, independently); multirate (kd on a path of its own), with
+               peak_gain (over the unit circle); margins_outside (without bands of frequencies)
+Delay margin   of one joint in margins; of coupled loops in boundary
+Gain limits    gain_limit, by proof or from samples; proved: proved_limit, by modal_loop, proof_at_rest and followed_root; of a part of the
+               gains: boundary, gain_directions; limbs
 Stability      stability (roots), stability_boundary (where s or z runs along it)
 Modes          equal_modes (of limbs that vibrate at the same limit)
-Frequencies    crossings (of one joint, certified between points), sampled_scan (of callables), sampled_curves, loci
+Frequencies    crossings (of one joint, certified between points), sampled_scan (of callables)
 Gain regions   gain_region of one joint, from gain_plane and excluded_region; of a part of coupled gains: part_plane, part_requirements,
                other_loops, common_phase_plane, every_loop
 Ranges         range_proof and box_loops: every joint whose parameters lie in ranges

@@ -5,88 +5,128 @@ and of one loop's gains by turns about 0 on other samples, of a delay in the loo
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import GainroomError
 from ..system.controller import gain_matrix
+from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
-from .coupled_margins import LEAST_FACTOR, LONGEST_DELAY, coupled_margins as loci_margins, disk_of
-from .first_crossing import SEARCH, Certificate, exact_delay
-from .gain_limit import gain_limit
+from .disk_margin import MultiLoopDisk, disk_margin
+from .gain_limit import gain_limit, lost
 from .look import Reach, Seen
-from .margin_record import Margins, OneLoop
+from .margin_record import NUDGE, Certificate, Margins, OneLoop
 from .sampled_loop import EVERY_PHASE, NEAR_BY, SampledLoop
-from .stability_boundary import LOCI
+from .stability_boundary import HIGHEST, Boundary
 
 MOST_ROUNDS = 5  # of more samples for what may cross unseen
+LONGEST_DELAY = 1.0  # [s] extra that is searched: a hundred times what actuators have
+LEAST_FACTOR = 1e-3  # on one joint's gains: what limits it further down counts as none
+CLOSE = 0.03  # relative distance within which crossings of sampled loops may change places when the delay is exact
+TRIES, HALVINGS, EXACT_LAG = 12, 30, 1e-11  # of an exact delay: secants, halvings, and the lag [rad] of a locus at −1
 
 
 def coupled_margins(loop: Loop, largest: bool = False) -> Margins:
-    """All margins of several joints: from the core's samples, else from loci that are followed (coupled_margins.py). Raises as that does.
+    """All margins of a loop of several joints built with build_loop, read from the core's samples and certified by counts of roots.
 
-    largest   with each joint's largest kp and kd
+    What the counts do not confirm is given as it is seen, and not certified.
+
+    largest   with each joint's largest kp and kd; a controller whose gain matrices couple joints has none
+
+    Raises GainroomError where all gains are zero, and where the loop cannot be sampled finely enough.
     """
-    found = sampled_margins(loop, largest)
-    return loci_margins(loop, largest) if found is None else found
-
-
-def coupled_delay_margin(loop: Loop) -> float:
-    """The smallest extra delay [s] in all loops, n > 1, at which a stable set vibrates, inf where none is; NaN for an unstable one."""
-    sampled = SampledLoop.of(loop)
-    seen = None if sampled is None else sampled.look(EVERY_PHASE, smooth=False)
-    if seen is not None and seen.followed and seen.unstable > 0:
-        return math.nan
-    if seen is not None and seen.followed:
-        seen.tell_apart(NEAR_BY.factor, math.pi)
-    found = None if seen is None or not seen.followed or seen.unstable < 0 else _first_delay(loop, seen)
-    return loci_margins(loop, largest=False).delay_margin if found is None else found[0]
-
-
-def sampled_margins(loop: Loop, largest: bool = False) -> Margins | None:
-    """None where the core does not have such a loop, or something is not confirmed. `largest`: with each joint's largest kp and kd."""
-    sampled = SampledLoop.of(loop)
-    if sampled is None:
-        return None
+    limit, sampled = gain_limit(loop), _in_the_core(loop)
     seen = sampled.look(EVERY_PHASE)
-    if not seen.followed or seen.unstable < 0:
-        return None
-    limit = gain_limit(loop)  # raises for a loop that is 0
-    if limit.stable != (seen.unstable == 0):
-        return None
     if not limit.stable:
-        return replace(Margins.unknown(limit), unstable_roots=seen.unstable, certified=limit.certified)
+        return replace(Margins.unknown(limit), unstable_roots=max(seen.unstable, 1) if seen.followed else -1, certified=limit.certified)
+    if not seen.followed or seen.unstable != 0:
+        raise GainroomError(f"margins: {lost(loop)}")
     phase, crossover = _told_apart(seen)
+    if not seen.followed:
+        raise GainroomError(f"margins: {lost(loop)}")
     reach = min(math.pi, 1.2 * abs(phase) + NEAR_BY.phase)
     counting = sampled.look(Reach(NEAR_BY.factor, reach, EVERY_PHASE.peaks), between=True)
-    if not seen.followed or not counting.followed or counting.unstable != 0:
-        return None
     phase_certificate, delay = _phase_counted(counting, phase), _first_delay(loop, seen)
     one_loop = _one_loop(loop, seen, counting, largest)
-    if one_loop is None or delay is None or (phase_certificate is not None and not phase_certificate.holds):
-        return None
     peak, peak_at = seen.peak(1.0, 0.0)
     complementary, complementary_at = seen.peak(-1.0, 1.0)
     disk = disk_of(loop)
+    crossed = np.array([limit.frequency, limit.lower_frequency, crossover, delay.omega])
+    # Beside a resonance without damping roots are counted that grow by TILT: slow ones may cross the boundary well before.
+    leans = bool(np.any(Boundary(loop).leans(crossed[np.isfinite(crossed)]) > 0))
+    certificates = all(one is None or one.holds for one in (phase_certificate, delay.certificate))
     return Margins(
         limit,
         one_loop,
         phase_margin=phase,
         gain_crossover=crossover,
-        delay_margin=delay[0],
-        delay_crossover=delay[1],
+        delay_margin=delay.at,
+        delay_crossover=delay.omega,
         peak_sensitivity=peak,
         peak_sensitivity_frequency=peak_at,
         peak_complementary=complementary,
         peak_complementary_frequency=complementary_at,
-        certified=limit.certified,
+        certified=limit.certified and certificates and delay.known and bool(np.all(one_loop.certified)) and not leans,
         phase_certificate=phase_certificate,
-        delay_certificate=delay[2],
+        delay_certificate=delay.certificate,
         loops=(loop,),
         disk_margin=disk.margin if disk else math.nan,
         disk_margin_frequency=disk.frequency if disk else math.nan,
         disk_certified=disk.certified if disk else False,
     )
+
+
+def coupled_delay_margin(loop: Loop) -> float:
+    """The smallest extra delay [s] in all loops, n > 1, at which a stable set vibrates, inf where none is; NaN for an unstable one.
+
+    Raises GainroomError where the loop cannot be sampled finely enough.
+    """
+    seen = _in_the_core(loop).look(EVERY_PHASE, smooth=False)
+    if seen.followed and seen.unstable > 0:
+        return math.nan
+    if seen.followed:
+        seen.tell_apart(NEAR_BY.factor, math.pi)
+    if not seen.followed or seen.unstable < 0:
+        raise GainroomError(f"margins: {lost(loop)}")
+    return _first_delay(loop, seen).at
+
+
+def one_loop_gains(loop: Loop) -> OneLoop:
+    """Margins of one joint at a time with its largest kp and kd, of a stable loop of any number of joints built with build_loop.
+
+    Raises GainroomError where the loop cannot be sampled finely enough.
+    """
+    sampled = _in_the_core(loop)
+    seen, counting = sampled.look(EVERY_PHASE), sampled.look(Reach(NEAR_BY.factor, NEAR_BY.phase, EVERY_PHASE.peaks), between=True)
+    if not seen.followed:
+        raise GainroomError(f"margins: {lost(loop)}")
+    return _one_loop(loop, seen, counting, largest=True)
+
+
+def _in_the_core(loop: Loop) -> SampledLoop:
+    sampled = SampledLoop.of(loop)
+    if sampled is None:
+        raise GainroomError("margins of several joints need a loop built with build_loop")
+    return sampled
+
+
+def direction_limits(loop: Loop, torque: Floats, jacobian: Floats, gains: Floats, cascade: Booleans) -> Floats:
+    """(m,) largest factor on the gains of each direction, the others as they are; inf: any; NaN where it is not confirmed by counts.
+
+    A factor g on direction k multiplies the determinant of the return difference by 1 + (g − 1) T_kk, T = (I + Q)⁻¹ Q, Q = E P X Δ.
+
+    loop                of all directions, stable: where it is not, all are NaN
+    torque, jacobian    X (n, m), E (m, n)
+    gains, cascade      (3, m), (m,): as SampledLoop.of_directions
+    """
+    sampled = SampledLoop.of_directions(loop, torque, jacobian, gains, cascade)
+    seen, counting = sampled.look(EVERY_PHASE), sampled.look(Reach(NEAR_BY.factor, NEAR_BY.phase, EVERY_PHASE.peaks), between=True)
+    if not (seen.followed and counting.followed and seen.unstable == counting.unstable == 0):
+        return np.full(len(cascade), math.nan)
+    return np.array([_factor(seen, counting, k, 1, up) for k, up in enumerate(seen.one_loop()[:, 0].tolist())])
 
 
 def _told_apart(seen: Seen) -> tuple[float, float]:
@@ -98,7 +138,7 @@ def _told_apart(seen: Seen) -> tuple[float, float]:
     for _ in range(MOST_ROUNDS):
         up, down = seen.one_loop().T[:2]  # of each joint; inf where none is seen
         before = seen.samples
-        seen.tell_apart(math.exp(min(float(np.minimum(up, down).max()), math.log(LOCI.highest))), math.pi)
+        seen.tell_apart(math.exp(min(float(np.minimum(up, down).max()), math.log(HIGHEST))), math.pi)
         if not seen.followed or seen.samples == before:
             break
         found = seen.common_phase()
@@ -109,43 +149,94 @@ def _phase_counted(counting: Seen, phase: float) -> Certificate | None:
     """Roots that lags and leads up to a little less than `phase` make unstable, and those of a little more of its own sign."""
     if math.isinf(phase):
         return None
-    inside = max(abs(counting.crossed(way * phase * (1 - SEARCH.nudge))) for way in (1, -1))
-    return Certificate(inside, counting.crossed(phase * (1 + SEARCH.nudge)))
+    if not counting.followed or counting.unstable != 0:
+        return Certificate(-1, -1)
+    inside = max(abs(counting.crossed(way * phase * (1 - NUDGE))) for way in (1, -1))
+    return Certificate(inside, counting.crossed(phase * (1 + NUDGE)))
 
 
-def _first_delay(loop: Loop, seen: Seen) -> tuple[float, float, Certificate | None] | None:
-    """The least delay [s] more in all loops at which they are lost, its frequency and certificate; None where it is not confirmed."""
+class _Delay(NamedTuple):
+    """The delay margin [s], where [rad/s], and its certificate: None where no delay is known to be too long; `known`: that is counted."""
+
+    at: float
+    omega: float
+    certificate: Certificate | None
+    known: bool = True
+
+
+def _first_delay(loop: Loop, seen: Seen) -> _Delay:
+    """The least delay more in all loops at which they are lost; inf: none up to LONGEST_DELAY.
+
+    A crossing that is seen is exact where a delay turns loci by ω times itself; of sampled loops it is the start of secants. Where roots
+    are unstable before it, samples are taken anew of the loop with a longer delay that is still stable.
+    """
+
+    def counted(delay: float) -> int:
+        return _in_the_core(loop.delayed(delay)).unstable()
 
     def lag(delay: float, omega: float) -> tuple[float, float]:
-        later = SampledLoop.of(loop.delayed(delay))
-        return (math.nan, omega) if later is None else later.lag_about(omega)
+        return _in_the_core(loop.delayed(delay)).lag_about(omega)
 
-    crossings = sorted(map(tuple, seen.delay_crossings(LONGEST_DELAY).tolist()))
-    if not crossings:
-        longest = SampledLoop.of(loop.delayed(LONGEST_DELAY))
-        return (math.inf, math.nan, None) if longest is not None and longest.unstable() == 0 else None
-    if loop.sample_time is not None:
-        near = [one for one in crossings if one[0] <= crossings[0][0] * (1 + SEARCH.close)]
-        crossings = sorted(found for one in near if (found := exact_delay(lag, *one)) is not None)
+    stable, found = 0.0, _Delay(math.nan, math.nan, None, False)
+    for _ in range(TRIES):
+        crossings = [(stable + more, omega) for more, omega in seen.delay_crossings(LONGEST_DELAY - stable).tolist()]
         if not crossings:
-            return None
-    delay, omega = crossings[0]
-    sides = [SampledLoop.of(loop.delayed(delay * (1 + side * SEARCH.nudge))) for side in (-1, 1)]
-    certificate = Certificate(*(-1 if one is None else one.unstable() for one in sides))
-    return (delay, omega, certificate) if certificate.holds and certificate.outside > 0 else None
+            known = counted(LONGEST_DELAY) == 0
+            return _Delay(math.inf, math.nan, None, known) if stable == 0 else found
+        first = min(crossings)[0]
+        near = [one for one in crossings if one[0] <= first * (1 + CLOSE)]
+        exact = near if loop.sample_time is None else [one for place in near if (one := exact_delay(lag, *place)) is not None]
+        delay, omega = min((one for one in exact if one[0] > stable), default=(math.nan, math.nan))
+        if not math.isnan(delay):
+            certificate = Certificate(*(counted(delay * (1 + side * NUDGE)) for side in (-1, 1)))
+            found = _Delay(delay, omega, certificate, certificate.outside > 0)
+            if certificate.holds:
+                return found
+            first = delay
+        stable = _between(counted, stable, first)
+        seen = _in_the_core(loop.delayed(stable)).look(EVERY_PHASE, smooth=False)
+        if not seen.followed or seen.unstable != 0:
+            break
+    return found
 
 
-def _one_loop(loop: Loop, seen: Seen, counting: Seen, largest: bool) -> OneLoop | None:
-    """Margins of one loop at a time, with `largest` kp and kd, factors and gains counted on both sides; None where one is not confirmed."""
+def _between(counted: Callable[[float], int], stable: float, unstable: float) -> float:
+    """A delay nearer to the first that is lost than `stable`, and stable itself: by halving towards `unstable`."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (stable + unstable)
+        if counted(middle) == 0:
+            return middle
+        unstable = middle
+    return stable
+
+
+def _one_loop(loop: Loop, seen: Seen, counting: Seen, largest: bool) -> OneLoop:
+    """Margins of one loop at a time, with `largest` kp and kd; certified where factors and gains are counted on both sides."""
     up, down, phase, peak = seen.one_loop().T
-    highest, lowest = np.exp(up), np.exp(-down)
-    lowest[lowest < LEAST_FACTOR] = 0.0
-    known = all(
-        _is_end(counting, joint, 0, high - 1, high, LOCI.highest - 1) and _is_end(counting, joint, 0, low - 1, low, LEAST_FACTOR - 1)
-        for joint, (high, low) in enumerate(zip(highest.tolist(), lowest.tolist(), strict=True))
-    )
-    found = OneLoop(highest, lowest, phase, np.ones(len(up), dtype=bool), peak_sensitivity=peak) if known else None
-    return _with_largest(loop, seen, counting, found) if largest and found is not None else found
+    highest = [_factor(seen, counting, joint, 1, size) for joint, size in enumerate(up.tolist())]
+    lowest = [_factor(seen, counting, joint, -1, size) for joint, size in enumerate(down.tolist())]
+    certified = ~np.isnan(highest) & ~np.isnan(lowest)
+    highest, lowest = np.where(np.isnan(highest), np.exp(up), highest), np.where(np.isnan(lowest), np.exp(-down), lowest)
+    found = OneLoop(highest, lowest, phase, certified, peak_sensitivity=peak)
+    return _with_largest(loop, seen, counting, found) if largest else found
+
+
+def _factor(seen: Seen, counting: Seen, joint: int, way: int, first: float) -> float:
+    """The factor on one joint's gains, above 1 (`way` 1) or below it (−1), where it is lost; inf or 0: none; NaN where none is confirmed.
+
+    first   |ln| of the nearest crossing that is seen: where no root passes there, others are tried by their distance
+    """
+
+    def confirmed(size: float) -> float:
+        factor = math.exp(way * size)
+        factor = math.inf if factor > HIGHEST else 0.0 if factor < LEAST_FACTOR else factor
+        return factor if _is_end(counting, joint, 0, factor - 1, factor, (HIGHEST if way > 0 else LEAST_FACTOR) - 1) else math.nan
+
+    found = confirmed(first)
+    if not math.isnan(found):
+        return found
+    others = [way * one for one in seen.one_loop_crossings(joint)[:, 0].tolist() if way * one > first]
+    return next((other for size in [*others, math.inf] if not math.isnan(other := confirmed(size))), math.nan)
 
 
 def _is_end(counting: Seen, joint: int, gain: int, change: float, scale: float, farthest: float) -> bool:
@@ -158,25 +249,49 @@ def _is_end(counting: Seen, joint: int, gain: int, change: float, scale: float, 
     """
     if not 0 < scale < math.inf:
         return counting.one_loop_count(joint, farthest, gain) == 0
-    aside = math.copysign(SEARCH.nudge * scale, change)
+    aside = math.copysign(NUDGE * scale, change)
     return counting.one_loop_count(joint, change - aside, gain) == 0 and counting.one_loop_count(joint, change + aside, gain) > 0
 
 
-def _with_largest(loop: Loop, seen: Seen, counting: Seen, found: OneLoop) -> OneLoop | None:
-    """Margins of one loop at a time with each joint's largest kp and kd, where there are such gains; None where one is not confirmed."""
+def _with_largest(loop: Loop, seen: Seen, counting: Seen, found: OneLoop) -> OneLoop:
+    """Margins of one loop at a time with each joint's largest kp and kd, where there are such gains."""
     assert loop.parts is not None
     controller = loop.parts.controller
     units = controller.units()
-    if not units:
-        return found
-    if any(np.count_nonzero(gain) > np.count_nonzero(np.diagonal(gain)) for gain in controller.matrices(loop.size).values()):
-        return None
-    largest = {}
+    if not units or any(np.count_nonzero(gain) > np.count_nonzero(np.diagonal(gain)) for gain in controller.matrices(loop.size).values()):
+        return found  # one entry of a matrix of gains is no gain of a joint
+    largest, certified = {}, found.certified.copy()
     for gain, name in enumerate(units, start=1):
         now = np.diagonal(gain_matrix(name, getattr(controller, name), loop.size)) * loop.gain
         more = seen.growths(gain)[:, 0]
         for joint, (grown, own) in enumerate(zip(more.tolist(), now.tolist(), strict=True)):
-            if not (grown > 0 and own > 0 and _is_end(counting, joint, gain, grown, own + grown, (LOCI.highest - 1) * own)):
-                return None
+            certified[joint] &= grown > 0 and _is_end(counting, joint, gain, grown, own + grown, (HIGHEST - 1) * own)
         largest[f"largest_{name}"] = now + more
-    return replace(found, **largest)
+    return replace(found, certified=certified, **largest)
+
+
+def exact_delay(lag: Callable[[float, float], tuple[float, float]], delay: float, omega: float) -> tuple[float, float] | None:
+    """The delay [s] more of a sampled loop, about `delay`, at which a locus passes −1 about `omega` [rad/s], and where; None: it is lost.
+
+    lag   (delay, ω) → the lag [rad] at which the locus about ω passes −1 with that delay, and its ω; NaN where it is lost
+
+    A share of a tick is nearly, not quite, a phase; beside a resonance far from it: secants.
+    """
+    before = None
+    for _ in range(TRIES):
+        left, omega = lag(delay, omega)
+        if abs(left) <= EXACT_LAG:
+            return delay + left / omega, omega
+        slope = -omega if before is None or before[0] == delay else (left - before[1]) / (delay - before[0])
+        before, delay = (delay, left), delay - left / slope if slope else math.nan
+        if not delay >= 0:  # NaN where the locus is lost
+            return None
+    return None
+
+
+def disk_of(loop: Loop) -> MultiLoopDisk | None:
+    """The disk margin; None where integrators drown all else in round-off, so that I + L is singular to the last digit."""
+    try:
+        return disk_margin(loop)
+    except np.linalg.LinAlgError:
+        return None

@@ -12,11 +12,10 @@ import numpy as np
 from ..system.linear.arrays import Booleans, Complexes, Floats
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
-from .coupled_margins import sensitivity
 from .excluded_region import union_of
 from .part_plane import PartPlane
 from .part_requirements import rest
-from .stability_boundary import in_blocks
+from .stability_boundary import in_blocks, sensitivity
 
 PHASES = 6  # steps from lag to lead
 

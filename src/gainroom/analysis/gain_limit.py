@@ -1,30 +1,24 @@
 """How far all gains of a loop can be scaled: the stable interval of the common factor g around 1, with its certificate."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 
 from ..errors import GainroomError, computable
 from ..system.loop import Loop, require_loop
-from .first_crossing import SEARCH, Certificate, End, Family, gains
-from .loci import Sweep
-from .look import Reach, Seen
-from .margin_record import GainLimit, interval
+from .look import AT_REST, Reach, Seen
+from .margin_record import NUDGE, Certificate, End, GainLimit, interval
 from .multirate import Multirate
 from .proved_limit import proved_limit
 from .sampled_loop import SampledLoop
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
-from .stability_boundary import LOCI, Boundary
+from .stability_boundary import HIGHEST, Boundary, first_grid
 
-NEAREST_FACTORS = 10.0  # of the factors that are searched first on coupled loops; most limits lie below
 FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
-NEAR_TOP = 0.8  # of the upper end of an interval between crossings
-NEAR_AXIS = Reach(LOCI.highest, 0.05)
+NEAR_AXIS = Reach(HIGHEST, 0.05)
 """Samples about the negative real axis: all that a factor on all gains needs."""
 INSIDE = 1e-3  # of a factor at which roots cross: how far below it a stable one is looked for, and as near as certificates count
-JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at which roots are counted beside those between crossings
 
 
 def gain_limit(loop: Loop) -> GainLimit:
@@ -38,15 +32,20 @@ def gain_limit(loop: Loop) -> GainLimit:
         return Multirate(loop).limit()
     if loop.size == 1:
         return _scalar_limit(loop)
+    if not loop.acts:
+        raise GainroomError("gain_limit: all gains are zero")
     for found in (proved_limit, sampled_limit):
         if (limit := found(loop)) is not None:
             return limit
-    return limit_from_loci(loop)
+    with computable("gain_limit"):
+        if has_growing_root(loop):
+            return _no_limit(loop, False, 0.0, math.nan)
+    raise GainroomError(f"gain_limit: {lost(loop)}")
 
 
 def sampled_limit(loop: Loop) -> GainLimit | None:
     """gain_limit of several joints from the core's samples, with roots counted on both sides; None where something is not confirmed."""
-    sampled = SampledLoop.of(loop) if loop.acts else None
+    sampled = SampledLoop.of(loop)
     seen = None if sampled is None else sampled.look(NEAR_AXIS, smooth=False)
     if sampled is None or seen is None or not seen.followed or seen.unstable < 0:
         return None
@@ -54,7 +53,7 @@ def sampled_limit(loop: Loop) -> GainLimit | None:
         return _sampled_interval(loop, sampled, seen, 1.0)
     below = -np.sort(-seen.passing_factors()[:, 0])
     for end in np.exp(below[below < 0]).tolist():  # the highest first
-        for aside in (SEARCH.nudge, INSIDE):  # equal limbs pass one close behind the other
+        for aside in (NUDGE, INSIDE):  # equal limbs pass one close behind the other
             inside = end * (1 - aside)
             stable = sampled.scaled(inside)
             if stable.unstable() == 0:
@@ -65,31 +64,25 @@ def sampled_limit(loop: Loop) -> GainLimit | None:
 
 def _sampled_interval(loop: Loop, sampled: SampledLoop, seen: Seen, factor: float) -> GainLimit | None:
     """The stable interval about a stable `factor` on the gains of `loop`, which `sampled` has; None where an end is not confirmed."""
-    seen.tell_apart(LOCI.highest, NEAR_AXIS.phase)
+    seen.tell_apart(HIGHEST, NEAR_AXIS.phase)
     if not seen.followed:
         return None
-    (up, above), (down, below) = seen.common_factors().tolist()
+    boundary = Boundary(loop)
     ends: list[End | None] = []
-    for log, omega, farthest in ((up, above, (LOCI.highest / factor,)), (-down, below, FAR_BELOW)):
-        at = math.exp(log)
-        if not (at < farthest[0] if log > 0 else at > farthest[0]):
-            counted = (sampled.scaled(end).unstable() for end in farthest)
-            if next((count for count in counted if count >= 0), -1) != 0:
+    for way, farthest, (log, omega) in zip((1, -1), ((HIGHEST / factor,), FAR_BELOW), seen.common_factors().tolist(), strict=True):
+        at = math.exp(way * log)
+        within = at < farthest[0] if way > 0 else at > farthest[0]
+        certificate = Certificate(*(sampled.scaled(at * (1 + side * way * NUDGE)).unstable() for side in (-1, 1))) if within else None
+        if certificate is None or not certificate.holds or certificate.outside < 0:
+            # Round-off may hide what low gains do: then stability is known down to a higher one.
+            nearer = [end for end in farthest if not within or end > at] if way < 0 or not within else []
+            if not any(sampled.scaled(end).unstable() == 0 for end in nearer):
                 return None
             ends.append(None)
             continue
-        certificate = Certificate(*(sampled.scaled(at * (1 + side * math.copysign(SEARCH.nudge, log))).unstable() for side in (-1, 1)))
-        if not certificate.holds or certificate.outside < 0 or not omega > 0:
-            return None
-        ends.append(End(at * factor, omega, Boundary(loop).mode(omega, -1 / (at * factor)), certificate))
+        place = omega if omega > 0 else AT_REST * float(first_grid(loop, boundary.last)[0])
+        ends.append(End(at * factor, omega, boundary.mode(place, -1 / (at * factor)), certificate))
     return interval(loop, *ends, stable=factor == 1)
-
-
-def limit_from_loci(loop: Loop) -> GainLimit:
-    """gain_limit of several joints that the core does not have, or where it leaves something open."""
-    with computable("gain_limit"):
-        limit = coupled_limit(Sweep(loop, NEAREST_FACTORS, for_limit=True))
-        return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, LOCI.highest, for_limit=True))
 
 
 def _scalar_limit(loop: Loop) -> GainLimit:
@@ -111,7 +104,7 @@ def _scalar_limit(loop: Loop) -> GainLimit:
         return _no_limit(loop, stable, gain, lower)
 
     def counted(end: float, way: int) -> Certificate:
-        return Certificate(*(unstable_roots(loop.scaled(end * (1 + way * side * SEARCH.nudge))) for side in (-1, 1)))
+        return Certificate(*(unstable_roots(loop.scaled(end * (1 + way * side * NUDGE))) for side in (-1, 1)))
 
     below = counted(lower, -1) if lower > 0 else None
     at = float(phases[upper - 2, 0]) if lower > 0 else math.nan
@@ -157,57 +150,18 @@ def _no_limit(loop: Loop, stable: bool, gain: float, lower: float) -> GainLimit:
     return GainLimit(stable, gain, lower, math.nan, np.ones(loop.size, dtype=complex), None)
 
 
-def coupled_limit(sweep: Sweep) -> GainLimit:
-    """gain_limit of several joints, from where their loci cross the negative real axis; factors up to `sweep.highest` are searched."""
-    if not sweep.largest:
-        raise GainroomError("gain_limit: all gains are zero")
-    family, stable = gains(sweep), sweep.unstable(1.0) == 0
-    near = any(abs(one.at - 1) < SEARCH.close for one in family.crossings())
-    inside = 1.0 if stable and not (near and not _is_inside(sweep, 1.0)) else _inside_below(sweep)
-    if inside is None or sweep.full:
-        if sweep.full or not has_growing_root(sweep.loop):
-            raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
-        return _no_limit(sweep.loop, False, 0.0, math.nan)
-    upper = family.end(inside, sweep.highest if stable else 1.0)
-    lower = _lower_end(sweep, family, inside)
-    if sweep.full or not all(end.certificate.holds for end in (upper, lower) if end is not None):
-        raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
-    return interval(sweep.loop, upper, lower, stable and (upper is None or upper.at > 1))
-
-
-def _why_not(sweep: Sweep) -> str:
-    """The likeliest reason, and what to do."""
-    longest = 0.0 if sweep.loop.delays is None else float(sweep.loop.delays.max(initial=0.0))
-    if sweep.undamped:
-        return "a resonance has no damping at all; give its gearbox some"
-    at_rest = np.abs(sweep.at_rest())
-    if np.any(np.finfo(float).eps * np.abs(sweep.loci[0]).max() > SEARCH.nudge * at_rest):
-        return "gravity moves links so much less in one direction than in others that round-off hides where the gains hold them"
-    if sweep.full:
-        return f"they need over {len(sweep.omega) - 1} samples, as with very light damping or a very long delay (here {1e3 * longest:g} ms)"
-    return "the loop is as good as marginal at any gain (kd 0?), or gains lie many orders of magnitude apart"
-
-
-def _lower_end(sweep: Sweep, family: Family, inside: float) -> End | None:
-    """The lower end of a stable interval, looked for as far down as round-off lets roots be counted; None where none is found."""
-    lower = None
-    for share in FAR_BELOW:
-        lower = family.end(inside, max(share * inside, SEARCH.lowest_undamped if sweep.undamped else SEARCH.lowest))
-        if lower is None or lower.certificate.holds:
-            break
-    return lower
-
-
-def _inside_below(sweep: Sweep) -> float | None:
-    """The highest factor below 1 that is found to be stable; None where there is none, and where the loci cannot be followed."""
-    if sweep.full:  # with thousands of crossings
-        return None
-    edges = sorted({SEARCH.lowest, 1.0, *(one.at for one in gains(sweep).crossings() if one.at < 1)})
-    # Of each interval its middle, and a place near its top: wide ones may hold a lower end, further down than crossings are looked for.
-    inner = [max(math.sqrt(low * high), share * high) for low, high in pairwise(edges) for share in (0.0, NEAR_TOP)]
-    return next((factor for factor in sorted({*JUST_BELOW.tolist(), *inner}, reverse=True) if _is_inside(sweep, factor)), None)
-
-
-def _is_inside(sweep: Sweep, factor: float) -> bool:
-    """Whether it is stable there, and a little to either side: on an end itself, as of gains at twice their limit, counts say anything."""
-    return all(sweep.unstable(factor * (1 + side * SEARCH.nudge)) == 0 for side in (0, -2, 2))
+def lost(loop: Loop) -> str:
+    """Message for a loop of several joints that cannot be followed along the stability boundary: the likeliest reason, and what to do."""
+    longest = 0.0 if loop.delays is None else float(loop.delays.max(initial=0.0))
+    plant = None if loop.parts is None else loop.parts.plant
+    if Boundary(loop).undamped and plant is not None and not plant.damping.all():
+        reason = "a resonance has no damping at all; give its gearbox some"
+    elif plant is not None and plant.gravity_stiffness is not None:
+        reason = "gravity moves links so much less in one direction than in others that round-off hides where the gains hold them"
+    else:
+        reason = (
+            "the loop is as good as marginal at any gain (kd 0?), "
+            f"has hardly any damping or a very long delay (here {1e3 * longest:g} ms), "
+            "or gains that lie many orders of magnitude apart"
+        )
+    return f"the loci could not be followed to a certified limit: {reason}"

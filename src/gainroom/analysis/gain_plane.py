@@ -5,7 +5,7 @@ target = −1 bounds the stable gains; −1/g and −g bound a gain margin, −e
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -13,7 +13,6 @@ import numpy as np
 
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.linear.transfer_function import Factored, growth
-from .sampled_curves import refined
 
 POINTS_PER_DECADE = 120
 MOST_TURNS = 20_000  # samples that follow the delay's phase
@@ -388,3 +387,28 @@ def _runs_through_infinity(along: Floats, slope: Floats) -> Booleans:
     jump = np.diff(along)
     against = (jump * slope[:-1] < 0) & (jump * slope[1:] < 0)
     return against & (np.abs(jump) > np.minimum(np.abs(along[1:]), np.abs(along[:-1])))
+
+
+def refined(
+    omega: Floats,
+    values: Complexes,
+    at: Callable[[Floats], Complexes],
+    rough: Callable[[Floats, Complexes], Booleans],
+    rounds: int,
+    most: int,
+    closest: float = 1e-9,
+) -> tuple[Floats, Complexes]:
+    """Samples at `omega` (k,), with `values` (k, m) there, and in the middle of rough steps, which are halved until none is rough.
+
+    at        ω (k,) → (k, m): m scalar responses
+    rough     of samples (ω, values): (k − 1,) True where a step to the next one is too long
+    most      samples, but for those of one more round
+    closest   of ω: shorter steps are not halved
+    """
+    for _ in range(rounds):
+        spots = np.flatnonzero(rough(omega, values) & (np.diff(omega) > closest * omega[1:]))
+        if not len(spots) or len(omega) > most:
+            break
+        middle = 0.5 * (omega[spots] + omega[spots + 1])
+        values, omega = np.insert(values, spots + 1, at(middle), axis=0), np.insert(omega, spots + 1, middle)
+    return omega, values

@@ -17,9 +17,8 @@ from ..system.loop import Loop
 from ..system.measured_response import measured_state
 from ..system.mode_functions import mode_functions
 from .limbs import limbs_of
-from .loci import first_grid
 from .margin_record import GainLimit, Margins, OneLoop
-from .stability_boundary import LOCI, Boundary
+from .stability_boundary import LEAN, TILT, Boundary, first_grid
 
 AT_REST = 1e-6
 """Of the lowest frequency that is sampled: there gravity's loops are at rest."""
@@ -69,7 +68,7 @@ class LooksApart:
 
     def __init__(self, loops: LoopsApart, gains: Floats, reach: Reach, between: bool, smooth: bool) -> None:
         self._size = loops.size
-        self._looks = [(joints, look(loop, gains[:, joints], reach, between, smooth)) for joints, loop in loops.loops]
+        self._looks = [(joints, _look(loop, gains[:, joints], reach, between, smooth)) for joints, loop in loops.loops]
 
     @property
     def followed(self) -> bool:
@@ -110,12 +109,28 @@ class LooksApart:
             found[joints] = one.one_loop()
         return found
 
+    def one_loop_crossings(self, which: int) -> Floats:
+        joints, one = self._look_of(which)
+        return one.one_loop_crossings(int(np.searchsorted(joints, which)))
+
     def common_factors(self) -> Floats:
         found = np.array([one.common_factors() for _, one in self._looks])
         return found[np.argmin(found[:, :, 0], axis=0), np.arange(2)]
 
     def passing_factors(self) -> Floats:
         return np.concatenate([one.passing_factors() for _, one in self._looks])
+
+    def phases(self, locus: bool) -> Floats:
+        return self._by_joint(lambda one: one.phases(locus))
+
+    def sensitivities(self) -> Floats:
+        return self._by_joint(lambda one: one.sensitivities())
+
+    def _by_joint(self, of: "Callable[[_core.Look], Floats]") -> Floats:
+        """(c, 3) rows that begin with which of a part's joints they are of, as those of all."""
+        return np.vstack(
+            [np.column_stack([joints[rows[:, 0].astype(int)], rows[:, 1:]]) for joints, one in self._looks for rows in [of(one)]]
+        )
 
     def common_phase(self) -> tuple[float, float]:
         return min((one.common_phase() for _, one in self._looks), key=lambda each: abs(each[0]))
@@ -124,8 +139,11 @@ class LooksApart:
         return sum(one.crossed(lag) for _, one in self._looks)
 
     def one_loop_count(self, joint: int, change: float, gain: int) -> int:
-        joints, one = next((joints, one) for joints, one in self._looks if joint in joints)
+        joints, one = self._look_of(joint)
         return one.one_loop_count(int(np.searchsorted(joints, joint)), change, gain)
+
+    def _look_of(self, joint: int) -> tuple[Integers, "_core.Look"]:
+        return next((joints, one) for joints, one in self._looks if joint in joints)
 
     def growths(self, gain: int) -> Floats:
         found = np.empty((self._size, 1))
@@ -168,6 +186,10 @@ def look(loop: Directed, gains: Floats, reach: Reach, between: bool = False, smo
     """
     if isinstance(loop, LoopsApart):
         return LooksApart(loop, gains, reach, between, smooth)
+    return _look(loop, gains, reach, between, smooth)
+
+
+def _look(loop: "_core.DirectedLoop", gains: Floats, reach: Reach, between: bool, smooth: bool) -> "_core.Look":
     return _core.Look(loop, np.ascontiguousarray(gains), reach.factor, reach.phase, reach.peak, between, smooth)
 
 
@@ -206,17 +228,20 @@ def joint_loops(loop: Loop, cascade: bool = False) -> Directed:
     return LoopsApart(loop.size, tuple((joints, directed(limb, False)) for joints, limb in apart)) if apart else directed(loop, True)
 
 
-def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Booleans, by_modes: bool = True) -> "_core.DirectedLoop":
+def directed_loop(
+    loop: Loop, torque: Floats, jacobian: Floats, cascade: Booleans, by_modes: bool = True, by_direction: bool = False
+) -> "_core.DirectedLoop":
     """Plant, drives and filters of a loop of parts, without its gains: L = P C e^{−sT} X Δ E, X (n, m) = torque, E (m, n) = jacobian.
 
-    by_modes   P as a sum over modes, where that is exact: worth finding them where the plant is large, or looked at many times
+    by_modes       P as a sum over modes, where that is exact: worth finding them where the plant is large, or looked at many times
+    by_direction   one loop at a time is one of the m directions, (I + E P C e^{−sT} X Δ)⁻¹ its sensitivities, in place of a joint
     """
     assert loop.parts is not None
     plant, drives, time = loop.parts.plant, loop.parts.drives, loop.sample_time
     joints = torque.shape[0] == torque.shape[1] and np.array_equal(torque, np.eye(len(torque))) and np.array_equal(jacobian, torque)
     nothing = np.zeros((0, 0))
     modes = mode_functions(loop.parts) if by_modes else None
-    found = _core.DirectedLoop(loop.size, *((nothing, nothing) if joints else (torque, jacobian)), cascade.astype(np.int64))
+    found = _core.DirectedLoop(loop.size, *((nothing, nothing) if joints else (torque, jacobian)), cascade.astype(np.int64), by_direction)
     if time is None:
         gravity, soft, (root, hung) = plant.gravity_stiffness, plant.compliance, plant.hung
         found.set_plant(
@@ -243,8 +268,7 @@ def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Boolean
     shaping = controller.shaping(time)
     found.set_law(*controller.velocity(time), *integrator(time), shaping.zeros, shaping.poles, shaping.gain)
     settles = AT_REST if plant.gravity_stiffness is not None else 0.0
-    tilt = LOCI.tilt if boundary.undamped else 0.0
-    found.set_boundary(first_grid(loop, boundary.last), tilt, loop.unstable_poles, settles)
+    found.set_boundary(first_grid(loop, boundary.last), boundary.leaning, TILT, LEAN, loop.unstable_poles, settles)
     return found
 
 

@@ -11,7 +11,36 @@ from ..errors import at_frequency
 from ..system.linear.arrays import Booleans, Complexes, Floats
 from ..system.loop import Loop
 from ..system.margin_units import to_db
-from .first_crossing import Certificate, End
+
+NUDGE = 1e-6
+"""Relative distance from a limit, to both sides, at which its certificate counts roots."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Unstable closed-loop roots just inside and just outside a limit; `holds` when none inside and some outside.
+
+    They are counted. Of a limit that is proved (proved_limit.py) those outside are those of the crossings found: at least as many.
+    """
+
+    inside: int
+    outside: int
+    nudge: float = NUDGE
+
+    @property
+    def holds(self) -> bool:
+        """True when the limit has been confirmed from both sides."""
+        return self.inside == 0 and self.outside != 0
+
+
+@dataclass(frozen=True)
+class End:
+    """Where stability ends: at `at`, by a root at jω, ω = `omega`; `mode` (n,) complex, the largest part 1."""
+
+    at: float
+    omega: float
+    mode: Complexes
+    certificate: Certificate
 
 
 class PhaseCrossing(NamedTuple):

@@ -9,11 +9,9 @@ import numpy as np
 from ..errors import GainroomError, computable
 from ..native import _core
 from ..system.loop import Loop, require_loop
-from .boundary import coupled_margins
-from .coupled_margins import one_loop_margins
+from .boundary import coupled_margins, one_loop_gains
 from .crossings import Scan
 from .gain_limit import gain_limit
-from .loci import Sweep
 from .margin_record import GainCrossing, GainLimit, Margins, OneLoop, PhaseCrossing
 from .multirate import Multirate
 from .stability import scan_loop, unstable_roots
@@ -52,7 +50,7 @@ def joint_margins(loop: Loop) -> Margins:
         raise GainroomError("joint_margins needs a loop built with build_loop; use margins for a scalar return ratio")
     if loop.size == 1 and loop.kd_path is None:
         limit, found = gain_limit(loop), margins(loop)
-        gains = one_loop_margins(Sweep(loop)) if found.stable else OneLoop.unknown(1)
+        gains = one_loop_gains(loop) if found.stable else OneLoop.unknown(1)
         one_loop = replace(found.one_loop, certified=gains.certified, largest_kp=gains.largest_kp, largest_kd=gains.largest_kd)
         found = replace(found, limit=limit, one_loop=one_loop)
     else:

@@ -8,13 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import GainroomError
-from ..system.linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Floats
 from ..system.loop import Loop
-from .first_crossing import SEARCH, phases
-from .loci import Sweep
 from .margin_record import Margins
-from .return_ratios import Peak, Sampled, Within, own_phases
+from .sampled_loop import EVERY_PHASE, SampledLoop
 
 
 def margins_outside(loop: Loop, found: Margins, bands: Floats) -> Margins:
@@ -22,26 +19,30 @@ def margins_outside(loop: Loop, found: Margins, bands: Floats) -> Margins:
 
     Those are NaN where loci cannot be followed, and where a root lies on the stability boundary, to the last digit.
     """
-
-    def outside(omega: Floats) -> Booleans:
-        inside = (np.asarray(omega)[..., None] > bands[:, 0]) & (np.asarray(omega)[..., None] < bands[:, 1])
-        return ~np.any(inside, axis=-1)
-
-    try:
-        sweep = Sweep(loop)
-        sampled = Sampled.of(sweep)
-        peaks, own = sampled.own_peaks(within=outside), own_phases(sampled.single, outside)
-        at, omega = _common_phase(sweep, outside)
-    except (GainroomError, np.linalg.LinAlgError):
-        peaks, own, at, omega = [Peak(math.nan, math.nan)] * loop.size, np.full(loop.size, math.nan), math.nan, math.nan
-    peak = max(peaks)
+    phase, crossover = math.nan, math.nan
+    own, peaks, peak_at = np.full(loop.size, math.nan), np.full(loop.size, math.nan), math.nan
+    sampled = SampledLoop.of(loop)
+    seen = None if sampled is None else sampled.look(EVERY_PHASE)
+    if seen is not None and seen.followed and seen.unstable == 0:
+        seen.tell_apart(EVERY_PHASE.factor, math.pi)
+    if seen is not None and seen.followed and seen.unstable == 0:
+        common = _outside(seen.phases(locus=True), bands)
+        first = int(np.argmin(np.abs(common[:, 1]))) if len(common) else None
+        phase, crossover = (math.inf, math.nan) if first is None else common[first, 1:].tolist()
+        own[:] = math.inf
+        for joint, lag, _ in _outside(seen.phases(locus=False), bands).tolist():
+            own[int(joint)] = min(own[int(joint)], abs(lag))
+        heights = np.vstack([_outside(seen.sensitivities(), bands), _at_edges(loop, bands)])
+        peaks[:] = 0.0
+        np.maximum.at(peaks, heights[:, 0].astype(int), heights[:, 1])
+        peak_at = float(heights[np.argmax(heights[:, 1]), 2])
     return replace(
         found,
-        one_loop=replace(found.one_loop, phase_margin=own, peak_sensitivity=np.array([one.height for one in peaks])),
-        phase_margin=at,
-        gain_crossover=omega,
-        peak_sensitivity=peak.height,
-        peak_sensitivity_frequency=peak.omega,
+        one_loop=replace(found.one_loop, phase_margin=own, peak_sensitivity=peaks),
+        phase_margin=phase,
+        gain_crossover=crossover,
+        peak_sensitivity=float(peaks.max()),
+        peak_sensitivity_frequency=peak_at,
         certified=False,
         phase_certificate=None,
         phase_crossings=(),
@@ -49,16 +50,17 @@ def margins_outside(loop: Loop, found: Margins, bands: Floats) -> Margins:
     )
 
 
-def _common_phase(sweep: Sweep, outside: Within) -> tuple[float, float]:
-    """The smallest phase [rad] in all loops, lag or lead, that puts a root on the boundary `outside`, and where [rad/s]; inf: none does.
+def _outside(rows: Floats, bands: Floats) -> Floats:
+    """The rows (c, 3) whose last number, ω [rad/s], lies in none of the bands."""
+    omega = rows[:, 2:]
+    return rows[~np.any((omega > bands[:, 0]) & (omega < bands[:, 1]), axis=1)]
 
-    A crossing between samples that polishing does not find counts as it is interpolated: none is left out.
-    """
-    every = []
-    for way in (1, -1):
-        family = phases(sweep, way)
-        rough = family.crossings()
-        exact = family.polish(rough)
-        every += exact
-        every += [one for one in rough if all(abs(one.omega - other.omega) > SEARCH.close * one.omega for other in exact)]
-    return min(((one.at, one.omega) for one in every if outside(np.array(one.omega))), default=(math.inf, math.nan))
+
+def _at_edges(loop: Loop, bands: Floats) -> Floats:
+    """(c, 3) joint, |S_ii| and ω at the edges of the bands that lie on the stability boundary: it is highest where a band cuts a peak."""
+    last = math.inf if loop.sample_time is None else math.pi / loop.sample_time
+    omega = bands[(bands > 0) & (bands < last)]
+    response = loop.response(omega).reshape(len(omega), loop.size, loop.size)
+    sensitivity = np.diagonal(np.linalg.inv(np.eye(loop.size) + response), axis1=1, axis2=2)
+    joints = np.arange(loop.size)
+    return np.array([[joint, abs(one[joint]), at] for at, one in zip(omega, sensitivity, strict=True) for joint in joints]).reshape(-1, 3)

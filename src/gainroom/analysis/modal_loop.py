@@ -22,9 +22,9 @@ from ..system.mode_functions import mode_functions
 from ..system.modes import Modes
 from .equal_modes import SHIFT, common_mode, null_vectors
 from .gain_directions import gain_directions
+from .margin_record import NUDGE
 
 NARROWEST = 1e-4  # relative width of an interval that is not halved further
-NUDGE = 1e-6  # relative: how far below a crossing the proof goes
 FINEST, MOST, LOOKS = 1e-9, 200, 60  # where eigenvectors have to be looked at: relative width, samples, intervals
 MOST_TWOFOLD = 3  # channels whose gains are not symmetric: the loci of more are quicker than their proof
 COUPLED = 1e-9  # vᵀ v' of eigenvectors: less is round-off

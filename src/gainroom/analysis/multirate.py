@@ -39,8 +39,7 @@ from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.linear.state_space import StateSpace, split_delay
 from ..system.loop import Loop
 from ..system.measured_response import measured_state
-from .first_crossing import SEARCH, Certificate, End
-from .margin_record import GainLimit, Margins, OneLoop, PathMargins, interval
+from .margin_record import NUDGE, Certificate, End, GainLimit, Margins, OneLoop, PathMargins, interval
 from .peak_gain import peak_gain, scaled_peak_gain, without
 
 ROUNDING = 1e-12  # of a common period: events closer than that are at the same time
@@ -658,7 +657,7 @@ def _between(at: Spectrum, stable: float, lost: float, way: float, size: Callabl
 
     exact: Any = brentq(lambda t: np.abs(at(t)).max() - 1, stable, lost, xtol=ACCURACY * max(abs(lost), 1e-6))
     found = size(exact)
-    inside, outside = (_outside(values(found * (1 + side * way * SEARCH.nudge))) for side in (-1, 1))
+    inside, outside = (_outside(values(found * (1 + side * way * NUDGE))) for side in (-1, 1))
     return Lost(found, Certificate(inside, outside))
 
 

@@ -25,11 +25,10 @@ from ..system.loop import Loop
 from ..system.loop_part import LoopPart
 from ..system.requirement import Requirement
 from ..system.requirements import SensitivityBound
-from .coupled_margins import sensitivity
 from .excluded_region import union_of
 from .part_plane import PartPlane
 from .part_requirements import Piece, rest
-from .stability_boundary import in_blocks
+from .stability_boundary import in_blocks, sensitivity
 
 BETWEEN = 8  # parts of the window in kd, in each of which an arc or segment is looked for
 HALVED = 12  # times that the end of what lies within it is sought

@@ -20,11 +20,10 @@ from ..errors import GainroomError
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
-from .coupled_margins import sensitivity
+from .gain_plane import refined
 from .gain_region import traced
-from .sampled_curves import refined
 from .stability import unstable_roots
-from .stability_boundary import in_blocks
+from .stability_boundary import in_blocks, sensitivity
 
 PER_DECADE = 60
 LARGEST_STEP = 0.1  # between samples, of the size that the gains of the picture have there

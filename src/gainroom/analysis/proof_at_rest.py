@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..system.linear.arrays import Complexes, Floats, Integers
-from .modal_loop import NUDGE, ModalLoop
+from .margin_record import NUDGE
+from .modal_loop import ModalLoop
 
 MOST = 20.0  # a mode by itself: 4; a law by itself: e; hold, current loop and delay turn and grow less within R/2. None is seen beyond 2
 TWICE = 1 + math.sqrt(2)  # rests: of what is known at εR, in √2 times that, and of what lies before it

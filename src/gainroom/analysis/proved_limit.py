@@ -18,10 +18,9 @@ import numpy as np
 
 from ..native import _core
 from ..system.loop import Loop
-from .first_crossing import SEARCH, Certificate, End
 from .followed_root import stays_unstable
-from .margin_record import GainLimit, interval
-from .modal_loop import NUDGE, Crossings, ModalLoop
+from .margin_record import NUDGE, Certificate, End, GainLimit, interval
+from .modal_loop import Crossings, ModalLoop
 from .proof_at_rest import AtRest, at_rest
 
 UPWARDS, DOWNWARDS = (10.0, 1e3), (0.1, 0.01, 1e-4)  # factors that are searched, first the nearer ones: most limits lie there
@@ -120,7 +119,7 @@ def _unstable_roots(modal: ModalLoop, found: Crossings, rest: AtRest, unstable_p
 def _end(modal: ModalLoop, loop: Loop, found: Crossings, way: int) -> End | None:
     """At the first of the crossings; None where the root there does not go the wrong way."""
     first = found.crossings[0]
-    level = sum(way * (one.gain - first.gain) <= first.gain * SEARCH.nudge and way * one.growth > 0 for one in found.crossings)
+    level = sum(way * (one.gain - first.gain) <= first.gain * NUDGE and way * one.growth > 0 for one in found.crossings)
     if way * first.growth <= 0:
         return None
     return End(first.gain, first.omega, modal.mode(first, loop), Certificate(0, 2 * level))

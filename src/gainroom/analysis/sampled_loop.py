@@ -2,19 +2,22 @@
 
 import math
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from ..system.controller import Terms
-from ..system.linear.arrays import Floats
+from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from .look import Directed, Reach, Seen, directed_loop, joint_loops, lag_about, look
-from .stability_boundary import LOCI, Boundary
+from .stability_boundary import HIGHEST
 
-EVERY_PHASE = Reach(LOCI.highest, math.pi, ((1.0, 0.0, 0.5),))
+EVERY_PHASE = Reach(HIGHEST, math.pi, ((1.0, 0.0, 0.5),))
 """Every phase, factors up to 1000 and all peaks: what is reported of coupled loops."""
 NEAR_BY = Reach(1.05, 0.05)
 """Loci about −1 alone: all that a count of unstable roots needs."""
+BY_ORDER = [(0, 1)], [(0, 0), (1, 1)], [(1, 0)]  # powers of V and I that make 1/ω, 1 and ω
+SLOWER = 0.1  # of where one gain takes over from another: further down the slower one rules
 SAME = 1e-11  # of the largest entry: how far gains along directions may be off
 
 
@@ -24,15 +27,15 @@ class SampledLoop:
 
     loop: Directed
     gains: Floats
-    cascade: bool
+    cascade: bool | Booleans
 
     @classmethod
     def of(cls, loop: Loop) -> "SampledLoop | None":
         """None for loops that the core does not have.
 
-        One joint, kd on a path of its own, a resonance without any damping, gain matrices that do not act along the same directions.
+        A return ratio that was not built from parts, and kd on a path of its own.
         """
-        if loop.parts is None or loop.size == 1 or loop.kd_path is not None or Boundary(loop).undamped:
+        if loop.parts is None or loop.kd_path is not None:
             return None
         terms = {powers: loop.gain * gain for powers, gain in loop.parts.controller.matrices(loop.size).items()}
         if all(np.count_nonzero(gain) == np.count_nonzero(np.diagonal(gain)) for gain in terms.values()):
@@ -41,9 +44,31 @@ class SampledLoop:
         shared = _shared(terms, loop.seen)
         own = None if shared is None else _of_directions(shared[2], len(shared[1]))
         if shared is None or own is None:
-            return None
+            return cls._of_matrices(loop, terms)
         directed = directed_loop(loop, shared[0], shared[1], np.full(len(shared[1]), own[1]), loop.exact_modes is not None)
         return cls(directed, *own)
+
+    @classmethod
+    def _of_matrices(cls, loop: Loop, terms: Terms) -> "SampledLoop":
+        """Gain matrices that share no directions, as one law behind which all gains are 1; it acts on what they see alone."""
+        seen = loop.seen
+        count = seen.shape[1]
+        directed = directed_loop(loop, seen, seen.T, np.zeros(count, dtype=bool), loop.exact_modes is not None)
+        sizes = [sum(float(np.linalg.norm(terms.get(powers, 0.0))) for powers in order) for order in BY_ORDER]
+        pairs = [(high - low, sizes[low] / sizes[high]) for low, high in combinations(range(3), 2) if sizes[low] and sizes[high]]
+        slow = SLOWER * min((ratio ** (1 / orders) for orders, ratio in pairs), default=math.inf)
+        for (velocity, integral), gain in terms.items():
+            directed.set_matrix(np.ascontiguousarray(gain @ seen), bool(velocity), bool(integral), slow)
+        return cls(directed, np.vstack([np.ones(count), np.zeros((2, count))]), False)
+
+    @classmethod
+    def of_directions(cls, loop: Loop, torque: Floats, jacobian: Floats, gains: Floats, cascade: Booleans) -> "SampledLoop":
+        """The loop with gains (3, m) along given directions, each of them one loop at a time; torque (n, m), jacobian (m, n).
+
+        cascade   (m,) True where they are kp, kv and ki of (kv + ki/s)(kp + s), else of kp + ki/s + kd s
+        """
+        directed = directed_loop(loop, torque, jacobian, cascade, loop.exact_modes is not None, by_direction=True)
+        return cls(directed, gains, cascade)
 
     def look(self, reach: Reach, between: bool = False, smooth: bool = True) -> Seen:
         """As analysis/look.py."""

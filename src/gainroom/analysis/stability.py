@@ -16,8 +16,8 @@ from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.transfer_function import growth
 from ..system.loop import Loop, require_loop
 from .crossings import Scan, scan
-from .loci import Sweep
 from .multirate import Multirate
+from .sampled_loop import SampledLoop
 from .sampled_scan import scan_callable
 
 SPARE = 10  # candidates for roots that are polished beside twice as many as are asked for
@@ -84,12 +84,12 @@ def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
 
 def _coupled_unstable_roots(loop: Loop) -> int:
     """By the turns of the loci; where these cannot be followed, from the rightmost roots themselves."""
-    sweep = Sweep(loop, highest=1.0, for_limit=True)
-    if not sweep.largest:
+    if not loop.acts:
         assert loop.open_loop is not None
         return int(np.count_nonzero(growth(np.linalg.eigvals(loop.open_loop.a), loop.sample_time) >= 0))
-    count = int(sweep.unstable(1.0))
-    if count >= 0 and not sweep.full:
+    sampled = SampledLoop.of(loop)
+    count = -1 if sampled is None else sampled.unstable()
+    if count >= 0:
         return count
     found = rightmost_roots(loop, count=loop.size + 4)
     return int(np.count_nonzero(found.roots.real >= 0)) + found.lost

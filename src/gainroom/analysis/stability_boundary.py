@@ -2,51 +2,29 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..system.linear.apart import inverses
 from ..system.linear.arrays import Complexes, Floats, distinct
 from ..system.loop import Loop
 from .equal_modes import common_mode, equal_to
 
-
-@dataclass(frozen=True)
-class Resolution:
-    """How finely loci are sampled, and which numbers count as round-off."""
-
-    turn: float = 1.5  # [rad] of a delay between samples where loci reach −1: more may hide a whole turn
-    highest: float = 1e3  # of the factors that are searched
-    smooth: float = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
-    detour: float = 0.5  # of its angle to that axis: a turn that stays smaller does not reach the axis in between
-    growth: float = 0.7  # largest change of ln|λ| between samples
-    large: float = 1e3  # eigenvalues beyond this belong to integrators
-    undamped: float = 1e-8  # damping ratio below which a resonance counts as undamped
-    tilt: float = 1e-9  # damping ratio, negative, of points that take the place of the boundary there
-    lean: float = 1e-3  # of its frequency, to either side, up to where they do
-    huge: float = 1e9  # eigenvalues beyond this drown the small ones in round-off
-    nothing: float = 1e-150  # eigenvalues smaller than this are zero
-    noise: float = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
-    # of a fall, about 1: from two integrators and a memory, 3, to a velocity alone, -1; beyond is round-off
-    steepest: float = 2.5
-    blurred: float = 0.01  # of a locus: round-off that makes 0.5 of its fall over a step of `beside`
-    astray: float = 0.02  # deviation of the order of a fall from a whole number; more is round-off
-    # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
-    real: float = 0.3
-    per_decade: int = 6
-    # size of what integrators make of the lowest samples: no locus crosses the unit circle further down
-    outside: float = 10.0
-    beside: float = 1.02  # a step so short, from the lowest sample, that the nearest locus is the same, or falls alike
-    # half-widths of a resonance that are sampled: about its pole a locus is a circle, of which no step is more than a quarter then, and
-    # leaves its chord by 0.21 of that; near a zero it is all but straight, as long as no pole is near
-    around: Floats = field(default_factory=lambda: np.array([-1.0, 0.0, 1.0]))
-    lowest: float = 1e-12  # of the highest frequency
-    closest: float = 1e-10  # relative distance of samples at which refinement stops
-    most: int = 12_000  # samples of large matrices; of small ones more, up to as many entries
-    at_once: int = 40000
-
-
-LOCI = Resolution()
+HIGHEST = 1e3
+"""Largest factor on gains that is searched."""
+UNDAMPED = 1e-8
+"""Damping ratio below which a resonance counts as undamped."""
+TILT = 1e-9
+"""Damping ratio, negative, of points that take the place of the boundary beside such a resonance: slower growth is not counted."""
+LEAN = 1e-3
+"""Part of the resonance's frequency, to either side, up to where they do."""
+PER_DECADE = 6
+"""First samples per order of magnitude of ω."""
+AROUND = np.array([-1.0, 0.0, 1.0])
+"""Half-widths of a resonance that are sampled first: about its pole a locus is a circle, of which no step is more than a quarter then, and
+leaves its chord by 0.21 of that; near a zero it is all but straight, as long as no pole is near."""
+AT_ONCE = 40_000
+"""Entries of matrices of different frequencies that are held at a time."""
 
 
 class Boundary:
@@ -56,34 +34,26 @@ class Boundary:
         self.loop = loop
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
         # A resonance without damping is a pole on the boundary, which the loci pass at infinity: beside it the boundary leans to the right,
-        # and what grows slower than LOCI.tilt is not counted.
+        # and what grows slower than TILT is not counted.
         corners = loop.corner_frequencies.every
-        centers = corners.imag[(corners.imag > 0) & (np.abs(corners.real) < LOCI.undamped * corners.imag)]
+        centers = corners.imag[(corners.imag > 0) & (np.abs(corners.real) < UNDAMPED * corners.imag)]
         if self.last is not None:  # those above half the sample rate are aliased below it
             centers = np.abs((centers + self.last) % (2 * self.last) - self.last)
-        self._leaning = distinct(centers[centers > 0])
-        self.undamped = bool(len(self._leaning))
+        self.leaning = distinct(centers[centers > 0])  # [rad/s]
+        self.undamped = bool(len(self.leaning))
 
     def points(self, omega: Floats) -> Complexes:
         """s (k,) at omega (k,): jω, but beside what has no damping."""
-        return omega * (1j + LOCI.tilt * self.leans(omega)) if self.undamped else 1j * omega
+        return omega * (1j + TILT * self.leans(omega)) if self.undamped else 1j * omega
 
     def leans(self, omega: Floats) -> Floats:
-        """(k,) of LOCI.tilt, the share by which the boundary leans to the right at omega (k,)."""
-        away = np.abs(np.subtract.outer(omega, self._leaning) / self._leaning)
-        return np.clip(1 - away.min(axis=1, initial=np.inf) / LOCI.lean, 0.0, 1.0)
+        """(k,) of TILT, the share by which the boundary leans to the right at omega (k,)."""
+        away = np.abs(np.subtract.outer(omega, self.leaning) / self.leaning)
+        return np.clip(1 - away.min(axis=1, initial=np.inf) / LEAN, 0.0, 1.0)
 
     def core(self, omega: Floats) -> Complexes:
         """L (k, r, r) at omega (k,), as far as the gains reach."""
         return self.loop.core(self.points(omega))
-
-    def blurred(self, omega: Floats) -> Floats:
-        """(k,) how far (I + L)⁻¹ may be off by round-off at low omega (k,): one motion's share of L drowns beside a much larger one."""
-        core = self.core(omega)
-        size = np.linalg.norm(core, axis=(1, 2))
-        least = np.linalg.svd(np.eye(core.shape[1]) + core, compute_uv=False)[:, -1]
-        with np.errstate(divide="ignore"):
-            return self.loop.round_off(omega) * np.maximum(1.0, size / least**2)
 
     def eigen(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """Eigenvalues (k, r) and vectors (k, r, r) of the core of L at omega (k,), computed once for frequencies that are the same."""
@@ -98,38 +68,56 @@ class Boundary:
         equal = vectors[:, equal_to(values[np.argmin(np.abs(values - value))], values)]
         return common_mode(self.loop.lifted(complex(self.points(np.array([omega]))[0]), equal))
 
-    def crossings(self, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats]) -> tuple[Floats, Complexes]:
-        """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω and λ.
-
-        A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step. The caller
-        checks what has been reached.
-        """
-        values, vectors = self.eigen(omega)
-        rows = np.arange(len(omega))
-        which = np.argmin(np.abs(values - wanted[:, None]), axis=1)
-        value, mode = values[rows, which], vectors[rows, :, which]
-        before, first = omega, height(value)
-        omega = np.where(omega == self.last, omega, omega * (1 - 1e-6))
-        top = math.inf if self.last is None else self.last
-        for _ in range(40):
-            moving = np.flatnonzero(omega != before)
-            if not len(moving):
-                break
-            values, vectors = self.eigen(omega[moving])
-            which = np.argmax(np.abs(np.einsum("ki,kij->kj", mode[moving].conj(), vectors)), axis=1)
-            value[moving], mode[moving] = values[rows[: len(moving)], which], vectors[rows[: len(moving)], :, which]
-            now = height(value)
-            rise, run = now - first, omega - before
-            step = np.divide(now * run, rise, out=np.zeros(len(omega)), where=rise != 0)
-            step[(np.abs(step) <= 1e-14 * omega) | (omega == before)] = 0.0
-            first = np.where(omega == before, first, now)
-            before, omega = omega, np.clip(omega - step, 0.5 * omega, np.minimum(2 * omega, top))
-        return omega, value
-
 
 def in_blocks(function: Callable[[Floats], Complexes], omega: Floats, size: int) -> Complexes:
     """`function` (k,) → (k, …), which needs a few matrices (size, size) for each ω, over any number of them in bounded memory."""
-    rows = max(1, LOCI.at_once // size**2)
+    rows = max(1, AT_ONCE // size**2)
     if len(omega) <= rows:
         return function(omega)
     return np.concatenate([function(omega[k : k + rows]) for k in range(0, len(omega), rows)])
+
+
+def longest_delay(loop: Loop) -> float:
+    """[s], with the hold of a sampled loop: below its inverse a delay turns no locus by more than 1 rad. 0 where it is not known."""
+    if loop.delays is not None:
+        return float(loop.delays.max(initial=0.0))
+    return 0.0 if loop.parts is None else max(drive.delay for drive in loop.parts.drives) + (loop.sample_time or 0.0)
+
+
+def first_grid(loop: Loop, last: float | None) -> Floats:
+    """Every order of magnitude, every resonance on its own scale, and several samples per turn of the delay."""
+    corners = loop.corner_frequencies
+    longest = longest_delay(loop)
+    sizes = np.abs(corners.every)
+    sizes = np.append(sizes[sizes > 0], 1 / longest if longest else [])
+    low, high = (0.1 * sizes.min(), 3 * sizes.max()) if len(sizes) else (0.1, 10.0)
+    high = high if last is None else last
+    low = min(low, 1e-2 * high)
+    grid = [np.geomspace(low, high, max(8, round(PER_DECADE * math.log10(high / low))))]
+    for roots, around in ((corners.poles, AROUND), (corners.zeros, np.zeros(1))):
+        center = roots.imag[roots.imag > 0]
+        width = np.maximum(np.abs(roots.real[roots.imag > 0]), 1e-6 * center)
+        if last is not None:  # resonances above half the sample rate are aliased below it
+            center = np.abs((center + last) % (2 * last) - last)
+        grid.append((center[:, None] + width[:, None] * around).ravel())
+    omega = distinct(np.concatenate(grid))
+    omega = omega[(omega >= low) & (omega <= high)]
+    return omega[np.append(True, np.diff(omega) > 1e-7 * omega[1:])]
+
+
+def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
+    """(I + L)⁻¹ (k, n, n) for L = `returned`, from what the gains see alone: what no gain closes would drown it in round-off."""
+    seen = loop.seen
+    if seen.shape[1] == loop.size:
+        return inverted(np.eye(loop.size) + returned)
+    unseen = np.eye(loop.size) - seen @ seen.T
+    back = inverted(np.eye(seen.shape[1]) + seen.T @ returned @ seen)
+    return unseen + (seen - unseen @ returned @ seen) @ back @ seen.T
+
+
+def inverted(matrices: Complexes) -> Complexes:
+    """Of matrices (k, n, n)."""
+    try:
+        return inverses(matrices)
+    except np.linalg.LinAlgError:  # integrators have drowned the rest in round-off, which shows: nothing settles there
+        return np.linalg.pinv(matrices)

@@ -294,7 +294,7 @@ class DirectedLoop:
     stiffness and damping; drives (3, n): bandwidth, damping ratio, delay.
     """
 
-    def __init__(self, size: int, torque: Floats, jacobian: Floats, cascade: Integers) -> None: ...
+    def __init__(self, size: int, torque: Floats, jacobian: Floats, cascade: Integers, by_direction: bool = False) -> None: ...
     def set_plant(
         self,
         mobility: Floats,
@@ -331,7 +331,10 @@ class DirectedLoop:
         poles: Complexes,
         gain: float,
     ) -> None: ...
-    def set_boundary(self, grid: Floats, tilt: float, unstable_poles: int, settles: float) -> None: ...
+    def set_matrix(self, gain: Floats, velocity: bool, integral: bool, slow: float) -> None:
+        """One term of X from now on: gain (n, m) times the velocity, or the integrator, or both; slow [rad/s] as `slowest` of gains."""
+
+    def set_boundary(self, grid: Floats, leaning: Floats, tilt: float, lean: float, unstable_poles: int, settles: float) -> None: ...
     def lag_about(self, gains: Floats, omega: float) -> tuple[float, float]:
         """Lag [rad] of the locus nearest to −1 at its crossing of the unit circle about ω, and that ω; NaN if it is lost."""
 
@@ -372,11 +375,20 @@ class Look:
     def one_loop(self) -> Floats:
         """Margins (n, 4) of one joint at a time: |ln g| up and down of its gains, a phase [rad], the largest |S_ii|."""
 
+    def one_loop_crossings(self, which: int) -> Floats:
+        """(c, 1) every ln g at which one loop's return ratio is seen to pass −1, by size; not each puts a root on the boundary."""
+
     def common_factors(self) -> Floats:
         """Nearest factors (2, 2) on all gains, above and below 1, that lose a stable loop: |ln g| and ω, 0 at rest; inf: none."""
 
     def passing_factors(self) -> Floats:
         """Factors (c, 2) on all gains at which a locus passes −1, as far as they are followed: ln g and ω."""
+
+    def phases(self, locus: bool) -> Floats:
+        """(c, 3) every crossing of the unit circle by loci, or by the loops' return ratios: which, the phase from −1 [rad], ω."""
+
+    def sensitivities(self) -> Floats:
+        """(c, 3) of every sample and every peak between samples: which loop, |S_ii|, ω."""
 
     def common_phase(self) -> tuple[float, float]:
         """Common phase [rad], > 0 for a lag, and its ω; inf if there is none."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..analysis.loci import Sweep
+from ..analysis.stability_boundary import Boundary, first_grid
 from ..errors import at_frequency, listed
 from ..native import _core
 from ..studies.loop_numbers import margins_of
@@ -46,7 +46,7 @@ WIDEST = 6.0  # |Re L| beyond which nothing is drawn; crossings outside are labe
 TO_DRAW = 0.012  # longest step between samples, relative to the window
 TO_WRITE = 0.012  # points closer than this along a locus are not written into the page
 AROUND = math.log(3)  # |ln| of frequency over that at the limit: the part of the critical locus that is drawn bold
-MOST = 40_000  # eigenvalues in one sweep
+MOST, ROUNDS = 40_000, 10  # eigenvalues of one picture, and rounds of halving steps between them
 
 
 def robot_page(shown: RobotPresentation, command: str) -> str:
@@ -326,8 +326,7 @@ def loci(state: State, window: tuple[float, float]) -> Html:
     """Figure of the loci for ω > 0; the one that sets the limit is bold near it."""
     left, half = window
     right = left + 1.15 * (0.35 - left)
-    sweep = _fine(state, window)
-    curves, omega = _followed(sweep), sweep.omega
+    omega, curves = _sampled(state, window)
     critical = _critical(state, omega, curves)
     others: Complexes = np.concatenate([np.append(_drawn(curve, window)[1], np.nan) for curve in curves.T])
     traces = [style.line(others.real, others.imag, "#9a9a9a", width=1.3, name="other loci")]
@@ -349,24 +348,28 @@ def loci(state: State, window: tuple[float, float]) -> Html:
     return figure({"data": [*traces, *crossing], "layout": picture}, _title(state), _caption(state, critical), 370, style.NARROW)
 
 
-def _fine(state: State, window: tuple[float, float]) -> Sweep:
-    """Sweep of the state's loop with samples close enough to be joined by straight lines inside the window."""
-    sweep = Sweep(state.loop)
+def _sampled(state: State, window: tuple[float, float]) -> tuple[Floats, Complexes]:
+    """Frequencies (k,) [rad/s] and the loci there (k, r), close enough to be joined by straight lines inside the window."""
+    boundary = Boundary(state.loop)
+    omega = first_grid(state.loop, boundary.last)
+    loci = np.linalg.eigvals(boundary.core(omega))
     longest = -TO_DRAW * window[0]
-    for _ in range(8):
-        steps = sweep.steps()
-        near = np.minimum(np.abs(steps.start), np.abs(steps.end)) < -1.6 * window[0]
-        rough = np.any(near & (np.abs(steps.end - steps.start) > longest), axis=1) & (np.diff(sweep.omega) > 1e-6 * sweep.omega[1:])
-        if not rough.any() or sweep.loci.size > MOST:
+    for _ in range(ROUNDS):
+        curves = _followed(omega, loci)
+        start, end = curves[:-1], curves[1:]
+        near = np.minimum(np.abs(start), np.abs(end)) < -1.6 * window[0]
+        places = np.flatnonzero(np.any(near & (np.abs(end - start) > longest), axis=1) & (np.diff(omega) > 1e-6 * omega[1:]))
+        if not len(places) or loci.size > MOST:
             break
-        places = np.flatnonzero(rough)
-        sweep.add(0.5 * (sweep.omega[places] + sweep.omega[places + 1]))
-    return sweep
+        middle = 0.5 * (omega[places] + omega[places + 1])
+        loci = np.insert(loci, places + 1, np.linalg.eigvals(boundary.core(middle)), axis=0)
+        omega = np.insert(omega, places + 1, middle)
+    return omega, _followed(omega, loci)
 
 
-def _followed(sweep: Sweep) -> Complexes:
-    """Eigenvalues (k, r), each column one locus: the next value is the one closest to the extrapolation of the last two."""
-    omega, curves = sweep.omega, sweep.loci.copy()
+def _followed(omega: Floats, loci: Complexes) -> Complexes:
+    """Eigenvalues (k, r) at ω (k,), each column one locus: the next one is that closest to where the last two point."""
+    curves = loci.copy()
     for k in range(1, len(omega)):
         ahead = curves[k - 1]
         if k > 1:

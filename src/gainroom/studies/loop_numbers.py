@@ -8,7 +8,6 @@ import numpy as np
 from ..analysis.boundary import coupled_delay_margin
 from ..analysis.gain_limit import gain_limit
 from ..analysis.limbs import limbs_of
-from ..analysis.loci import Sweep
 from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import joint_margins, margins
 from ..analysis.proved_limit import proved_limit
@@ -92,7 +91,7 @@ def _verdict(loop: Loop, error: GainroomError) -> GainLimit:
     Raises `error` if the roots cannot be found, either.
     """
     try:
-        stable = not has_growing_root(loop) and (unstable_roots(loop) == 0 or Sweep(loop).unstable(1.0) == 0)
+        stable = not has_growing_root(loop) and unstable_roots(loop) == 0
     except (np.linalg.LinAlgError, ValueError):  # gains so absurd that the state matrix is not finite
         raise error from None
     return GainLimit.unknown(loop.size, stable)

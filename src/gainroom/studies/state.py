@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..analysis.boundary import direction_limits
 from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import joint_margins
 from ..analysis.multirate import delay_of_others, path_margins
-from ..analysis.partial_limits import part_limits
 from ..analysis.stability import is_stable
 from ..design.gain_cases import bounded_margins
 from ..design.starting_gains import IMMOBILE, joints_that_move
@@ -70,7 +70,7 @@ class TaskRow:
     moves        False if no joint can move it in this state: its gains have no effect, and both limits are NaN
     kp, kd       its own gains [1/s²], [1/s]; P/PI: [1/s], [1/s], with ki [1/s²]; ki None: PD
     gain_limit   factor on them, other directions open; NaN if its gains are 0, and if it is not known
-    limit_others_closed   factor on them, other directions closed; NaN if the stack is unstable
+    limit_others_closed   factor on them, other directions closed; NaN if the stack is unstable, or it is not confirmed
     """
 
     name: str
@@ -345,8 +345,9 @@ class State:
         parts = [loop.regained(system.filtered(share.controller())) for share in shares]
         alone, closed = np.full(count, math.nan), np.full(count, math.nan)
         alone[acting] = [limit_of(part).gain for part in parts]
-        if limit.stable and loop.kd_path is None:
-            closed[acting] = part_limits(loop, parts)
+        if limit.stable and acting and loop.kd_path is None:
+            gains = np.array([tasks.kp, tasks.kd, tasks.ki])[:, acting]
+            closed[acting] = direction_limits(loop, tasks.torque[:, acting], tasks.jacobian[acting], gains, tasks.cascade[acting])
         owners = [tasks.tasks[owner].name for owner in tasks.owners]
         rows = tuple(
             TaskRow(

@@ -78,10 +78,18 @@ static void set_law(DirectedLoop& loop, Vector velocity_above, Vector velocity_b
     loop.shaping = {{zeros.data(), zeros.data() + zeros.size()}, {poles.data(), poles.data() + poles.size()}, gain};
 }
 
-static void set_boundary(DirectedLoop& loop, Vector grid, double tilt, std::int64_t unstable_poles, double settles) {
+static void set_matrix(DirectedLoop& loop, Matrix gain, bool velocity, bool integral, double slow) {
+    require(has_shape(gain, loop.size(), loop.directions) && !loop.joints(), "a gain matrix (n, m) of directions is needed");
+    loop.matrices.push_back({velocity, integral, listed(gain)});
+    loop.slow = slow;
+}
+
+static void set_boundary(DirectedLoop& loop, Vector grid, Vector leaning, double tilt, double lean, std::int64_t unstable_poles, double settles) {
     require(grid.size() > 1, "two frequencies at least are needed");
     loop.grid = listed(grid);
+    loop.leaning = listed(leaning);
     loop.tilt = tilt;
+    loop.lean = lean;
     loop.unstable_poles = static_cast<int>(unstable_poles);
     loop.settles = settles;
 }
@@ -130,7 +138,17 @@ public:
             for (std::size_t i = 0; i < margins.size(); i++)
                 found.insert(found.end(), {margins[i].up, margins[i].down, margins[i].phase, peaks[i].margin});
         }
-        return owned(found.data(), loop_.size(), 4);
+        return owned(found.data(), loop_.loops(), 4);
+    }
+
+    nb::object one_loop_crossings(std::size_t which) {
+        require(which < loop_.loops(), "there is no such loop");
+        std::vector<double> found;
+        {
+            nb::gil_scoped_release release;
+            found = gainroom::LoopCurves(*samples_).one_loop_crossings(which);
+        }
+        return owned(found.data(), found.size(), 1);
     }
 
     // (2, 2): above 1 and below it, |ln g| and ω.
@@ -155,6 +173,31 @@ public:
         return owned(found.data(), found.size() / 2, 2);
     }
 
+    // (c, 3): which loop, or locus, phase and ω.
+    nb::object phases(bool locus) {
+        std::vector<double> found;
+        {
+            nb::gil_scoped_release release;
+            for (const gainroom::MovingMargin& one : gainroom::LoopCurves(*samples_).phases(locus))
+                found.insert(found.end(), {static_cast<double>(one.which), one.margin, one.omega});
+        }
+        return owned(found.data(), found.size() / 3, 3);
+    }
+
+    // (c, 3): which loop, |S_ii| and ω, at the samples and at the peaks between them.
+    nb::object sensitivities() {
+        std::vector<double> found;
+        {
+            nb::gil_scoped_release release;
+            for (const auto& sample : samples_->samples())
+                for (std::size_t i = 0; i < sample->sensitivity.size(); i++)
+                    found.insert(found.end(), {static_cast<double>(i), std::abs(sample->sensitivity[i]), sample->omega()});
+            for (const gainroom::MovingMargin& one : gainroom::SensitivityPeaks(*samples_).above(samples_->gains(), 0.0, 1.0, 0.0, false))
+                found.insert(found.end(), {static_cast<double>(one.which), one.margin, one.omega});
+        }
+        return owned(found.data(), found.size() / 3, 3);
+    }
+
     nb::tuple common_phase() {
         gainroom::MovingMargin found;
         {
@@ -171,7 +214,7 @@ public:
     }
 
     std::int64_t one_loop_count(std::size_t joint, double change, int gain) {
-        require(joint < loop_.size(), "there is no such joint");
+        require(joint < loop_.loops(), "there is no such loop");
         const gainroom::Gain which = gain_of(gain);
         nb::gil_scoped_release release;
         return samples_->one_loop_count(joint, change, which);
@@ -227,7 +270,7 @@ public:
 private:
     // 0: all; 1: kp; 2: kd.
     gainroom::Gain gain_of(int gain) const {
-        require(gain >= 0 && gain <= 2 && (gain == 0 || loop_.joints()), "one gain is of a joint: 1 for kp, 2 for kd");
+        require(gain >= 0 && gain <= 2 && (gain == 0 || loop_.own()), "one gain is of one loop: 1 for kp, 2 for kd");
         return static_cast<gainroom::Gain>(gain);
     }
 
@@ -343,7 +386,7 @@ void bind_look(nb::module_& m) {
     m.def("paired", &paired, nb::arg("before"), nb::arg("after"));
     nb::class_<DirectedLoop>(m, "DirectedLoop")
         .def("__init__",
-             [](DirectedLoop* self, std::size_t size, Matrix torque, Matrix jacobian, Integers cascade) {
+             [](DirectedLoop* self, std::size_t size, Matrix torque, Matrix jacobian, Integers cascade, bool by_direction) {
                  const std::size_t directions = cascade.size();
                  require(size > 0 && directions > 0, "a loop needs a joint and a direction");
                  require((torque.size() == 0 && jacobian.size() == 0 && directions == size) ||
@@ -354,9 +397,11 @@ void bind_look(nb::module_& m) {
                  self->directions = directions;
                  self->torque = listed(torque);
                  self->jacobian = listed(jacobian);
+                 self->by_direction = by_direction;
                  for (std::size_t k = 0; k < directions; k++) self->cascade.push_back(cascade.data()[k] != 0);
              },
-             nb::arg("size"), nb::arg("torque"), nb::arg("jacobian"), nb::arg("cascade"))
+             nb::arg("size"), nb::arg("torque"), nb::arg("jacobian"), nb::arg("cascade"),
+             nb::arg("by_direction") = false)
         .def("set_plant", &set_plant, nb::arg("mobility"), nb::arg("joints"), nb::arg("root"), nb::arg("gravity"), nb::arg("hung"),
              nb::arg("contacts"), nb::arg("drives"), nb::arg("motor_side"))
         .def("set_held", &set_held, nb::arg("a"), nb::arg("b"), nb::arg("c"), nb::arg("hessenberg"), nb::arg("turned_b"), nb::arg("turned_c"),
@@ -364,7 +409,8 @@ void bind_look(nb::module_& m) {
         .def("set_modes", &set_modes, nb::arg("modes"))
         .def("set_law", &set_law, nb::arg("velocity_above"), nb::arg("velocity_below"), nb::arg("integral_above"), nb::arg("integral_below"),
              nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"))
-        .def("set_boundary", &set_boundary, nb::arg("grid"), nb::arg("tilt"), nb::arg("unstable_poles"), nb::arg("settles"))
+        .def("set_matrix", &set_matrix, nb::arg("gain"), nb::arg("velocity"), nb::arg("integral"), nb::arg("slow"))
+        .def("set_boundary", &set_boundary, nb::arg("grid"), nb::arg("leaning"), nb::arg("tilt"), nb::arg("lean"), nb::arg("unstable_poles"), nb::arg("settles"))
         .def("response", &response, nb::arg("omega"))
         .def("lag_about", &lag_about, nb::arg("gains"), nb::arg("omega"));
     nb::class_<Look>(m, "Look")
@@ -378,8 +424,11 @@ void bind_look(nb::module_& m) {
         .def("least", &Look::least, nb::arg("apart") = true)
         .def("peak", &Look::peak, nb::arg("slope"), nb::arg("offset"))
         .def("one_loop", &Look::one_loop)
+        .def("one_loop_crossings", &Look::one_loop_crossings, nb::arg("which"))
         .def("common_factors", &Look::common_factors)
         .def("passing_factors", &Look::passing_factors)
+        .def("phases", &Look::phases, nb::arg("locus"))
+        .def("sensitivities", &Look::sensitivities)
         .def("common_phase", &Look::common_phase)
         .def("crossed", &Look::crossed, nb::arg("lag"))
         .def("one_loop_count", &Look::one_loop_count, nb::arg("joint"), nb::arg("change"), nb::arg("gain"))

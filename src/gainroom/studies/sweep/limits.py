@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...analysis.first_crossing import SEARCH
 from ...analysis.gain_limit import gain_limit
+from ...analysis.margin_record import NUDGE
 from ...analysis.modal_loop import ModalLoop
 from ...analysis.proved_limit import posture_limits
 from ...errors import GainroomError
@@ -35,8 +35,8 @@ class Limits(NamedTuple):
     """Limits in k postures; a factor multiplies all gains.
 
     gain        the loop is stable for every factor from `lower` up to it; inf: no limit; NaN: not known. Certified: end of the proof,
-                SEARCH.nudge below the crossing that was found, so that no other crossing as near can lie below it
-    lower       0, or the factor below which the loop is unstable; certified: SEARCH.nudge above its crossing
+                NUDGE below the crossing that was found, so that no other crossing as near can lie below it
+    lower       0, or the factor below which the loop is unstable; certified: NUDGE above its crossing
     frequency   of the vibration just above `gain` [rad/s]; NaN if there is none
     joint       index of the joint that moves most in that vibration; −1 if there is none
     certified   True: `gain` is proved, or roots have been counted on both sides of it
@@ -85,8 +85,8 @@ class StateLimits:
             left = np.setdiff1d(left, done)
         for row in left.tolist():
             self._ask(postures[row], row, found)
-        found.gain[found.certified] *= 1 - SEARCH.nudge
-        found.lower[found.certified] *= 1 + SEARCH.nudge
+        found.gain[found.certified] *= 1 - NUDGE
+        found.lower[found.certified] *= 1 + NUDGE
         return found
 
     @property

@@ -5,10 +5,6 @@ import numpy as np
 from ...native import _core
 from .arrays import Booleans, Complexes, Floats, Integers, distinct
 
-OFF = 1e-8
-"""Absolute error allowed for eigenvalues of about 1; eigenvalues of 1e-3, which a factor of 1000 brings to −1, are then off by 1e-5 at
-most."""
-
 
 def parts_of(coupled: Booleans) -> list[Integers]:
     """Uncoupled groups of rows of a square pattern (n, n): one array (g, s) for each group size s, rows rising."""
@@ -23,13 +19,6 @@ def parts_of(coupled: Booleans) -> list[Integers]:
 def blocks(matrices: Floats | Complexes, parts: Integers) -> Floats | Complexes:
     """Diagonal blocks (..., g, s, s) of matrices (..., n, n), for groups of rows `parts` (g, s)."""
     return matrices[..., parts[:, :, None], parts[:, None, :]]
-
-
-def eigenvalues(matrices: Complexes) -> Complexes:
-    """Eigenvalues (k, n) of matrices (k, n, n), block by block, off by about OFF or round-off of the largest, whichever is more."""
-    count = len(matrices)
-    found = [_eigenvalues(_stacked(matrices, parts)).reshape(count, parts.size) for parts in _parts(matrices)]
-    return np.concatenate([np.zeros((count, 0), dtype=complex), *found], axis=1)
 
 
 def inverses(matrices: Complexes) -> Complexes:
@@ -58,14 +47,6 @@ def _stacked(matrices: Complexes, parts: Integers) -> Complexes:
     """Blocks of all matrices, stacked (k g, s, s)."""
     size = parts.shape[1]
     return np.ascontiguousarray(blocks(matrices, parts), dtype=complex).reshape(-1, size, size)
-
-
-def _eigenvalues(stack: Complexes) -> Complexes:
-    """Eigenvalues by the core; by numpy, which balances badly scaled matrices, where the core's may be off by more than OFF."""
-    found = _core.symmetric_eigenvalues(stack, OFF)
-    left = np.isnan(found[:, 0])
-    found[left] = np.linalg.eigvals(stack[left])
-    return found
 
 
 def _inverses(stack: Complexes) -> Complexes:

@@ -38,7 +38,7 @@ public:
         for (std::size_t i = 0; i < m_; i++)
             for (std::size_t j = 0; j < m_; j++) matrix_.set(i, j, times(point_.seen[i * m_ + j], law_[j]) + (i == j ? 1.0 : 0.0));
         if (!factorise(matrix_, exchanged_)) return false;
-        const std::vector<Complex>& reached = loop_.joints() ? point_.seen : point_.reached;
+        const std::vector<Complex>& reached = loop_.own() ? point_.seen : point_.reached;
         row_.resize(m_);  // of P X Δ V
         for (std::size_t l = 0; l < m_; l++) row_[l] = times(reached[which_ * m_ + l], law_[l]);
         solve_transposed(matrix_, exchanged_, row_.data());
@@ -79,7 +79,7 @@ public:
     // Changes of S_ii as evaluated last, into growth_.
     void grow_sensitivity() {
         growth_.resize(2 * m_);
-        const std::vector<Complex>& reached = loop_.joints() ? point_.seen : point_.reached;
+        const std::vector<Complex>& reached = loop_.own() ? point_.seen : point_.reached;
         column_.resize(m_);  // of V E
         for (std::size_t k = 0; k < m_; k++) column_[k] = jacobian(k, which_);
         solve_factorised(matrix_, exchanged_, column_.data());
@@ -97,7 +97,7 @@ public:
 
 private:
     double jacobian(std::size_t direction, std::size_t joint) const {
-        return loop_.joints() ? (direction == joint ? 1.0 : 0.0) : loop_.jacobian[direction * n_ + joint];
+        return loop_.own() ? (direction == joint ? 1.0 : 0.0) : loop_.jacobian[direction * n_ + joint];
     }
 
     // The eigenvalue of Q with its vectors x (right) and y (left), by Rayleigh quotients (Ostrowski 1959).

@@ -1,6 +1,8 @@
-// Coupled loops whose gains act along directions (joints, or those of tasks): L = P C e^{−sT} X Δ E, Δ = diag(d_j(s)) made of the gains.
+// Coupled loops whose gains act along directions (joints, or those of tasks): L = P C e^{−sT} X Δ E, Δ = diag(d_j(s)) made of the gains. Gain
+// matrices that share no directions are part of X(s) = Σ V^a I^b K_ab Eᵀ; the gains of the directions, which are all 1, then only scale them.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -33,6 +35,12 @@ struct DirectedGains {
     std::vector<double> kp, kd, ki;
 };
 
+// Of X: K (n, m) times the velocity, or the integrator, or both.
+struct GainTerm {
+    bool velocity, integral;
+    std::vector<double> gain;
+};
+
 // What changes of a joint's gains: all by a factor, or one of a PD or PID.
 enum class Gain { all, kp, kd };
 
@@ -48,20 +56,28 @@ public:
     Actuated actuated;
     std::size_t directions = 0;          // m
     std::vector<double> torque, jacobian;  // X (n, m), E (m, n); both empty where directions are joints
+    bool by_direction = false;             // one loop at a time is a direction's, not a joint's
+    std::vector<GainTerm> matrices;        // of X; empty where it is `torque`
+    double slow = std::numeric_limits<double>::infinity();  // with `matrices`: a tenth of where one gain takes over from another
     std::vector<char> cascade;           // (m) 1 where a direction is P/PI
     Polynomials velocity, integrator;
     Factors shaping;
-    double tilt = 0.0, last = std::numeric_limits<double>::infinity();  // s = ω (tilt + j); half the sample rate
+    double last = std::numeric_limits<double>::infinity();  // half the sample rate
+    std::vector<double> leaning;  // ω beside which s = ω (j + tilt · share) leans to the right, as analysis/stability_boundary.py
+    double tilt = 0.0, lean = 0.0;
     int unstable_poles = 0;
     std::vector<double> grid;  // the first samples
     double settles = 0.0;      // gravity: where its loops are at rest, as a part of the lowest ω; 0: there is none
 
     std::size_t size() const { return actuated.size; }
     bool joints() const { return torque.empty(); }
+    // S is that of E P X Δ itself: (I + E P X Δ)⁻¹ (m, m), else that of P X Δ E (n, n).
+    bool own() const { return by_direction || joints(); }
+    std::size_t loops() const { return own() ? directions : size(); }
 
     // False where the response has no finite value.
     bool point(double omega, LoopPoint& found) {
-        const Complex s(tilt * omega, omega), v = variable(s, actuated.step);
+        const Complex s(leans(omega) * omega, omega), v = variable(s, actuated.step);
         const std::size_t n = size(), m = directions;
         found.omega = omega;
         found.velocity = velocity.at(v);
@@ -74,9 +90,11 @@ public:
             response_.resize(n * n);
             if (!actuated.at(s, work_, response_.data())) return false;
             found.reached.assign(n * m, 0.0);
+            if (!matrices.empty()) become_matrices(found);
             for (std::size_t i = 0; i < n; i++)
                 for (std::size_t k = 0; k < n; k++)
-                    for (std::size_t j = 0; j < m; j++) found.reached[i * m + j] += response_[i * n + k] * torque[k * m + j];
+                    for (std::size_t j = 0; j < m; j++)
+                        found.reached[i * m + j] += matrices.empty() ? response_[i * n + k] * torque[k * m + j] : times(response_[i * n + k], acting_[k * m + j]);
             found.seen.assign(m * m, 0.0);
             for (std::size_t i = 0; i < m; i++)
                 for (std::size_t k = 0; k < n; k++)
@@ -135,6 +153,7 @@ public:
 
     // A tenth of the lowest frequency at which one gain takes over from another; infinite where there is but one.
     double slowest(const DirectedGains& gains) const {
+        if (!matrices.empty()) return slow;
         double least = std::numeric_limits<double>::infinity();
         for (std::size_t j = 0; j < directions; j++) {
             const double kp = gains.kp[j], kd = gains.kd[j], ki = gains.ki[j];
@@ -148,9 +167,26 @@ public:
     }
 
 private:
+    double leans(double omega) const {
+        double share = 0.0;
+        for (const double center : leaning) share = std::max(share, 1 - std::fabs(omega / center - 1) / lean);
+        return tilt * share;
+    }
+
+    // X at a point, with all that the gains' law has: of what is left the gains are numbers.
+    void become_matrices(LoopPoint& point) {
+        acting_.assign(size() * directions, 0.0);
+        for (const GainTerm& term : matrices) {
+            const Complex law = times(point.shaping, times(term.velocity ? point.velocity : 1.0, term.integral ? point.integral : 1.0));
+            for (std::size_t k = 0; k < acting_.size(); k++) acting_[k] += law * term.gain[k];
+        }
+        point.shaping = 1.0;
+        point.velocity = point.integral = 0.0;
+    }
+
     static constexpr std::size_t kEntries = 1500000;  // complex numbers that are held: of a humanoid's joints two looks
     Actuated::Workspace work_;
-    std::vector<Complex> response_;
+    std::vector<Complex> response_, acting_;
     std::unordered_map<double, std::shared_ptr<const LoopPoint>> points_;
 };
 

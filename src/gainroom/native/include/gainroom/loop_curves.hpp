@@ -38,7 +38,7 @@ struct OneLoopMargins {
 
 class LoopCurves {
 public:
-    explicit LoopCurves(LoopSamples& samples) : samples_(samples), loop_(samples.loop()), n_(loop_.size()), m_(loop_.directions), at_(loop_) {}
+    explicit LoopCurves(LoopSamples& samples) : samples_(samples), loop_(samples.loop()), n_(loop_.loops()), m_(loop_.directions), at_(loop_) {}
 
     std::vector<CurveStep> meets(bool locus, bool axis) const {
         std::vector<CurveStep> found;
@@ -181,7 +181,7 @@ public:
         return found;
     }
 
-    // Of each joint (n): the nearest crossings of its return ratio on either side of −1, where the boundary ends too, and of the unit circle.
+    // Of each loop (n): the nearest crossings of its return ratio on either side of −1, where the boundary ends too, and of the unit circle.
     std::vector<OneLoopMargins> one_loop() {
         std::vector<OneLoopMargins> found(n_);
         const std::vector<CurveStep> axis = meets(false, true), circle = meets(false, false);
@@ -197,6 +197,20 @@ public:
             double& least = one.margin < 0 ? found[one.which].up : found[one.which].down;
             least = std::min(least, std::fabs(one.margin));
         }
+        return found;
+    }
+
+    // Of one loop, every ln g, by size, at which its return ratio is seen to pass −1, where the boundary ends too: more than are roots on the boundary.
+    std::vector<double> one_loop_crossings(std::size_t which) {
+        std::vector<double> found;
+        for (const CurveStep& step : meets(false, true)) {
+            if (step.which != which) continue;
+            const MovingMargin one = halved(step);
+            if (one.found) found.push_back(-one.margin);
+        }
+        for (const MovingMargin& one : ends(false, samples_.gains(), std::numeric_limits<double>::infinity(), false))
+            if (one.which == which) found.push_back(-one.margin);
+        std::sort(found.begin(), found.end(), [](double a, double b) { return std::fabs(a) < std::fabs(b); });
         return found;
     }
 
@@ -219,6 +233,21 @@ public:
         return {up, down};
     }
 
+    // Every crossing of the unit circle, as the phase from −1: by loci, or by each loop's return ratio; as it is interpolated where polishing leaves it.
+    std::vector<MovingMargin> phases(bool locus) {
+        std::vector<MovingMargin> found;
+        for (const CurveStep& step : meets(locus, false)) {
+            MovingMargin one = polished(step, false, samples_.gains(), kExact, kRounds, false);
+            if (!one.found || one.omega < step.low || one.omega > step.high) {
+                one.margin = margin_of(step.value, false);
+                one.omega = step.place;
+            }
+            one.which = step.which;
+            found.push_back(std::move(one));
+        }
+        return found;
+    }
+
     // Of any loop: ln of factors on all gains at which a locus passes −1 within what is followed, and ω.
     std::vector<MovingMargin> passing_factors() {
         std::vector<MovingMargin> found;
@@ -231,13 +260,24 @@ public:
         return found;
     }
 
-    // Of each joint (n) by how much one gain may grow, the others as they are; inf: by any; NaN where it is not known: its value at rest is negative.
+    // Of each loop (n) by how much one gain may grow, the others as they are; inf: by any; NaN where its curve is lost.
     std::vector<double> growths(Gain gain) {
         std::vector<double> found(n_, std::numeric_limits<double>::infinity());
         const auto is_negative = [](Complex value) { return value.real() < 0 && std::fabs(value.imag()) < kReal * size_of_any(value); };
         for (std::size_t i = 0; i < n_; i++) {
-            const std::vector<CurvePlace>& curve = samples_.closed_curve(i, gain);
-            if (curve.empty() || !std::isfinite(curve.front().value.real()) || is_negative(curve.front().value)) {
+            std::vector<CurvePlace> curve = samples_.closed_curve(i, gain);
+            const double lowest = curve.empty() ? 0.0 : curve.front().omega;
+            while (!curve.empty() && is_negative(curve.front().value) && curve.front().omega > kDeepest * lowest) {
+                const auto lower = samples_.inverted(0.25 * curve.front().omega);
+                const CurvePlace before = curve.front();
+                if (lower == nullptr) curve.clear();
+                else curve.insert(curve.begin(), {lower->omega(), lower->closed(i, gain)});
+                if (!curve.empty() && is_negative(curve.front().value) && size_of_any(curve.front().value - before.value) < kSettled * size_of_any(before.value)) {
+                    found[i] = -1 / curve.front().value.real();  // a single root passes at rest
+                    break;
+                }
+            }
+            if (curve.empty() || !std::isfinite(curve.front().value.real())) {
                 found[i] = std::numeric_limits<double>::quiet_NaN();
                 continue;
             }
@@ -334,7 +374,11 @@ private:
             MovingMargin one = polished(step, axis, samples_.gains(), kExact, kRounds, false);
             // One loop's curve was seen on both sides; a locus may have been left for another.
             const bool between = one.omega >= step.low && one.omega <= step.high;
-            if (one.found && (between || std::fabs(one.margin - margin_of(step.value, axis)) < 0.4)) {
+            if (!between && axis && !step.locus) {
+                one = halved(step);
+                if (!one.found) continue;
+            }
+            if (one.found && (between || !step.locus || std::fabs(one.margin - margin_of(step.value, axis)) < 0.4)) {
                 if (!(std::fabs(one.margin) > known)) first = one;
             } else {
                 one.margin = margin_of(step.value, axis);
@@ -354,6 +398,27 @@ private:
             MovingMargin twin = polished(starting(first, value), axis, samples_.gains(), kExact, kRounds, false);
             if (twin.found && !(found.found && std::fabs(twin.margin) >= std::fabs(found.margin))) found = std::move(twin);
         }
+        return found;
+    }
+
+    // The crossing of the negative real axis by one loop's return ratio in `step`, by halving; not found where it passes the
+    // positive one there.
+    MovingMargin halved(const CurveStep& step) {
+        MovingMargin found;
+        Complex value, low = step.start;
+        double below = step.low, above = step.high;
+        at_.begin(false, step.which);
+        for (int round = 0; round < 2 * kHalvings && above - below > 1e-15 * above; round++) {
+            const double place = 0.5 * (below + above);
+            if (!at_.evaluate(place, samples_.gains(), 0.0, value)) return found;
+            if (std::fabs(value.imag()) <= kExact * size_of_any(value)) break;
+            ((value.imag() > 0) == (low.imag() > 0) ? below : above) = place;
+        }
+        found.found = value.real() < 0 && std::fabs(value.imag()) < kOffCourse * size_of_any(value);
+        found.value = value;
+        found.omega = 0.5 * (below + above);
+        found.margin = found.found ? std::log(-value.real()) : std::numeric_limits<double>::infinity();
+        found.which = step.which;
         return found;
     }
 

@@ -207,7 +207,7 @@ public:
         };
         const bool symmetric = solver_.find_symmetric(*found);
         if (symmetric) describe();
-        if (symmetric && found->near && loop_.joints() && solver_.close_symmetric(*found)) return found;
+        if (symmetric && found->near && loop_.own() && solver_.close_symmetric(*found)) return found;
         if (!close(*found)) return nullptr;
         if (symmetric) return found;
         if (!solver_.find_other(*found)) {

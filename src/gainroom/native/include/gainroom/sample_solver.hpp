@@ -40,9 +40,9 @@ public:
         sample.log_determinant = determinant.value();
         sample.inverse.resize(m_ * m_);
         for (std::size_t k = 0; k < m_ * m_; k++) sample.inverse[k] = Complex(dense_.re[k], dense_.im[k]);
-        sample.sensitivity.resize(loop_.size());
-        for (std::size_t i = 0; i < loop_.size(); i++)
-            sample.sensitivity[i] = loop_.joints() ? sample.inverse[i * m_ + i] : own_sensitivity(sample, i);
+        sample.sensitivity.resize(loop_.loops());
+        for (std::size_t i = 0; i < loop_.loops(); i++)
+            sample.sensitivity[i] = loop_.own() ? sample.inverse[i * m_ + i] : own_sensitivity(sample, i);
         sample.find_ratios();
         return true;
     }
@@ -53,7 +53,7 @@ public:
         return by_symmetry(*sample.point, sample.law.data(), sample.loci.values.data());
     }
 
-    // S_ii and ln det of joints' loops of which find_symmetric has just found loci, without the inverse; false where that loses digits.
+    // S_ii and ln det of loops of which find_symmetric has just found loci, without the inverse; false where that loses digits.
     bool close_symmetric(LoopSample& sample) {
         factor_.factor([&](std::size_t i, std::size_t j) { return times(dense_.at(i, j), symmetric_.unit(i, j)) + (i == j ? 1.0 : 0.0); });
         if (!(factor_.largest() < kGrown)) return false;

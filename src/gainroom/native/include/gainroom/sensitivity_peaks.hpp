@@ -25,7 +25,7 @@ struct MovingMargin {
 
 class SensitivityPeaks {
 public:
-    explicit SensitivityPeaks(LoopSamples& samples) : samples_(samples), loop_(samples.loop()), n_(loop_.size()), m_(loop_.directions), at_(loop_) {}
+    explicit SensitivityPeaks(LoopSamples& samples) : samples_(samples), loop_(samples.loop()), n_(loop_.loops()), m_(loop_.directions), at_(loop_) {}
 
     // Peaks of |slope S_ii + offset| above `least`: height, place and growth of its logarithm; or the first that is higher than `until` alone.
     std::vector<MovingMargin> above(const DirectedGains& gains, double least, double slope, double offset, bool moves, double until = kNever) {

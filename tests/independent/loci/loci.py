@@ -7,8 +7,7 @@ unstable roots (Nyquist, MacFarlane and Postlethwaite 1977). L is sampled once, 
 Between neighbouring samples an eigenvalue turns by a part of its angle to the negative real axis, or moves by a small part of itself. That
 is a check, not a proof as for one joint (crossings.py); what is reported is polished, and counted on both sides.
 
-A limit alone needs few samples: loci too small to matter are excluded by a norm, and where a passive mechanism under PD keeps them off the
-negative real axis by itself (`passive`) there is nothing to follow.
+A limit alone needs few samples: loci too small to matter are excluded by a norm.
 """
 
 import math
@@ -18,14 +17,14 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import GainroomError
-from ..native import _core
-from ..system.linear.apart import eigenvalues
-from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
-from ..system.loop import Loop
-from .passive_intervals import passive_intervals
+from gainroom.analysis.stability_boundary import first_grid, in_blocks, longest_delay
+from gainroom.errors import GainroomError
+from gainroom.native import _core
+from gainroom.system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
+from gainroom.system.loop import Loop
+
+from .resolution import LOCI, Boundary
 from .sampled_curves import TURNS, may_pass_unseen, side, with_ends
-from .stability_boundary import LOCI, Boundary, in_blocks
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Sweep:
     """Samples of the loci of a loop, refined on demand. `omega` (k,) [rad/s] rising, `loci` (k, r), r <= n of them.
 
     highest    of the requested factors: eigenvalues smaller than 1/highest are not followed
-    for_limit  what a limit needs and no more: those smaller ones are set to 0, and nothing is sampled where the loop is passive
+    for_limit  what a limit needs and no more: those smaller ones are set to 0
     """
 
     def __init__(self, loop: Loop, highest: float = LOCI.highest, for_limit: bool = False) -> None:
@@ -51,10 +50,9 @@ class Sweep:
         self.boundary = Boundary(loop)
         self.last, self.undamped = self.boundary.last, self.boundary.undamped
         grid = first_grid(loop, self.last)
-        self._longest = _longest_delay(loop)
+        self._longest = longest_delay(loop)
         self.first = float(grid[0])  # lower than all corner frequencies of the loci
-        self._passive = passive_intervals(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
-        self.omega = distinct(np.append(_without_inside(grid, self._passive), LOCI.beside * grid[:1]))
+        self.omega = distinct(np.append(grid, LOCI.beside * grid[:1]))
         self.largest = 0.0
         self._lowest = (math.nan, np.zeros(0))
         self._bottom = False  # True where round-off hides what is further down
@@ -115,22 +113,11 @@ class Sweep:
         """The measured positions (n,) of the locus that settles at `value`, the largest part 1."""
         return self.boundary.mode(1e-6 * float(self.omega[0]), value)
 
-    @property
-    def passive(self) -> Booleans:
-        """(k − 1,) True where no locus can meet the negative real axis between two samples."""
-        return self._is_passive(np.arange(len(self._pairs)))
-
-    def _is_passive(self, rows: Integers) -> Booleans:
-        if not len(self._passive):
-            return np.zeros(len(rows), dtype=bool)
-        span = np.searchsorted(self._passive[:, 0], self.omega[rows], side="right") - 1
-        return (span >= 0) & (self.omega[rows + 1] <= self._passive[span, 1])
-
     def _refine(self, rough: Callable[[Integers], Booleans]) -> None:
         """Halve intervals that are `rough`, which tells of those that begin at some samples, until none is; what was not rough stays so."""
         rows = np.arange(len(self._pairs))
         for _ in range(60):
-            rows = rows[rough(rows) & ~self._is_passive(rows)]
+            rows = rows[rough(rows)]
             rows = rows[self.omega[rows + 1] - self.omega[rows] > LOCI.closest * self.omega[rows + 1]]
             if not len(rows) or self.full:
                 break
@@ -146,7 +133,7 @@ class Sweep:
             size = np.maximum(np.abs(steps.start), np.abs(steps.end))
             room = np.minimum(np.abs(off(steps.start)), np.abs(off(steps.end)))
             seen = (room < TURNS) & (size * self.highest > 1) & (size < LOCI.large)  # larger ones no factor that is searched brings to −1
-            seen &= (room * size > LOCI.noise * np.maximum(size.max(axis=1, keepdims=True), 1.0)) & ~self.passive[:, None]
+            seen &= room * size > LOCI.noise * np.maximum(size.max(axis=1, keepdims=True), 1.0)
             rows, columns = np.nonzero(seen)
             came, goes = np.zeros((2, *self.loci.shape), dtype=int)  # which locus each is a sample before, and after
             came[np.arange(1, len(came))[:, None], pairs] = np.arange(pairs.shape[1])
@@ -180,9 +167,7 @@ class Sweep:
         self._refine(doubtful)
         factor, steps = _factor(self.omega, gain, phase, delay), self.steps()
         before, after = 1 + steps.start * factor[:-1, None], 1 + steps.end * factor[1:, None]
-        # 1 + gλ stays off the negative real axis where λ does: its angles there may be subtracted.
-        passive = self.passive[:, None]
-        turned = float(np.sum(np.where(passive, passive_angle(after) - passive_angle(before), np.angle(after * before.conj()))))
+        turned = float(np.sum(np.angle(after * before.conj())))
         # From ω = 0+ to the first sample: integrators point along their own value there, times e^{−j phase}/jᵏ; what settles is real.
         orders = np.maximum(np.round(self._falls()), 0.0)
         own = self.loci[0] * 1j**orders
@@ -254,10 +239,10 @@ class Sweep:
             )
         self.largest = max(self.largest, float(bound.max()))
         if not self._for_limit:
-            return eigenvalues(matrices)
+            return np.linalg.eigvals(matrices)
         values = np.zeros(matrices.shape[:2], dtype=complex)
         matters = bound * self.highest >= 0.5  # of the others none comes near −1/highest
-        values[matters] = eigenvalues(matrices[matters])
+        values[matters] = np.linalg.eigvals(matrices[matters])
         return values
 
     def _reach_ends(self) -> None:
@@ -297,15 +282,6 @@ def _factor(omega: Floats, gain: float, phase: float, delay: float) -> Complexes
     return gain * np.exp(-1j * (phase + omega * delay))
 
 
-def _without_inside(omega: Floats, spans: Floats) -> Floats:
-    """`omega` without what lies inside the spans, their ends in its place; the lowest stays."""
-    span = np.searchsorted(spans[:, 0], omega, side="right") - 1
-    inside = (span >= 0) & (omega < np.append(spans[:, 1], 0.0)[span])
-    inside[0] = False
-    ends = spans[(spans > omega[0]) & (spans < omega[-1])]
-    return distinct(np.concatenate([omega[~inside], ends]))
-
-
 def _size(value: Complexes) -> Floats:
     """ln|λ|."""
     return np.log(np.maximum(np.abs(value), LOCI.nothing))
@@ -321,41 +297,3 @@ def passes(start: Complexes, end: Complexes) -> Booleans:
 
 def _middle(low: Floats, high: Floats) -> Floats:
     return np.where(high > 4 * low, np.sqrt(low * high), 0.5 * (low + high))
-
-
-def _longest_delay(loop: Loop) -> float:
-    """[s], with the hold of a sampled loop: below its inverse a delay turns no locus by more than 1 rad. 0 where it is not known."""
-    if loop.delays is not None:
-        return float(loop.delays.max(initial=0.0))
-    return 0.0 if loop.parts is None else max(drive.delay for drive in loop.parts.drives) + (loop.sample_time or 0.0)
-
-
-def first_grid(loop: Loop, last: float | None) -> Floats:
-    """Every order of magnitude, every resonance on its own scale, and several samples per turn of the delay."""
-    corners = loop.corner_frequencies
-    longest = _longest_delay(loop)
-    sizes = np.abs(corners.every)
-    sizes = np.append(sizes[sizes > 0], 1 / longest if longest else [])
-    low, high = (0.1 * sizes.min(), 3 * sizes.max()) if len(sizes) else (0.1, 10.0)
-    high = high if last is None else last
-    low = min(low, 1e-2 * high)
-    grid = [np.geomspace(low, high, max(8, round(LOCI.per_decade * math.log10(high / low))))]
-    for roots, around in ((corners.poles, LOCI.around), (corners.zeros, np.zeros(1))):
-        center = roots.imag[roots.imag > 0]
-        width = np.maximum(np.abs(roots.real[roots.imag > 0]), 1e-6 * center)
-        if last is not None:  # resonances above half the sample rate are aliased below it
-            center = np.abs((center + last) % (2 * last) - last)
-        grid.append((center[:, None] + width[:, None] * around).ravel())
-    omega = distinct(np.concatenate(grid))
-    omega = omega[(omega >= low) & (omega <= high)]
-    return omega[np.append(True, np.diff(omega) > 1e-7 * omega[1:])]
-
-
-def passive_angle(value: Complexes) -> Floats:
-    """Of 1 + gλ in a passive interval, [rad] within ±π or, by round-off alone, just below −π.
-
-    arg λ is at most 90° + max ψ there, and ψ = arg D − 90° less what lags is not positive (passive_intervals.py). As ω → 0 λ comes near the
-    negative real axis from below, and round-off may put it above.
-    """
-    angle = np.angle(value)
-    return np.where(angle > 0.75 * math.pi, angle - 2 * math.pi, angle)

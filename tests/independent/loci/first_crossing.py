@@ -12,17 +12,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..system.linear.arrays import Booleans, Complexes, Floats, distinct
+from gainroom.analysis.boundary import exact_delay
+from gainroom.analysis.margin_record import NUDGE, Certificate, End
+from gainroom.system.linear.arrays import Booleans, Complexes, Floats, distinct
+
 from .loci import Steps, Sweep
+from .resolution import Boundary
 from .sampled_curves import height, meets_axis, meets_circle, side
-from .stability_boundary import Boundary
 
 
 @dataclass(frozen=True)
 class Search:
     """How the first root that crosses the boundary is looked for."""
 
-    nudge: float = 1e-6  # the certificate counts roots at limit·(1 ± nudge)
     # Relative distances from a crossing at which samples show on which side of it ±nudge lies: no step is longer than twice its distance.
     towards: Floats = field(default_factory=lambda: np.concatenate([sign * np.geomspace(0.2e-6, 0.03, 14) for sign in (-1, 1)]))
     # where a crossing was not where its neighbours promised
@@ -50,39 +52,12 @@ class Search:
 SEARCH = Search()
 
 
-@dataclass(frozen=True)
-class Certificate:
-    """Unstable closed-loop roots just inside and just outside a limit; `holds` when none inside and some outside.
-
-    They are counted. Of a limit that is proved (proved_limit.py) those outside are those of the crossings found: at least as many.
-    """
-
-    inside: int
-    outside: int
-    nudge: float = SEARCH.nudge
-
-    @property
-    def holds(self) -> bool:
-        """True when the limit has been confirmed from both sides."""
-        return self.inside == 0 and self.outside != 0
-
-
 class Rough(NamedTuple):
     """A crossing: the number `at` which it happens, ω [rad/s] and the eigenvalue λ of L(jω) there; interpolated, or exact."""
 
     at: float
     omega: float
     value: complex
-
-
-@dataclass(frozen=True)
-class End:
-    """Where stability ends: at `at`, by a root at jω, ω = `omega`; `mode` (n,) complex, the largest part 1."""
-
-    at: float
-    omega: float
-    mode: Complexes
-    certificate: Certificate
 
 
 @dataclass(frozen=True)
@@ -127,9 +102,9 @@ class Family:
                 if certificate.holds:
                     return self._ended(first, certificate)
                 if certificate.inside != 0:
-                    found = self._between(start, first.at * (1 - way * SEARCH.nudge))
+                    found = self._between(start, first.at * (1 - way * NUDGE))
                     return found if found.certificate.holds else self._ended(first, certificate)
-                passed = way * max(way * first.at * (1 + way * SEARCH.nudge), way * passed)  # no root crosses there
+                passed = way * max(way * first.at * (1 + way * NUDGE), way * passed)  # no root crosses there
             elif looked < SEARCH.looks:
                 self.closer(nearest.omega * (1 + SEARCH.around))
                 looked += 1
@@ -143,7 +118,7 @@ class Family:
 
     def _certified(self, found: Rough, way: float) -> Certificate:
         self.closer(found.omega * (1 + SEARCH.towards))
-        inside, outside = (self.count(found.at * (1 + way * side * SEARCH.nudge)) for side in (-1, 1))
+        inside, outside = (self.count(found.at * (1 + way * side * NUDGE)) for side in (-1, 1))
         return Certificate(inside, outside)
 
     def _ended(self, found: Rough, certificate: Certificate) -> End:
@@ -160,7 +135,7 @@ class Family:
                 break
             unstable = inside
         for _ in range(SEARCH.halvings):
-            if abs(unstable - stable) <= max(SEARCH.nudge * abs(unstable), least):
+            if abs(unstable - stable) <= max(NUDGE * abs(unstable), least):
                 break
             low, high = sorted((stable, unstable))
             if high - low < SEARCH.polished * abs(unstable):
@@ -259,25 +234,6 @@ def delays(sweep: Sweep) -> Family:
     )
 
 
-def exact_delay(lag: Callable[[float, float], tuple[float, float]], delay: float, omega: float) -> tuple[float, float] | None:
-    """The delay [s] more of a sampled loop, about `delay`, at which a locus passes −1 about `omega` [rad/s], and where; None: it is lost.
-
-    lag   (delay, ω) → the lag [rad] at which the locus about ω passes −1 with that delay, and its ω; NaN where it is lost
-
-    A share of a tick is nearly, not quite, a phase; beside a resonance far from it: secants.
-    """
-    before = None
-    for _ in range(SEARCH.tries):
-        left, omega = lag(delay, omega)
-        if abs(left) <= SEARCH.exact_lag:
-            return delay + left / omega, omega
-        slope = -omega if before is None or before[0] == delay else (left - before[1]) / (delay - before[0])
-        before, delay = (delay, left), delay - left / slope if slope else math.nan
-        if not delay >= 0:  # NaN where the locus is lost
-            return None
-    return None
-
-
 def _on_circle(sweep: Sweep, count: Callable[[float], int], at: "At", nearest: Callable[[float], Rough]) -> Family:
     """A family whose roots cross where loci of L lie on the unit circle."""
     return Family(
@@ -332,12 +288,12 @@ def _told_apart(sweep: Sweep, off: Callable[[Complexes], Floats], at: "At", low:
     off, at   (k, r) how far each of λ (k, r) is from the line, with the sign of its side; the number at which it would cross, at ω (k,)
     low, high    of that number: what crosses elsewhere does not matter
     """
-    rows = np.flatnonzero(~sweep.passive)
+    rows = np.arange(len(sweep.omega) - 1)
     for _ in range(SEARCH.exchanges):
         steps, omega = sweep.steps(rows), sweep.omega[rows]
         ends = [(off(value), at(place[:, None], value)) for place, value in ((omega, steps.start), (sweep.omega[rows + 1], steps.end))]
         rows = rows[_may_exchange(steps, *zip(*ends, strict=True), low, high)]
-        rows = rows[sweep.omega[rows + 1] - sweep.omega[rows] > SEARCH.nudge * sweep.omega[rows + 1]]
+        rows = rows[sweep.omega[rows + 1] - sweep.omega[rows] > NUDGE * sweep.omega[rows + 1]]
         if not len(rows) or sweep.full:
             break
         middle = 0.5 * (sweep.omega[rows] + sweep.omega[rows + 1])
@@ -373,8 +329,6 @@ def _axis_crossings(sweep: Sweep) -> list[Rough]:
     """Crossings of the negative real axis by all loci."""
     steps = sweep.steps()
     rows, _, share, value = meets_axis(steps.start, steps.end)
-    followed = ~sweep.passive[rows]
-    rows, share, value = rows[followed], share[followed], value[followed]
     omega = sweep.omega[rows] + share * (sweep.omega[rows + 1] - sweep.omega[rows])
     at_rest = sweep.at_rest()
     values, places = [value, at_rest], [omega, np.zeros(len(at_rest))]

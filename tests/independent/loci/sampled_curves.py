@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
+from gainroom.analysis.gain_plane import refined as refined
+from gainroom.system.linear.arrays import Booleans, Complexes, Floats, Integers
 
 ROUNDS = 60  # of points about a peak
 LEVEL = 1e-7  # of a height: among points that differ by less a parabola is right to the square of it
@@ -22,30 +23,6 @@ SHORT = 3.0
 
 Curves = Callable[[Floats], Complexes]
 """ω (k,) → (k, m): m scalar responses."""
-
-
-def refined(
-    omega: Floats,
-    values: Complexes,
-    at: Curves,
-    rough: Callable[[Floats, Complexes], Booleans],
-    rounds: int,
-    most: int,
-    closest: float = 1e-9,
-) -> tuple[Floats, Complexes]:
-    """Samples at `omega` (k,), with `values` (k, m) there, and in the middle of rough steps, which are halved until none is rough.
-
-    rough     of samples (ω, values): (k − 1,) True where a step to the next one is too long
-    most      samples, but for those of one more round
-    closest   of ω: shorter steps are not halved
-    """
-    for _ in range(rounds):
-        spots = np.flatnonzero(rough(omega, values) & (np.diff(omega) > closest * omega[1:]))
-        if not len(spots) or len(omega) > most:
-            break
-        middle = 0.5 * (omega[spots] + omega[spots + 1])
-        values, omega = np.insert(values, spots + 1, at(middle), axis=0), np.insert(omega, spots + 1, middle)
-    return omega, values
 
 
 def meets_axis(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats, Floats]:

@@ -5,20 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..system.controller import gain_matrix
-from ..system.linear.apart import inverses
-from ..system.linear.arrays import Complexes, Floats
-from ..system.loop import Loop
-from .curve_distances import Summed, distances
-from .disk_margin import MultiLoopDisk, disk_margin
-from .first_crossing import End, delays, phases
-from .gain_limit import coupled_limit
-from .loci import Sweep
-from .margin_record import Margins, OneLoop
-from .return_ratios import Peak, Sampled, own_phases
+from gainroom.analysis.boundary import LEAST_FACTOR, LONGEST_DELAY, disk_of
+from gainroom.analysis.margin_record import Margins, OneLoop
+from gainroom.analysis.stability_boundary import sensitivity
+from gainroom.system.controller import gain_matrix
+from gainroom.system.linear.arrays import Complexes, Floats
+from gainroom.system.loop import Loop
 
-LONGEST_DELAY = 1.0  # [s] extra that is searched: a hundred times what actuators have
-LEAST_FACTOR = 1e-3  # on one joint's gains: what limits it further down counts as none
+from .curve_distances import Summed, distances
+from .first_crossing import End, delays, phases
+from .limit import coupled_limit
+from .loci import Sweep
+from .return_ratios import Peak, Sampled, own_phases
 
 
 def coupled_margins(loop: Loop, largest: bool = True) -> Margins:
@@ -60,14 +58,6 @@ def coupled_margins(loop: Loop, largest: bool = True) -> Margins:
         delay_certificate=delay.certificate if delay else None,
         loops=(loop,),
     )
-
-
-def disk_of(loop: Loop) -> MultiLoopDisk | None:
-    """The disk margin; None where integrators drown all else in round-off, so that I + L is singular to the last digit."""
-    try:
-        return disk_margin(loop)
-    except np.linalg.LinAlgError:
-        return None
 
 
 def _one_loop_peaks_and_phases(sweep: Sweep) -> tuple[list[Peak], Peak, Floats]:
@@ -137,21 +127,3 @@ def one_loop_margins(sweep: Sweep, largest: bool = True) -> OneLoop:
 def _diagonal(left: Complexes, right: Complexes) -> tuple[Complexes, Floats]:
     """(k, n) that of the products of matrices (k, n, n), and the size of the terms of which it is the sum."""
     return np.einsum("kij,kji->ki", left, right), np.einsum("kij,kji->ki", np.abs(left), np.abs(right))
-
-
-def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
-    """(I + L)⁻¹ (k, n, n) for L = `returned`, from what the gains see alone: what no gain closes would drown it in round-off."""
-    seen = loop.seen
-    if seen.shape[1] == loop.size:
-        return inverted(np.eye(loop.size) + returned)
-    unseen = np.eye(loop.size) - seen @ seen.T
-    back = inverted(np.eye(seen.shape[1]) + seen.T @ returned @ seen)
-    return unseen + (seen - unseen @ returned @ seen) @ back @ seen.T
-
-
-def inverted(matrices: Complexes) -> Complexes:
-    """Of matrices (k, n, n)."""
-    try:
-        return inverses(matrices)
-    except np.linalg.LinAlgError:  # integrators have drowned the rest in round-off, which shows: nothing settles there
-        return np.linalg.pinv(matrices)

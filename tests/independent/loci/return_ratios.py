@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
-from ..system.loop import Loop
+from gainroom.analysis.stability_boundary import in_blocks
+from gainroom.system.linear.arrays import Booleans, Complexes, Floats, Integers
+from gainroom.system.loop import Loop
+
 from .loci import Sweep
+from .resolution import LOCI
 from .sampled_curves import height, meets_circle, on_axis, passed_unseen, peaks, polished_peaks, refined
-from .stability_boundary import LOCI, in_blocks
 
 CLOSE = 0.05
 """Relative: phases and peaks whose interpolated values are that near the least or the highest one are polished."""

@@ -12,11 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
+from gainroom.analysis.margin_record import NUDGE
+from gainroom.analysis.stability_boundary import in_blocks
+from gainroom.system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
+
 from .first_crossing import SEARCH, Certificate, Family, Rough, listed
 from .loci import Sweep, passes
+from .resolution import LOCI
 from .sampled_curves import Curves, meets_axis, on_axis, passed_unseen, refined, side
-from .stability_boundary import LOCI, in_blocks
 
 
 @dataclass(frozen=True)
@@ -67,9 +70,9 @@ def distances(sweep: Sweep, curves: Callable[[Floats], Summed], farthest: Floats
     for joint, one in enumerate(nearest):
         if one is None:
             continue
-        certificate = Certificate(*(family.count(joint, one.at * (1 + side * SEARCH.nudge)) for side in (-1, 1)))
+        certificate = Certificate(*(family.count(joint, one.at * (1 + side * NUDGE)) for side in (-1, 1)))
         first = certificate.holds and not family.crosses_before(joint, one.at)
-        end = None if first else family.of(joint).end(0.0, one.at * (1 + 10 * SEARCH.nudge))
+        end = None if first else family.of(joint).end(0.0, one.at * (1 + 10 * NUDGE))
         holds = first or (end is not None and end.certificate.holds)
         found[joint] = end.at if end is not None and holds else one.at
         drowned = integrates and (one if end is None else end).omega < CURVES.deep * sweep.first
@@ -129,12 +132,12 @@ class _Curves:
     def certifies(self, joint: int, change: float) -> bool:
         """True where it is known from the value at rest on which side of 0 1 + δ c begins, for δ on both sides of `change`."""
         rest = self._rest[joint]
-        return rest.order > 0 or abs(abs(1 + change * rest.value) - SEARCH.nudge) > abs(change) * rest.error
+        return rest.order > 0 or abs(abs(1 + change * rest.value) - NUDGE) > abs(change) * rest.error
 
     def crosses_before(self, joint: int, change: float) -> bool:
         """Whether samples show the negative real axis crossed by a curve at less than that change."""
         value = meets_axis(self.values[:-1, [joint]], self.values[1:, [joint]])[3]
-        return bool(np.any(change * (1 - SEARCH.nudge) * value < -1))
+        return bool(np.any(change * (1 - NUDGE) * value < -1))
 
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
