@@ -12,9 +12,10 @@ import gainroom as gr
 from draws import draw_plant, draw_setup
 from gainroom.analysis import gain_limit as limits
 from gainroom.analysis.stability import scan_loop, unstable_roots
-from gainroom.analysis.stability_boundary import LOCI, in_blocks
+from gainroom.analysis.stability_boundary import in_blocks
 from independent.loci.limit import coupled_limit
 from independent.loci.loci import Sweep
+from independent.loci.resolution import LOCI
 from independent.quick_margins import quick_margins
 
 

@@ -33,7 +33,9 @@ def same_limit(found: gr.GainLimit, truth: gr.GainLimit) -> None:
 def test_scan_and_samples_agree(seed: int, sampled: bool):
     loop = draw_setup(np.random.default_rng([71, seed]), sampled).loop()
     scan, limit = gr.margins(loop), sampled_limit(loop)
-    assert limit is not None
+    if limit is None:  # no lower gains are stable
+        assert scan.limit.gain == 0
+        return
     assert limit.stable == scan.stable
     same_limit(limit, scan.limit)
     if not scan.stable:

@@ -34,7 +34,7 @@ def coupled_margins(loop: Loop, largest: bool = False) -> Margins:
 
     What the counts do not confirm is given as it is seen, and not certified.
 
-    largest   with each joint's largest kp and kd; a controller whose gain matrices couple joints has none
+    largest   with each joint's largest kp and kd; of gain matrices that couple joints the largest entries on the diagonal
 
     Raises GainroomError where all gains are zero, and where the loop cannot be sampled finely enough.
     """
@@ -257,15 +257,24 @@ def _with_largest(loop: Loop, seen: Seen, counting: Seen, found: OneLoop) -> One
     """Margins of one loop at a time with each joint's largest kp and kd, where there are such gains."""
     assert loop.parts is not None
     controller = loop.parts.controller
-    units = controller.units()
-    if not units or any(np.count_nonzero(gain) > np.count_nonzero(np.diagonal(gain)) for gain in controller.matrices(loop.size).values()):
-        return found  # one entry of a matrix of gains is no gain of a joint
+    units, first = controller.units(), 0
+    if not units:
+        return found
+    if any(np.count_nonzero(gain) > np.count_nonzero(np.diagonal(gain)) for gain in controller.matrices(loop.size).values()):
+        extended = SampledLoop.with_joints(loop)
+        assert extended is not None
+        seen, counting = extended.look(EVERY_PHASE), extended.look(NEAR_BY, between=True)
+        first = extended.gains.shape[1] - loop.size
     largest, certified = {}, found.certified.copy()
     for gain, name in enumerate(units, start=1):
         now = np.diagonal(gain_matrix(name, getattr(controller, name), loop.size)) * loop.gain
-        more = seen.growths(gain)[:, 0]
+        more = seen.growths(gain)[first:, 0]
         for joint, (grown, own) in enumerate(zip(more.tolist(), now.tolist(), strict=True)):
-            certified[joint] &= grown > 0 and _is_end(counting, joint, gain, grown, own + grown, (HIGHEST - 1) * own)
+            farthest = (HIGHEST - 1) * own
+            if 0 <= grown < NUDGE * own:  # no more is stable: the gain as it is stands for the side within
+                certified[joint] &= counting.one_loop_count(first + joint, NUDGE * own, gain) > 0
+            else:
+                certified[joint] &= grown > 0 and _is_end(counting, first + joint, gain, grown, own + grown, farthest)
         largest[f"largest_{name}"] = now + more
     return replace(found, certified=certified, **largest)
 

@@ -52,7 +52,7 @@ def sampled_limit(loop: Loop) -> GainLimit | None:
     if seen.unstable == 0:
         return _sampled_interval(loop, sampled, seen, 1.0)
     below = -np.sort(-seen.passing_factors()[:, 0])
-    for end in np.exp(below[below < 0]).tolist():  # the highest first
+    for end in np.exp(below[below < NUDGE]).tolist():  # the highest first; these gains may lie on one themselves
         for aside in (NUDGE, INSIDE):  # equal limbs pass one close behind the other
             inside = end * (1 - aside)
             stable = sampled.scaled(inside)

@@ -229,16 +229,17 @@ def joint_loops(loop: Loop, cascade: bool = False) -> Directed:
 
 
 def directed_loop(
-    loop: Loop, torque: Floats, jacobian: Floats, cascade: Booleans, by_modes: bool = True, by_direction: bool = False
+    loop: Loop, torque: Floats, jacobian: Floats, cascade: Booleans, by_modes: bool = True, by_direction: bool = False, own: bool = True
 ) -> "_core.DirectedLoop":
     """Plant, drives and filters of a loop of parts, without its gains: L = P C e^{−sT} X Δ E, X (n, m) = torque, E (m, n) = jacobian.
 
     by_modes       P as a sum over modes, where that is exact: worth finding them where the plant is large, or looked at many times
     by_direction   one loop at a time is one of the m directions, (I + E P C e^{−sT} X Δ)⁻¹ its sensitivities, in place of a joint
+    own            directions that are the joints are taken as such
     """
     assert loop.parts is not None
     plant, drives, time = loop.parts.plant, loop.parts.drives, loop.sample_time
-    joints = torque.shape[0] == torque.shape[1] and np.array_equal(torque, np.eye(len(torque))) and np.array_equal(jacobian, torque)
+    joints = own and torque.shape[0] == torque.shape[1] and np.array_equal(torque, np.eye(len(torque))) and np.array_equal(jacobian, torque)
     nothing = np.zeros((0, 0))
     modes = mode_functions(loop.parts) if by_modes else None
     found = _core.DirectedLoop(loop.size, *((nothing, nothing) if joints else (torque, jacobian)), cascade.astype(np.int64), by_direction)

@@ -51,15 +51,33 @@ class SampledLoop:
     @classmethod
     def _of_matrices(cls, loop: Loop, terms: Terms) -> "SampledLoop":
         """Gain matrices that share no directions, as one law behind which all gains are 1; it acts on what they see alone."""
+        return cls._with_matrices(loop, terms, np.zeros((loop.size, 0)), False)
+
+    @classmethod
+    def with_joints(cls, loop: Loop) -> "SampledLoop | None":
+        """Gain matrices as one law, and behind its r directions one per joint, without gains yet: how far one entry of a matrix may grow.
+
+        None for a loop that is not built with build_loop, and for kd on a path of its own.
+        """
+        if loop.parts is None or loop.kd_path is not None:
+            return None
+        terms = {powers: loop.gain * gain for powers, gain in loop.parts.controller.matrices(loop.size).items()}
+        return cls._with_matrices(loop, terms, np.eye(loop.size), True)
+
+    @classmethod
+    def _with_matrices(cls, loop: Loop, terms: Terms, joints: Floats, by_direction: bool) -> "SampledLoop":
+        """The law of gain matrices, and directions without gains of some `joints` (n, k)."""
         seen = loop.seen
-        count = seen.shape[1]
-        directed = directed_loop(loop, seen, seen.T, np.zeros(count, dtype=bool), loop.exact_modes is not None)
+        acting, idle = seen.shape[1], joints.shape[1]
+        torque, jacobian = np.hstack([np.zeros_like(seen), joints]), np.vstack([seen.T, joints.T])
+        cascade = np.zeros(acting + idle, dtype=bool)
+        directed = directed_loop(loop, torque, jacobian, cascade, loop.exact_modes is not None, by_direction, own=False)
         sizes = [sum(float(np.linalg.norm(terms.get(powers, 0.0))) for powers in order) for order in BY_ORDER]
         pairs = [(high - low, sizes[low] / sizes[high]) for low, high in combinations(range(3), 2) if sizes[low] and sizes[high]]
         slow = SLOWER * min((ratio ** (1 / orders) for orders, ratio in pairs), default=math.inf)
         for (velocity, integral), gain in terms.items():
-            directed.set_matrix(np.ascontiguousarray(gain @ seen), bool(velocity), bool(integral), slow)
-        return cls(directed, np.vstack([np.ones(count), np.zeros((2, count))]), False)
+            directed.set_matrix(np.hstack([gain @ seen, np.zeros_like(joints)]), bool(velocity), bool(integral), slow)
+        return cls(directed, np.vstack([np.repeat([1.0, 0.0], [acting, idle]), np.zeros((2, acting + idle))]), False)
 
     @classmethod
     def of_directions(cls, loop: Loop, torque: Floats, jacobian: Floats, gains: Floats, cascade: Booleans) -> "SampledLoop":

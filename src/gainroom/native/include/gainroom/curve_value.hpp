@@ -49,9 +49,12 @@ public:
     }
 
     // LoopSample::closed, of the loop that was evaluated last.
-    Complex closed(Gain gain) const {
-        const Complex own = 1.0 - sensitivity_;
-        return gain == Gain::all ? own : times(own, DirectedLoop::share(point_, gain, law_[which_]));
+    Complex closed(Gain gain) {
+        if (gain == Gain::all) return 1.0 - sensitivity_;
+        column_.resize(m_);
+        for (std::size_t k = 0; k < m_; k++) column_[k] = point_.seen[k * m_ + which_];
+        solve_factorised(matrix_, exchanged_, column_.data());
+        return times(column_[which_], DirectedLoop::unit(point_, gain));
     }
 
     // Changes of ln of the value that was evaluated last, into growth_ (2, m).

@@ -57,7 +57,7 @@ public:
     std::size_t directions = 0;          // m
     std::vector<double> torque, jacobian;  // X (n, m), E (m, n); both empty where directions are joints
     bool by_direction = false;             // one loop at a time is a direction's, not a joint's
-    std::vector<GainTerm> matrices;        // of X; empty where it is `torque`
+    std::vector<GainTerm> matrices;        // of X beside `torque`, with all that their law has: gains kp, 1 or 0, are numbers then
     double slow = std::numeric_limits<double>::infinity();  // with `matrices`: a tenth of where one gain takes over from another
     std::vector<char> cascade;           // (m) 1 where a direction is P/PI
     Polynomials velocity, integrator;
@@ -90,7 +90,7 @@ public:
             response_.resize(n * n);
             if (!actuated.at(s, work_, response_.data())) return false;
             found.reached.assign(n * m, 0.0);
-            if (!matrices.empty()) become_matrices(found);
+            if (!matrices.empty()) act(found);
             for (std::size_t i = 0; i < n; i++)
                 for (std::size_t k = 0; k < n; k++)
                     for (std::size_t j = 0; j < m; j++)
@@ -129,6 +129,11 @@ public:
         for (std::size_t j = 0; j < directions; j++) {
             const double kp = gains.kp[j], kd = gains.kd[j], ki = gains.ki[j];
             Complex value, stiffness, damping;
+            if (!matrices.empty()) {
+                d[j] = kp;
+                if (change != nullptr) change[j] = change[directions + j] = 0.0;
+                continue;
+            }
             if (cascade[j]) {
                 const Complex inner = kd + ki * point.integral, outer = kp + point.velocity;
                 value = times(inner, outer);
@@ -146,10 +151,8 @@ public:
         }
     }
 
-    // What one gain of a joint multiplies, over its law d.
-    static Complex share(const LoopPoint& point, Gain gain, Complex d) {
-        return gain == Gain::all ? Complex(1.0) : over(gain == Gain::kd ? times(point.shaping, point.velocity) : point.shaping, d);
-    }
+    // What one gain of a joint multiplies.
+    static Complex unit(const LoopPoint& point, Gain gain) { return gain == Gain::kd ? times(point.shaping, point.velocity) : point.shaping; }
 
     // A tenth of the lowest frequency at which one gain takes over from another; infinite where there is but one.
     double slowest(const DirectedGains& gains) const {
@@ -173,15 +176,13 @@ private:
         return tilt * share;
     }
 
-    // X at a point, with all that the gains' law has: of what is left the gains are numbers.
-    void become_matrices(LoopPoint& point) {
-        acting_.assign(size() * directions, 0.0);
+    // X at a point.
+    void act(const LoopPoint& point) {
+        acting_.assign(torque.begin(), torque.end());
         for (const GainTerm& term : matrices) {
             const Complex law = times(point.shaping, times(term.velocity ? point.velocity : 1.0, term.integral ? point.integral : 1.0));
             for (std::size_t k = 0; k < acting_.size(); k++) acting_[k] += law * term.gain[k];
         }
-        point.shaping = 1.0;
-        point.velocity = point.integral = 0.0;
     }
 
     static constexpr std::size_t kEntries = 1500000;  // complex numbers that are held: of a humanoid's joints two looks

@@ -277,6 +277,7 @@ public:
                     break;
                 }
             }
+            if (!curve.empty() && is_negative(curve.front().value)) found[i] = std::min(found[i], -1 / curve.front().value.real());
             if (curve.empty() || !std::isfinite(curve.front().value.real())) {
                 found[i] = std::numeric_limits<double>::quiet_NaN();
                 continue;

@@ -15,6 +15,7 @@ inline Complex return_ratio(Complex sensitivity) { return over(1.0, sensitivity 
 struct LoopSample {
     std::shared_ptr<const LoopPoint> point;
     std::vector<Complex> law, sensitivity, ratios;  // d (m), S_ii (n), return ratios (n)
+    std::vector<Complex> reached;           // ((I + Q)⁻¹ E P X)_ii (n): T_ii over the law, where that may be 0; else empty
     std::vector<Complex> inverse;           // (I + L)⁻¹ (m, m), or empty: of what is kept only where it is not `near`
     Loci loci;                              // (m)
     Complex log_determinant;
@@ -25,10 +26,11 @@ struct LoopSample {
 
     double omega() const { return point->omega; }
 
-    // T_ii, T = I − S, times what a gain multiplies over the joint's law.
+    // T_ii, T = I − S, or ((I + Q)⁻¹ E P X)_ii times what one gain multiplies.
     Complex closed(std::size_t i, Gain gain) const {
         const Complex own = 1.0 - sensitivity[i];
-        return gain == Gain::all ? own : times(own, DirectedLoop::share(*point, gain, law[i]));
+        if (gain == Gain::all) return own;
+        return times(reached.empty() ? over(own, law[i]) : reached[i], DirectedLoop::unit(*point, gain));
     }
 
     // Of S_ii.

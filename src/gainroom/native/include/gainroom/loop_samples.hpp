@@ -29,7 +29,9 @@ constexpr int kUncounted = -1000000;
 class LoopSamples {
 public:
     // No samples.
-    LoopSamples(DirectedLoop& loop, const DirectedGains& gains) : loop_(loop), gains_(gains), m_(loop.directions), solver_(loop) {}
+    LoopSamples(DirectedLoop& loop, const DirectedGains& gains) : loop_(loop), gains_(gains), m_(loop.directions), solver_(loop) {
+        for (std::size_t j = 0; j < m_; j++) idle_ |= gains.kp[j] == 0 && gains.kd[j] == 0 && gains.ki[j] == 0;
+    }
 
     // `between`: the first samples lie halfway between those of the loop, so that all others are apart from those of another look. `smooth`: of a
     // stable loop S_ii are followed, too.
@@ -55,6 +57,7 @@ public:
         sort();
         if (samples_.size() < 2) state_ = LookState::lost;
         if (ok()) {
+            begin_at_integrators();
             reach_down();
             reach_up();
             refine(nothing);
@@ -135,11 +138,18 @@ public:
         std::vector<CurvePlace> places;
         for (const CurvePlace& one : closed_curve(joint, gain)) places.push_back({one.omega, 1.0 + change * one.value});
         if (places.size() < 2) return kUncounted;
-        const auto begins = [&] {  // as the real value at rest: over a doubling of ω it moves little
-            const Complex lowest = places[0].value;
+        int order = 0;
+        const auto begins = [&] {  // as the real value at rest: over a doubling of ω it moves little; or as r/(jω)ᵏ of what drifts, r real
+            const Complex lowest = places[0].value, drift = lowest - 1.0;
             std::size_t next = 1;
             while (next + 1 < places.size() && places[next].omega < 2 * places[0].omega) next++;
-            return std::fabs(lowest.imag()) < kReal * std::fabs(lowest.real()) && size_of_any(places[next].value - lowest) < kReal * size_of_any(lowest);
+            order = 0;
+            const bool level = std::fabs(lowest.imag()) < kReal * std::fabs(lowest.real()) && size_of_any(places[next].value - lowest) < kReal * size_of_any(lowest);
+            if (level && size_of_any(drift) < kRising * size_of_any(places[next].value - 1.0)) return true;
+            const double fall = std::log(size_of_any(drift) / size_of_any(places[next].value - 1.0)) / std::log(places[next].omega / places[0].omega);
+            order = static_cast<int>(std::lround(fall));
+            const Complex own = times(drift, std::polar(1.0, 0.5 * kPi * order));
+            return order > 0 && std::fabs(fall - order) < kWhole && size_of_any(drift) > kOutside && std::fabs(own.imag()) < kReal * std::fabs(own.real());
         };
         for (int round = 0; round < kDeeper && !begins(); round++) {
             const auto lower = inverted(0.25 * places.front().omega);
@@ -156,7 +166,9 @@ public:
             places.push_back(at(*higher));
         }
         if (!begins() || !falls()) return kUncounted;
-        double turned = std::arg(places.front().value.real() < 0 ? -places.front().value : places.front().value);
+        // From the real value just right of ω = 0, about which r/sᵏ turns back by a quarter k times.
+        const Complex turned_back = times(places.front().value, std::polar(1.0, 0.5 * kPi * order));
+        double turned = std::arg(turned_back.real() < 0 ? -turned_back : turned_back) - 0.5 * kPi * order;
         std::vector<CurvePlace> ahead;  // the nearest last
         std::size_t halved = 0;
         for (std::size_t k = 0; k + 1 < places.size(); k++) {
@@ -207,7 +219,7 @@ public:
         };
         const bool symmetric = solver_.find_symmetric(*found);
         if (symmetric) describe();
-        if (symmetric && found->near && loop_.own() && solver_.close_symmetric(*found)) return found;
+        if (symmetric && found->near && loop_.own() && !idle_ && solver_.close_symmetric(*found)) return found;
         if (!close(*found)) return nullptr;
         if (symmetric) return found;
         if (!solver_.find_other(*found)) {
@@ -260,6 +272,8 @@ private:
     static constexpr double kTurn = 1.5;  // rad, of a delay between two samples: more may hide a whole turn of loci that matter
     static constexpr std::size_t kMost = 12000;
     static constexpr int kCurveRounds = 40;
+    // How near to a whole number the order of a fall has to be; by how much over a doubling of ω what drifts rises towards rest.
+    static constexpr double kWhole = 0.1, kRising = 1.5;
     static constexpr int kDeeper = 30;  // times that a lower frequency is tried, for T_ii to settle
 
     // Null where the loop has no finite value.
@@ -293,10 +307,10 @@ private:
         samples_.erase(std::unique(samples_.begin(), samples_.end(), same), samples_.end());
     }
 
-    // (m) how each locus falls at the lowest sample, as 1/ωᵏ: k; 0 where it is lost in round-off.
-    std::vector<double> falls() {
+    // (m) how each locus falls at the lowest sample, or another, as 1/ωᵏ: k; 0 where it is lost in round-off.
+    std::vector<double> falls(std::size_t from = 0) {
         std::vector<double> found(m_, 0.0);
-        const LoopSample &low = *samples_[0], &high = *samples_[1];
+        const LoopSample &low = *samples_[from], &high = *samples_[from + 1];
         const std::vector<std::size_t> pairs = paired(low.loci, high.loci);
         const double most = low.loci.largest();
         for (std::size_t i = 0; i < m_; i++) {
@@ -321,6 +335,26 @@ private:
                 bottom_ = true;
                 return;
             }
+    }
+
+    // Of a loop that nothing topples, from where all loci are beyond kHuge and fall as whole powers of ω: further down a trace of friction, which
+    // stands beside the integrators, loses its digits, and nothing comes near −1.
+    void begin_at_integrators() {
+        if (loop_.unstable_poles > 0 || loop_.settles > 0) return;
+        const auto huge = [](const auto& one) {
+            const std::vector<Complex>& values = one->loci.values;
+            return std::all_of(values.begin(), values.end(), [](Complex value) { return size_of_any(value) > kHuge; });
+        };
+        std::size_t from = 0;
+        while (from + 2 < samples_.size() && huge(samples_[from + 1])) from++;
+        for (; from > 0; from--) {
+            const std::vector<double> falling = falls(from);
+            if (std::all_of(falling.begin(), falling.end(), [](double fall) { return std::fabs(fall - std::round(fall)) < kAstray; })) break;
+        }
+        if (from == 0) return;
+        samples_.erase(samples_.begin(), samples_.begin() + static_cast<std::ptrdiff_t>(from));
+        add(kBeside * samples_.front()->omega());
+        sort();
     }
 
     // Down to where integrators rule, and settled loci are clearly on one side of −1.
@@ -501,6 +535,7 @@ private:
     double wanted_ = 0.0, near_ = 0.0, highest_ = 0.0, peak_ = 0.0, reach_factor_ = 0.0, reach_phase_ = 0.0;
     double longest_ = 0.0;  // of the delays [s]
     LookState state_ = LookState::lost;
+    bool idle_ = false;  // some direction has no gains
     bool bottom_ = false, smooth_ = false;  // round-off hides what is further down; S_ii are followed
     int count_ = -1;
     std::vector<std::unique_ptr<LoopSample>> samples_;

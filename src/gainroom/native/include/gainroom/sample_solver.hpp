@@ -1,6 +1,7 @@
 // One frequency of a coupled loop: its loci, S_ii, (I + L)⁻¹ and ln det(I + L), each by the quickest way that is exact there.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <memory>
@@ -44,6 +45,10 @@ public:
         for (std::size_t i = 0; i < loop_.loops(); i++)
             sample.sensitivity[i] = loop_.own() ? sample.inverse[i * m_ + i] : own_sensitivity(sample, i);
         sample.find_ratios();
+        if (!loop_.own() || std::none_of(sample.law.begin(), sample.law.end(), [](Complex d) { return d == 0.0; })) return true;
+        sample.reached.assign(m_, 0.0);
+        for (std::size_t i = 0; i < m_; i++)
+            for (std::size_t k = 0; k < m_; k++) sample.reached[i] += times(sample.inverse[i * m_ + k], sample.point->seen[k * m_ + i]);
         return true;
     }
 
