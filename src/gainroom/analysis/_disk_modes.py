@@ -17,17 +17,18 @@ from ..system.linear.state_space import StateSpace, split_delay
 from ..system.loop import Loop
 from ._mu import balanced, scaled
 
-AGREEMENT = 1e-6  # of the modes with the state space that they come from, relative
-SPREAD = 0.1  # of R about I
-LOST = float(np.sqrt(np.finfo(float).eps))  # of the fastest pole: below, one that nearly coincides with another is round-off
-SLOW = 1e-5  # of the fastest pole: where round-off moves poles that coincide twice or three times at 0
-UNSEEN = 1e-10  # of an output: what round-off leaves of motions that it does not see
-LEAST_SHARE = 1e-3  # of N that a motion makes at rest, for it to count
+AGREEMENT = 1e-6  # largest relative difference between S − T from the modes and S − T from the state space
+SPREAD = 0.1  # R's diagonal lies between 1 − SPREAD and 1 + SPREAD, all different, so that equal joints have no defective modes
+LOST = float(np.sqrt(np.finfo(float).eps))  # share of the fastest pole below which two poles that nearly coincide are round-off
+SLOW = 1e-5  # share of the fastest pole up to which round-off moves double and triple poles at 0
+UNSEEN = 1e-10  # share of an output that round-off leaves of a mode that the output does not see
+LEAST_SHARE = 1e-3  # least part of N(ω = 0) that a mode has to make for its round-off to matter
 
 
 @dataclass(frozen=True)
 class Modes:
-    """N = Σ c_i b_iᵀ/(v − p_i), E and R.
+    """Modes of the loops closed without delay, N = Σ c_i b_iᵀ/(v − p_i), with the delays E and the diagonal R through which they are
+    closed.
 
     poles p (m,), into b (m, n), out c (n, m), delays (n,) [s], share (n,) the diagonal of R, sample_time [s] (0: continuous)
     """
@@ -51,7 +52,9 @@ class Modes:
 
     @property
     def lost(self) -> bool:
-        """Whether a motion counts of which round-off, which moves poles that nearly coincide by its root, leaves no digit."""
+        """True if a slow mode that N at rest depends on is round-off: poles that nearly coincide are known to the root of round-off
+        alone.
+        """
         sizes = np.abs(self.poles)
         slow = (sizes < LOST * self.fastest) & (sizes > 0)
         share = np.linalg.norm(self.out, axis=0) * np.linalg.norm(self.into, axis=1)
@@ -65,7 +68,7 @@ class Modes:
 
     @cached_property
     def core(self) -> _core.DiskModes:
-        """These modes in the core."""
+        """The same modes as an object of the core, which bounds S − T between frequencies."""
         return _core.DiskModes(self.poles, self.into, np.ascontiguousarray(self.out.T), self.delays, self.share, self.sample_time)
 
     def matrices(self, omega: Floats) -> Complexes:
@@ -105,7 +108,9 @@ class Opened:
         return Modes(poles, into, out, self.delays, share, self.sample_time)
 
     def agrees(self, modes: Modes, omega: Floats) -> bool:
-        """Whether the modes give back S − T at ω (k,)."""
+        """True if S − T (k, n, n) from the modes and from the state space differ by no more than AGREEMENT at every `omega` (k,)
+        [rad/s].
+        """
         eye, lag = np.eye(len(self.delays)), np.exp(-1j * omega[:, None] * self.delays)
         direct = 2 * np.linalg.inv(eye + self.response(omega)) - eye
         x = balanced(direct)
@@ -116,8 +121,9 @@ class Opened:
 
 
 def _without_drift(system: StateSpace, sizes: Floats) -> StateSpace:
-    """The same transfer matrix without the slow motions that no output sees, from its poles' `sizes`: joints that no gain holds drift at 0.
+    """`system` without those slow modes that no output sees, such as joints that no gain holds and that drift at 0: equal transfer matrix.
 
+    `sizes` are the magnitudes of its poles [1/s].
     Round-off parts such double poles by its root and makes their eigenvectors parallel. The space that the slow poles span together is
     known to all digits, and so is whether an output sees it.
     """
@@ -137,7 +143,9 @@ def _without_drift(system: StateSpace, sizes: Floats) -> StateSpace:
 
 
 def opened_at_torques(loop: Loop) -> Opened:
-    """A loop of several joints; in sampled time E holds the whole ticks."""
+    """The return ratio of several joints opened at the motor torques, G E; of a sampled loop E holds the whole ticks of delay and G the
+    rest.
+    """
     if loop.sample_time is None:
         assert loop.open_loop is not None
         system, delays = loop.open_loop, np.zeros(loop.size) if loop.delays is None else loop.delays
@@ -153,7 +161,7 @@ def opened_at_torques(loop: Loop) -> Opened:
 
 
 def _variable(omega: Floats, sample_time: float) -> Complexes:
-    """v at ω (k,)."""
+    """Frequency variable v (k,) on the stability boundary at `omega` (k,) [rad/s]: jω, or (e^{jωT} − 1)/T of a loop sampled every T."""
     if not sample_time:
         return 1j * omega
     half = 0.5 * omega * sample_time

@@ -1,7 +1,7 @@
-"""Margins of coupled loops, from where samples in the core see their curves meet −1, each claim counted on samples of its own.
+"""Margins of coupled loops: crossings of −1 and peaks read from the core's samples, each confirmed by root counts on other samples.
 
-A loop is sampled once; what it shows is polished. Then unstable roots are counted a little inside and outside of every claim: of a phase
-and of one loop's gains by turns about 0 on other samples, of a delay in the loop with that delay. What is not confirmed is not reported.
+A loop is sampled once, and its crossings are polished. Unstable roots are then counted a little inside and outside each margin: of a phase
+and of one loop's gains by turns about 0 on other samples, of a delay in the loop with that delay. An unconfirmed margin is not certified.
 """
 
 import math
@@ -22,17 +22,17 @@ from .margin_record import NUDGE, Certificate, Margins, OneLoop
 from .sampled_loop import EVERY_PHASE, NEAR_BY, SampledLoop
 from .stability_boundary import HIGHEST, Boundary
 
-MOST_ROUNDS = 5  # of more samples for what may cross unseen
-LONGEST_DELAY = 1.0  # [s] extra that is searched: a hundred times what actuators have
-LEAST_FACTOR = 1e-3  # on one joint's gains: what limits it further down counts as none
+MOST_ROUNDS = 5  # further samplings, each with a longer delay, while roots are unstable below the delay that the samples show
+LONGEST_DELAY = 1.0  # [s] largest extra delay that is searched: a hundred times the delay of actuators
+LEAST_FACTOR = 1e-3  # smallest factor on one joint's gains that is searched: a limit below counts as none
 CLOSE = 0.03  # relative distance within which crossings of sampled loops may change places when the delay is exact
-TRIES, HALVINGS, EXACT_LAG = 12, 30, 1e-11  # of an exact delay: secants, halvings, and the lag [rad] of a locus at −1
+TRIES, HALVINGS, EXACT_LAG = 12, 30, 1e-11  # steps of secants and of halvings to an exact delay, and the lag [rad] at which it is found
 
 
 def coupled_margins(loop: Loop, largest: bool = False) -> Margins:
     """All margins of a loop of several joints built with build_loop, read from the core's samples and certified by counts of roots.
 
-    What the counts do not confirm is given as it is seen, and not certified.
+    Margins that the counts do not confirm are reported uncertified.
 
     largest   with each joint's largest kp and kd; of gain matrices that couple joints the largest entries on the diagonal
 
@@ -80,9 +80,9 @@ def coupled_margins(loop: Loop, largest: bool = False) -> Margins:
 
 
 def coupled_delay_margin(loop: Loop) -> float:
-    """The smallest extra delay [s] in all loops, n > 1, at which a stable set vibrates, inf where none is; NaN for an unstable one.
+    """Delay margin [s] of n > 1 joints: the smallest extra delay in all loops that puts a root on the stability boundary, with root counts.
 
-    Raises GainroomError where the loop cannot be sampled finely enough.
+    inf: none up to LONGEST_DELAY; NaN: the loop is unstable as it is. Raises GainroomError where the loop cannot be sampled finely enough.
     """
     seen = _in_the_core(loop).look(EVERY_PHASE, smooth=False)
     if seen.followed and seen.unstable > 0:
@@ -95,7 +95,7 @@ def coupled_delay_margin(loop: Loop) -> float:
 
 
 def one_loop_gains(loop: Loop) -> OneLoop:
-    """Margins of one joint at a time with its largest kp and kd, of a stable loop of any number of joints built with build_loop.
+    """Margins of one joint at a time, the other loops closed, with its largest kp and kd; `loop` is stable and built with build_loop.
 
     Raises GainroomError where the loop cannot be sampled finely enough.
     """
@@ -130,9 +130,10 @@ def direction_limits(loop: Loop, torque: Floats, jacobian: Floats, gains: Floats
 
 
 def _told_apart(seen: Seen) -> tuple[float, float]:
-    """The common phase and its frequency, with samples where loci of equal limbs, or curves that nearly turn, may cross with less.
+    """Phase margin common to all loops [rad], with its sign, and its frequency [rad/s], after refining samples at nearly equal loci.
 
-    With any phase: where ω is high, a large one is a short delay.
+    Loci of equal limbs, and curves that nearly turn back, may cross the unit circle between samples. Every phase is looked at, also a large
+    one: at a high frequency it is a short delay.
     """
     found = seen.common_phase()
     for _ in range(MOST_ROUNDS):
@@ -156,7 +157,10 @@ def _phase_counted(counting: Seen, phase: float) -> Certificate | None:
 
 
 class _Delay(NamedTuple):
-    """The delay margin [s], where [rad/s], and its certificate: None where no delay is known to be too long; `known`: that is counted."""
+    """Delay margin `at` [s], its frequency `omega` [rad/s] and its certificate, None where no delay is known to be too long.
+
+    known   True: roots have been counted on both sides, or no delay up to LONGEST_DELAY loses the loop
+    """
 
     at: float
     omega: float
@@ -165,10 +169,11 @@ class _Delay(NamedTuple):
 
 
 def _first_delay(loop: Loop, seen: Seen) -> _Delay:
-    """The least delay more in all loops at which they are lost; inf: none up to LONGEST_DELAY.
+    """Smallest extra delay in all loops that puts a root on the stability boundary, with its root counts; inf: none up to LONGEST_DELAY.
 
-    A crossing that is seen is exact where a delay turns loci by ω times itself; of sampled loops it is the start of secants. Where roots
-    are unstable before it, samples are taken anew of the loop with a longer delay that is still stable.
+    A crossing of −1 in the samples is exact where a delay T turns loci by ωT; of a sampled loop it is the start of a secant iteration.
+    Where
+    roots are unstable before that delay, the loop is sampled anew with a longer delay that is still stable.
     """
 
     def counted(delay: float) -> int:
@@ -201,7 +206,7 @@ def _first_delay(loop: Loop, seen: Seen) -> _Delay:
 
 
 def _between(counted: Callable[[float], int], stable: float, unstable: float) -> float:
-    """A delay nearer to the first that is lost than `stable`, and stable itself: by halving towards `unstable`."""
+    """Stable delay [s] between `stable` and `unstable`, nearer to the first crossing, by halving."""
     for _ in range(HALVINGS):
         middle = 0.5 * (stable + unstable)
         if counted(middle) == 0:
@@ -211,7 +216,9 @@ def _between(counted: Callable[[float], int], stable: float, unstable: float) ->
 
 
 def _one_loop(loop: Loop, seen: Seen, counting: Seen, largest: bool) -> OneLoop:
-    """Margins of one loop at a time, with `largest` kp and kd; certified where factors and gains are counted on both sides."""
+    """Margins of one loop at a time, with each joint's largest gains if `largest`; certified where factors and gains are counted on both
+    sides.
+    """
     up, down, phase, peak = seen.one_loop().T
     highest = [_factor(seen, counting, joint, 1, size) for joint, size in enumerate(up.tolist())]
     lowest = [_factor(seen, counting, joint, -1, size) for joint, size in enumerate(down.tolist())]
@@ -299,7 +306,7 @@ def exact_delay(lag: Callable[[float, float], tuple[float, float]], delay: float
 
 
 def disk_of(loop: Loop) -> MultiLoopDisk | None:
-    """The disk margin; None where integrators drown all else in round-off, so that I + L is singular to the last digit."""
+    """Disk margin of the loop; None where integrators drown all else in round-off, so that I + L is singular to the last digit."""
     try:
         return disk_margin(loop)
     except np.linalg.LinAlgError:

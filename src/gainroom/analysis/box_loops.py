@@ -1,7 +1,7 @@
 """The return ratio of one joint in boxes of frequency and uncertain parameters: a sector that contains L everywhere in each box.
 
-What is computed per box is in native/include/gainroom/box_loop.hpp; here are the ranges, and bounds of what lies beyond the frequencies
-that are looked at.
+The sectors are computed in native/include/gainroom/box_loop.hpp. This module holds the ranges, and the bounds of L beyond the frequencies
+that the boxes cover.
 """
 
 import math
@@ -25,7 +25,7 @@ QUANTITIES = ("delay", "stiffness", "link_inertia", "motor_inertia", "damping") 
 
 @dataclass(frozen=True)
 class Sectors:
-    """What L can be in each of n boxes: log|L| and arg L between two values, the latter up to full turns.
+    """Bounds of the return ratio L over each of n boxes: intervals of log|L| and of arg L, the latter known up to full turns. Arrays (n,).
 
     center   (n,) L in the middle of each box
     score    (n, p) how much each parameter's width moves L: the widest is split first
@@ -39,7 +39,7 @@ class Sectors:
     score: Floats
 
     def apart(self) -> Floats:
-        """By how much, at least, arg L differs from that of −1; 0 where it may be the same."""
+        """Least distance (n,) [rad] between arg L and arg(−1) over each box; 0 where L may be real and negative."""
         nearest = math.pi * (2 * np.floor((self.phase_low + self.phase_high) / (4 * math.pi)) + 1)
         return np.maximum(0.0, np.maximum(self.phase_low - nearest, nearest - self.phase_high))
 
@@ -146,7 +146,7 @@ class BoxLoop:
 
     @property
     def boundable(self) -> bool:
-        """Whether what lies beyond the frequencies looked at is bounded."""
+        """True if |L| beyond the sampled frequencies is bounded for every joint of the ranges, so that a proof can come to an end."""
         return self.aliases > 0 if self.sample_time is not None else math.isfinite(self.silent_above(1e-3))
 
     def _aliases(self) -> int:

@@ -17,15 +17,18 @@ from .part_plane import PartPlane
 from .part_requirements import rest
 from .stability_boundary import in_blocks, sensitivity
 
-PHASES = 6  # steps from lag to lead
+PHASES = 6  # steps between the largest lag and the largest lead
 
 
 class CommonPhase:
-    """What phases up to `angle` [rad] exclude, along the samples of a plane of the same loop and part; gains up to `window`.
+    """Gains (kp, kd) of one part excluded by a common phase of up to ±`angle` [rad] in all loops, at the samples of `plane`.
 
-    A vibration in which the part has no say, that of another leg in the air, fits no net: it is at almost one (ω, ψ) for all gains. It
-    is known by det(I + e^{jψ} L) of the gains as they are, which turns once around a cell in which it is 0: where the cell's triangles do
-    not hold these gains, all gains are excluded.
+    `loop` and `part` are those of the plane; gains up to `window` (kp, kd).
+    A vibration on which the part does not act, such as that of another leg in the air, fits no net: for all gains it is at almost one (ω,
+    ψ).
+    It shows as a zero of det(I + e^{jψ} L) with the present gains: the determinant turns once around the cell of (ω, ψ) that holds it.
+    Where
+    the triangles of that cell do not hold the present gains, all gains are excluded.
     """
 
     def __init__(self, loop: Loop, part: LoopPart, plane: PartPlane, angle: float, window: tuple[float, float]) -> None:
@@ -80,12 +83,12 @@ class CommonPhase:
 
 
 def _cells(*corners: Floats) -> Floats:
-    """(coordinates, 3, triangles)."""
+    """Triangles (coordinates, 3 corners, count) from arrays of three corners."""
     return np.stack([corner.reshape(len(corner), -1) for corner in corners], axis=1)
 
 
 def _turns(sign: Complexes) -> Booleans:
-    """Around which cells (k − 1, p − 1) a number of size 1, known at their corners (k, p), turns."""
+    """Mask (k − 1, p − 1) of cells around which a complex number of size 1, given at their corners (k, p), turns once."""
 
     def change(one: Complexes, other: Complexes) -> Floats:
         return np.angle(other / one)
@@ -95,7 +98,7 @@ def _turns(sign: Complexes) -> Booleans:
 
 
 def _holds(triangles: Floats, point: Floats) -> Booleans:
-    """Which of (coordinates, 3, triangles) hold a point."""
+    """Mask of those triangles (coordinates, 3 corners, count) that hold the point (2,)."""
     way = triangles[:2] - point[:, None, None]
     with np.errstate(all="ignore"):
         sides = np.sign([way[0, k] * way[1, k - 1] - way[1, k] * way[0, k - 1] for k in range(3)])

@@ -22,9 +22,9 @@ from ._disk_modes import opened_at_torques
 from ._mu import balanced, from_below, largest, scaled
 from .stability import scan_loop
 
-TOLERANCE = _core.DISK_TOLERANCE  # a peak between the sampled frequencies may be higher than the one reported by this share of it
-SCALAR_TOLERANCE = 1 / 0.99 - 1  # the same of the scan of one loop (crossings.py)
-SAMPLES, CHECKS = 60, 12  # of S − T: from which the search for the peak starts; at which the modes are checked
+TOLERANCE = _core.DISK_TOLERANCE  # share of the reported peak by which a peak between the sampled frequencies may exceed it
+SCALAR_TOLERANCE = 1 / 0.99 - 1  # likewise for one joint, whose peak comes from the scan (crossings.py)
+SAMPLES, CHECKS = 60, 12  # frequencies from which the search for the peak of S − T starts, and at which the modes are checked
 DROWNED = 1e13  # condition number of I + L from which its inverse is round-off: where it matters it is above 1e14, else below 1e11
 MOST_INTERVALS = 5_000  # bound of time
 LARGEST_RISE, LEAST_DISTANCE = (0.05, 1e-6)  # neighbouring samples of a response: largest relative step of σ_max, least distance
@@ -34,18 +34,18 @@ Response = Callable[[Floats], Complexes]
 
 @dataclass(frozen=True)
 class MultiLoopDisk:
-    """How far n loops are from being lost when each is multiplied by its own complex factor (2 + δ_i)/(2 − δ_i).
+    """Multi-loop disk margin: the least size of simultaneous complex factors (2 + δ_i)/(2 − δ_i), one per loop, that lose n loops.
 
     margin        α, the least 2/σ_max(D (S − T) D⁻¹) over frequency, each with its best D: no δ with max|δ_i| < α loses the loops.
                   At most 2 (factors from 0 to ∞), as a loop that fades at high frequency cannot do better. Gains of all loops may lie
                   anywhere in [(2 − α)/(2 + α), (2 + α)/(2 − α)], or phases in ±2 atan(α/2), independently of each other
-    lower_margin  what has been proved: between the sampled frequencies, nothing lower than this; 0 where nothing is proved
+    lower_margin  proved lower bound of α between the sampled frequencies; 0 where nothing is proved
     upper_margin  max|δ_i| of `factors`: the true margin at `frequency` is in [margin, upper_margin]; equal for n ≤ 3
     frequency     of the peak [rad/s]; 0 and inf can be
     scaling       (n,) diagonal of D there, geometric mean 1
     factors       (n,) complex: multiplied by these, the loops have a root at j·frequency; inf where a δ_i is 2
     certified     margin and lower_margin are within TOLERANCE of each other (1 % for one loop), proved up to rounding
-    gap           by how much of itself the peak of σ_max may be higher than found; inf where nothing is proved
+    gap           share by which the peak of σ_max may be higher than found; inf where nothing is proved
     """
 
     margin: float
@@ -90,16 +90,18 @@ def disk_margin(loop: Loop) -> MultiLoopDisk:
 
 
 def _drowned(matrix: Complexes) -> bool:
-    """Whether of the inverse of a matrix hardly a digit is known, whatever the units of its rows and columns (Bauer's condition number)."""
+    """True if hardly a digit of the inverse of `matrix` is known, by Bauer's condition number, which no unit of rows or columns changes."""
     spread = np.abs(np.linalg.eigvals(np.abs(np.linalg.inv(matrix)) @ np.abs(matrix))).max()
     return bool(spread > DROWNED)
 
 
 def disk_margin_of(response: Response, omega: Floats) -> MultiLoopDisk:
-    """The same of any return ratio ω (k,) → L (k, n, n) or (k,), sampled at `omega` (k,) [rad/s], refined and polished; not certified.
+    """Multi-loop disk margin of any return ratio ω (k,) → L (k, n, n) or (k,), from samples at `omega` (k,) [rad/s]; not certified.
 
-    For factors at another place (`loop.response`: on the measured positions) and for loops from elsewhere. What lies below the first or
-    above the last ω is not examined. Raises GainroomError where the response is not finite or has another shape.
+    The samples are refined, and the peak is polished. Serves factors at another place (`loop.response`: on the measured positions) and
+    loops
+    from elsewhere. Frequencies below the first and above the last ω are not examined. Raises GainroomError where the response is not finite
+    or has another shape.
     """
 
     def matrices(points: Floats) -> Complexes:
@@ -125,7 +127,7 @@ def disk_margin_of(response: Response, omega: Floats) -> MultiLoopDisk:
 
 
 def _of_one(loop: Loop) -> MultiLoopDisk:
-    """One loop: α = min 2|1 + L|/|1 − L|, lost with the factor −1/L."""
+    """Disk margin of one joint: α = min 2|1 + L|/|1 − L|, lost with the factor −1/L."""
     scan = scan_loop(loop)
     omega, least = scan.peaks[2].tolist()
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -135,7 +137,9 @@ def _of_one(loop: Loop) -> MultiLoopDisk:
 
 
 def _result(matrix: Complexes, height: float, omega: float, x: Floats, gap: float) -> MultiLoopDisk:
-    """The record, from S − T (n, n) at the peak, where D = e^x makes σ_max `height`, and from how much higher σ_max may be elsewhere."""
+    """Disk margin from S − T (n, n) at its peak `omega` [rad/s], where D = diag(e^x) makes σ_max `height`; elsewhere it may be (1 + gap)
+    higher.
+    """
     lower, phases = from_below(scaled(matrix[None], x[None])[0], height)
     radius = 2 / lower if lower > 0 else math.inf
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,6 +1,6 @@
 """The mode of eigenvalues that are equal, such as those of limbs that do not feel each other.
 
-Any vectors that they span serve as eigenvectors: round-off decides which an algorithm finds, and with that which of two legs it names.
+Every vector in their eigenspace is an eigenvector: round-off decides which one an algorithm finds, and with it which of two legs is named.
 """
 
 import math
@@ -12,20 +12,21 @@ from ..system.linear.arrays import Booleans, Complexes, Floats
 EQUAL = 1e-9
 """Relative distance of eigenvalues, and of crossings, that count as equal: eigenvectors of others are known to 1e-7."""
 SHIFT = 1e-10
-"""Relative: how far from an eigenvalue a matrix is solved with, so that it is not singular."""
-SINGLE = 1e-4  # of a vector's length
-SAME = 1e-6  # relative sizes of parts that count as equal, and what is left of a vector that others span
+"""Relative shift from an eigenvalue with which a matrix is solved, so that it is not singular."""
+SINGLE = 1e-4  # share of a vector's length below which it is the same as another
+SAME = 1e-6  # relative difference of parts that count as equal, and relative remainder of a vector that others span
 
 
 def equal_to(value: complex, values: Complexes) -> Booleans:
-    """Which of eigenvalues (r,) are as good as one of them."""
+    """Mask of those eigenvalues (r,) that equal `value` to EQUAL, relative."""
     return np.abs(values - value) <= EQUAL * abs(value)
 
 
 def common_mode(vectors: Complexes) -> Complexes:
-    """(n,) of the space that `vectors` (n, r) span: that in which, as a rule, every joint moves which moves in any; the largest part 1.
+    """Mode shape (n,) in the span of `vectors` (n, r) in which, as a rule, every joint moves that moves in any; the largest part is 1.
 
-    The sum of vectors of which each has part 1 at the joint that moves most in what the ones before leave still, of equal ones the first.
+    The mode is a sum of vectors of the span. Each has part 1 at the joint that moves most in the space left by those before it, of equal
+    joints the first.
     """
     if vectors.shape[1] == 1:
         return vectors[:, 0] / vectors[_largest(np.abs(vectors[:, 0])), 0]
@@ -42,10 +43,11 @@ def common_mode(vectors: Complexes) -> Complexes:
 
 
 def null_vectors(matrix: Complexes) -> Complexes:
-    """(n, r) orthonormal: for which a matrix (n, n) with a diagonal about 1, nearly singular, gives no more than EQUAL.
+    """Orthonormal null vectors (n, r), |M x| ≤ EQUAL, of a nearly singular `matrix` (n, n) with a diagonal about 1.
 
-    By inverse iteration, which costs less than all eigenvectors: from two vectors, and from more where none of these is left over. Where
-    both become the same there is but one, known to SINGLE.
+    Inverse iteration costs less than all eigenvectors. It begins with two vectors, and takes more while all of them are null vectors. If
+    both
+    converge to the same there is but one, known to SINGLE.
     """
     count, size = min(2, len(matrix)), len(matrix)
     while True:
@@ -64,5 +66,5 @@ def null_vectors(matrix: Complexes) -> Complexes:
 
 
 def _largest(sizes: Floats) -> int:
-    """The first of the largest."""
+    """Index of the largest of `sizes`, of equal ones the first."""
     return int(np.argmax(sizes >= sizes.max() * (1 - SAME)))

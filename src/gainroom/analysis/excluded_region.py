@@ -19,7 +19,7 @@ Piece = tuple[Integers, Floats, Floats]
 """Column, one end and the other end of intervals of kd."""
 Events = tuple[Integers, Floats, Floats]
 """Column, ω and kd."""
-ROUNDS, FEW_ROUNDS = 50, 8  # of halving, where the ends are polished and where they are not
+ROUNDS, FEW_ROUNDS = 50, 8  # halvings of an end of an interval: polished, and for a first search
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Lines:
         return [piece for branch in branches for piece in self._swept_by(branch, (column, omega, kd))]
 
     def _swept_by(self, branch: Branch, events: Events) -> list[Piece]:
-        """While L is in the set: between samples of ω, cut at every event between them."""
+        """Intervals of kd swept while L is in the set: between samples of ω, cut at every event between them."""
         omega = self.omega
         kd, inside = branch(self.kps[:, None], *(part[None, :] for part in self.responses))
         cut = np.zeros((len(self.kps), len(omega) - 1), dtype=bool)
@@ -70,7 +70,7 @@ class Lines:
         column, k = np.nonzero(whole)
         pieces = [(column, kd[column, k], kd[column, k + 1])]
         pieces.append(self._around_events(branch, events, place, cut))
-        if self.polish:  # where kd(ω) turns back inside the set
+        if self.polish:  # extrema of kd(ω) inside the set are ends of its intervals
             near = (kd >= self.window[:, :1]) & (kd <= self.window[:, 1:])
             column, k = np.nonzero(whole[:, 1:] & whole[:, :-1] & near[:, 1:-1] & (np.diff(kd)[:, 1:] * np.diff(kd)[:, :-1] < 0))
             sign = np.where(kd[column, k + 1] > kd[column, k], 1.0, -1.0)
@@ -99,7 +99,7 @@ class Lines:
         return columns[1:][held], kd[:-1][held], kd[1:][held]
 
     def _touching(self) -> Events:
-        """Where the line of all L at one kp just touches the unit circle, |kp Im(Ā B)| = |B|: beyond, no kd gives |L| = 1."""
+        """Events at which the line of all L at one kp is tangent to the unit circle, |kp Im(Ā B)| = |B|: beyond, no kd gives |L| = 1."""
 
         def reach(a: Complexes, b: Complexes) -> Floats:
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -207,7 +207,7 @@ class Lines:
 
 
 def union_of(column: Integers, low: Floats, high: Floats, count: int) -> list[Floats]:
-    """Disjoint sorted intervals per column."""
+    """Union of intervals [low, high] per column, `count` of them: disjoint sorted intervals (p, 2) each."""
     order = np.lexsort((low, column))
     column, low, high = column[order], low[order], high[order]
     bounds = np.searchsorted(column, np.arange(count + 1))

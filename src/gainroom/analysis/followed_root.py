@@ -1,25 +1,25 @@
 """One closed-loop root of coupled loops, followed right of the stability boundary as all gains rise from where it crosses.
 
-det(I + g L(s)) = 0 where an eigenvalue λ of L(s) is −1/g. With its vectors x and yᵀ, yᵀx = 1, dλ/ds = yᵀ L' x. Followed is 1/λ = −g, which
-beside a pole of L, as of a resonance, is as good as linear in s.
+det(I + g L(s)) = 0 where an eigenvalue λ of L(s) is −1/g. With its vectors x and yᵀ, yᵀx = 1, dλ/ds = yᵀ L' x. The equation is 1/λ = −g:
+beside a pole of L, as of a resonance, 1/λ is nearly linear in s.
 """
 
 import numpy as np
 
 from ..system.loop import Loop
 
-STEP = 1.5  # of g to begin with
+STEP = 1.5  # first relative step of g
 LEAST_STEP = 1e-3
-ASIDE = 1e-5  # of s, at which L is looked at for its slope
-ROUNDS, CLOSE, CLEAR = 6, 1e-3, 0.03  # of Newton's method; its last step, of s and of how far s is from the boundary
-EXACT = 1e-9  # of s: a step that small leaves a root with the digits that L has
-STRAY = 0.3  # of a step: farther from where the slopes at both its ends lead, the root that is found may be another
+ASIDE = 1e-5  # relative distance from s of the second point that gives the slope of L
+ROUNDS, CLOSE, CLEAR = 6, 1e-3, 0.03  # steps of Newton's method; its last step relative to |s|, and to the distance from the boundary
+EXACT = 1e-9  # last step relative to |s| that leaves a root with the digits that L has
+DEVIATION = 0.3  # part of a step by which its end may miss the place that the slopes predict: farther off, it may be another root
 
 
 def stays_unstable(loop: Loop, omega: float, gain: float) -> bool:
-    """Whether the root that leaves jω outwards, where all gains are times `gain` < 1, is right of the boundary for all from there to 1.
+    """True if the root that crosses jω outwards at the factor `gain` < 1 on all gains stays right of the boundary for all factors up to 1.
 
-    False says nothing: it comes back, or could not be followed.
+    False says nothing: the root comes back, or could not be followed.
     """
     s, slope = 1j * omega, _inverse(loop, 1j * omega, gain)[1]
     step = STEP
@@ -27,7 +27,7 @@ def stays_unstable(loop: Loop, omega: float, gain: float) -> bool:
         following = min(1.0, gain * (1 + step))
         rise = gain - following
         found = _corrected(loop, s + rise / slope, following)
-        if found is None or abs(found[0] - s - 0.5 * rise * (1 / slope + 1 / found[1])) > STRAY * abs(found[0] - s):
+        if found is None or abs(found[0] - s - 0.5 * rise * (1 / slope + 1 / found[1])) > DEVIATION * abs(found[0] - s):
             step /= 2
             if step < LEAST_STEP:
                 return False

@@ -1,4 +1,4 @@
-"""Gain matrices that couple joints, as gains of directions: G_t = X diag(g_t) Y, of all terms of a controller with one X and one Y.
+"""Gain matrices that couple joints, written as gains along directions: G_t = X diag(g_t) Y with one X and one Y for all terms t.
 
 Then det(I + P c(s) Σ h_t G_t) = det(I + Y P X diag(c_i)), c_i = c Σ h_t g_t,i: r loops as those of joints, behind Y P X. Symmetric gains
 have X = Yᵀ, and Y P Yᵀ is symmetric as P is. Tasks have Y = Eᵀ and X = E Λ.
@@ -11,14 +11,14 @@ import numpy as np
 
 from ..system.linear.arrays import Floats
 
-NONE, SOME = 1e-11, 1e-8  # of the largest singular value: up to so much is no gain, from so much on it is one
-EXACT = 1e-11  # relative: how near to the gains the product has to be
+NONE, SOME = 1e-11, 1e-8  # relative to the largest singular value: up to NONE there is no gain, from SOME on there is; between, unknown
+EXACT = 1e-11  # largest relative difference between the gain matrices and their product X diag(g) Y
 SYMMETRIC = 1e-12  # relative
 SAME = 1e-6  # relative distance of ratios of gains that are as good as equal
 
 
 class Directions(NamedTuple):
-    """torque X (n, r), measured Y (r, n), gains (r,) of each term."""
+    """Factors of gain matrices: torque X (n, r), measured Y (r, n), and gains (r,) of each term."""
 
     torque: Floats
     measured: Floats
@@ -27,7 +27,7 @@ class Directions(NamedTuple):
 
 
 def gain_directions(terms: Mapping[tuple[int, int], Floats], unit: Floats) -> Directions | None:
-    """Of gain matrices (n, n) by term; None where there is none such, or it is not known.
+    """Directions X, Y and gains along them of gain matrices (n, n), one per term; None where no common directions exist, or none are known.
 
     unit   (n,) in which joints are alike (Plant.units), as else round-off of one's gains hides another's
     """
@@ -84,7 +84,7 @@ def _any(whole: Floats, other: Floats) -> tuple[Floats, Floats]:
     ratios = np.linalg.solve(whole, other)
     values = np.sort(np.linalg.eigvals(ratios).real)
     size, axes, start = np.abs(values).max(), [], 0
-    while start < len(values):  # of equal ones any axes serve: those that are orthogonal
+    while start < len(values):  # equal ratios leave the axes free: orthogonal ones are taken
         end = start + 1
         while end < len(values) and values[end] - values[end - 1] <= SAME * size:
             end += 1
