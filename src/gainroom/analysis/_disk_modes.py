@@ -27,8 +27,7 @@ LEAST_SHARE = 1e-3  # least part of N(ω = 0) that a mode has to make for its ro
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of the loops closed without delay, N = Σ c_i b_iᵀ/(v − p_i), with the delays E and the diagonal R through which they are
-    closed.
+    """Modes of the loops closed without delay: N = Σ c_i b_iᵀ/(v − p_i), the delays E and the diagonal R of the closed loops.
 
     poles p (m,), into b (m, n), out c (n, m), delays (n,) [s], share (n,) the diagonal of R, sample_time [s] (0: continuous)
     """
@@ -52,9 +51,7 @@ class Modes:
 
     @property
     def lost(self) -> bool:
-        """True if a slow mode that N at rest depends on is round-off: poles that nearly coincide are known to the root of round-off
-        alone.
-        """
+        """True if a slow mode that contributes to N at rest is round-off: nearly equal poles are known to the root of round-off alone."""
         sizes = np.abs(self.poles)
         slow = (sizes < LOST * self.fastest) & (sizes > 0)
         share = np.linalg.norm(self.out, axis=0) * np.linalg.norm(self.into, axis=1)
@@ -108,9 +105,7 @@ class Opened:
         return Modes(poles, into, out, self.delays, share, self.sample_time)
 
     def agrees(self, modes: Modes, omega: Floats) -> bool:
-        """True if S − T (k, n, n) from the modes and from the state space differ by no more than AGREEMENT at every `omega` (k,)
-        [rad/s].
-        """
+        """True if S − T from the modes and from the state space differ by at most AGREEMENT at every `omega` (k,) [rad/s]."""
         eye, lag = np.eye(len(self.delays)), np.exp(-1j * omega[:, None] * self.delays)
         direct = 2 * np.linalg.inv(eye + self.response(omega)) - eye
         x = balanced(direct)
@@ -143,9 +138,7 @@ def _without_drift(system: StateSpace, sizes: Floats) -> StateSpace:
 
 
 def opened_at_torques(loop: Loop) -> Opened:
-    """The return ratio of several joints opened at the motor torques, G E; of a sampled loop E holds the whole ticks of delay and G the
-    rest.
-    """
+    """Return ratio G E of several joints, opened at the motor torques; for a sampled loop E holds the whole ticks of delay, G the rest."""
     if loop.sample_time is None:
         assert loop.open_loop is not None
         system, delays = loop.open_loop, np.zeros(loop.size) if loop.delays is None else loop.delays

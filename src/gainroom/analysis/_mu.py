@@ -37,8 +37,6 @@ def improved(matrices: Complexes, start: Floats, tolerance: float = TOLERANCE) -
 
 
 def from_below(matrix: Complexes, upper: float) -> tuple[float, Complexes]:
-    """Lower bound of μ(M): the largest |eigenvalue| of M diag(q) found over |q_i| = 1, and that q (n,); the search ends at the bound
-    `upper`.
-    """
+    """Lower bound of μ(M) and its q (n,): the largest |eigenvalue| of M diag(q) found over |q_i| = 1; the search ends at `upper`."""
     lower, phases = _core.from_below(np.ascontiguousarray(matrix, dtype=complex), upper * (1 - MET))
     return lower, phases[:, 0]

@@ -216,9 +216,7 @@ def _between(counted: Callable[[float], int], stable: float, unstable: float) ->
 
 
 def _one_loop(loop: Loop, seen: Seen, counting: Seen, largest: bool) -> OneLoop:
-    """Margins of one loop at a time, with each joint's largest gains if `largest`; certified where factors and gains are counted on both
-    sides.
-    """
+    """Margins of one loop at a time, with `largest` also each joint's largest gains; certified where roots are counted on both sides."""
     up, down, phase, peak = seen.one_loop().T
     highest = [_factor(seen, counting, joint, 1, size) for joint, size in enumerate(up.tolist())]
     lowest = [_factor(seen, counting, joint, -1, size) for joint, size in enumerate(down.tolist())]

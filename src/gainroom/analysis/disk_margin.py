@@ -137,8 +137,9 @@ def _of_one(loop: Loop) -> MultiLoopDisk:
 
 
 def _result(matrix: Complexes, height: float, omega: float, x: Floats, gap: float) -> MultiLoopDisk:
-    """Disk margin from S − T (n, n) at its peak `omega` [rad/s], where D = diag(e^x) makes σ_max `height`; elsewhere it may be (1 + gap)
-    higher.
+    """Disk margin from S − T (n, n) at its peak `omega` [rad/s].
+
+    height   σ_max there, scaled by D = diag(e^x); elsewhere it may be (1 + gap) times as high
     """
     lower, phases = from_below(scaled(matrix[None], x[None])[0], height)
     radius = 2 / lower if lower > 0 else math.inf

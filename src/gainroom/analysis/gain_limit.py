@@ -1,4 +1,4 @@
-"""How far all gains of a loop can be scaled: the stable interval of the common factor g around 1, with its certificate."""
+"""The gain limit of a loop: the stable interval of the common factor g on all gains, around 1, with its certificate."""
 
 import math
 
@@ -14,18 +14,18 @@ from .sampled_loop import SampledLoop
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 from .stability_boundary import HIGHEST, Boundary, first_grid
 
-FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
+FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # lowest factors searched, the first that round-off allows: it may hide the effect of integrators
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
 NEAR_AXIS = Reach(HIGHEST, 0.05)
-"""Samples about the negative real axis: all that a factor on all gains needs."""
-INSIDE = 1e-3  # of a factor at which roots cross: how far below it a stable one is looked for, and as near as certificates count
+"""Reach of samples for a common factor: loci near the negative real axis."""
+INSIDE = 1e-3  # relative distance below a crossing at which stability is tried, after NUDGE
 
 
 def gain_limit(loop: Loop) -> GainLimit:
     """The largest and smallest factor on all gains that keep the loop stable.
 
-    Of several joints factors up to 1000 are looked at: `gain` inf says that none up to 1000 is unstable, not that none is. For an unstable
-    loop: the nearest stable interval below g = 1. Raises GainroomError for what is no loop, and where L is zero.
+    Of several joints factors up to 1000 are looked at: `gain` = inf says that no factor up to 1000 is unstable. For an unstable loop: the
+    nearest stable interval below g = 1. Raises GainroomError for an argument that is no loop, and where L is zero.
     """
     require_loop("gain_limit", loop)
     if loop.kd_path is not None:
@@ -44,7 +44,7 @@ def gain_limit(loop: Loop) -> GainLimit:
 
 
 def sampled_limit(loop: Loop) -> GainLimit | None:
-    """gain_limit of several joints from the core's samples, with roots counted on both sides; None where something is not confirmed."""
+    """Gain limit of several joints from the core's samples, with roots counted on both sides; None where an end is not confirmed."""
     sampled = SampledLoop.of(loop)
     seen = None if sampled is None else sampled.look(NEAR_AXIS, smooth=False)
     if sampled is None or seen is None or not seen.followed or seen.unstable < 0:
@@ -86,7 +86,7 @@ def _sampled_interval(loop: Loop, sampled: SampledLoop, seen: Seen, factor: floa
 
 
 def _scalar_limit(loop: Loop) -> GainLimit:
-    """From the crossings of the certified scan: between neighbouring ones the number of unstable roots is constant."""
+    """Gain limit of one joint from the crossings of its certified scan: between neighbouring crossings the root count is constant."""
     if loop.scalar is not None and loop.scalar.gain == 0:
         raise GainroomError("gain_limit: all gains are zero")
     scan = scan_loop(loop, with_peaks=False)
@@ -112,11 +112,13 @@ def _scalar_limit(loop: Loop) -> GainLimit:
 
 
 def _stable_below(loop: Loop, factors: list[float], slopes: list[float], upper: int) -> int:
-    """The highest interval (factors[k − 1], factors[k]), k <= upper, without unstable roots; 0 where there is none.
+    """Highest interval (factors[k − 1], factors[k]), k <= upper, without unstable roots; 0 where there is none.
 
-    A long delay or huge gains make thousands of them, so roots are counted once and then carried from one to the next: a pair enters, as
-    the factor rises, where arg L falls through π, and leaves where it rises. What this finds is counted, and so is the lowest interval;
-    should they not agree, every interval is. Raises GainroomError where those are too many.
+    A long delay or huge gains make thousands of intervals. Roots are counted once, and the count is carried from one interval to the next:
+    a
+    pair becomes unstable, as the factor rises, where arg L falls through π, and stable where it rises. The interval found and the lowest
+    one
+    are counted again; if the counts disagree, every interval is counted. Raises GainroomError where those are too many.
     """
 
     def counted(k: int) -> int:

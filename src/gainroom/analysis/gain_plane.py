@@ -17,10 +17,10 @@ from ..system.linear.transfer_function import Factored, growth
 POINTS_PER_DECADE = 120
 MOST_TURNS = 20_000  # samples that follow the delay's phase
 DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequency sampled finely
-GAIN_ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the target, ω cannot be distinguished
+GAIN_ROUNDING = 4e-15  # relative round-off of a gain that solves L = target: nearer to the target, ω cannot be told apart
 UNRESOLVED = 2e-9  # relative distance of zeros between which no sample lies
 PINCH = 1e-9  # relative distance from a pinch within which the curve is taken as the straight line it is there
-Crossings = tuple[Integers, Floats, Floats]  # which value each is of, its ω, and the other gain there
+Crossings = tuple[Integers, Floats, Floats]  # index of the value crossed, ω [rad/s], the other gain there
 SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
 
 
@@ -72,7 +72,7 @@ class GainPlane:
             slowest, high = min(roots.min(initial=np.inf), last), last * (1 - 1e-9)
         low = resolved = 1e-3 * slowest
         grid = [np.geomspace(low, high, max(2, round(POINTS_PER_DECADE * math.log10(high / low))))]
-        low = DEEPEST * low  # where integrators rule, the curve runs straight into the origin; a few points follow it there
+        low = DEEPEST * low  # below the corners integrators dominate: the curve is straight into the origin, and a few points serve
         grid.append(np.geomspace(low, grid[0][0], 110))
         for root in np.concatenate([a.zeros, a.poles]):  # resonances are sampled on their own scale
             center = _frequency(root, a.sample_time)
@@ -124,7 +124,7 @@ class GainPlane:
 
 
 def _apart(a: Factored, b: Factored) -> tuple[Factored, Factored, Factored]:
-    """What A and B share, plant and delay, and what each has besides: a few roots of the controller."""
+    """Factors of A and B: their common part (plant and delay), and what each has besides, a few roots of the controller."""
     zeros, a_zeros, b_zeros = _common(a.zeros, b.zeros)
     poles, a_poles, b_poles = _common(a.poles, b.poles)
     shared = Factored(zeros, poles, 1.0, a.delay, a.sample_time)
@@ -133,7 +133,7 @@ def _apart(a: Factored, b: Factored) -> tuple[Factored, Factored, Factored]:
 
 
 def _common(first: Complexes, second: Complexes) -> tuple[Complexes, Complexes, Complexes]:
-    """Roots that are in both, and those left over in each."""
+    """Roots that `a` and `b` share, and those left over in each."""
     left, both, right = [], [], second.tolist()
     for root in first.tolist():
         if root in right:
@@ -185,20 +185,20 @@ def _frequency(root: complex, sample_time: float | None) -> float:
 
 
 def _damping(root: complex, sample_time: float | None) -> float:
-    """How far a root in v lies from the boundary [1/s]."""
+    """Distance [1/s] of a root in v from the stability boundary; > 0: on the unstable side."""
     size = 1.0 if sample_time is None else abs(1 + sample_time * root)
     return root.real if sample_time is None else math.log(max(size, 1e-300)) / sample_time
 
 
 def _horizon(a: Factored, slowest: float, fastest: float) -> float:
-    """Where the curve has left every gain of interest: well past all roots, and several turns of the delay's phase."""
+    """Highest frequency [rad/s] of the curve's grid: past all roots and several turns of the delay, beyond every gain of interest."""
     if not a.delay:
         return 1e5 * fastest  # a joint without roll-off crosses at √(kp/J): far out for large gains
     return max(4 * fastest, 8 * math.pi / a.delay, 10 * slowest)
 
 
 def _solve2(a: Complexes, b: Complexes, right: Complexes) -> tuple[Floats, Floats]:
-    """Real (x, y) with x a + y b = right."""
+    """Real (x, y) that solve x a + y b = right, complex."""
     determinant = a.real * b.imag - a.imag * b.real
     return (right.real * b.imag - right.imag * b.real) / determinant, (a.real * right.imag - a.imag * right.real) / determinant
 
@@ -238,7 +238,7 @@ class Curve:
         return cls(plane, target, omega, *found.T)
 
     def crossings(self, axis: str, values: Floats, polish: bool = True) -> Crossings:
-        """Where the curve meets the lines kp = value (axis 'kp') or kd = value ('kd').
+        """Crossings of the curve with the lines kp = value (axis 'kp') or kd = value ('kd').
 
         Returns (index into values, ω, the other gain), each crossing polished to machine precision, or interpolated with polish=False.
         """

@@ -30,10 +30,10 @@ from .gain_plane import Curve, GainPlane
 from .margin_record import Margins
 from .margins import margins_from_scan
 
-SAMPLED = 24  # gains in each interval of kd, where a requirement gives no excluded set
-HALVED, FEW_HALVED = 40, 10  # times, from one of them to the next: where ends are polished and where not
-RUNGS, RUNGS_PER_DECADE = 121, 5  # of kp: at least, and where the boundary spans many decades, as slow poles make it
-FEW_TURNS = 10.0  # [rad] ωT up to which gains are chosen at which roots are counted
+SAMPLED = 24  # gains tried in each interval of kd for a requirement without an excluded set
+HALVED, FEW_HALVED = 40, 10  # halvings between neighbouring samples: polished, and for a first search
+RUNGS, RUNGS_PER_DECADE = 121, 5  # values of kp: at least, and per decade of a boundary that slow poles spread over many
+FEW_TURNS = 10.0  # [rad] largest phase ωT of the delay at gains chosen for a root count
 
 
 def pd_region(
@@ -130,7 +130,7 @@ class PDRegion:
         return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
 
     def stable_columns(self, kps: Floats, polish: bool = True) -> list[Floats]:
-        """As `columns`, for bare stability."""
+        """Intervals of kd (p, 2) with which the loop is stable, one array per kp of `kps` (m,), sorted; no margin is required."""
         index, kd, change = self._crossings("kp", kps, polish)
         order = np.lexsort((kd, index))
         index, kd, change = index[order], kd[order], change[order]
@@ -357,7 +357,7 @@ def traced(kps: Floats, columns: list[Floats]) -> tuple[Floats, ...]:
 
 
 def _links(before: list[tuple[float, float]], after: Floats) -> dict[int, int]:
-    """Which interval of one column continues which of the column before: index after → index before."""
+    """Index of the interval of the column before that each interval of a column continues: {index after: index before}."""
     over = np.array([[low < end and high > start for start, end in before] for low, high in after]).reshape(len(after), len(before))
     links = {k: int(np.argmax(over[k])) for k in range(len(after)) if over[k].sum() == 1 and over[:, np.argmax(over[k])].sum() == 1}
     loose_after, loose_before = np.flatnonzero(~over.any(axis=1)), np.flatnonzero(~over.any(axis=0))

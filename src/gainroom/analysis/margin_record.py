@@ -1,4 +1,4 @@
-"""What a loop of n >= 1 joints has left before it is lost: one record, whatever n is. An unstable loop has no margins: they are NaN."""
+"""Margins of a loop of n >= 1 joints: one record, whatever n is. An unstable loop has no margins: they are NaN."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ NUDGE = 1e-6
 class Certificate:
     """Unstable closed-loop roots just inside and just outside a limit; `holds` when none inside and some outside.
 
-    They are counted. Of a limit that is proved (proved_limit.py) those outside are those of the crossings found: at least as many.
+    Both numbers are counted. For a proved limit (proved_limit.py) `outside` is a lower bound: the roots of the crossings found.
     """
 
     inside: int
@@ -35,7 +35,10 @@ class Certificate:
 
 @dataclass(frozen=True)
 class End:
-    """Where stability ends: at `at`, by a root at jω, ω = `omega`; `mode` (n,) complex, the largest part 1."""
+    """End of stability along a factor or delay: the value `at` which a root reaches jω, ω = `omega` [rad/s], with its mode and certificate.
+
+    mode   (n,) complex, the largest part 1
+    """
 
     at: float
     omega: float
@@ -87,7 +90,7 @@ class GainLimit:
 
     @classmethod
     def unknown(cls, size: int, stable: bool = True) -> "GainLimit":
-        """Of `size` joints, where nothing but the verdict is known."""
+        """Gain limit of `size` joints of which nothing but `stable` is known: all numbers are NaN."""
         return cls(stable, math.nan, math.nan, math.nan, np.ones(size, dtype=complex), None)
 
     @property
@@ -97,7 +100,7 @@ class GainLimit:
 
 
 def interval(loop: Loop, upper: End | None, lower: End | None, stable: bool = True) -> GainLimit:
-    """The limit of a loop with these ends."""
+    """Gain limit of `loop` with these ends."""
     mode = np.ones(loop.size, dtype=complex) if upper is None else upper.mode
     gain, omega, certificate = (math.inf, math.nan, None) if upper is None else (upper.at, upper.omega, upper.certificate)
     if lower is None:
@@ -135,7 +138,7 @@ class OneLoop:
 
 @dataclass(frozen=True)
 class PathMargins:
-    """Of a loop whose kd closes on a path of its own: factors on one path's gains, of all joints at once, the other's as they are.
+    """Margins of each path of a loop whose kd closes on a path of its own: factors on all gains of one path, the other path's as they are.
 
     others, kd   the smallest factor > 1 at which the loop is lost, inf where none is up to 1e3
     lower_others, lower_kd   the largest factor < 1, 0 where none is down to 1e-3

@@ -16,7 +16,7 @@ from .margin_record import GainCrossing, GainLimit, Margins, OneLoop, PhaseCross
 from .multirate import Multirate
 from .stability import scan_loop, unstable_roots
 
-NOTHING, _, HALVED, ENDLESS, FAILED = range(5)  # of Found in scalar_delay_margin.hpp
+NOTHING, _, HALVED, ENDLESS, FAILED = range(5)  # the values of enum Found in scalar_delay_margin.hpp
 
 
 def margins(loop: Loop) -> Margins:
@@ -84,7 +84,7 @@ def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
         return replace(found, certified=False)
     if way == NOTHING:
         return found
-    # Of tried delays no more is known than that those are stable: an unstable one before them would lie near the first crossing's.
+    # The delays tried are stable, no more is known: an unstable delay shorter than them would lie near that of the first crossing.
     tried = way == HALVED and extra > found.delay_margin + tick
     return replace(found, delay_margin=extra, delay_crossover=omega, certified=found.certified and not tried)
 

@@ -1,6 +1,6 @@
-"""Margins of a stable loop outside some bands of frequencies: what is left when what happens there is somebody else's to damp.
+"""Margins of a stable loop outside some bands of frequencies, for vibrations in the bands that something else damps.
 
-They are read from samples that are polished; no root is counted, as roots of all frequencies are counted together.
+The margins are read from polished samples. They are not certified: a root count covers all frequencies together.
 """
 
 import math
@@ -15,9 +15,10 @@ from .sampled_loop import EVERY_PHASE, SampledLoop
 
 
 def margins_outside(loop: Loop, found: Margins, bands: Floats) -> Margins:
-    """`found`, with phase margins and peak sensitivities as they are outside `bands` (k, 2) [rad/s]; others as they are, none certified.
+    """`found` with phase margins and peak sensitivities of the frequencies outside `bands` (k, 2) [rad/s]; not certified.
 
-    Those are NaN where loci cannot be followed, and where a root lies on the stability boundary, to the last digit.
+    All other margins stay as they are. The replaced ones are NaN where loci cannot be followed, and where a root lies on the stability
+    boundary to the last digit.
     """
     phase, crossover = math.nan, math.nan
     own, peaks, peak_at = np.full(loop.size, math.nan), np.full(loop.size, math.nan), math.nan

@@ -1,4 +1,4 @@
-"""A coupled loop in the core, by its modes: which common factor on all gains, on from one, first puts a root on the boundary, proved.
+"""A coupled loop in the core, by its modes: the first common factor on all gains, from 1 on, that puts a root on the boundary, proved.
 
 Known for gains of joints or of directions, with encoders on the motors' side (native/include/gainroom/exclusion.hpp, coupled_limit.hpp).
 """
@@ -24,14 +24,14 @@ from .equal_modes import SHIFT, common_mode, null_vectors
 from .gain_directions import gain_directions
 from .margin_record import NUDGE
 
-NARROWEST = 1e-4  # relative width of an interval that is not halved further
-FINEST, MOST, LOOKS = 1e-9, 200, 60  # where eigenvectors have to be looked at: relative width, samples, intervals
-MOST_TWOFOLD = 3  # channels whose gains are not symmetric: the loci of more are quicker than their proof
-COUPLED = 1e-9  # vᵀ v' of eigenvectors: less is round-off
+NARROWEST = 1e-4  # relative width of an interval that the core does not halve further
+FINEST, MOST, LOOKS = 1e-9, 200, 60  # intervals decided by eigenvectors of L: least relative width, most samples each, most of them
+MOST_TWOFOLD = 3  # channels of asymmetric gains up to which the proof is tried: of more, samples of loci are quicker
+COUPLED = 1e-9  # vᵀ v' of two eigenvectors below which it is round-off
 FACTORS = (3.0, 2.7)
-"""From end to end of the intervals that are begun with, at most: units are chosen in the middle of each.
+"""Largest ratio of the ends of the first intervals of frequency; units are chosen in the middle of each.
 
-Where the proof fails from the first, as by round-off it may, it is tried from the second.
+The second is tried where the proof fails with the first, as round-off may make it.
 """
 
 
@@ -39,18 +39,18 @@ Where the proof fails from the first, as by round-off it may, it is tried from t
 class ModalLoop:
     """A coupled loop in the core.
 
-    plant     the modes of its plant
-    modes     the same as its channels have them
+    plant     modes of the plant
+    modes     modes of the plant as the channels see and move them
     corners   (k,) rad/s: resonances, and half of the way to half the sample rate; intervals begin there
-    bends     (k,) rad/s: the corner frequencies of its laws
-    leads     (n,) [s] by how much more each joint's law leads than all lags at ω = 0: d arg/dω there
-    turns     (n,) [s] the sum of the sizes of all that leads and lags
+    law_corners   (k,) rad/s: the corner frequencies of its laws
+    leads     (n,) [s] lead of each joint's law less all lags at ω = 0: d arg/dω there
+    turns     (n,) [s] sum of the sizes of all leads and lags in d arg/dω
     last      half the sample rate [rad/s]; None: continuous
     passive   the motors give out no energy at any frequency, Re(jω P) >= 0: without a hold between. Gravity takes and gives none either
     torque    X (n, r) where the channels are not all joints: those that have gains, or directions (gain_directions.py); None: they are all
     folds     2 where every channel is there twice, as F is not symmetric (exclusion.hpp): then det F is squared; else 1
-    laws      what d comes from; late (n,) [s]: by how much later it acts
-    turning   [s] the same as `turns` of hold, current loop and a part of a tick alone, where sampled
+    laws      the laws whose inverses are d; late (n,) [s]: the delays behind them
+    turning   [s] part of `turns` due to hold, current loop and fraction of a tick, where sampled
     """
 
     core: "_core.ModalLoop"
@@ -60,7 +60,7 @@ class ModalLoop:
     late: Floats
     turning: float
     corners: Floats
-    bends: Floats
+    law_corners: Floats
     leads: Floats
     turns: Floats
     last: float | None
@@ -70,10 +70,11 @@ class ModalLoop:
 
     @classmethod
     def of(cls, loop: Loop) -> "ModalLoop | None":
-        """None where no proof is known.
+        """Modal form of a coupled loop; None for a loop of which no proof is known.
 
-        With link-side feedback, friction to ground, gains without directions (gain_directions.py), different drives of a sampled loop or
-        with coupled gains, and controllers that are not stable by themselves but for integrators.
+        No proof is known for link-side feedback, friction to ground, gains without directions (gain_directions.py), different drives of a
+        sampled
+        loop or with coupled gains, and controllers that are unstable by themselves but for integrators.
         """
         parts, step = loop.parts, loop.sample_time
         if parts is None or loop.size == 1 or parts.feedback != "motor" or loop.gain <= 0:
@@ -142,15 +143,15 @@ class ModalLoop:
         )
 
     def crossings(self, start: float, stop: float, low: float, high: float, counting: bool = False) -> "Crossings | None":
-        """Where factors from `start`, 0: from rest, to `stop` put a root at jω, low <= ω <= `high`; the first is the nearest: proved.
+        """Factors on all gains between `start` (0: from rest) and `stop` that put a root at jω, low <= ω <= `high`; nearest first, proved.
 
-        None where that could not be proved; no crossings where there are none, which is proved then.
+        None where the proof failed. No crossings in the result: it is proved that there are none.
         """
         tried = (self._crossings(self._grid(low, high, factor), start, stop, counting) for factor in FACTORS)
         return next((found for found in tried if found is not None), None)
 
     def _crossings(self, grid: Floats, start: float, stop: float, counting: bool) -> "Crossings | None":
-        """The same from intervals (k,) that are begun with."""
+        """Crossings as of `crossings`, from the intervals of ω between neighbours in `grid` (k + 1,); None where the proof failed."""
         bases = self._rigid_bases(grid)
         proved, places, vectors, undecided, turns = self.core.limit(grid, start, stop, NUDGE, NARROWEST, self.passive, counting, bases)
         way = math.copysign(1.0, stop - start)
@@ -163,7 +164,7 @@ class ModalLoop:
         return Crossings(found, turned / self.folds, turns[1] / self.folds, turns[2])
 
     def mode(self, crossing: "Crossing", loop: Loop) -> Complexes:
-        """The measured positions (n,) there, of the loop that this is, the largest part 1; of all that vibrates at that factor."""
+        """Mode shape (n,) of a crossing: measured positions of `loop`, the largest part 1, of all joints that vibrate at that factor."""
         (mobility,), (laws,) = self._unfolded(np.array([crossing.omega]))
         size, root = len(laws), np.sqrt(np.abs(laws))
         there = np.diag(laws / np.abs(laws)) + crossing.gain * (1 - SHIFT) * mobility / (root[:, None] * root)
@@ -181,15 +182,15 @@ class ModalLoop:
         return functions[:, :1, None] * self.modes.rigid + (shapes.T * functions[:, None, 1:]) @ shapes, laws
 
     def _unfolded(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        """The same with every channel once, also where F is not symmetric."""
+        """x P (k, n, n) and d (k, n) at `omega` (k,), each channel once, also where F is not symmetric and its channels are doubled."""
         mobility, laws = self.response(omega)
         size = laws.shape[1] // self.folds
         return mobility if self.folds == 1 else mobility[:, :size, :size] - 1j * mobility[:, :size, size:], laws[:, :size]
 
     def _excluded(self, undecided: Floats, start: float, stop: float, counting: bool) -> float | None:
-        """How far arg det F turns where factors on the way put no root at jω in the intervals (k, 2); None: not decided.
+        """Turn of arg det F [rad] over intervals of ω (k, 2) where no factor from `start` to `stop` puts a root at jω; None: undecided.
 
-        Seen in the eigenvectors of L in the middle of each, else of its halves.
+        Each interval is judged in the eigenvectors of L in its middle; what stays undecided is halved.
         """
         turned, open_ones = 0.0, [(low, high) for low, high in undecided.tolist()]
         for _ in range(LOOKS):
@@ -255,7 +256,7 @@ class ModalLoop:
 
 
 class Crossing(NamedTuple):
-    """A root on the boundary at jω with all gains times `gain`; `growth`: > 0 where it goes unstable above; F x = 0 for `vector` x."""
+    """Crossing of the boundary at jω, ω = `omega`, with all gains times `gain`; `growth` > 0: unstable above it; F x = 0 for `vector` x."""
 
     omega: float
     gain: float
@@ -264,9 +265,9 @@ class Crossing(NamedTuple):
 
 
 class Crossings(NamedTuple):
-    """Crossings on a way of factors, and by what arg det F, F = x P + diag(d), turns at the factor 1 from the lowest frequency to `end`.
+    """Crossings along a range of factors, and the turn of arg det F, F = x P + diag(d), at the factor 1 from the lowest ω to `end`.
 
-    From there on I + L stays near I, and arg det(I + L) goes from `tail` to 0.
+    Above `end` I + L stays near I, and arg det(I + L) goes from `tail` to 0.
     """
 
     crossings: list[Crossing]
@@ -276,7 +277,7 @@ class Crossings(NamedTuple):
 
 
 def _apart(vectors: Complexes) -> Complexes:
-    """Eigenvectors (k, n, n) of symmetric matrices, in columns: those of equal eigenvalues, of equal limbs, made orthogonal, vᵀ v' = 0."""
+    """Eigenvectors (k, n, n) of symmetric matrices, in columns, with vᵀ v' = 0 also for equal eigenvalues, as of equal limbs."""
     with np.errstate(all="ignore"):
         for one in range(1, vectors.shape[2]):
             before = vectors[:, :, :one]
@@ -305,7 +306,7 @@ class Laws:
 
     @classmethod
     def of(cls, laws: Sequence[Factored], factor: float, behind: Sequence[Factored]) -> "Laws":
-        """With all gains times `factor`; `behind`: what follows each law, or nothing."""
+        """Laws of n joints with all gains times `factor`, each followed by the filter of `behind`, if there are any."""
         parts = [laws, behind] if behind else [laws]
         in_turn = [one for of_one in zip(*parts, strict=True) for one in of_one]
         return cls(
@@ -316,7 +317,7 @@ class Laws:
         )
 
     def turns(self) -> tuple[Floats, Floats]:
-        """(n,) d arg/dω at ω = 0 [s], and the same with all zeros and poles of one sign; infinite where one is there."""
+        """Phase slope d arg/dω of each law at ω = 0 (n,) [s], and the sum of its parts' sizes (n,) [s]; infinite with roots at 0."""
         leads, turns = self.finite_turns()
         if self.zeros.all() and self.poles.all():
             return leads, turns
@@ -324,18 +325,18 @@ class Laws:
         return np.where(none, -np.inf, leads), np.where(none, np.inf, turns)
 
     def finite_turns(self) -> tuple[Floats, Floats]:
-        """The same of zeros and poles that are not 0."""
+        """Phase slope d arg/dω of each law at ω = 0 (n,) [s] by its roots that are not 0, and the sum of the parts' sizes (n,) [s]."""
         zeros, poles = (np.divide(1.0, roots, out=np.zeros_like(roots), where=roots != 0) for roots in (self.zeros, self.poles))
         return self._sum(-zeros.real, poles.real, 1), self._sum(np.abs(zeros), np.abs(poles), 1)
 
     def at_rest(self) -> tuple[Complexes, Integers]:
-        """(n,) c vᵏ at v = 0, and k: c is 0 there where k < 0, and has integrators where k > 0."""
+        """Limit of each law c vᵏ at v = 0 (n,), and k (n,): c is 0 there where k < 0, and has integrators where k > 0."""
         zeros, poles = (np.log(np.where(roots == 0, 1, -roots)) for roots in (self.zeros, self.poles))
         orders = -self._sum(1.0 * (self.zeros == 0), 1.0 * (self.poles == 0), -1)
         return self.gains * np.exp(self._sum(zeros, poles, -1)), orders.astype(int)
 
     def turned(self, omega: float, step: float | None) -> Floats:
-        """(n,) by what arg c turns from ω = 0+ to ω [rad/s]."""
+        """Turn of arg c [rad] of each law (n,) from ω = 0+ to `omega` [rad/s]."""
 
         def turns(roots: Complexes) -> Floats:
             if step is None:
@@ -357,5 +358,5 @@ class Laws:
 
     @cached_property
     def _owners(self) -> Integers:
-        """Whose each zero is, and each pole."""
+        """Index of the law (joint) of each zero, and of each pole."""
         return np.concatenate([np.repeat(np.arange(len(self.gains)), counts) for counts in self.counts.T])

@@ -30,8 +30,8 @@ from .part_plane import PartPlane
 from .part_requirements import Piece, rest
 from .stability_boundary import in_blocks, sensitivity
 
-BETWEEN = 8  # parts of the window in kd, in each of which an arc or segment is looked for
-HALVED = 12  # times that the end of what lies within it is sought
+BETWEEN = 8  # parts of the window in kd, each searched for an arc or segment by itself
+HALVED = 12  # halvings towards the end of an excluded interval
 Inside = Callable[[Complexes], Floats]
 
 
@@ -48,7 +48,7 @@ class Quotient(NamedTuple):
         return (self.u_0 + kd * self.u_1) / (self.w_0 + kd * self.w_1)
 
     def sampled(self, *places: Integers) -> "Quotient":
-        """At these lines and frequencies, or at these of such."""
+        """Quotient at index arrays `places`: lines and frequencies."""
         shape = self.u_0.shape
         return Quotient(*(np.broadcast_to(each, shape)[places] for each in self))
 
@@ -64,7 +64,7 @@ class Quotient(NamedTuple):
 
 
 class OtherLoops:
-    """Every loop's sensitivity along the samples of a plane of the same loop and part."""
+    """Sensitivities S_jj of all loops as functions of (kp, kd) of one part, at the samples of `plane`; gains up to `window`."""
 
     def __init__(self, loop: Loop, part: LoopPart, plane: PartPlane, window: tuple[float, float]) -> None:
         assert loop.parts is not None
@@ -107,7 +107,7 @@ class OtherLoops:
 
 
 def _above(loop: Quotient, one: SensitivityBound, needed: float) -> list[Piece]:
-    """Where |a S_jj + b| > needed: line (m,) by its index, low and high end."""
+    """Intervals of kd in which |a S_jj + b| > needed at one frequency: index of the line (m,), low and high end."""
     a, b = one.slope, one.offset
     top, bottom = (a * loop.u_0 + b * loop.w_0, a * loop.u_1 + b * loop.w_1), (loop.w_0, loop.w_1)
     square = np.abs(top[1]) ** 2 - (needed * np.abs(bottom[1])) ** 2
@@ -141,7 +141,7 @@ def _crossed(loop: Quotient, equation: tuple[complex, float], inside: Inside, to
     both = loop.sampled(line, k), loop.sampled(line, k + 1)
 
     def changes(kd: Floats, places: tuple[Any, ...]) -> tuple[Floats, Any]:
-        """`inside` where it changes on the straight way between the samples, and whether it does."""
+        """`inside` at the sign change on the straight line between neighbouring samples, and True where there is one."""
         first, then = (one.sampled(*places).at(kd) for one in both)
         before, after = (turned * first).real - level, (turned * then).real - level
         share = np.clip(np.nan_to_num(before / (before - after)), 0.0, 1.0)
@@ -163,12 +163,12 @@ def _crossed(loop: Quotient, equation: tuple[complex, float], inside: Inside, to
 
 
 def _turned(size: float, value: Complexes) -> Floats:
-    """> 0 where the return ratio, on the unit circle, is less than 2 arctan(size / 2) from −1."""
+    """Positive where the return ratio, on the unit circle, is less than 2 arctan(size / 2) from −1."""
     return np.abs(value.imag) * size - 1
 
 
 def _scaled(size: float, value: Complexes) -> Floats:
-    """> 0 where the return ratio, on the real axis, is −e^x with |x| < size."""
+    """Positive where the return ratio, on the real axis, is −e^x with |x| < size."""
     ratio = 1 - (1 / value).real
     return np.where(ratio > 0, size - np.abs(np.log(np.abs(ratio))), -1e3)
 

@@ -6,7 +6,7 @@ With D = D_0 + δ_p D_a + δ_d D_b, D_a and D_b of rank one with the same direct
 a = tr((I + L)⁻¹ P C D_a) and b likewise. f(jω) = 0 are two real equations linear in the gains, one point per ω (D-decomposition; Neimark
 1949; Ackermann 2002, ch. 4); the roots of the gains as they are have been counted, and every crossing changes that count by two.
 
-Sampled, not certified: a picture of where gains can go. What is said of gains is said by analysis/margins.py.
+Sampled, not certified: a picture of where gains can go. Certified margins of gains come from analysis/margins.py.
 """
 
 import math
@@ -26,19 +26,19 @@ from .stability import unstable_roots
 from .stability_boundary import in_blocks, sensitivity
 
 PER_DECADE = 60
-LARGEST_STEP = 0.1  # between samples, of the size that the gains of the picture have there
-ROUNDS, MOST = 9, 6000  # of refinement; samples
-BELOW = 1e-3  # of the lowest corner frequency: where sampling begins
+LARGEST_STEP = 0.1  # largest step between samples, relative to the gains of the picture
+ROUNDS, MOST = 9, 6000  # rounds of refinement, and samples at which it ends
+BELOW = 1e-3  # lowest frequency sampled, relative to the lowest corner frequency
 COLUMNS = 56
 
 
 @dataclass(frozen=True)
 class PartPlane:
-    """f along the boundary of stability around the gains (kp, kd) as they are.
+    """Return difference of one part, f = 1 + δ_p a + δ_d b, along the stability boundary, around its present gains (kp, kd).
 
     omega   (k,) rising [rad/s]
-    a, b    (k,) what a change of kp and of kd does to f
-    count   unstable roots of the gains as they are
+    a, b    (k,) change of f per change of kp and of kd
+    count   unstable roots with the present gains
     last    half the sample rate [rad/s]; None: continuous
     """
 
@@ -52,7 +52,7 @@ class PartPlane:
 
     @classmethod
     def of(cls, loop: Loop, part: LoopPart, window: tuple[float, float]) -> "PartPlane":
-        """Of a part of a loop's controller, resolved for gains up to `window`.
+        """Plane of the gains (kp, kd) of `part` of a loop's controller, sampled finely enough for gains up to `window`.
 
         Raises GainroomError for a part without a kp–kd plane, and where the ratio that is held there divides by 0.
         """
@@ -84,26 +84,28 @@ class PartPlane:
         return cls(omega, values[:, 0], values[:, 1], kp, kd, unstable_roots(loop), last)
 
     def ratio(self, kp: float, kd: float) -> Complexes:
-        """(k,) the return ratio of this part with gains (kp, kd), all others closed: f without −1 + f at none of its own."""
+        """Return ratio (k,) of this part with gains (kp, kd), all other loops closed: f less 1, over f without any gain of the part."""
         return (kp * self.a + kd * self.b) / (1 - self.kp * self.a - self.kd * self.b)
 
     @cached_property
     def curve(self) -> tuple[Floats, Floats, Floats]:
-        """kp and kd (k,) at which f(jω) = 0, and the determinant of the two equations, whose sign says which side has more roots."""
+        """Stability boundary kp, kd (k,), f(jω) = 0, and the determinant of its two equations, whose sign says which side has more
+        roots.
+        """
         determinant = self.a.real * self.b.imag - self.a.imag * self.b.real
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.kp - self.b.imag / determinant, self.kd + self.a.imag / determinant, determinant
 
     @cached_property
     def static(self) -> float:
-        """The kp at which a root is at s = 0: below it nothing is stable, as one root has left alone."""
+        """Gain kp at which a root is at s = 0: below it the loop is unstable, as a single root has crossed there."""
         rest = float(self.a[0].real)
         return self.kp - 1 / rest if rest else -math.inf
 
     def columns(self, kps: Floats) -> list[Floats]:
-        """For each kp (m,): the stable kd as open intervals (p, 2), sorted, the last one perhaps to ∞.
+        """Stable kd for each kp (m,), as open intervals (p, 2), sorted, the last one perhaps to ∞.
 
-        Raises GainroomError where the gains as they are fall over at rest: then the count says nothing of other gains.
+        Raises GainroomError where a single root is unstable at rest with the present gains: then the count says nothing of other gains.
         """
         if self.count % 2 or self.kp < self.static:
             raise GainroomError("with these gains a joint falls over at rest, so there is no map of stable gains: raise kp")
@@ -142,7 +144,10 @@ class PartPlane:
         return kps[place[kept]], kd[kept], omega[kept]
 
     def _met(self, upright: bool, values: Floats) -> tuple[Integers, Floats, Integers, Floats]:
-        """Where the curve meets lines kp = value, or kd = value: index into values, the other gain, change of the count as it grows, ω."""
+        """Crossings of the curve with lines kp = value (upright) or kd = value.
+
+        Returns index into values, the other gain, change of the root count as that gain grows, ω [rad/s].
+        """
         kp, kd, determinant = self.curve
         along, other = (kp, kd) if upright else (kd, kp)
         low, high = along[:-1], along[1:]
@@ -172,7 +177,9 @@ class PartPlane:
 
 
 def _grid(loop: Loop) -> Floats:
-    """Frequencies from far below every corner to where gains of a picture do nothing; denser at resonances, and where the delay turns."""
+    """Frequencies [rad/s] from far below every corner to where gains of the picture have no effect; denser at resonances and with a
+    delay.
+    """
     assert loop.parts is not None
     corners = np.abs(loop.corner_frequencies.every)
     corners = corners[corners > 0]

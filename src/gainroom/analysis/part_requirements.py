@@ -17,22 +17,22 @@ from ..system.requirements import Requirements
 from .excluded_region import union_of
 from .part_plane import PartPlane
 
-FINER = 6  # times the samples of the plane, straight between them
-SCALES = 9  # factors at which stability is looked at for a gain margin
+FINER = 6  # points per sample of the plane, by linear interpolation
+SCALES = 9  # factors on the gains at which stability is checked for a gain margin
 
 Piece = tuple[Integers, Floats, Floats]
 
 
 @dataclass(frozen=True)
 class SampledLines:
-    """Lines kp = const, kps (m,), in the plane of a loop that is known at samples: A and B (k,)."""
+    """Lines kp = const, kps (m,), in the gain plane of a return ratio kp A + kd B known at samples: A and B (k,)."""
 
     a: Complexes
     b: Complexes
     kps: Floats
 
     def swept(self, branches: Sequence[Branch], ends: Sequence[complex]) -> list[Piece]:
-        """The kd for which L is on the curve, from sample to sample."""
+        """Intervals of kd for which L is on the curve, from sample to sample."""
         found = []
         for branch in branches:
             kd, inside = branch(self.kps[:, None], self.a[None], self.b[None])
@@ -41,18 +41,18 @@ class SampledLines:
         return found
 
     def at_ends(self, low: float, high: float) -> list[Piece]:
-        """Nothing: only a segment asks for it."""
+        """No intervals: a gain margin is that of stability at scaled gains (required_columns)."""
         return []
 
     def shadow(self, center: float, radius: float) -> list[Piece]:
-        """The kd for which |L − center| < radius."""
+        """Intervals of kd for which |L − center| < radius."""
         sides = [on_circle(self.kps[:, None], self.a[None], self.b[None], -center, radius, sign) for sign in (-1.0, 1.0)]
         column, k = np.nonzero(sides[0][1])
         return [(column, sides[0][0][column, k], sides[1][0][column, k])]
 
 
 def required_columns(plane: PartPlane, requirements: Requirements, kps: Floats) -> list[Floats]:
-    """For each kp (m,): the kd that keep every margin asked for, as open intervals (p, 2), sorted.
+    """Intervals of kd (p, 2), open and sorted, that keep every required margin, one array per kp of `kps` (m,).
 
     Raises GainroomError as PartPlane.columns.
     """
@@ -71,12 +71,12 @@ def required_columns(plane: PartPlane, requirements: Requirements, kps: Floats) 
 
 
 def unread(requirements: Requirements) -> tuple[str, ...]:
-    """The titles of those that are asked for and are not of one loop's own: no picture of its gains shows them."""
+    """Titles of those requirements that are not about one loop alone: no picture of its gains shows them."""
     return tuple(one.title for one, needed in requirements.asked_for if one.excluded(needed) is None)
 
 
 def _own_loop(plane: PartPlane) -> tuple[Complexes, Complexes]:
-    """A and B at the plane's samples and between them."""
+    """Coefficients A and B of the part's return ratio kp A + kd B, at the plane's samples and between them."""
     closed = 1 - plane.kp * plane.a - plane.kd * plane.b
     place = np.arange((len(plane.omega) - 1) * FINER + 1) / FINER
     known: Any = np.arange(len(plane.omega))
@@ -84,13 +84,13 @@ def _own_loop(plane: PartPlane) -> tuple[Complexes, Complexes]:
 
 
 def rest(out: Floats) -> Floats:
-    """What disjoint sorted intervals leave."""
+    """Complement of disjoint sorted intervals (p, 2)."""
     ends = np.concatenate([[-math.inf], out.ravel(), [math.inf]]).reshape(-1, 2)
     return ends[ends[:, 1] > ends[:, 0]]
 
 
 def overlap(one: Floats, other: Floats) -> Floats:
-    """Where two sets of sorted intervals overlap."""
+    """Intersection of two sets of sorted intervals, each (p, 2)."""
     low, high = np.maximum(one[:, None, 0], other[None, :, 0]).ravel(), np.minimum(one[:, None, 1], other[None, :, 1]).ravel()
     found = np.stack([low, high], axis=1)[high > low]
     return found[np.argsort(found[:, 0])]

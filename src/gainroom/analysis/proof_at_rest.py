@@ -1,4 +1,4 @@
-"""What coupled loops do as ω → 0, for factors on all gains between two bounds: which roots pass 0, that no other is near, how det F turns.
+"""Return difference of coupled loops as ω → 0, for factors on all gains between two bounds: roots at 0, no others near, turn of det F.
 
 With e_i = 1/c_i a root at jω makes F/x = P + u diag(e_i) singular, u the inverse of the factor. Free motions have P = −M₀/ω² + P₀ + ….
 With M₀ N = 0 and Rᵀ M₀ R = 1 the coordinates T = [N, √x R] take F/x to
@@ -6,7 +6,7 @@ With M₀ N = 0 and Rᵀ M₀ R = 1 the coordinates T = [N, √x R] take F/x to
     diag(Nᵀ (P₀ + u D₀) N, −1)    as ω → 0,    D₀ = diag(e_i(0)), 0 where there is an integrator,
 
 which is real and symmetric. Where it keeps its signs S for all u between, the real part of S Tᵀ F T/x stays positive for a while. All terms
-are analytic within R, the lowest corner frequency, and have MOST times their size at most within R/2: what is left of one after its power
+are analytic within R, the lowest corner frequency, and have MOST times their size at most within R/2: the remainder of one after its power
 ωᵐ⁻¹ is no more than MOST (2ε)ᵐ/(1 − 2ε) of it at ω = εR (Cauchy). Even powers are real, odd ones imaginary; two leading ones, which grow
 with ω, are below √2 times the size of their sum, known at εR up to such a rest. Where signs are alike the real part counts, which lies
 between what it is at 0 and at εR; where they differ the imaginary one does. Roots pass 0 itself where a sign changes.
@@ -22,11 +22,11 @@ from ..system.linear.arrays import Complexes, Floats, Integers
 from .margin_record import NUDGE
 from .modal_loop import ModalLoop
 
-MOST = 20.0  # a mode by itself: 4; a law by itself: e; hold, current loop and delay turn and grow less within R/2. None is seen beyond 2
-TWICE = 1 + math.sqrt(2)  # rests: of what is known at εR, in √2 times that, and of what lies before it
-TRIES = np.geomspace(0.1, 1e-8, 15)  # ε
-HELD, FREE = 1e-11, 1e-8  # of the largest rigid mobility: up to so much is none, from so much on it is one; between them nothing is known
-SPARE = 0.1  # of what has to be positive, at least
+MOST = 20.0  # largest growth of a term within R/2. A mode: 4, a law: e; hold, current loop and delay grow less. None above 2 is known
+TWICE = 1 + math.sqrt(2)  # remainders of a term at εR, taken √2 times, and below it, taken once
+TRIES = np.geomspace(0.1, 1e-8, 15)  # ε that are tried, the largest first
+HELD, FREE = 1e-11, 1e-8  # relative to the largest rigid mobility: up to HELD a direction is held, from FREE on it moves freely
+SPARE = 0.1  # least value of the normalised quantity that has to be positive
 
 
 class Static(NamedTuple):
@@ -38,10 +38,11 @@ class Static(NamedTuple):
 
 @dataclass(frozen=True)
 class AtRest:
-    """low: [rad/s] up to where nothing crosses, 0 apart; turned: by what arg det F turns up to there, at the factor 1.
+    """Result of the proof at low frequency: `low` [rad/s], up to which no root crosses but at 0, and the turn of arg det F up to there.
 
-    poles: how many det(I + L) has at 0
-    static: where on the way a root first passes 0; what lies beyond is not looked at. None: nowhere
+    turned: [rad] at the factor 1
+    poles: number of poles of det(I + L) at 0
+    static: the first factor at which a root passes 0; factors beyond it are not examined. None: there is none
     """
 
     low: float
@@ -51,15 +52,15 @@ class AtRest:
 
 
 def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
-    """For factors from 1 to `stop`, which may be less. None where nothing is known."""
+    """Proof that no root crosses at low ω > 0 for factors from 1 to `stop`, which may be less than 1; None where it fails."""
     values, orders = modal.laws.at_rest()
     if np.any(orders < 0) or np.any(orders > 1) or np.any(values.real <= 0) or np.any(np.abs(values.imag) > 1e-9 * values.real):
         return None
     corner, modes = _lowest_corner(modal), modal.modes
     if modal.folds > 1:
         return _all_free(modal, stop, corner, values.real, orders)
-    sizes = np.where(orders > 0, corner, 1.0) / values.real  # of e up to `corner`
-    units = 1 / np.sqrt(sizes)  # of torques
+    sizes = np.where(orders > 0, corner, 1.0) / values.real  # |e| up to `corner`
+    units = 1 / np.sqrt(sizes)  # units of torque
     masses, vectors = np.linalg.eigh(units[:, None] * modes.rigid * units)
     free = masses > FREE * masses[-1]
     if np.any(masses[~free] > HELD * masses[-1]):
@@ -88,7 +89,7 @@ def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
     like = signs[:count, None] == signs[:count]
     for share in TRIES:
         low = corner * share
-        misses = TWICE * MOST * (2 * share) ** np.arange(2, 5) / (1 - 2 * share)  # of parts up to that power of ω
+        misses = TWICE * MOST * (2 * share) ** np.arange(2, 5) / (1 - 2 * share)  # remainders after ω, ω² and ω³
         mobility, laws, scale = _parts(modal, low, axes * units[:, None], count)
         weights = misses[0] * scale[:, None] * scale
         weights[:count, :count] = np.where(like, misses[2], misses[1])
@@ -109,7 +110,7 @@ def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
 
 
 def _all_free(modal: ModalLoop, stop: float, corner: float, values: Floats, orders: Integers) -> AtRest | None:
-    """The same where F is not symmetric, and every channel moves by itself: Y M₀ X is regular, and −(Y M₀ X)⁻¹ F near 1."""
+    """Low-frequency proof where F is not symmetric and every channel moves freely: Y M₀ X is regular, and −(Y M₀ X)⁻¹ F near 1."""
     size = len(values) // 2
     rigid, orders = (modal.modes.rigid[:size, :size] - 1j * modal.modes.rigid[:size, size:]).real, orders[:size]
     laws = np.where(orders > 0, corner, 1.0) / values[:size]
@@ -131,7 +132,7 @@ def _all_free(modal: ModalLoop, stop: float, corner: float, values: Floats, orde
 
 
 def _lowest_corner(modal: ModalLoop) -> float:
-    """R [rad/s]; sampled, poles are as far from z = 1 as their distance says, and no further than a tick."""
+    """Radius R [rad/s] within which all terms are analytic; sampled, a pole's distance from z = 1 counts, and at most 1/T."""
     poles = np.concatenate([modal.modes.poles, modal.modes.partners])
     away = np.abs(poles)
     if modal.last is not None:
@@ -156,7 +157,9 @@ def _diagonal(give: Floats, spring: Floats) -> tuple[Floats, Floats, Floats] | N
 
 
 def _static(give: Floats, spring: Floats, stop: float) -> tuple[int, float] | None:
-    """Which of the diagonal entries give + u spring first vanishes on the way of 1/u from 1 to `stop`, and that factor."""
+    """Index of the diagonal entry give + u spring that vanishes first as 1/u goes from 1 to `stop`, and that factor 1/u; None: none
+    does.
+    """
     passing = [(float(-b / a), k) for k, (a, b) in enumerate(zip(give.tolist(), spring.tolist(), strict=True)) if a < 0 < b]
     ahead = [one for one in passing if min(1.0, stop) <= one[0] <= max(1.0, stop)]
     if not ahead:

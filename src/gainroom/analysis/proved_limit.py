@@ -1,15 +1,15 @@
-"""The interval of a common factor on all gains of coupled loops, proved from ω = 0 to infinity without following loci (modal_loop.py).
+"""The gain limit of coupled loops, proved from ω = 0 to infinity without following characteristic loci (modal_loop.py).
 
 From rest: at factors near 0 the roots are those of plant and controller. Resonances decay, the controller's own poles too, and a free
 motion, s² = −γ μ (kp + …), where every joint's lead outweighs all lag as ω → 0. From there no root can cross below the lowest crossing, to
-NUDGE of it; and the one that crosses there goes the wrong way.
+NUDGE of it, and the root that crosses there becomes unstable.
 
     ω below `low`    x P → −M₀ (1 − jω T'), d_i → (x/kp_i) (1 − jω τ_i): with τ_i > T' for all i the angle θ = 90° + ω (T' + ε) serves
     ω above `high`   |L| only falls, and is small
 
-Counted: else, as with integrators, gravity and gains that are not symmetric, the proof begins at the factor 1. What excludes crossings from
-there on also tells by what det F turns at the factor 1 from one frequency to the next, and with that how many roots are unstable (Nyquist);
-none is to be. The limits are the first crossings on both ways from 1.
+Counted: else, as with integrators, gravity and gains that are not symmetric, the proof begins at the factor 1. The samples that exclude
+crossings also give the turn of det F at the factor 1 from one frequency to the next, and with it the number of unstable roots (Nyquist);
+it has to be 0. The limits are the first crossings above and below 1.
 """
 
 import math
@@ -23,19 +23,22 @@ from .margin_record import NUDGE, Certificate, End, GainLimit, interval
 from .modal_loop import Crossings, ModalLoop
 from .proof_at_rest import AtRest, at_rest
 
-UPWARDS, DOWNWARDS = (10.0, 1e3), (0.1, 0.01, 1e-4)  # factors that are searched, first the nearer ones: most limits lie there
-LOW = 0.01  # of the lowest corner frequency, resonance or inverse of a lag: below, lead and lag are as their slopes say
-LEAST_LEAD = 0.02  # of all that leads and lags together: by so much lead has to exceed lag
-HIGH = 10.0  # times the highest corner frequency or resonance: above, L only falls
-SMALL = 0.1  # of what puts a root on the boundary
-DOUBLINGS = 40  # of a frequency until that is so
-WHOLE = 1e-3  # how near to a whole number a count of roots has to be
-UNDAMPED = 1e-9  # damping ratio of a pole that may as well lie on the boundary
-BESIDE = 1e-6  # likewise, of one that is mostly in vain searched beside: where the motors may give out energy, or an integrator lags
+UPWARDS, DOWNWARDS = (10.0, 1e3), (0.1, 0.01, 1e-4)  # farthest factors searched, first the nearer ones: most limits lie there
+LOW = 0.01  # share of the lowest corner, resonance or inverse lag [rad/s] below which lead and lag are linear in ω
+LEAST_LEAD = 0.02  # least excess of lead over lag at ω = 0, relative to the sum of all leads and lags
+HIGH = 10.0  # multiple of the highest corner frequency or resonance above which L only falls
+SMALL = 0.1  # size of the scaled return ratio, 1 of which may put a root on the boundary, at the upper end of the proof
+DOUBLINGS = 40  # most doublings of the upper end until the return ratio is SMALL there
+WHOLE = 1e-3  # largest distance of a root count from a whole number
+UNDAMPED = 1e-9  # damping ratio below which a pole counts as on the boundary
+BESIDE = 1e-6  # likewise where motors may give out energy or an integrator lags: beside such poles the proof mostly fails
 
 
 def proved_limit(loop: Loop) -> GainLimit | None:
-    """None where no proof is known, see ModalLoop.of, or it failed; of unstable loops but those that the proof from rest begins below."""
+    """Gain limit of coupled loops by proof; None where no proof is known (ModalLoop.of) or where it failed.
+
+    Of unstable loops those alone have one whose proof begins at rest.
+    """
     modal = ModalLoop.of(loop)
     if modal is None:
         return None
@@ -55,8 +58,8 @@ def _begins_at_rest(loop: Loop, modal: ModalLoop) -> bool:
 
 
 def posture_limits(modal: ModalLoop) -> "_core.PostureLimits | None":
-    """The proof from rest for the laws of `modal` behind other modes, posture by posture; None where lead does not outweigh lag."""
-    corners, most = modal.bends[modal.bends > 0], float(modal.turns.max())
+    """Solver of the proof from rest for the laws of `modal` and any posture's modes; None where lead does not outweigh lag."""
+    corners, most = modal.law_corners[modal.law_corners > 0], float(modal.turns.max())
     if modal.torque is not None or not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
         return None
     slow, fast = min(float(corners.min()), 1 / most), float(corners.max())
@@ -85,9 +88,9 @@ def _counted(modal: ModalLoop, loop: Loop) -> GainLimit | None:
 
 
 def _first_end(modal: ModalLoop, loop: Loop, stops: tuple[float, ...], counting: bool) -> tuple[End | None] | None:
-    """Where stability ends on the way from the factor 1 to one of `stops`, the nearest first: (None,) where it does not; None: not known.
+    """End of stability between the factor 1 and `stops`, the nearest first: (None,) where there is none, None where it is not known.
 
-    counting   it has to be shown that there is no unstable root at the factor 1
+    counting   True: the proof also has to show that no root is unstable at the factor 1
     """
     for stop in stops:
         rest = at_rest(modal, stop)
@@ -107,7 +110,7 @@ def _first_end(modal: ModalLoop, loop: Loop, stops: tuple[float, ...], counting:
 
 
 def _unstable_roots(modal: ModalLoop, found: Crossings, rest: AtRest, unstable_poles: int) -> int | None:
-    """Of the closed loop at the factor 1, from arg det(I + L) = arg det F + Σ arg c_i along the boundary; None: no whole number."""
+    """Number of unstable closed-loop roots at the factor 1, from the turn of arg det(I + L) = arg det F + Σ arg c_i; None: not whole."""
     step = None if modal.last is None else math.pi / modal.last
     turned = (
         rest.turned + found.turned - found.tail + float((modal.laws.turned(found.end, step) - found.end * modal.late).sum()) / modal.folds
@@ -117,7 +120,9 @@ def _unstable_roots(modal: ModalLoop, found: Crossings, rest: AtRest, unstable_p
 
 
 def _end(modal: ModalLoop, loop: Loop, found: Crossings, way: int) -> End | None:
-    """At the first of the crossings; None where the root there does not go the wrong way."""
+    """End of stability at the first of the crossings; None where the root there does not become unstable. `way` 1: upwards, −1:
+    downwards.
+    """
     first = found.crossings[0]
     level = sum(way * (one.gain - first.gain) <= first.gain * NUDGE and way * one.growth > 0 for one in found.crossings)
     if way * first.growth <= 0:
@@ -126,8 +131,8 @@ def _end(modal: ModalLoop, loop: Loop, found: Crossings, way: int) -> End | None
 
 
 def _leads_from(modal: ModalLoop) -> float | None:
-    """`low` [rad/s]; None where lead does not clearly outweigh lag at ω = 0; up to it no phase bends by 1e-4 of itself."""
-    corners = np.concatenate([modal.bends, np.abs(modal.modes.poles)])
+    """Lower end [rad/s] of the proof from rest, up to which no phase is curved by 1e-4 of itself; None where lead does not outweigh lag."""
+    corners = np.concatenate([modal.law_corners, np.abs(modal.modes.poles)])
     corners = corners[corners > 0]
     most = float(modal.turns.max())
     if not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
@@ -137,10 +142,10 @@ def _leads_from(modal: ModalLoop) -> float | None:
 
 
 def _quiet(modal: ModalLoop, highest: float) -> float | None:
-    """Half the sample rate; in continuous time where `highest` times L is small, above all corners; None where it does not become so."""
+    """Upper end [rad/s] of the proof, above which `highest` times L is small; half the sample rate if sampled; None where there is none."""
     if modal.last is not None:
         return modal.last
-    high = HIGH * float(max(modal.bends.max(initial=0.0), np.abs(modal.modes.poles).max(initial=0.0)))
+    high = HIGH * float(max(modal.law_corners.max(initial=0.0), np.abs(modal.modes.poles).max(initial=0.0)))
     for _ in range(DOUBLINGS):
         mobility, laws = modal.response(np.array([high]))
         scaled = np.abs(mobility[0]) / np.sqrt(np.abs(laws[0])[:, None] * np.abs(laws[0]))
