@@ -1,6 +1,6 @@
-"""Coupled loops whose gains act along directions, in the core: looked at again and again with other gains (loop_curves.hpp).
+"""Coupled loops in the core, with gains along joints or directions, sampled again and again with other gains (loop_curves.hpp).
 
-Limbs on a fixed base do not feel each other: loops of joints that fall apart are looked at one by one, each on its own samples.
+Limbs on a fixed base are uncoupled: each uncoupled group of joints has samples of its own.
 """
 
 import math
@@ -21,19 +21,19 @@ from .margin_record import GainLimit, Margins, OneLoop
 from .stability_boundary import LEAN, TILT, Boundary, first_grid
 
 AT_REST = 1e-6
-"""Of the lowest frequency that is sampled: there gravity's loops are at rest."""
+"""Share of the lowest frequency sampled at which loops under gravity are at rest."""
 
 FAST = 1e-2
-"""Of the size of A: from there on Hessenberg form loses no more than some five of a response's digits (actuated.hpp)."""
+"""Share of |A| from which on Hessenberg form loses at most about five digits of a response (actuated.hpp)."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How far from −1 loci and return ratios are followed: margins beyond are taken for infinite.
+    """Reach of samples around −1: loci and return ratios are followed as far as this, margins beyond are reported as infinite.
 
     factor   > 1, on gains, up or down
     phase    [rad]
-    peaks    (slope, offset, ceiling) of |slope S_ii + offset|: what is lower than the ceiling is sampled coarsely
+    peaks    (slope, offset, ceiling) of |slope S_ii + offset|: below the ceiling it is sampled coarsely
     """
 
     factor: float = 1.5
@@ -41,30 +41,30 @@ class Reach:
     peaks: tuple[tuple[float, float, float], ...] = ()
 
     def wider(self, other: "Reach") -> "Reach":
-        """Both."""
+        """The smallest reach that contains both."""
         return Reach(max(self.factor, other.factor), max(self.phase, other.phase), self.peaks + other.peaks)
 
     @property
     def peak(self) -> float:
-        """The least |S_ii − 1/2| at a peak that is asked for."""
+        """Least |S_ii − 1/2| of a peak that is searched."""
         sizes = ((high - abs(offset + slope / 2)) / abs(slope) for slope, offset, high in self.peaks if slope)
         return max(0.05, min(sizes, default=math.inf))
 
 
 WHOLE = Reach(100.0, math.pi, ((1.0, 0.0, 0.5),))
-"""Every margin that a search for gains reports on its way."""
+"""Reach of samples for every margin that a search for gains reports."""
 
 
 @dataclass(frozen=True)
 class LoopsApart:
-    """Loops of joints that do not feel each other: which joints, (g,) each, of all `size`, and their loop."""
+    """Loops of uncoupled groups of joints, `size` in all: the joints (g,) and the loop of each group."""
 
     size: int
     loops: tuple[tuple[Integers, "_core.DirectedLoop"], ...]
 
 
 class LooksApart:
-    """What is seen of each of `loops`, with gains (3, m) of all joints: methods as of native Look."""
+    """Samples of each group of `loops`, with gains (3, m) of all joints; the methods are those of the core's Look."""
 
     def __init__(self, loops: LoopsApart, gains: Floats, reach: Reach, between: bool, smooth: bool) -> None:
         self._size = loops.size
@@ -127,7 +127,7 @@ class LooksApart:
         return self._by_joint(lambda one: one.sensitivities())
 
     def _by_joint(self, of: "Callable[[_core.Look], Floats]") -> Floats:
-        """(c, 3) rows that begin with which of a part's joints they are of, as those of all."""
+        """Rows (c, 3) of all groups, the first column changed from the number of a joint in its group to that in the robot."""
         return np.vstack(
             [np.column_stack([joints[rows[:, 0].astype(int)], rows[:, 1:]]) for joints, one in self._looks for rows in [of(one)]]
         )
@@ -164,7 +164,7 @@ class LooksApart:
         return self._of_all(gains, lambda one, own: one.ends(own, locus, reach))
 
     def _of_all(self, gains: Floats, seen: "Callable[[Seen, Floats], tuple[Floats, Floats]]") -> tuple[Floats, Floats]:
-        """Margins (c, 1), and their changes with the gains of all joints (c, 2 m)."""
+        """Margins (c, 1) of all groups, and their derivatives by the gains of all joints (c, 2 m)."""
         margins, moves = [], []
         for joints, one in self._looks:
             margin, own = seen(one, np.ascontiguousarray(gains[:, joints]))
@@ -180,9 +180,9 @@ Seen = _core.Look | LooksApart
 
 
 def look(loop: Directed, gains: Floats, reach: Reach, between: bool = False, smooth: bool = True) -> Seen:
-    """The loop with gains (3, m), kp, kd and ki of every direction (kp, kv, ki of a P/PI), as far as `reach` asks.
+    """Samples of the loop with gains (3, m), kp, kd and ki of every direction (kp, kv, ki of a P/PI), as far as `reach` asks.
 
-    `between`: on other samples than without it, halfway between its first ones; `smooth`: not for a count of roots alone.
+    `between`: on other samples than without it, halfway between its first ones; `smooth`: False for a root count alone.
     """
     if isinstance(loop, LoopsApart):
         return LooksApart(loop, gains, reach, between, smooth)
@@ -194,7 +194,7 @@ def _look(loop: "_core.DirectedLoop", gains: Floats, reach: Reach, between: bool
 
 
 def lag_about(loop: Directed, gains: Floats, omega: float) -> tuple[float, float]:
-    """The lag [rad] at which the locus that is nearest to −1 at `omega` [rad/s] passes it, and where; NaN where it is lost."""
+    """Lag [rad] at which the locus nearest to −1 at `omega` [rad/s] passes it, and its frequency; NaN where it cannot be followed."""
     if isinstance(loop, LoopsApart):
         found = [lag_about(one, gains[:, joints], omega) for joints, one in loop.loops]
         return min(found, key=lambda each: math.inf if math.isnan(each[0]) else abs(each[0]))
@@ -202,10 +202,12 @@ def lag_about(loop: Directed, gains: Floats, omega: float) -> tuple[float, float
 
 
 def margins_seen(seen: Seen, size: int, apart: bool = True) -> Margins:
-    """The gain and phase margins and the peak sensitivity of `size` joints; the rest is NaN. `apart`: also of loci that nearly meet.
+    """Gain and phase margins and peak sensitivity of `size` joints from samples; the other margins are NaN.
 
-    Gains: the lesser of the factors up and down stands under both names, and the least over all loops for each. Nothing is known, so
-    that no requirement is met, where loci cannot be followed; inf: beyond what was asked for.
+    `apart`: also those of loci that nearly meet.
+    Gains: the lesser of the factors up and down stands under both names, and the least over all loops for each. Where loci cannot be
+    followed
+    all margins are unknown, so that no requirement is met. inf: beyond the reach of the samples.
     """
     if not seen.followed or seen.unstable != 0:
         return Margins.unknown(GainLimit.unknown(size, stable=not seen.singular and seen.unstable <= 0))
@@ -219,7 +221,7 @@ def margins_seen(seen: Seen, size: int, apart: bool = True) -> Margins:
 
 
 def joint_loops(loop: Loop, cascade: bool = False) -> Directed:
-    """directed_loop of the gains of joints; apart where some joints do not feel the others. `cascade`: they are P/PI."""
+    """Loop in the core with gains of the joints, one per uncoupled group where some joints do not feel the others; `cascade`: P/PI."""
 
     def directed(loop: Loop, by_modes: bool) -> "_core.DirectedLoop":
         return directed_loop(loop, np.eye(loop.size), np.eye(loop.size), np.full(loop.size, cascade), by_modes)
@@ -231,9 +233,9 @@ def joint_loops(loop: Loop, cascade: bool = False) -> Directed:
 def directed_loop(
     loop: Loop, torque: Floats, jacobian: Floats, cascade: Booleans, by_modes: bool = True, by_direction: bool = False, own: bool = True
 ) -> "_core.DirectedLoop":
-    """Plant, drives and filters of a loop of parts, without its gains: L = P C e^{−sT} X Δ E, X (n, m) = torque, E (m, n) = jacobian.
+    """Loop in the core without its gains, from a loop of parts: L = P C e^{−sT} X Δ E, X (n, m) = torque, E (m, n) = jacobian.
 
-    by_modes       P as a sum over modes, where that is exact: worth finding them where the plant is large, or looked at many times
+    by_modes       P as a sum over modes, where that is exact: worth finding them where the plant is large, or sampled many times
     by_direction   one loop at a time is one of the m directions, (I + E P C e^{−sT} X Δ)⁻¹ its sensitivities, in place of a joint
     own            directions that are the joints are taken as such
     """
@@ -274,7 +276,7 @@ def directed_loop(
 
 
 def _core_form(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, float]:
-    """A, B and C; the same in Hessenberg form, of states in units in which A is balanced, then turned; and from where on that serves."""
+    """State space A, B, C; again in balanced Hessenberg form; and the size of v [1/s] above which that form is exact enough."""
     from scipy.linalg import hessenberg, matrix_balance
 
     if not len(a):

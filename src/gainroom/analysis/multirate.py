@@ -42,10 +42,10 @@ from ..system.measured_response import measured_state
 from .margin_record import NUDGE, Certificate, End, GainLimit, Margins, OneLoop, PathMargins, interval
 from .peak_gain import peak_gain, scaled_peak_gain, without
 
-ROUNDING = 1e-12  # of a common period: events closer than that are at the same time
-MOST_STATES = 1500  # of Φ, whose eigenvalues are asked for many times
+ROUNDING = 1e-12  # part of the common period within which two events are at the same time
+MOST_STATES = 1500  # largest size of Φ, whose eigenvalues are computed many times
 HIGHEST, LOWEST = 1e3, 1e-3
-"""Factors on gains that are searched, as for other coupled loops."""
+"""Largest and smallest factor on gains that is searched, as for other coupled loops."""
 FINEST, WIDEST, FIRST = 2e-3, 0.5, 0.02
 """Steps of ln factor, of a phase [rad], or of a delay over the common period."""
 COARSE_DOWN = 0.02
@@ -55,21 +55,21 @@ MOST_LATER = 300
 MOST_HOLDS = 1500
 """Holds of all joints' torques in a period up to which σ_max of S is worked out: a matrix of that size takes a second."""
 BULGE = 0.25
-"""Part of an eigenvalue's step by which its path may lie beside the straight line."""
+"""Largest deviation of an eigenvalue's path from the straight line, relative to the step."""
 ACCURACY = 1e-13
 RESTING = 1e-5
-"""Distance by which round-off moves eigenvalues: those of a drift, two where no gain acts, off 1, one that no gain moves off the circle."""
+"""Distance by which round-off moves eigenvalues that no gain acts on: the double ones of a drift off 1, single ones off the circle."""
 STILL = 1e-11
-"""Distance by which an eigenvalue on the circle moves with all gains where none acts on it: round-off. One that grows moves by more."""
+"""Distance by which an eigenvalue on the circle moves with all gains if none acts on it: round-off. Others move by more."""
 
 Spectrum = Callable[[float], Complexes]
 
 
 @dataclass(frozen=True)
 class _Path:
-    """One of the two: its law in z of the measured position, samples per period, and delays (n,).
+    """One of the two paths of gains: its law in z of the measured position, samples per common period, and delays (n,).
 
-    late   whole samples, `rest` [s] what is beyond
+    step   [s] between samples; late (n,): whole samples of delay; rest (n,) [s]: the remainder
     """
 
     law: StateSpace
@@ -80,18 +80,18 @@ class _Path:
 
     @property
     def kept(self) -> int:
-        """Torques of the past that are not yet at work: rows of n."""
+        """Number of samples whose torques are still on their way, each a row block of n."""
         return int(self.late.max()) + 1
 
     def delayed(self, delays: Floats) -> "_Path":
-        """The path with these delays [s]."""
+        """Path with delays (n,) [s] in place of its own."""
         whole, fraction = split_delay(delays, self.step)
         return replace(self, late=whole, rest=fraction * self.step)
 
 
 @dataclass(frozen=True)
 class _Event:
-    """A path samples, or torques that it asked for earlier arrive at these joints; then the physics for `ticks` of ROUNDING."""
+    """Event within the common period: a path samples, or its earlier torques arrive at `joints`; then `ticks` of ROUNDING of physics."""
 
     path: int
     samples: bool
@@ -101,7 +101,7 @@ class _Event:
 
 @dataclass(frozen=True)
 class _Hold:
-    """The torque of `joint` from the arrival at `event` on: from `start`, for `ticks` of ROUNDING."""
+    """Hold of one joint's torque: from the arrival at event number `event`, at tick `start`, for `ticks` of ROUNDING."""
 
     joint: int
     event: int
@@ -110,9 +110,9 @@ class _Hold:
 
 
 class Lifted:
-    """The sampled system of one common period, for any factors on its gains. The paths are (others, kd).
+    """Lifted sampled system of one common period, for any factors on its gains. Its paths are (other gains, kd).
 
-    Raises GainroomError where that takes too many states.
+    Raises GainroomError where it has more than MOST_STATES states.
     """
 
     def __init__(self, loop: Loop) -> None:
@@ -186,7 +186,7 @@ class Lifted:
         return [tuple(stride) for stride in strides]
 
     def _over(self, ticks: int) -> tuple[Floats, Floats]:
-        """Matrices by which that time moves the plant's state, and held torques push it; computed once for times that are the same."""
+        """Transition matrix of the plant over `ticks`, and how torques held meanwhile act; computed once per number of ticks."""
         from scipy.linalg import expm
 
         if ticks not in self._flows:
@@ -203,7 +203,7 @@ class Lifted:
             self._move(event, y, 0.0)
 
     def _torques(self, event: _Event, y: Any, factors: list[Any]) -> None:
-        """Torques that are asked for at this event, and those that arrive."""
+        """Update of `y` at an event: the path's law computes its torques, and torques that arrive begin to act."""
         path, lines, acting = self._paths[event.path], y[self._lines[event.path]], y[self._acting[event.path]]
         if event.samples:
             memory, measured = y[self._memory[event.path]], factors[event.path][:, None] * (self._plant.c @ y[self._x])
@@ -214,7 +214,7 @@ class Lifted:
         acting[joints] = lines[path.late[joints] * self.size + joints]
 
     def _move(self, event: _Event, y: Any, beside: Any) -> None:
-        """The physics until the next event, with torques `beside` those of the paths."""
+        """Update of `y` by the physics until the next event, with torques `beside` those of the paths."""
         if event.ticks:
             move, push = self._over(event.ticks)
             y[self._x] = move @ y[self._x] + push @ (y[self._acting[0]] + y[self._acting[1]] + beside)
@@ -224,12 +224,14 @@ class Lifted:
         return factors, complex if any(np.iscomplexobj(one) for one in factors) else float
 
     def matrix(self, others: Any = 1.0, kd: Any = 1.0) -> Complexes:
-        """Φ with what each joint measures multiplied by a factor, real or complex, on either path: numbers or (n,)."""
+        """State transition Φ over a common period, with factors on the measured positions of either path: numbers or (n,), may be
+        complex.
+        """
         factors, kind = self._factors(others, kd)
         y: Any = np.eye(self.states, dtype=kind)
         for stride, same in groupby(self._strides):
             count, few = len(list(same)), self._of_faster
-            if count > 2 and all(event.path == self._faster for event in stride):  # most of the period: a power of what changes there
+            if count > 2 and all(event.path == self._faster for event in stride):  # most of the period: a power of one matrix
                 once: Any = np.eye(few, dtype=kind)
                 self._pass(stride, once, factors)
                 y[:few] = np.linalg.matrix_power(once, count) @ y[:few]
@@ -240,9 +242,9 @@ class Lifted:
 
     @cached_property
     def holds(self) -> list[_Hold]:
-        """Of each joint in turn, those of its torque: from an arrival on a path that acts on it to the next, in the order of time.
+        """Holds of every joint's torque within a period, joint by joint in the order of time: from one arrival on a path to the next.
 
-        A path without gains on the joint brings it nothing: where kp or kd is 0, what is left is the sampled loop of the other.
+        A path without gains on the joint has no arrivals: where kp or kd is 0, the sampled loop of the other path is left.
         """
         events = [event for stride in self._strides for event in stride]
         start, whole, found = np.cumsum([0, *(event.ticks for event in events)]), round(1 / ROUNDING), list[_Hold]()
@@ -254,10 +256,11 @@ class Lifted:
         return found
 
     def torques(self) -> StateSpace:
-        """T: from disturbance torques (m,), one for each of `holds`, to what the loop takes of them (m,); its `a` is Φ.
+        """Complementary sensitivity T: from disturbance torques (m,), one per hold of `holds`, to the torques (m,) that answer them.
 
-        Both are in units in which the sum of squares is ∫ torque² dt of a period over its length. The disturbances that are held when a
-        period ends are states, too.
+        Its `a` is Φ. Inputs and outputs are in units in which the sum of squares is ∫ torque² dt of a period over its length. The
+        disturbances
+        held when a period ends are states, too.
         """
         count, size, factors = len(self.holds), self.size, self._factors(1.0, 1.0)[0]
         y = np.eye(self.states, self.states + size + count)
@@ -277,7 +280,7 @@ class Lifted:
         return StateSpace(after[:, :edge], after[:, edge:], taken[:, :edge], taken[:, edge:])
 
     def frequency(self, angle: float, disturbance: Complexes, rows: Integers) -> float:
-        """The frequency [rad/s] that is strongest in torques held in `rows` of `holds`, of those that e^{j angle} stands for."""
+        """Strongest frequency [rad/s] of torques held in `rows` of `holds`, of all aliases of e^{j angle}."""
         starts, lengths = (np.array([getattr(self.holds[row], name) for row in rows]) * ROUNDING for name in ("start", "ticks"))
         turns = np.arange(-len(rows), len(rows) + 1)
         phase = 1j * (angle + 2 * np.pi * turns)[:, None]
@@ -307,21 +310,21 @@ class Lifted:
 
 
 def _of_position(law: StateSpace, size: int, step: float) -> StateSpace:
-    """x ↦ a x + b u instead of δ x = a x + b u, and u the position, from which the velocity is made, too."""
+    """Law as x ↦ a x + b u, where it was δ x = a x + b u, with the position as its only input, from which the velocity is made."""
     b, d = (one[:, :size] + one[:, size:] for one in (law.b, law.d))
     return StateSpace(np.eye(len(law.a)) + step * law.a, step * b, law.c, d)
 
 
 @dataclass(frozen=True)
 class Lost:
-    """Where the first eigenvalue leaves the unit circle: at t; with counts on both sides."""
+    """First value `at` of a parameter at which an eigenvalue of Φ leaves the unit circle, with root counts on both sides."""
 
     at: float
     certificate: Certificate
 
 
 class Multirate:
-    """The margins of one loop."""
+    """Margins of one loop with two paths of gains."""
 
     def __init__(self, loop: Loop) -> None:
         self.loop, self.lifted = loop, Lifted(loop)
@@ -331,7 +334,7 @@ class Multirate:
         self._still = near[[bool(np.abs(elsewhere - one).min() < STILL) for one in near]] if len(near) else near
 
     def values(self, others: object = 1.0, kd: object = 1.0, lifted: Lifted | None = None) -> Complexes:
-        """Eigenvalues of Φ, 0 in the place of those that rest on the circle whatever the gains: a joint without kp drifts."""
+        """Eigenvalues of Φ; those that rest on the circle whatever the gains, such as those of a joint without kp, are replaced by 0."""
         matrix = (lifted or self.lifted).matrix(others, kd)
         if not np.all(np.isfinite(matrix)):
             raise GainroomError("loop: its numbers are too large to compute with")
@@ -344,19 +347,19 @@ class Multirate:
 
     @property
     def _resting(self) -> list[tuple[complex, float]]:
-        """Where eigenvalues rest, and how near to it they come out."""
+        """Eigenvalues that no gain moves off the unit circle, each with the distance by which round-off moves it."""
         return [(complex(1.0), RESTING)] * self._drifting + [(one, 10 * STILL) for one in self._still]
 
     def rests(self, value: complex) -> bool:
-        """Whether an eigenvalue is one of those."""
+        """True if `value` is an eigenvalue that no gain moves off the unit circle."""
         return any(abs(value - one) < off for one, off in self._resting)
 
     def unstable(self) -> int:
-        """Eigenvalues outside the unit circle."""
+        """Number of eigenvalues outside the unit circle."""
         return _outside(self.values())
 
     def limit(self) -> GainLimit:
-        """The limit of the common factor on all gains, as gain_limit has it. Raises GainroomError where it cannot be certified."""
+        """Gain limit of the common factor on all gains. Raises GainroomError where it cannot be certified."""
 
         def spectrum(factor: float) -> Complexes:
             return self.values(factor, factor)
@@ -385,7 +388,7 @@ class Multirate:
         return End(lost.at, abs(omega), mode, lost.certificate)
 
     def margins(self, largest: bool = False) -> Margins:
-        """All of them; also `largest` gains of each of several joints."""
+        """All margins of the loop; `largest`: also the largest gains of each of several joints."""
         limit, size = self.limit(), self.loop.size
         if not limit.stable:
             return replace(Margins.unknown(limit), unstable_roots=self.unstable())
@@ -429,7 +432,10 @@ class Multirate:
         )
 
     def _more_delay(self, kd: float) -> tuple[Lost | None, bool]:
-        """The smallest delay more [s] on the other gains' path and `kd` times as much on kd's; and whether all up to 1 s were tried."""
+        """Smallest extra delay [s] on the path of the other gains, with `kd` times as much on kd's, that loses the loop; None: none found.
+
+        Also True if all delays up to 1 s were tried.
+        """
         period, path = self.lifted.period, self.loop.kd_path
         assert path is not None
         parts = self.loop.parts
@@ -441,7 +447,7 @@ class Multirate:
         return None if found is None else replace(found, at=found.at * period), farthest == 1.0
 
     def delay_of_others(self) -> float:
-        """The function delay_of_others below."""
+        """Delay [s] of the other gains' path at which the loop is lost, as the function delay_of_others below."""
         assert self.loop.parts is not None
         own = max(drive.delay for drive in self.loop.parts.drives)
         found, searched = self._more_delay(0.0)
@@ -457,7 +463,7 @@ class Multirate:
         return PathMargins(others, lower_others, kd, lower_kd, all(end is None or end.certificate.holds for end in ends))
 
     def _one_loop(self, limit: GainLimit, phase: Lost | None, paths: PathMargins, largest: bool) -> OneLoop:
-        """Margins of what each joint measures, the others' as they are."""
+        """Margins of one joint's measured position at a time, the other joints' as they are."""
         size = self.loop.size
         if size == 1:
             alone = limit.gain, limit.lower_gain, math.inf if phase is None else abs(phase.at), limit.certified
@@ -543,7 +549,7 @@ class Peaks:
 
     @classmethod
     def of(cls, loop: Multirate) -> "Peaks":
-        """NaN where their holds in a period are too many."""
+        """Peaks of `loop`; NaN where its holds in a period are more than MOST_HOLDS."""
         lifted, size = loop.lifted, loop.lifted.size
         if len(lifted.holds) > MOST_HOLDS:
             unknown = Peak(math.nan, math.nan, False)
@@ -589,9 +595,9 @@ def path_margins(loop: Loop) -> PathMargins:
 
 
 def delay_of_others(loop: Loop) -> float:
-    """The delay [s] of the other gains' path at which a stable loop is lost, that of kd as it is.
+    """Delay [s] of the other gains' path at which a stable loop is lost, with the delay of kd as it is.
 
-    inf: none up to 1 s more; NaN: none as far as was tried, which of many joints is less.
+    inf: none up to 1 s more; NaN: none within the delays tried, fewer for many joints.
     """
     return Multirate(loop).delay_of_others()
 
@@ -662,16 +668,16 @@ def _between(at: Spectrum, stable: float, lost: float, way: float, size: Callabl
 
 
 def _may_pass(before: Complexes, after: Complexes) -> bool:
-    """Whether an eigenvalue may have left the circle, and come back, on its way from one set to the next: chords stay inside."""
+    """True if an eigenvalue may have left the unit circle and come back between two sets, its chord staying inside."""
     first, second = _followed(before, after)
     left: Floats = 1 - np.maximum(np.abs(first), np.abs(second))
     return bool(np.any(BULGE * np.abs(second - first) > left))
 
 
 def _stays_outside(before: Complexes, halfway: Complexes, after: Complexes) -> bool:
-    """Whether one eigenvalue is outside the circle all the way from one set to the next; halfway it is where the straight line has it.
+    """True if one eigenvalue is outside the circle all the way from one set to the next, being near its chord in the set halfway.
 
-    Without the set in between, one that goes in where another comes out is taken for one that stays.
+    Without the set halfway, one that goes in where another comes out would be taken for one that stays.
     """
     first, second = _followed(before, after)
     way = second - first
@@ -682,7 +688,7 @@ def _stays_outside(before: Complexes, halfway: Complexes, after: Complexes) -> b
 
 
 def _followed(before: Complexes, after: Complexes) -> tuple[Complexes, Complexes]:
-    """Both sets in the order in which eigenvalues go from one to the other: each by the shortest way."""
+    """Both sets of eigenvalues, paired in the order that makes the ways from one to the other shortest."""
     from scipy.optimize import linear_sum_assignment
 
     count = max(len(before), len(after))
@@ -699,7 +705,7 @@ def _pruned(system: StateSpace) -> StateSpace:
 
 
 def _that_act(matrix: Complexes) -> Complexes:
-    """`matrix` without states that nothing of the next period depends on, whose eigenvalues are 0: torques that have done their work."""
+    """`matrix` without states of eigenvalue 0 on which nothing of the next period depends: torques that have been applied."""
     while not (act := matrix.any(axis=0)).all():
         matrix = matrix[np.ix_(act, act)]
     return matrix

@@ -89,9 +89,7 @@ class PartPlane:
 
     @cached_property
     def curve(self) -> tuple[Floats, Floats, Floats]:
-        """Stability boundary kp, kd (k,), f(jω) = 0, and the determinant of its two equations, whose sign says which side has more
-        roots.
-        """
+        """Stability boundary kp, kd (k,), f(jω) = 0, and the determinant of its two equations: its sign says which side has more roots."""
         determinant = self.a.real * self.b.imag - self.a.imag * self.b.real
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.kp - self.b.imag / determinant, self.kd + self.a.imag / determinant, determinant
@@ -177,9 +175,7 @@ class PartPlane:
 
 
 def _grid(loop: Loop) -> Floats:
-    """Frequencies [rad/s] from far below every corner to where gains of the picture have no effect; denser at resonances and with a
-    delay.
-    """
+    """Frequencies [rad/s] from far below every corner to where the picture's gains have no effect, denser at resonances."""
     assert loop.parts is not None
     corners = np.abs(loop.corner_frequencies.every)
     corners = corners[corners > 0]

@@ -17,20 +17,20 @@ from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.linear.state_space import StateSpace
 from ._mu import balanced
 
-LEVEL = 1e-9  # above the highest σ_max that is known: relative, what is left of the peak
-NEAR = 1e-4  # of an eigenvalue's size to 1, which makes it one on the circle; those of a peak just below a level lie √LEVEL beside it
+LEVEL = 1e-9  # relative height above the highest known σ_max at which the peak is sought: the error that is left
+NEAR = 1e-4  # distance of |eigenvalue| from 1 that counts as on the circle: a peak just below a level has them √LEVEL beside it
 SCALED = 1e-4  # likewise of a scaled peak: half of what is left to a loop with one path
-MOST_INTERVALS = 60  # of the circle for which a D is tried before a scaled peak counts as not proved
-ROUNDS = 40  # of levels; each takes the peak's error to less than its square root
+MOST_INTERVALS = 60  # intervals of the circle, each with its D, after which a scaled peak counts as not proved
+ROUNDS = 40  # most levels tried; each takes the peak's error to less than its square root
 DIRECT = 150  # rows of a matrix up to which its singular values, or a pencil's eigenvalues, are computed by the most exact way
-SLOWEST = 1e-8  # [rad] the least angle that is looked at, beside 0
+SLOWEST = 1e-8  # [rad] least angle on the circle that is examined, beside 0
 
 
 @dataclass(frozen=True)
 class PeakGain:
-    """The largest σ_max, at e^{jθ}, θ = `angle` in [0, π], and the input (m,) that has it there.
+    """Peak gain of a sampled system: the largest σ_max, at e^{jθ}, θ = `angle` in [0, π], and the input (m,) that has it there.
 
-    certified   no σ_max on the circle is above it by more than LEVEL of it; of a scaled one, by more than SCALED
+    certified   True: no σ_max on the circle exceeds it by more than LEVEL of it; of a scaled one, by more than SCALED
     """
 
     height: float
@@ -50,7 +50,7 @@ class OnCircle:
 
     @classmethod
     def of(cls, system: StateSpace) -> "OnCircle":
-        """Balanced, and with its Schur form, which makes a transfer matrix a matter of back-substitution."""
+        """Balanced system with its Schur form, with which the transfer matrix at a point is a back-substitution."""
         from scipy.linalg import matrix_balance, schur
 
         found: Any = matrix_balance(system.a, permute=False)
@@ -68,11 +68,11 @@ class OnCircle:
         return self.left @ solve_triangular(np.exp(1j * angle) * np.eye(len(self.triangle)) - self.triangle, self.right) + self.system.d
 
     def height(self, angle: float) -> float:
-        """σ_max there."""
+        """σ_max of the transfer matrix at e^{j angle}."""
         return strongest(self.at(angle))[0]
 
     def angles(self) -> Floats:
-        """Where σ_max is looked at first: 0, π, beside every pole, and some between."""
+        """Angles in [0, π] from which the search for the peak starts: 0, π, beside every pole, and some between."""
         poles: Complexes = np.diag(self.triangle)
         beside = np.abs(np.angle(poles[np.abs(poles) > 0.1]))
         return np.unique(np.clip(np.concatenate([[0.0, np.pi], beside, np.geomspace(1e-3, 3.0, 12)]), 0.0, np.pi))
@@ -86,7 +86,7 @@ class OnCircle:
         inside = np.linalg.solve(level**2 * np.eye(d.shape[1]) - d.T @ d, np.hstack([d.T @ c, b.T]))
         moved = a + b @ inside[:, :size]
         into, out = b @ inside[:, size:], c.T @ (c + d @ inside[:, :size])
-        units = np.sqrt(max(np.abs(out).max(), 1e-300) / max(np.abs(into).max(), 1e-300))  # of the adjoint state: both of a size
+        units = np.sqrt(max(np.abs(out).max(), 1e-300) / max(np.abs(into).max(), 1e-300))  # makes state and adjoint state of like size
         nothing, eye = np.zeros_like(a), np.eye(size)
         left, right = np.block([[moved, nothing], [-out / units, eye]]), np.block([[eye, -into * units], [nothing, moved.T]])
         if size <= DIRECT:
@@ -99,11 +99,11 @@ class OnCircle:
 
 
 def peak_gain(system: StateSpace) -> PeakGain:
-    """Of a system x ↦ a x + b u, y = c x + d u, all of whose eigenvalues that input and output see are inside the circle."""
+    """Peak gain of x ↦ a x + b u, y = c x + d u, whose eigenvalues that input and output see are all inside the unit circle."""
     circle = OnCircle.of(system)
     known = [(circle.height(angle), angle) for angle in circle.angles().tolist()]
     best = polished(circle.height, known)
-    floor = float(np.linalg.norm(system.d, 2)) if system.d.size else 0.0  # of the value at infinity: never above the peak
+    floor = float(np.linalg.norm(system.d, 2)) if system.d.size else 0.0  # σ_max at infinity, never above the peak
     if not system.a.size or not np.any(system.b) or not np.any(system.c):
         return PeakGain(floor, 0.0, strongest(system.d)[1], certified=True)
     for _ in range(ROUNDS):
@@ -130,15 +130,15 @@ class _Scaled:
 
     @property
     def size(self) -> int:
-        """n."""
+        """Number of blocks n."""
         return int(self.block.max()) + 1
 
     def scaled(self, matrix: Complexes, x: Floats) -> Complexes:
-        """D M D⁻¹."""
+        """Scaled matrix D M D⁻¹, D = e^x per block."""
         return matrix * np.exp(x[self.block][:, None] - x[self.block])
 
     def balanced(self, angle: float) -> tuple[float, Floats]:
-        """σ_max at e^{j angle} with the x that makes the Frobenius norm least, and x (n,)."""
+        """σ_max at e^{j angle} with the scaling x (n,) that minimises the Frobenius norm, and that x."""
         matrix = self.circle.at(angle)
         blocks = np.zeros((self.size, self.size))
         np.add.at(blocks, (self.block[:, None], self.block[None, :]), np.abs(matrix) ** 2)
@@ -146,7 +146,7 @@ class _Scaled:
         return strongest(self.scaled(matrix, x))[0], x
 
     def least(self, angle: float, start: Floats | None = None) -> tuple[float, Floats]:
-        """The least σ_max and its x: ln σ_max is convex in x, and falls from `start`."""
+        """Least σ_max over scalings x (n,), and that x: ln σ_max is convex in x, and falls from `start`."""
         from scipy.optimize import minimize
 
         matrix = self.circle.at(angle)
@@ -162,7 +162,7 @@ class _Scaled:
         return min(((math.exp(height(x)[0]), x) for x in (start, found.x)), key=lambda one: one[0])
 
     def below(self, level: float, angle: float, x: Floats, low: float, high: float) -> tuple[float, float]:
-        """The interval about `angle` in [low, high] on which σ_max with this x, below `level` at `angle`, provably stays so."""
+        """Interval about `angle` in [low, high] on which σ_max with scaling x, below `level` at `angle`, provably stays below."""
         by = np.exp(x[self.block])
         system = self.system
         edges = OnCircle.of(StateSpace(system.a, system.b / by, by[:, None] * system.c, self.scaled(system.d, x))).reached(level)
@@ -170,10 +170,10 @@ class _Scaled:
 
 
 def scaled_peak_gain(system: StateSpace, block: Integers) -> PeakGain:
-    """The highest σ_max of D M D⁻¹, D at each frequency the best: one positive number for the signals of each `block` (m,), 0 to n − 1.
+    """Highest σ_max of D M D⁻¹ over frequency, with the best D at each: one positive number per `block` of signals (m,), 0 to n − 1.
 
     It bounds the structured singular value for a full complex factor per block (Packard and Doyle 1993). Certified: the circle is covered
-    by intervals on each of which, for some D, σ_max is not above it by more than SCALED of it.
+    by intervals on each of which, for some D, σ_max exceeds it by no more than SCALED of it.
     """
     loops = _Scaled(system, np.unique(block, return_inverse=True)[1], OnCircle.of(system))
     looks = sorted(((*loops.balanced(angle), angle) for angle in loops.circle.angles().tolist()), key=lambda one: -one[0])
@@ -241,7 +241,10 @@ def polished(height: Callable[[float], float], known: list[tuple[float, float]])
 
 
 def without(system: StateSpace, resting: Callable[[complex], bool], unseen: float = 1e-9) -> StateSpace:
-    """The same transfer matrix without those eigenvalues of a that rest on the circle, where input or output does not see them."""
+    """`system` without those eigenvalues of a that rest on the circle, where input or output does not see them: equal transfer matrix.
+
+    Unchanged where they are seen. `resting` is True for such an eigenvalue; `unseen` is the relative size that counts as 0.
+    """
     from scipy.linalg import schur, solve_sylvester
 
     found: Any = schur(system.a, output="real", sort=lambda real, imag: resting(complex(real, imag)))

@@ -157,9 +157,7 @@ def _diagonal(give: Floats, spring: Floats) -> tuple[Floats, Floats, Floats] | N
 
 
 def _static(give: Floats, spring: Floats, stop: float) -> tuple[int, float] | None:
-    """Index of the diagonal entry give + u spring that vanishes first as 1/u goes from 1 to `stop`, and that factor 1/u; None: none
-    does.
-    """
+    """Index of the diagonal entry give + u spring that vanishes first as 1/u goes from 1 to `stop`, and that 1/u; None: none does."""
     passing = [(float(-b / a), k) for k, (a, b) in enumerate(zip(give.tolist(), spring.tolist(), strict=True)) if a < 0 < b]
     ahead = [one for one in passing if min(1.0, stop) <= one[0] <= max(1.0, stop)]
     if not ahead:

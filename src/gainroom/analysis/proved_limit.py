@@ -120,8 +120,9 @@ def _unstable_roots(modal: ModalLoop, found: Crossings, rest: AtRest, unstable_p
 
 
 def _end(modal: ModalLoop, loop: Loop, found: Crossings, way: int) -> End | None:
-    """End of stability at the first of the crossings; None where the root there does not become unstable. `way` 1: upwards, −1:
-    downwards.
+    """End of stability at the first of the crossings; None where the root there does not become unstable.
+
+    way   1: factors rise, −1: they fall
     """
     first = found.crossings[0]
     level = sum(way * (one.gain - first.gain) <= first.gain * NUDGE and way * one.growth > 0 for one in found.crossings)

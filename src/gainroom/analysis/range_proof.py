@@ -25,19 +25,19 @@ from .box_loops import BoxLoop, Sectors
 
 Judge = Callable[[dict[str, float]], bool]
 
-CHUNK = 4096  # boxes looked at together
-FIRST_STEP = 1.5  # of the frequencies between which the first boxes lie
-NEARBY = 0.1  # of a excluded set, in log L: from here on a joint is judged, and again at each half of that
-NEAR_RESONANCE = (0.6, 1.7)  # of the resonance: between these the frequency is counted in resonances
+CHUNK = 4096  # boxes evaluated together
+FIRST_STEP = 1.5  # ratio of the highest to the lowest frequency of a first box
+NEARBY = 0.1  # distance of log L from an excluded set below which a joint is judged, and again at each half of it
+NEAR_RESONANCE = (0.6, 1.7)  # multiples of the resonance between which boxes are of frequency relative to the resonance
 
 
 @dataclass(frozen=True)
 class Proof:
-    """What is known about a whole range.
+    """Result of a proof over a whole range of joints.
 
     holds    every joint within it keeps the requirements, provided that one of them is stable
-    boxes    how many were looked at
-    broken   True: `worst` breaks a requirement; where neither it nor `holds` is true the work was spent before either was known
+    boxes    number of boxes evaluated
+    broken   True: `worst` breaks a requirement. If neither `holds` nor `broken` is True, the work was spent before either was known
     worst    the joint that came nearest to breaking one, by quantity, SI
     """
 
@@ -58,12 +58,12 @@ def prove(
     judge: Judge = lambda values: False,
     most: int = 500_000,
 ) -> Proof:
-    """Whether `requirements` hold in all of `uncertainty`; with nothing required, whether no root can reach the stability boundary.
+    """Proof that `requirements` hold in all of `uncertainty`; with nothing required, that no root can reach the stability boundary.
 
-    A requirement that gives no excluded set cannot be proved: nothing is looked at then.
+    A requirement that gives no excluded set cannot be proved: no box is evaluated then.
 
-    judge  whether the joint with these values (by quantity, SI) breaks what is asked, exactly; asked about the nearest to doing so
-    most   boxes to look at before giving up
+    judge  True if the joint with these values (by quantity, SI) breaks a requirement, exactly; called for the nearest to doing so
+    most   boxes to evaluate before giving up
     """
     loop = BoxLoop(joint, drive, uncertainty, controller, feedback, sample_time)
     shapes = [one.excluded(needed) for one, needed in requirements.asked_for]
@@ -74,7 +74,7 @@ def prove(
 
 
 class _Search:
-    """Boxes that are not decided yet, and the joint that came nearest to one of the excluded sets, `shapes`."""
+    """Search over boxes of frequency and parameters; keeps the joint that came nearest to one of the excluded sets, `shapes`."""
 
     def __init__(self, loop: BoxLoop, shapes: list[ExcludedSet], judge: Judge, most: int) -> None:
         self.loop, self.shapes, self.judge, self.most = loop, shapes, judge, most
@@ -82,7 +82,7 @@ class _Search:
         self.worst: dict[str, float] = {}
 
     def run(self) -> Proof:
-        """Split until all is decided, something is broken, or the work is spent."""
+        """Result of splitting boxes until all are decided, a requirement is broken, or the work is spent."""
         spent = 0
         for scaled, low, high in self.first_boxes():
             waiting = [(low, high)]
@@ -138,7 +138,7 @@ class _Search:
         return np.all([shape.clear(found) for shape in self.shapes], axis=0)
 
     def breaks(self, found: Sectors, low: Floats, high: Floats) -> bool:
-        """Look at the middles of the boxes; True where one of their joints breaks a requirement, which `judge` has the last word on."""
+        """True if the joint in the middle of a box breaks a requirement, as `judge` says; boxes nearer to an excluded set are noted."""
         distance = self.distance(found.center)
         k = int(np.argmin(distance))
         if distance[k] < self.least:
@@ -150,7 +150,7 @@ class _Search:
         return False
 
     def distance(self, value: Complexes) -> Floats:
-        """How far each L is from the excluded sets."""
+        """Distance of each L from the nearest excluded set."""
         distance = np.min([shape.distance(value) for shape in self.shapes], axis=0)
         return np.where(np.isnan(distance), np.inf, distance)
 

@@ -1,4 +1,4 @@
-"""Coupled loops as the core samples them (look.py), with the gains of their controllers along joints, or along directions of tasks."""
+"""Coupled loops as the core samples them (look.py), with gains along joints or along directions of tasks."""
 
 import math
 from dataclasses import dataclass
@@ -13,17 +13,17 @@ from .look import Directed, Reach, Seen, directed_loop, joint_loops, lag_about, 
 from .stability_boundary import HIGHEST
 
 EVERY_PHASE = Reach(HIGHEST, math.pi, ((1.0, 0.0, 0.5),))
-"""Every phase, factors up to 1000 and all peaks: what is reported of coupled loops."""
+"""Reach of samples for reported margins: every phase, factors up to 1000, all peaks."""
 NEAR_BY = Reach(1.05, 0.05)
-"""Loci about −1 alone: all that a count of unstable roots needs."""
-BY_ORDER = [(0, 1)], [(0, 0), (1, 1)], [(1, 0)]  # powers of V and I that make 1/ω, 1 and ω
-SLOWER = 0.1  # of where one gain takes over from another: further down the slower one rules
-SAME = 1e-11  # of the largest entry: how far gains along directions may be off
+"""Reach of samples for a root count: loci about −1 alone."""
+BY_ORDER = [(0, 1)], [(0, 0), (1, 1)], [(1, 0)]  # powers of V and I whose terms go with 1/ω, 1 and ω
+SLOWER = 0.1  # share of the frequency at which two gains are equal, below which the slower one dominates
+SAME = 1e-11  # largest error of gains along directions, relative to the largest entry
 
 
 @dataclass(frozen=True)
 class SampledLoop:
-    """A loop in the core, without its gains, and these (3, m); `cascade`: of a P/PI."""
+    """Loop in the core without its gains, and the gains (3, m) of its directions; `cascade` True for those of a P/PI."""
 
     loop: Directed
     gains: Floats
@@ -31,10 +31,7 @@ class SampledLoop:
 
     @classmethod
     def of(cls, loop: Loop) -> "SampledLoop | None":
-        """None for loops that the core does not have.
-
-        A return ratio that was not built from parts, and kd on a path of its own.
-        """
+        """Sampled form of a loop; None for a loop that was not built from parts, or whose kd closes on a path of its own."""
         if loop.parts is None or loop.kd_path is not None:
             return None
         terms = {powers: loop.gain * gain for powers, gain in loop.parts.controller.matrices(loop.size).items()}
@@ -81,7 +78,7 @@ class SampledLoop:
 
     @classmethod
     def of_directions(cls, loop: Loop, torque: Floats, jacobian: Floats, gains: Floats, cascade: Booleans) -> "SampledLoop":
-        """The loop with gains (3, m) along given directions, each of them one loop at a time; torque (n, m), jacobian (m, n).
+        """Sampled form with gains (3, m) along given directions, each of them one loop at a time; torque (n, m), jacobian (m, n).
 
         cascade   (m,) True where they are kp, kv and ki of (kv + ki/s)(kp + s), else of kp + ki/s + kd s
         """
@@ -89,25 +86,25 @@ class SampledLoop:
         return cls(directed, gains, cascade)
 
     def look(self, reach: Reach, between: bool = False, smooth: bool = True) -> Seen:
-        """As analysis/look.py."""
+        """Samples of the loop as far as `reach` asks; `between` and `smooth` as of analysis/look.py."""
         return look(self.loop, self.gains, reach, between, smooth)
 
     def scaled(self, factor: float) -> "SampledLoop":
-        """All gains times `factor`."""
+        """The sampled loop with all gains times `factor`."""
         return SampledLoop(self.loop, self.gains * np.where(self.cascade, [[1.0], [factor], [factor]], factor), self.cascade)
 
     def unstable(self) -> int:
-        """Unstable roots, counted, as far as the gains move them; negative where they cannot be."""
+        """Number of unstable roots as far as the gains move them; negative where they cannot be counted."""
         seen = self.look(NEAR_BY, smooth=False)
         return seen.unstable if seen.followed else -1
 
     def lag_about(self, omega: float) -> tuple[float, float]:
-        """As analysis/look.py."""
+        """Lag [rad] at which the locus nearest to −1 at `omega` [rad/s] passes it, and its frequency; NaN where it cannot be followed."""
         return lag_about(self.loop, self.gains, omega)
 
 
 def _of_directions(terms: Terms, size: int) -> tuple[Floats, bool] | None:
-    """kp, kd and ki (3, m), or kp, kv and ki of a cascade (kv + ki/s)(kp + s), and whether it is one; from gains (m,) by powers of V, I."""
+    """Gains kp, kd, ki (3, m), or kp, kv, ki of a cascade (kv + ki/s)(kp + s), and True for a cascade; `terms` (m,) by powers of V, I."""
     stiff, damped, slow, both = (terms.get(powers, np.zeros(size)) for powers in ((0, 0), (1, 0), (0, 1), (1, 1)))
     if not both.any():
         return np.array([stiff, damped, slow]), False
@@ -117,9 +114,9 @@ def _of_directions(terms: Terms, size: int) -> tuple[Floats, bool] | None:
 
 
 def _shared(terms: Terms, seen: Floats) -> tuple[Floats, Floats, Terms] | None:
-    """X (n, m), E (m, n) and gains (m,) with every gain matrix = X diag(gains) E, as of tasks; None where there are no such directions.
+    """Directions X (n, m), E (m, n) and gains (m,) with every gain matrix = X diag(gains) E, as of tasks; None where there are none.
 
-    seen   (n, r) orthonormal: what the gains act on (Loop.seen)
+    seen   (n, r) orthonormal basis of the positions on which the gains act (Loop.seen)
     """
     leading = terms.get((1, 0), terms.get((0, 0)))
     if leading is None:

@@ -15,7 +15,7 @@ from ..native import _core
 from ..system.linear.arrays import Complexes, Floats
 from .crossings import Scan
 
-FIRST, LAST, DENSITY = 1e-5, 1e7, 60  # [rad/s], [rad/s], points
+FIRST, LAST, DENSITY = 1e-5, 1e7, 60  # [rad/s], [rad/s], points per decade of the first grid
 LARGEST_STEP = 0.3  # largest step of log|L| and arg L between neighbours
 QUIET = 1e-6  # |L| below which a response is not refined
 
@@ -83,7 +83,7 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
 
 def objective(kind: int, value: Complexes) -> Floats:
-    """What each peak minimises: 0: |1+L| (Ms), 1: |1+L|/|L| (Mt), 2: 2|1+L|/|1−L| (disk margin)."""
+    """Quantity minimised by each peak, at L = `value` (k,): 0: |1+L| (Ms), 1: |1+L|/|L| (Mt), 2: 2|1+L|/|1−L| (disk margin)."""
     below = (1.0, np.abs(value), np.abs(1 - value) / 2)[kind]
     return np.divide(np.abs(1 + value), below, out=np.full(len(value), np.inf), where=np.asarray(below) > 0)
 

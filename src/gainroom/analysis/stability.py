@@ -21,12 +21,12 @@ from .sampled_loop import SampledLoop
 from .sampled_scan import scan_callable
 
 SPARE = 10  # candidates for roots that are polished beside twice as many as are asked for
-RESOLUTION = 1e-13  # of a root, relative to the largest element of the state matrix
-MOST_STATES = 1000  # with discretised delay lines, for a proof that may as well be had from elsewhere
+RESOLUTION = 1e-13  # error of a root, relative to the largest element of the state matrix
+MOST_STATES = 1000  # with discretised delay lines, for a proof of instability, which other means may give as well
 INFINITELY_MANY = 10**9
-SINGULAR = 1e-13  # of the largest singular value: smaller ones are 0
-AT_REST = 1e-3  # [1/s] likewise, where all else is fast
-SILENT = 1e-10  # of the gains: coupling between the controller and a motion on which no gain acts
+SINGULAR = 1e-13  # relative to the largest singular value: smaller ones are 0
+AT_REST = 1e-3  # [1/s] largest size of a root that may be 0, where all else is fast
+SILENT = 1e-10  # coupling between controller and motion, relative to the gains, below which no gain acts on it
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
 
 
 def _coupled_unstable_roots(loop: Loop) -> int:
-    """By the turns of the loci; where these cannot be followed, from the rightmost roots themselves."""
+    """Number of unstable roots of several joints, by the turns of the characteristic loci or, failing that, from the rightmost roots."""
     if not loop.acts:
         assert loop.open_loop is not None
         return int(np.count_nonzero(growth(np.linalg.eigvals(loop.open_loop.a), loop.sample_time) >= 0))
@@ -153,7 +153,7 @@ def has_growing_root(loop: Loop) -> bool:
 
 
 def _rate(roots: Complexes, sample_time: float | None) -> Floats:
-    """How fast roots in v grow [1/s]."""
+    """Growth rate [1/s] of roots in v."""
     with np.errstate(divide="ignore"):
         return roots.real if sample_time is None else np.log(np.abs(1 + sample_time * roots)) / sample_time
 
@@ -197,7 +197,7 @@ class _Characteristic:
         return np.array(found, dtype=complex)
 
     def _is_unmoved(self, pole: complex) -> bool:
-        """Hautus: some motion of this open-loop pole says nothing to the controller, or hears nothing of it."""
+        """True if some motion of this open-loop pole is unobservable or uncontrollable for the controller (Hautus test)."""
         left, sizes, right = np.linalg.svd(self.a - pole * np.eye(len(self.a)))
         null = sizes <= SINGULAR * sizes[0]
         return bool(null.any()) and (_loses(self.c, right[null].conj().T) or _loses(self.b.T, left[:, null].conj()))
@@ -212,7 +212,7 @@ class _Characteristic:
         states, lines = len(self.a), np.flatnonzero(self.delays > 0)
         direct = np.flatnonzero(self.delays == 0)
         size = states + nodes * len(lines)
-        # what every channel delivers to the plant, as rows over [x, lines]
+        # Rows over [x, lines]: the signal of each channel that arrives at the plant.
         arriving = np.zeros((len(self.delays), size))
         for place, line in enumerate(lines):
             arriving[line, states + (place + 1) * nodes - 1] = 1.0

@@ -15,13 +15,13 @@ HIGHEST = 1e3
 UNDAMPED = 1e-8
 """Damping ratio below which a resonance counts as undamped."""
 TILT = 1e-9
-"""Damping ratio, negative, of points that take the place of the boundary beside such a resonance: slower growth is not counted."""
+"""Negative damping ratio of the points that replace the boundary beside an undamped resonance: slower growth is not counted."""
 LEAN = 1e-3
-"""Part of the resonance's frequency, to either side, up to where they do."""
+"""Half-width of the tilted stretch beside such a resonance, relative to its frequency."""
 PER_DECADE = 6
 """First samples per order of magnitude of ω."""
 AROUND = np.array([-1.0, 0.0, 1.0])
-"""Half-widths of a resonance that are sampled first: about its pole a locus is a circle, of which no step is more than a quarter then, and
+"""Offsets of the first samples at a resonance, in half-widths: about its pole a locus is a circle, each step at most a quarter of it, and
 leaves its chord by 0.21 of that; near a zero it is all but straight, as long as no pole is near."""
 AT_ONCE = 40_000
 """Entries of matrices of different frequencies that are held at a time."""
@@ -34,7 +34,7 @@ class Boundary:
         self.loop = loop
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
         # A resonance without damping is a pole on the boundary, which the loci pass at infinity: beside it the boundary leans to the right,
-        # and what grows slower than TILT is not counted.
+        # and roots that grow slower than TILT are not counted.
         corners = loop.corner_frequencies.every
         centers = corners.imag[(corners.imag > 0) & (np.abs(corners.real) < UNDAMPED * corners.imag)]
         if self.last is not None:  # those above half the sample rate are aliased below it
@@ -43,16 +43,16 @@ class Boundary:
         self.undamped = bool(len(self.leaning))
 
     def points(self, omega: Floats) -> Complexes:
-        """s (k,) at omega (k,): jω, but beside what has no damping."""
+        """Points s (k,) of the boundary at `omega` (k,): jω, tilted to the right beside undamped resonances."""
         return omega * (1j + TILT * self.leans(omega)) if self.undamped else 1j * omega
 
     def leans(self, omega: Floats) -> Floats:
-        """(k,) of TILT, the share by which the boundary leans to the right at omega (k,)."""
+        """Tilt of the boundary to the right at `omega` (k,), as a share (k,) of TILT."""
         away = np.abs(np.subtract.outer(omega, self.leaning) / self.leaning)
         return np.clip(1 - away.min(axis=1, initial=np.inf) / LEAN, 0.0, 1.0)
 
     def core(self, omega: Floats) -> Complexes:
-        """L (k, r, r) at omega (k,), as far as the gains reach."""
+        """Return ratio L (k, r, r) at `omega` (k,) on the subspace that the gains see."""
         return self.loop.core(self.points(omega))
 
     def eigen(self, omega: Floats) -> tuple[Complexes, Complexes]:
@@ -63,7 +63,7 @@ class Boundary:
         return values[place], vectors[place]
 
     def mode(self, omega: float, value: complex) -> Complexes:
-        """The measured positions (n,) of the locus that is at `value` at `omega`, and of those that are equal; the largest part 1."""
+        """Mode shape (n,), measured positions, of the locus at `value` and those equal to it at `omega`; the largest part 1."""
         (values,), (vectors,) = self.eigen(np.array([omega]))
         equal = vectors[:, equal_to(values[np.argmin(np.abs(values - value))], values)]
         return common_mode(self.loop.lifted(complex(self.points(np.array([omega]))[0]), equal))
@@ -78,14 +78,14 @@ def in_blocks(function: Callable[[Floats], Complexes], omega: Floats, size: int)
 
 
 def longest_delay(loop: Loop) -> float:
-    """[s], with the hold of a sampled loop: below its inverse a delay turns no locus by more than 1 rad. 0 where it is not known."""
+    """Largest delay [s] of any joint, with the hold of a sampled loop; 0 where it is not known. Below its inverse loci turn by < 1 rad."""
     if loop.delays is not None:
         return float(loop.delays.max(initial=0.0))
     return 0.0 if loop.parts is None else max(drive.delay for drive in loop.parts.drives) + (loop.sample_time or 0.0)
 
 
 def first_grid(loop: Loop, last: float | None) -> Floats:
-    """Every order of magnitude, every resonance on its own scale, and several samples per turn of the delay."""
+    """First frequencies [rad/s]: every order of magnitude, every resonance on its own scale, and several samples per turn of the delay."""
     corners = loop.corner_frequencies
     longest = longest_delay(loop)
     sizes = np.abs(corners.every)
@@ -116,7 +116,7 @@ def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
 
 
 def inverted(matrices: Complexes) -> Complexes:
-    """Of matrices (k, n, n)."""
+    """Inverses of `matrices` (k, n, n); pseudo-inverses where one is singular to round-off."""
     try:
         return inverses(matrices)
     except np.linalg.LinAlgError:  # integrators have drowned the rest in round-off, which shows: nothing settles there
