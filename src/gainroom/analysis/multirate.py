@@ -224,9 +224,7 @@ class Lifted:
         return factors, complex if any(np.iscomplexobj(one) for one in factors) else float
 
     def matrix(self, others: Any = 1.0, kd: Any = 1.0) -> Complexes:
-        """State transition Φ over a common period, with factors on the measured positions of either path: numbers or (n,), may be
-        complex.
-        """
+        """State transition Φ over a common period, with factors, real or complex, on the measured positions of either path."""
         factors, kind = self._factors(others, kd)
         y: Any = np.eye(self.states, dtype=kind)
         for stride, same in groupby(self._strides):

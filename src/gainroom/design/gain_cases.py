@@ -1,4 +1,4 @@
-"""A robot's gains in one state, as the core looks at them: quickly, and at the margins that requirements bound."""
+"""Margins of a robot's gains in one state by samples in the core: quick, and those alone that requirements bound."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from .starting_gains import joints_that_move, link_inertia
 
 
 def joint_case(title: str, system: System, model: Any) -> Case:
-    """PD gains of the joints, with the system's filters."""
+    """Case of PD gains of the joints, with the system's filters."""
     size = model.size
     first = system.loop(model, system.filtered(PD(np.ones(size), np.ones(size))))
 
@@ -29,7 +29,7 @@ def joint_case(title: str, system: System, model: Any) -> Case:
 
 
 def task_case(title: str, system: System, model: Any, tasks: Any) -> Case:
-    """Gains of `tasks`, the operational space of the model with its weight or without."""
+    """Case of gains of `tasks`, the operational space of the model with its weight or without."""
     first = system.loop(model, system.filtered(tasks.controller()))
 
     def loop(gains: Gains) -> Loop:
@@ -40,14 +40,14 @@ def task_case(title: str, system: System, model: Any, tasks: Any) -> Case:
 
 
 def case_of(state: StateCase, space: str) -> Case:
-    """Gains of the joints, or of the file's tasks, in one case."""
+    """Case of gains of the joints (`space` "joint") or of the file's tasks in one state."""
     if space == "joint":
         return joint_case(state.title, state.system, state.model)
     return task_case(state.title, state.system, state.model, state.system.source.tasks(state.model, state.system.control.rotors))
 
 
 def own_case(title: str, system: System, model: Any) -> tuple[Case, Gains] | None:
-    """A robot's own PD gains of its joints; None where the core does not look at its controller."""
+    """Case and gains (3, n) of a robot's own PD controller of its joints; None for other controllers, which the core does not sample."""
     control, own, size = system.control, system.control.controller, model.size
     if control.kd_path is not None or type(own) is not PD or size == 1 or np.ndim(own.kp) > 1 or np.ndim(own.kd) > 1:
         return None
@@ -57,11 +57,11 @@ def own_case(title: str, system: System, model: Any) -> tuple[Case, Gains] | Non
 
 
 def bounded_margins(state: StateCase, factor: float = 1.0, near: bool = False) -> Margins:
-    """The margins that requirements bound, of `factor` on all of a robot's own gains in one case; others are NaN, frequencies mostly are.
+    """Margins that requirements bound, with `factor` on all of a robot's own gains, in one case; the others are NaN.
 
-    near   as far as they are near what is asked for alone, which is quicker
+    near   True: only those that are near a requirement, which is quicker
 
-    PD gains of joints and gains of tasks are looked at in the core, in milliseconds; for other controllers it takes `margins`.
+    PD gains of joints and gains of tasks are sampled in the core, in milliseconds; for other controllers `margins` is called.
     """
     system, control = state.system, state.system.control
     if control.space == "task":
@@ -75,7 +75,7 @@ def bounded_margins(state: StateCase, factor: float = 1.0, near: bool = False) -
 
 
 def case_margins(case: Case, gains: Gains, near: bool) -> Margins:
-    """What a look says of a case's margins, as far as they are `near` what is asked for or all; where it leaves any open, `margins`."""
+    """Margins of a case from samples, those `near` a requirement or all; from `margins` where the samples leave a required one open."""
     found = (case.margins if near else case.all_margins)(gains)
     if found.stable and any(np.isnan(one.value(found)) for one, _ in case.required.asked_for):
         return _exact(case.loop(gains))
@@ -91,9 +91,10 @@ def _exact(loop: Loop) -> Margins:
 
 @dataclass(frozen=True)
 class SearchedState:
-    """One case of the uncertainty with its loops: `with_weight`, and `without` it (the same where none counts).
+    """State of a robot in a search: its loops `with_weight`, and `without` it (the same where none counts).
 
-    moves, load   (m,) which directions can move, and what tells alike ones from others: a joint's inertia, a task direction's place
+    moves, load   (m,) True for directions that can move, and the quantity in which alike ones agree: a joint's inertia, a task
+                  direction's place
     """
 
     state: StateCase
@@ -109,7 +110,7 @@ class SearchedState:
 
 
 def joint_state(state: StateCase) -> SearchedState:
-    """Of gains of the joints."""
+    """State of a search for gains of the joints."""
 
     def case(model: Any) -> Case:
         return joint_case(state.title, state.system, model)
@@ -118,7 +119,7 @@ def joint_state(state: StateCase) -> SearchedState:
 
 
 def task_state(state: StateCase) -> SearchedState:
-    """Of gains of the file's tasks."""
+    """State of a search for gains of the file's tasks."""
     tasks = state.system.source.tasks(state.model, state.system.control.rotors)
 
     def case(model: Any) -> Case:

@@ -1,10 +1,10 @@
-"""Gains of coupled loops: as stiff as the requirements allow in every case, no direction stiffer without another softer.
+"""The search for the stiffest gains of coupled loops that meet the requirements in every case.
 
 A direction is a joint, or one of a task. Of all gains that meet the requirements, those are sought that make
 
     Σ_j w_j u_j / k_j,   k_j the stiffness of direction j, u_j the inertia it moves, w_j the weight that its user gives it,
 
-smallest: the sum of what each gives way under the same acceleration. It is steep in what is soft, so that all come out equally stiff as far
+smallest: the sum of the deflections under one common acceleration. It is steep in soft directions, so that all become equally stiff as far
 as they can, and what one cannot use others may; damping is whatever that takes. The search goes in ln of the gains: at every step all that
 may be missed is replaced by its tangent (margin_slopes.py), and the quadratic programme of that solved, within a radius that shrinks
 where the tangents mislead (sequential quadratic programming: Nocedal and Wright 2006, chapter 18). Gains that were tried and are not
@@ -30,36 +30,36 @@ from .side_by_side import at_once
 RAISE = 1.05
 """No stiffness can be raised by this factor, whether its damping stays or rises as much."""
 DIGITS = 4
-RADIUS = 0.3  # of the first step, in ln of a gain
+RADIUS = 0.3  # largest first step, in ln of a gain
 LARGEST_RADIUS = 1.0
 LEAST_RADIUS = 2e-4  # at which a search ends
 LEAST_PROMISE = 3e-5  # a step that promises less than this ends it too
 PRICES = ((10.0, 1e-3), (50.0, 3e-3), (250.0, 2e-2))
-"""What a requirement missed by 1 costs, against ln of what is made small, and how much more than asked for is kept: first as much as may
-be lost where gains are rounded. Where that does not hold, more: two loci that meet part again like a square root, which has no tangent.
+"""Cost of a shortfall of 1, against ln of the sum of compliances, and the reserve kept on each requirement: first as much as may
+be lost by rounding gains. Where that does not hold, more: two loci that meet part again like a square root, which has no tangent.
 """
-HOPELESS = 0.03  # what is missed by more where a search ends was met at a higher price in no robot that was tried: seen, not proved
-PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
-STALLED, LEFT = 8, 0.9  # steps that leave more than this of what is missed end a search: none of 858 that came to 0 made such a pause
+HOPELESS = 0.03  # shortfall at the end of a search above which a higher price was of no use in any robot tried: seen, not proved
+PULL = 0.02  # cost of any change of a gain: without it gains on which nothing depends would be arbitrary
+STALLED, LEFT = 8, 0.9  # steps that leave more than this share of the shortfall end a search: none of 858 that reached 0 paused so long
 STEPS = 150
-SLOW, LITTLE = 10, 2e-3  # so many steps that together made ln of what is made small no smaller than that end it, too
-NOTHING = 1e-4  # what a look sees missed by more than what was followed is something new
-FOLLOWED = 4  # steps in turn after which loops are looked at: what comes near unseen costs all that were taken since
-ANEW = 0.05  # of the radius, from where something new was seen
-COARSE = 3e-2  # the same, while there may be cases that count and are not known yet
-FEW = 3  # cases that are all taken at once, when one of them is met
+SLOW, LITTLE = 10, 2e-3  # steps that together lower ln of the sum of compliances by less than this end a search, too
+NOTHING = 1e-4  # excess of the shortfall in new samples over the predicted one, above which something new has come near −1
+FOLLOWED = 4  # predicted steps between two samplings of the loops: if a crossing came near −1 unseen, all of them are taken back
+ANEW = 0.05  # least radius, in ln of a gain, where new samples have shown a crossing not known before
+COARSE = 3e-2  # LITTLE while some cases that decide may not be known yet
+FEW = 3  # cases up to which all are searched over as soon as one of them is met
 
 
 @dataclass(frozen=True)
 class Raised:
-    """Gains of which none can be raised, or what came nearest to keeping what is required.
+    """Result of a search: gains no direction of which can be made stiffer, or those that came nearest to the requirements.
 
     gains    (3, m)
     margins  of each case, in the order of the cases
     holds    False where no gains were found that meet the requirements
-    margin   per direction which requirement breaks if it is raised: a field of Requirements, "stability", or "" where nothing limits it
-    case     and the case in which it does, by its index; −1: none
-    failed   the cases, by index, for which alone none were found; empty where it holds
+    margin   per direction the requirement that breaks if it is raised: a field of Requirements, "stability", or "" where nothing limits it
+    case     per direction the index of the case in which it breaks; −1: none
+    failed   indices of the cases for which alone no gains were found; empty where `holds`
     """
 
     gains: Gains
@@ -71,7 +71,7 @@ class Raised:
 
 
 def stiffness(gains: Gains, cascade: Booleans) -> Floats:
-    """(m,): kp, of a P/PI kp·kv."""
+    """Stiffness (m,) of each direction: kp, of a P/PI kp·kv."""
     return gains[0] * np.where(cascade, gains[1], 1.0)
 
 
@@ -83,7 +83,7 @@ def stiffer(gains: Gains, which: int, factor: float, power: float, cascade: Bool
 
 
 def rounded(gains: Gains) -> Gains:
-    """To the digits that people see and type in: what is looked at is what they use."""
+    """Gains rounded to DIGITS digits, which people see and type in: the margins are those of the gains in use."""
     return np.array([[float(f"{value:.{DIGITS}g}") for value in row] for row in gains])
 
 
@@ -95,11 +95,11 @@ def raised_gains(
     most: float,
     progress: Callable[[], None] = lambda: None,
 ) -> Raised:
-    """The gains that are reached from `start`, which is stable in every case.
+    """The stiffest gains that a search reaches from `start`, which is stable in every case.
 
-    unit     (m,) what the stiffness of each direction is measured by: its inertia, over its weight
+    unit     (m,) unit of each direction's stiffness: its inertia over its weight
     groups   the directions that may be changed; those of one group (the legs of a biped) by the same factors
-    most     times `unit`: beyond this nothing limits a stiffness
+    most     largest stiffness in units of `unit`, above which nothing limits it
 
     Raises GainroomError without cases or requirements, and where `start` is not stable.
     """
@@ -123,7 +123,9 @@ class _Search:
         self._cascade = cases[0].cascade
 
     def raised(self, start: Gains, careful: bool = False) -> Raised:
-        """From gains that are stable in every case; once more, `careful`, where loci cross more often than quick looks see."""
+        """Result of the search from gains that are stable in every case; repeated with `careful` samples where quick ones miss
+        crossings.
+        """
         reached, active = self.descended(start)
         for gains in (rounded(reached), reached, start):
             if not all(case.required.met_by(case.margins(gains)) for case in self._cases):
@@ -141,7 +143,7 @@ class _Search:
         return Raised(reached, tuple(at_once(lambda case: case.all_margins(reached), self._cases)), False, failed=active)
 
     def descended(self, start: Gains) -> tuple[Gains, tuple[int, ...]]:
-        """Over one case first, then with those that it misses too, until all are met or nothing more helps; and which were looked at."""
+        """Gains and the cases searched over: one first, then also those that it breaks, until all are met or no case helps."""
         active, gains = [self._worst(start)], start
         little = COARSE if len(self._cases) > 1 else LITTLE
         while True:
@@ -161,11 +163,11 @@ class _Search:
             gains = start if there == math.inf else gains  # slopes are those of a loop that is stable
 
     def _worst(self, gains: Gains) -> int:
-        """The case that misses most, or keeps least."""
+        """Index of the case that misses a requirement most, or meets it least."""
         return int(np.argmax(at_once(lambda case: self._missed(gains, [case]), self._cases)))
 
     def _missed(self, gains: Gains, cases: Sequence[Case]) -> float:
-        """What is missed most, as margin_slopes.py measures it; negative where all are met; inf where unstable."""
+        """Largest shortfall of a requirement over `cases`, as margin_slopes.py measures it; negative if all are met, inf if unstable."""
         worst = -math.inf
         for case in cases:
             worst = max(worst, case.required.shortfall(case.margins(gains)))
@@ -175,7 +177,7 @@ class _Search:
         return worst
 
     def _descended(self, gains: Gains, cases: Sequence[Case], prices: Sequence[tuple[float, float]], little: float) -> tuple[Gains, float]:
-        """From gains that are stable: the stiffest that meet the requirements, or what comes nearest; and what they miss."""
+        """The stiffest gains that meet the requirements, or the nearest to it, and their shortfall; `gains` to begin with are stable."""
         found = []
         for price, reserve in prices:
             found.append(self._descended_at(gains, cases, price, reserve, little))
@@ -184,11 +186,13 @@ class _Search:
         return min(found, key=lambda each: each[1])
 
     def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float, little: float) -> tuple[Gains, float]:
-        """The same at one price of what is missed; ended where SLOW steps win less than `little`.
+        """Gains of the search at one price of a shortfall, and their shortfall; ended where SLOW steps win less than `little`.
 
-        After short steps loops are not looked at, but what was seen of them is followed, a few times, until the search is far from there or
-        seems to end. Where a look then finds more missed than following did, and the cost above that of the look before, the search goes
-        back there.
+        After short steps the loops are not sampled again: their curves are predicted from the last samples, a few times, until the search
+        is far
+        from there or seems to end. Where new samples then show more shortfall than predicted, and a cost above that of the last samples,
+        the
+        search goes back to these.
         """
 
         def cost(gains: Gains, missed: float) -> float:
@@ -196,7 +200,7 @@ class _Search:
 
         slopes = self._tangents(gains, cases)
         missed, radius, kept, way, seen, careful, followed = _most(slopes), RADIUS, [], [], True, False, 0
-        last = gains, slopes, missed, 0  # where loops were looked at
+        last = gains, slopes, missed, 0  # at the gains of the last sampling
         if slopes is not None:
             self._anchor(gains, cases)
         for _ in range(STEPS):
@@ -212,7 +216,7 @@ class _Search:
             close = not careful and followed < FOLLOWED and all(case.follows(tried) for case in cases)
             if ending and seen:
                 break
-            if not seen and (ending or not close):  # what was followed is compared with what is followed from the same place
+            if not seen and (ending or not close):  # the loops are sampled again, and compared with their prediction
                 new, before = self._tangents(gains, cases), missed
                 if cost(gains, _most(new)) > cost(last[0], last[2]):
                     gains, slopes, missed, held = last
@@ -250,7 +254,7 @@ class _Search:
         return gains, self._missed(gains, cases)
 
     def _tangents(self, gains: Gains, cases: Sequence[Case], close: bool = False) -> Slopes | None:
-        """Those of all cases, `close` to what was looked at of what was seen there; None where one is unstable."""
+        """Tangents of all cases, predicted from the last samples if `close` to them; None where a loop is unstable."""
         for _ in cases:
             self._progress()
         if close:
@@ -264,16 +268,16 @@ class _Search:
             case.anchor(gains)
 
     def _compliance(self, gains: Gains) -> Floats:
-        """(m,) inertia over stiffness, of which the sum is made small; 0 for what may not be changed, or has damping alone."""
+        """Weighted compliance (m,), inertia over stiffness, whose sum is minimised; 0 where a direction is fixed or has damping alone."""
         stiff = stiffness(gains, self._cascade)
         return np.divide(self._unit, stiff, out=np.zeros(len(stiff)), where=self._member.any(axis=0) & (stiff > 0))
 
     def _cost(self, gains: Gains, missed: float, price: float) -> float:
-        """What is made small: ln of the sum, and a penalty on what is missed."""
+        """Cost that is minimised: ln of the sum of compliances, and `price` per shortfall `missed`."""
         return math.inf if missed == math.inf else math.log(self._compliance(gains).sum()) + price * max(missed, 0.0)
 
     def _step(self, gains: Gains, slopes: Slopes, missed: float, radius: float, price: float, reserve: float) -> tuple[Floats, float]:
-        """(2, m) the best step within `radius` as far as tangents tell, and by how much it promises to lower the cost."""
+        """Best step (2, m) within `radius` according to the tangents, and the decrease of the cost that it promises."""
         compliance, size = self._compliance(gains), len(self._member)
         weight = self._member @ compliance / compliance.sum()
         least = [compliance[member > 0].min() for member in self._member]
@@ -288,18 +292,19 @@ class _Search:
         return step.reshape(2, size) @ self._member, price * (max(missed, 0.0) - over) - lower
 
     def proved(self, gains: Gains) -> Raised:
-        """Every direction raised by RAISE breaks something; where one does not, it is raised and all are tried again.
+        """Gains of which no direction can be raised by RAISE without breaking a requirement; directions that can are raised first.
 
-        Loops are followed until nothing is left to raise, or they are far from those looked at; then they are looked at. Where that sees
-        something broken that following did not, it goes back, and looks at the next one that it raises; the next time at two, at four, ….
+        Loops are predicted until no direction is left to raise, or the gains are far from the last samples; then they are sampled. Where
+        samples
+        show a broken requirement that the prediction did not, the search goes back and checks the next raise by samples, then two, four, ….
         """
         cases, order = self._cases, list(range(len(self._cases)))
         self._anchor(gains, cases)
-        blind = [k for k, case in enumerate(cases) if case.breaks(gains)]  # where following sees what is not so
+        blind = [k for k, case in enumerate(cases) if case.breaks(gains)]  # cases whose prediction errs
         free = np.flatnonzero(self._compliance(gains)).tolist()
         why: dict[int, tuple[str, int]] = {}
-        known = set(free)  # what breaks by raising a direction, for these gains; for `why` others may have been softer
-        looked_at, to_look, careful = gains, math.inf if blind else 0, 1  # raises that are looked at, before loops are followed again
+        known = set(free)  # directions tried with these gains; an entry of `why` may be of gains that were softer
+        looked_at, to_look, careful = gains, math.inf if blind else 0, 1  # raises checked by samples before predictions are used again
         while True:
             left = [j for j in free if j not in why] or [j for j in free if j not in known]
             if looked_at is not gains and not (left and all(case.follows(gains) for case in cases)):
@@ -332,7 +337,9 @@ class _Search:
         return Raised(gains, tuple(at_once(lambda case: case.all_margins(gains), cases)), True, names, places)
 
     def _raised(self, gains: Gains, j: int, order: list[int], blind: Sequence[int], follow: bool) -> tuple[Gains | None, tuple[str, int]]:
-        """The gains with one direction raised; None where that breaks something, and what first. `order`: what broke last comes first."""
+        """Gains with direction `j` raised; None where that breaks a requirement, with its name and case. `order`: cases that broke last
+        first.
+        """
         first: tuple[str, int] | None = None
         for power in (0.0, 1.0):
             exact = stiffer(gains, j, RAISE, power, self._cascade)
@@ -349,11 +356,11 @@ class _Search:
         return None, first
 
     def _quickly_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
-        """What is seen to be broken without a look, and the case; None where nothing is."""
+        """Requirement predicted to be broken, without new samples, and the index of the case; None where none is."""
         return self._first(lambda case: case.breaks(gains), [k for k in order if k not in blind])
 
     def _broken(self, gains: Gains, order: Sequence[int]) -> tuple[str, int] | None:
-        """The first that is broken, and the case; None where nothing is."""
+        """First requirement that is broken, and the index of the case; None where none is."""
         return self._first(lambda case: case.required.missed(case.margins(gains)), order)
 
     def _first(self, missed: Callable[[Case], str], order: Sequence[int]) -> tuple[str, int] | None:
@@ -366,10 +373,10 @@ class _Search:
 
 
 def _most(slopes: Slopes | None) -> float:
-    """What is missed most, negative where all is met; inf where a loop is unstable."""
+    """Largest shortfall of a requirement, negative where all are met; inf where a loop is unstable."""
     return math.inf if slopes is None else float(slopes.missed.max(initial=-NEAR))
 
 
 def _hopeless(way: Sequence[float]) -> bool:
-    """Whether the least that was missed, by every step up to now, has stopped falling far from 0."""
+    """True if the least shortfall, listed after every step up to now, has stopped falling while far from 0."""
     return len(way) > STALLED and way[-1] > max(HOPELESS, LEFT * way[-1 - STALLED])

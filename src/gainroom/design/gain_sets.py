@@ -50,7 +50,7 @@ class GainSet:
         return self.cases > 0
 
     def times_stiffer(self, other: "GainSet") -> float:
-        """Than another set, by the sums of compliances over what both move; NaN where that is nothing."""
+        """Ratio of another set's sum of compliances to this one's, over what both move; NaN where that is nothing."""
         both = np.isfinite(self.compliance) & np.isfinite(other.compliance)
         return float(other.compliance[both].sum() / self.compliance[both].sum()) if both.any() else math.nan
 
@@ -77,17 +77,17 @@ class RobotGains:
 
     @property
     def sets(self) -> tuple[GainSet, ...]:
-        """All that were found, the one that is safe in all states first."""
+        """Every set that was found, the one that is safe in all states first."""
         return tuple(one for one in (self.everywhere, *self.per_contact.values()) if one is not None)
 
     def without(self, failing: Mapping[str, str]) -> "RobotGains":
-        """The same without the sets of some contact states ("": that for all), each with what came nearest, as text."""
+        """Gains without the sets of some contact states ("": the set for all), each with the nearest result as text."""
         kept = {contact: None if contact in failing else one for contact, one in self.per_contact.items()}
         return replace(self, per_contact=kept, everywhere=None if "" in failing else self.everywhere, nearest={**self.nearest, **failing})
 
     @property
     def cost(self) -> dict[str, float]:
-        """By contact state: how many times stiffer its own set is than the one that is safe everywhere, by what both make small; or NaN."""
+        """Ratio, per contact state, of its own set's stiffness to that of the set for all states, by sums of compliances; or NaN."""
         return {
             name: math.nan if own is None or self.everywhere is None else own.times_stiffer(self.everywhere)
             for name, own in self.per_contact.items()

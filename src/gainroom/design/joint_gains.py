@@ -31,13 +31,13 @@ from ..system.requirements import REQUIREMENTS, Requirements, title_of
 from ..system.uncertainty import NOMINAL, Case, Place, Uncertainty
 
 COST_ACCURACY = 0.01
-FILLING = 16  # cases inside the uncertainty beside corners and centre
-RESERVE = 0.002  # of each requirement, kept at the active cases of an uncertain joint: leaves a proof room to come to an end
-UNPROVED_RESERVE = 0.02  # the same where it came to none: a few percent of kp
-QUICK_BOXES, MOST_BOXES = 200_000, 500_000  # of a proof, about 1 s and 3 s: with the first reserve, and with the second
-ALIKE = 1e-3  # of a requirement: of cases that come as near to missing it but for this, the first stands for all
-MOST_ACTIVE = 6  # cases at a time: what an older one forbids is found out again, if it still matters
-MOST_ROUNDS = 20  # cases that break a requirement, one after the other
+FILLING = 16  # cases inside the uncertainty, in addition to corners and centre
+RESERVE = 0.002  # share of each requirement kept in reserve at the active cases, so that a proof can come to an end
+UNPROVED_RESERVE = 0.02  # reserve after a proof that came to no end: it costs a few percent of kp
+QUICK_BOXES, MOST_BOXES = 200_000, 500_000  # most boxes of a proof with the first and second reserve: about 1 s and 3 s
+ALIKE = 1e-3  # share of a requirement by which shortfalls may differ and count as equal: the first case stands for all
+MOST_ACTIVE = 6  # active cases at a time: what an older one excludes is found again, if it still matters
+MOST_ROUNDS = 20  # most cases that break a requirement, one after the other
 QUICK_ROUNDS = 10  # from then on kp is lowered in large steps
 
 CaseMargins = tuple[Place, Margins, float]
@@ -201,7 +201,7 @@ class _Search:
         )
 
     def costs(self, kp: float) -> dict[str, float]:
-        """See `Recommendation.costs`."""
+        """Largest kp without each requirement in turn, see `Recommendation.costs`."""
         asked = self.requirements.asked
         return {name: self.cost(kp, [other for other in asked if other != name], self.active) for name in asked}
 
@@ -243,7 +243,7 @@ class _Search:
         return best if best[2] > 0 else self.worst_near(best, kp, kd)
 
     def worst_near(self, best: CaseMargins, kp: float, kd: float) -> CaseMargins:
-        """A local search for what misses most from a case on."""
+        """Worst case found by a local search from the case `best`."""
         count = len(self.uncertainty.names)
         step = 0.25
         while count and step > 0.01 and best[2] < math.inf:
@@ -257,7 +257,7 @@ class _Search:
         return best
 
     def proved(self, kp: float, kd: float, best: CaseMargins) -> CaseMargins:
-        """Try to prove the whole uncertainty; the worst case, `best` or one that the attempt found."""
+        """Worst case after an attempt to prove the requirements over the whole uncertainty: `best`, or one that the attempt found."""
         if not self.uncertainty.names:
             return best
 
@@ -321,7 +321,7 @@ class _Search:
         return next((short for digits in range(3, 9) if low + room < (short := float(f"{kd:.{digits}g}")) < high - room), kd)
 
     def allowed(self, regions: list[PDRegion], kps: Floats, names: Sequence[str], polish: bool) -> list[Floats]:
-        """For each kp: the kd that every region allows."""
+        """Intervals of kd (p, 2) that every region allows, one array per kp."""
         result = [np.array([[0.0, np.inf]])] * len(kps)
         for region in regions:
             free = region.excluding(region.required.only(*names), kps, region.stable_columns(kps, polish), polish)
@@ -346,7 +346,7 @@ class _Search:
 
 
 def value_of(case: Case, name: str) -> float:
-    """What an uncertain quantity is in a case."""
+    """Value of an uncertain quantity `name` in a case, SI."""
     joint, drive = case
     return drive.delay if name == "delay" else getattr(joint, name)
 

@@ -1,8 +1,8 @@
-"""By how much coupled loops miss each requirement, wherever they may, and how that changes with every gain.
+"""Shortfalls of coupled loops against each requirement, at every crossing and peak near it, and their derivatives by every gain.
 
 Gains act along directions: joints, or those of tasks. L = P X Δ E with P from torque to position, X (n, m) from direction to torque,
-E (m, n) from position to direction, Δ = diag(d_j(s)) what the gains make of each. The core looks at such loops, and tells where their loci,
-return ratios and S_ii come near what is excluded, and how these places move (loop_curves.hpp).
+E (m, n) from position to direction, Δ = diag(d_j(s)) the law of each direction. The core samples such loops, and reports where their loci,
+return ratios and S_ii come near an excluded set, and how these places move with the gains (loop_curves.hpp).
 """
 
 import math
@@ -25,18 +25,18 @@ from ..system.requirements import Requirements
 
 Gains = Floats
 """(3, m): kp, kd and ki of every direction; of a P/PI one kp, kv and ki."""
-NEAR = 0.4  # in ln of a gain or a sensitivity, or as part of a phase: what is further from being missed is left out
-FOLLOWED = 0.1  # the same, where gains are only a little further
-CLOSE = 0.15  # in ln of a gain: so far what was seen of a loop is followed before it is looked at anew
-STABLE = Reach(factor=3.0, phase=0.7)  # where nothing but the number of unstable roots is asked for: less takes more samples near −1
-BROKEN = 1e-5  # what is missed by less may be round-off
-DIFFERENCE = 1e-3  # in ln of a gain, of a margin whose slope is not known in closed form
-BELIEVED = 100.0  # two crossings that are about to vanish move ever faster: no further than this is believed
+NEAR = 0.4  # distance from a requirement, in ln of a gain or sensitivity or as part of a phase, beyond which a margin is left out
+FOLLOWED = 0.1  # likewise for margins predicted at gains a little further on
+CLOSE = 0.15  # largest change in ln of a gain over which a loop's curves are predicted before it is sampled anew
+STABLE = Reach(factor=3.0, phase=0.7)  # reach of samples for a root count alone: a smaller one takes more samples near −1
+BROKEN = 1e-5  # shortfall below which it may be round-off
+DIFFERENCE = 1e-3  # step in ln of a gain for the slope of a margin without a closed form
+BELIEVED = 100.0  # largest slope that is used: two crossings that are about to vanish move ever faster
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One state of a machine, in which gains have to keep something.
+    """Loop of one state of a machine as a function of gains along directions, with the requirements that they have to meet.
 
     title      for messages
     loop       gains (3, m) → the loop
@@ -61,7 +61,7 @@ class Case:
 
     @property
     def joints(self) -> bool:
-        """Whether its directions are the joints."""
+        """True if the directions are the joints."""
         eye = np.eye(len(self.torque))
         return np.array_equal(self.torque, eye) and np.array_equal(self.jacobian, eye)
 
@@ -74,7 +74,7 @@ class Case:
 
     @cached_property
     def _asked(self) -> "_Asked":
-        """What requirements ask for."""
+        """Reach of samples that the requirements need, and whether all have slopes in closed form."""
         asked = _Asked()
         for one, needed in self.required.asked_for:
             one.slopes(asked, needed)
@@ -82,24 +82,24 @@ class Case:
 
     @property
     def _reach(self) -> Reach:
-        """As far as anything near being missed may lie."""
+        """Reach of samples that covers every margin near its requirement."""
         return self._asked.reach
 
     def be_careful(self) -> None:
-        """From now on margins are also those of loci that nearly meet, as all_margins always has them: in twice the time."""
+        """Switch to samples that also resolve loci that nearly meet, as all_margins always does: they take twice the time."""
         self._careful[:] = [True]
         for known in (self._known, self._last, self._anchor):
             known.clear()
 
     def margins(self, gains: Gains) -> Margins:
-        """Those of the loop with these gains that requirements bound, as far as they are near what is asked for; looked at once."""
+        """Margins with these gains that requirements bound, as far as they are near one; sampled once per set of gains."""
         key = gains.tobytes()
         if key not in self._known:
             self._known[key] = self._margins_at(gains, self._looked_at(gains), bool(self._careful))
         return self._known[key]
 
     def all_margins(self, gains: Gains) -> Margins:
-        """The same, however far they are from what is asked for."""
+        """Margins with these gains that requirements bound, however far from one; sampled once per set of gains."""
         key = gains.tobytes()
         if key not in self._whole:
             self._whole[key] = self._margins_at(gains, look(self._directed, gains, WHOLE.wider(self._reach)), True)
@@ -119,11 +119,11 @@ class Case:
         return found
 
     def known(self, gains: Gains) -> bool:
-        """Whether the loop with these gains is stable, and could be followed."""
+        """True if the loop with these gains is stable, and its curves could be followed."""
         return self.required.shortfall(self.margins(gains)) < math.inf
 
     def stable(self, gains: Gains) -> bool:
-        """The same, but for what cannot be followed near −1: in a fraction of the time."""
+        """True if the loop with these gains is counted stable; a fraction of the time of `known`, as curves near −1 are not followed."""
         key = gains.tobytes()
         if key in self._known:
             return self._known[key].stable
@@ -136,11 +136,11 @@ class Case:
         return self._stable[key] is True
 
     def vibrates(self, gains: Gains) -> bool:
-        """Whether `stable` has counted unstable roots of a loop with these gains that holds up the weight."""
+        """True if `stable` has counted unstable roots with these gains, and the gains hold the weight up."""
         return self._stable.get(gains.tobytes()) is False and self.loop(gains).stands
 
     def follows(self, gains: Gains) -> bool:
-        """Whether these gains are so near the anchor that what was seen there may be followed."""
+        """True if these gains are near enough to those of the anchor to predict curves from its samples."""
         if not self._anchor or not self._asked.curves:
             return False
         before = self._anchor[0][0]
@@ -148,20 +148,20 @@ class Case:
         return np.array_equal(moving, gains > 0) and bool(np.abs(np.log(gains[moving] / before[moving])).max(initial=0.0) < CLOSE)
 
     def followed(self, gains: Gains) -> "Slopes":
-        """As `slopes`, of what was seen at the anchor: what has come near since then is not in it."""
+        """Slopes predicted from the samples at the anchor, see `slopes`; curves that have come near −1 since then are missing."""
         return _Curves(self, gains, self._anchor[0][1], NEAR, followed=True).slopes()
 
     def anchor(self, gains: Gains) -> None:
-        """What is seen of the loop with these gains, which is stable, is followed from now on."""
+        """Set the samples of the loop with these gains, which is stable, as those from which curves are predicted from now on."""
         self._anchor[:] = [(gains, self._looked_at(gains))]
 
     def slopes(self, gains: Gains) -> "Slopes | None":
-        """Everything near being missed by a loop, and how it moves; None where it is unstable, or could not be followed."""
+        """Shortfalls near 0 with these gains, and their slopes; None where the loop is unstable, or could not be followed."""
         seen = self._looked_at(gains)
         return _Curves(self, gains, seen, NEAR).slopes() if seen.followed and seen.unstable == 0 else None
 
     def _looked_at(self, gains: Gains) -> Seen:
-        """The loop with these gains; kept where it is stable, until others are looked at."""
+        """Samples of the loop with these gains; the last ones of a stable loop are stored."""
         key = gains.tobytes()
         if self._last and self._last[0][0] == key:
             return self._last[0][1]
@@ -173,10 +173,11 @@ class Case:
         return seen
 
     def breaks(self, gains: Gains) -> str:
-        """A requirement that a loop of gains near the anchor is seen to break; "" where that is not to be seen so quickly.
+        """Name of a requirement that gains near the anchor are predicted to break; "" where none is.
 
-        What was near being missed there is followed: wherever that comes to, it is a margin of the new loop. The requirement that broke
-        last is looked at first.
+        Crossings and peaks near a requirement at the anchor are followed to the new gains: where they come to is a margin of the new loop.
+        The
+        requirement that broke last is checked first.
         """
         if not self._anchor:
             return ""
@@ -191,9 +192,9 @@ class Case:
 
 @dataclass(frozen=True)
 class Slopes:
-    """What is missed, in ln of a gain or a sensitivity or as part of a phase, negative where it is met; and how it changes.
+    """Shortfalls, in ln of a gain or a sensitivity or as part of a phase, negative where a requirement is met, and their slopes.
 
-    missed (c,)     slope (c, 2, m): by ln of each direction's stiffness, and of its damping     name (c) of what is required
+    missed (c,)     slope (c, 2, m): by ln of each direction's stiffness, and of its damping     name (c) of the requirement
     """
 
     missed: Floats
@@ -202,12 +203,12 @@ class Slopes:
 
     @classmethod
     def of(cls, parts: "Sequence[Slopes]") -> "Slopes":
-        """All of them."""
+        """Slopes of all `parts` in one."""
         missed, slope = (np.concatenate([getattr(part, field) for part in parts]) for field in ("missed", "slope"))
         return cls(missed, slope, tuple(name for part in parts for name in part.name))
 
     def seen_from(self, step: Floats, most: float) -> "Slopes":
-        """These tangents, of gains moved by `step` (2, m), at the gains before, where no more than `most` is missed."""
+        """Tangents at gains changed by `step` (2, m), moved back to the gains before; a shortfall above `most` is cut to it."""
         return Slopes(np.minimum(self.missed - np.einsum("ijk,jk->i", self.slope, step), most), self.slope, self.name)
 
 
@@ -226,7 +227,7 @@ PEAKS, ENDS = 0, 3  # places; loci and return ratios are between
 
 @dataclass(frozen=True)
 class _Peaks:
-    """What a requirement may ask of a look (system/loop_protocols.py)."""
+    """Quantities of a loop's samples that a requirement may read (system/loop_protocols.py)."""
 
     seen: Seen
 
@@ -240,7 +241,7 @@ class _Peaks:
 
 
 class _Asked:
-    """Curves that only take down how far they are asked for, and whether nothing but curves is."""
+    """Visitor of the requirements that collects the reach of samples they need; `curves` False: one has no slope in closed form."""
 
     def __init__(self) -> None:
         self.reach, self.curves = Reach(), True
@@ -268,10 +269,10 @@ class _Asked:
 
 @dataclass(frozen=True)
 class _Curves:
-    """What requirements ask of the loops of a case: what is missed or met by less than `near`, about where they were seen.
+    """Visitor of the requirements that collects, from samples of a loop, shortfalls above −`near` and their slopes.
 
-    followed   True: where gains are only a little further than where loops were seen; what is not followed is left out
-    broken     True: nothing is asked but whether anything is broken; what comes after the first such is left out, and how it moves
+    followed   True: `seen` is of gains a little away, and its curves are predicted; margins without a curve are left out
+    broken     True: for a check whether anything is broken; parts after the first that is broken are left out, and so are slopes
 
     Parts come with their place, peaks first, then loci, return ratios and ends: where a search is flat, their order decides by round-off.
     """
@@ -284,7 +285,7 @@ class _Curves:
     broken: bool = False
 
     def slopes(self) -> Slopes:
-        """Everything that is required."""
+        """Slopes of all that is required."""
         found = [part for one, needed in self.case.required.asked_for for part in one.slopes(self, needed)]
         return Slopes.of([self._nothing, *(part for _, part in sorted(found, key=lambda pair: pair[0]))])
 
@@ -293,7 +294,7 @@ class _Curves:
         return Slopes(np.zeros(0), np.zeros((0, 2, self.case.torque.shape[1])), ())
 
     def _moving(self, found: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-        """(c,) margins, and how they move (c, 2, m)."""
+        """Margins (c,), and their derivatives (c, 2, m)."""
         return found[0][:, 0], found[1].reshape(len(found[1]), 2, self.case.torque.shape[1])
 
     def at_axis(self, name: str, factor: float) -> list[Part]:
@@ -322,7 +323,7 @@ class _Curves:
         return self._as_far_as_asked(parts())
 
     def _as_far_as_asked(self, parts: Iterator[Part]) -> list[Part]:
-        """All of them, or as far as the first that is broken."""
+        """List of the parts; where a broken one is searched, up to the first that is broken."""
         found = []
         for part in parts:
             found.append(part)
@@ -338,13 +339,13 @@ class _Curves:
         return [(PEAKS + 1, _believed(np.log(longest / least[kept]), -moves[kept] / least[kept, None, None], name))]
 
     def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[Part]:
-        """Where |slope S_ii + offset| is largest: a change of place changes nothing there."""
+        """Peaks of |slope S_ii + offset|: at a maximum, its shift in frequency changes nothing to first order."""
         until = ceiling * math.exp(BROKEN) if self.broken else math.inf
         height, moves = self._moving(self.seen.peaks(self.gains, ceiling * math.exp(-self.near), slope, offset, until))
         return [(PEAKS, Slopes(np.log(height / ceiling), moves, (name,) * len(height)))]
 
     def by_differences(self, requirement: Requirement, needed: float) -> list[Part]:
-        """The worst of a margin that has no curve here: its differences from that at gains a little larger, one after the other."""
+        """Shortfall of a margin without a curve here, its slopes by differences at gains a little larger, one after the other."""
         case, gains = self.case, self.gains
         size = case.torque.shape[1]
         if self.followed:
@@ -370,7 +371,7 @@ def _broken(part: Slopes) -> bool:
 
 
 def _limited(needed: float, margin: Floats, moves: Floats, unit: float, name: str) -> Slopes:
-    """By how much margins, of either sign, miss what is needed, in shares of `unit`."""
+    """Shortfalls of margins of either sign below `needed`, in shares of `unit`, with their slopes."""
     return _believed((needed - np.abs(margin)) / unit, -np.sign(margin)[:, None, None] * moves / unit, name)
 
 
