@@ -11,7 +11,7 @@ from gainroom.analysis.disk_margin import TOLERANCE, disk_margin
 from .measure import Spread, spread
 from .table import Table
 
-POINTS = 300  # of the grid, over the five decades in which S − T moves
+POINTS = 300  # frequencies of the grid, over the five decades in which S − T moves
 PADE_ORDER = 5
 LIMIT = 5.0  # [ms] for 7 loops
 

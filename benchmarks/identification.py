@@ -22,7 +22,7 @@ from gainroom.identification import Record, identify_joint
 from .sysid_peer import Given, Intervals, fit, is_installed, over_ticks, true_rates
 from .table import Table
 
-SECONDS = 6.0  # of each log
+SECONDS = 6.0  # length of each log [s]
 SPREAD = ((0.05, 20), (0.1, 20))  # windows [s] and their number, stage after stage
 FROM_REST = tuple((length, 1) for length in (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8))
 RIGID = ((2.0, 2),)

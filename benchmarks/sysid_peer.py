@@ -28,7 +28,7 @@ BODY = """
 SPRING = """
 <fixed name="spring" stiffness="1" springlength="0"><joint joint="motor" coef="-1"/><joint joint="link" coef="1"/></fixed>
 """
-PLACES = {  # of each parameter in the model
+PLACES = {  # places of each parameter in the model
     "motor_inertia": ("joint", "motor", "armature"),
     "inertia": ("joint", "motor", "armature"),
     "link_inertia": ("joint", "link", "armature"),

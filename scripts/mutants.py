@@ -171,7 +171,7 @@ class Places:
             )
 
     def token(self, left: ast.expr, right: ast.expr, token: str) -> tuple[int, int]:
-        """Where an operator stands between its operands, past parentheses and comments."""
+        """Start and end (bytes) of an operator between its operands, past parentheses and comments."""
         start, end = self.span(left)[1], self.span(right)[0]
         gap = self.source[start:end].decode()
         for found in TOKEN.finditer(gap):
@@ -257,7 +257,7 @@ class Definition:
 SLOW = 2.0
 """So many steps further a slow test is."""
 TEXT, ATTRIBUTE = 1.5, 0.5
-"""What a name costs more that a text has, as a command or a key, and one behind a dot, which may be another's."""
+"""Extra cost of a name in a text, as a command or a key, and of one behind a dot, which may be another object's."""
 FAR = 6.0
 """Imports away is a test at most."""
 
@@ -337,7 +337,7 @@ class NameGraph:
 
     @cache  # noqa: B019
     def mentioning(self, path: Path, name: str) -> list[tuple[int, float]]:
-        """Of the definitions that mention a name those that can mean what a file defines, with what a step to them costs."""
+        """Definitions that mention a name and can mean the one that `path` defines, with the cost of a step to each."""
         users, shared = self.users(path), math.log2(self.named[name]) / 2
         return [
             (index, 1 + cost + (0.0 if home else shared))
@@ -397,7 +397,7 @@ def imported(path: Path, tree: ast.Module, files: dict[Path, ast.Module]) -> dic
 
 @dataclass(frozen=True)
 class Run:
-    """What a pytest process said: the tests that failed, the one it hung in, and how many passed."""
+    """Outcome of a pytest process: the tests that failed, the one it hung in, and how many passed."""
 
     failed: tuple[str, ...]
     hung: str
@@ -469,7 +469,7 @@ class Copy:
 
 @dataclass
 class Verdict:
-    """How a mutant ended: killed by a test or survived; of `ran` tests, in so many seconds."""
+    """Outcome of a mutant: killed by a test or survived, after `ran` tests in `seconds` [s]."""
 
     mutant: Mutant
     killer: str = ""
@@ -505,7 +505,7 @@ def verdict_of(mutant: Mutant, copy: Copy, source: bytes, tests: list[list[str]]
 
 
 def failing_unchanged(copy: Copy, killers: Iterable[str]) -> set[str]:
-    """Of the tests that killed those that fail or hang without a mutant too."""
+    """Tests among `killers` that fail or hang without a mutant, too."""
     left, bad = sorted(killers), set()
     while left:
         run = copy.run(left, math.inf, first=False)
@@ -563,7 +563,7 @@ def row(number: int, mutant: Mutant, end: str) -> str:
 
 
 def summary(verdicts: dict[int, Verdict], bad: set[str]) -> str:
-    """How many were killed, and who survived."""
+    """Number of mutants killed, and a row for each that survived."""
     killed = [verdict for verdict in verdicts.values() if verdict.killer]
     hung = sum(verdict.hung for verdict in killed)
     lines = [f"{len(killed)} of {len(verdicts)} mutants killed, {hung} of them by a timeout; {len(verdicts) - len(killed)} survived"]

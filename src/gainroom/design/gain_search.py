@@ -123,9 +123,7 @@ class _Search:
         self._cascade = cases[0].cascade
 
     def raised(self, start: Gains, careful: bool = False) -> Raised:
-        """Result of the search from gains that are stable in every case; repeated with `careful` samples where quick ones miss
-        crossings.
-        """
+        """Result of the search from gains that are stable in every case; repeated with `careful` samples where quick ones miss some."""
         reached, active = self.descended(start)
         for gains in (rounded(reached), reached, start):
             if not all(case.required.met_by(case.margins(gains)) for case in self._cases):
@@ -337,8 +335,9 @@ class _Search:
         return Raised(gains, tuple(at_once(lambda case: case.all_margins(gains), cases)), True, names, places)
 
     def _raised(self, gains: Gains, j: int, order: list[int], blind: Sequence[int], follow: bool) -> tuple[Gains | None, tuple[str, int]]:
-        """Gains with direction `j` raised; None where that breaks a requirement, with its name and case. `order`: cases that broke last
-        first.
+        """Gains with direction `j` raised, or None with the requirement and case that break first.
+
+        order   cases, those that broke last first; it is updated
         """
         first: tuple[str, int] | None = None
         for power in (0.0, 1.0):

@@ -87,7 +87,7 @@ class RobotGains:
 
     @property
     def cost(self) -> dict[str, float]:
-        """Ratio, per contact state, of its own set's stiffness to that of the set for all states, by sums of compliances; or NaN."""
+        """Ratio, per contact state, of its own set's stiffness to that of the set for all states; NaN where either is missing."""
         return {
             name: math.nan if own is None or self.everywhere is None else own.times_stiffer(self.everywhere)
             for name, own in self.per_contact.items()

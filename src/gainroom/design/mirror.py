@@ -14,14 +14,14 @@ from ..system.system import StateCase
 from .margin_slopes import Case
 
 EXACT = 1e-9
-"""Of a matrix whose diagonal is 1: entries that differ by less are round-off."""
+"""Difference of entries, in a matrix whose diagonal is 1, below which it is round-off."""
 COUPLED = 1e-6
-"""Of that: entries that tell which joints turn the other way."""
+"""Least entry, in such a matrix, whose sign says which joints turn the other way."""
 PARTS = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
 
 
 def mirror_of(states: Sequence[tuple[StateCase, Case]], others: Sequence[tuple[StateCase, Case]]) -> Integers | None:
-    """(n,) by joint of `others` that of `states`, state by state, whose loops are the same; None where there is no such order.
+    """Order (n,): for each joint of `others` the joint of `states` that mirrors it, in all states; None where the loops do not mirror.
 
     Where the directions of a case are those of tasks, each has to be itself in the other case.
     """
@@ -48,13 +48,13 @@ def mirror_of(states: Sequence[tuple[StateCase, Case]], others: Sequence[tuple[S
 
 
 def _scaled(model: Plant) -> Floats:
-    """W in units in which its diagonal is 1."""
+    """Inverse inertia W in units in which its diagonal is 1."""
     own = np.sqrt(np.maximum(np.diagonal(model.link_inverse_inertia), 1e-300))
     return model.link_inverse_inertia / np.outer(own, own)
 
 
 def _weight(model: Plant) -> Floats:
-    """The gravity stiffness; zeros where there is none."""
+    """Gravity stiffness (n, n); zeros where there is none."""
     return np.zeros((model.size, model.size)) if model.gravity_stiffness is None else model.gravity_stiffness
 
 
@@ -63,7 +63,7 @@ def _same(one: Floats, other: Floats) -> bool:
 
 
 def _order(models: Sequence[Plant], others: Sequence[Plant]) -> Integers | None:
-    """By joint of the others the one whose own data and coupling are the same in all states."""
+    """Order (n,): for each joint of `others` the joint of `models` with the same own data and coupling in all states, or None."""
 
     def marks(each: Sequence[Plant]) -> Floats:
         rows = [getattr(model, name) for model in each for name in PARTS]
@@ -81,7 +81,7 @@ def _order(models: Sequence[Plant], others: Sequence[Plant]) -> Integers | None:
 
 
 def _turned(forms: Sequence[tuple[Floats, Floats]]) -> Floats:
-    """(n,) ±1: −1 for joints that turn the other way, from the signs of what couples them."""
+    """Signs (n,): −1 for joints that turn the other way, from the signs of their coupling."""
     size = len(forms[0][0])
     turned, open_ = np.zeros(size), []
     for first in range(size):
@@ -98,7 +98,7 @@ def _turned(forms: Sequence[tuple[Floats, Floats]]) -> Floats:
 
 
 def _tasks_alike(case: Case, twin: Case, order: Integers, turned: Floats) -> bool:
-    """Whether each direction of a task sees and moves the same joints, whichever way."""
+    """True if each direction of a task sees and moves the same joints in both cases, up to its sign."""
     if case.torque.shape != twin.torque.shape or not np.array_equal(case.cascade, twin.cascade):
         return False
     if case.joints:

@@ -15,7 +15,7 @@ from .starting_gains import Beginning
 
 
 def mirrored(contacts: Sequence[str], states: Mapping[str, Sequence[SearchedState]], beginning: Beginning) -> list[list[str]]:
-    """The contact states in groups that mirror each other, as far as joints, directions and what their gains are measured by are alike."""
+    """Groups of contact states that mirror each other: joints, directions and units of their gains are alike."""
     groups: list[list[str]] = []
     for contact in contacts:
         for group in groups:
@@ -31,7 +31,7 @@ def mirrored(contacts: Sequence[str], states: Mapping[str, Sequence[SearchedStat
 
 
 def _order(states: Sequence[SearchedState], others: Sequence[SearchedState]) -> Integers | None:
-    """(m,) by direction of `others` that of `states`, where they mirror them: tasks' are themselves."""
+    """Order (m,): for each direction of `others` the one of `states` that mirrors it; tasks' directions are themselves. None: no mirror."""
     order = mirror_of([(one.state, one.with_weight) for one in states], [(one.state, one.with_weight) for one in others])
     size = len(states[0].moves)
     return order if order is None or states[0].with_weight.joints else np.arange(size)
@@ -40,7 +40,7 @@ def _order(states: Sequence[SearchedState], others: Sequence[SearchedState]) -> 
 def mirror_image(
     found: GainSet | None, states: Sequence[SearchedState], others: Sequence[SearchedState], required: Requirements
 ) -> GainSet | None:
-    """A set for `others` from that of the `states` which they mirror; None where there is none, or it does not keep what is required."""
+    """Set for `others` from that of the `states` that they mirror; None where there is none, or it breaks a requirement."""
     order = _order(states, others)
     if found is None or not found.moves or order is None:
         return None
@@ -71,6 +71,6 @@ def mirror_image(
 
 
 def _of_mirrored(nearest: str, titles: Mapping[str, str]) -> str:
-    """What `_nearest` says, of the states that mirror those it speaks of."""
+    """Text of `_nearest` with the titles of the mirrored states."""
     shortage, between, title = nearest.rpartition(" in ")
     return shortage + between + titles.get(title, title)

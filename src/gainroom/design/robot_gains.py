@@ -1,7 +1,7 @@
 """Recommended gains of a robot: one set per contact state and one that is safe in all, with every loop closed, over the uncertainty.
 
-Each is searched for by itself (set_search.py), side by side; a contact state's that comes out behind the one that is safe in all, which
-holds there, too, is searched for from that: the search is a local one.
+Each set is searched for by itself (set_search.py), in parallel. Where a contact state's own set is softer than the one safe in all, which
+holds there, too, it is searched for again from that: the search is a local one.
 """
 
 import math
@@ -25,7 +25,7 @@ from .side_by_side import Job, each, side_by_side
 from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, tasks_alike
 
 RESERVE = 1e-3
-"""Of each requirement, kept in the search, so that gains may be rounded to few digits: four move each by half of that at most."""
+"""Share of each requirement kept in reserve, so that gains may be rounded: four digits change a margin by half of it at most."""
 EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
 
@@ -79,14 +79,14 @@ def recommend_robot(
 
 
 _Sets = tuple[dict[str, GainSet | None], dict[str, str]]
-"""By contact state its set, and of those not found what came nearest."""
+"""Sets by contact state, and for those not found the nearest result as text."""
 
 
 @dataclass(frozen=True)
 class _Searches:
-    """Searches for sets of gains, one for each contact state and one for all: from `beginning`, and from sets that are known.
+    """Searches for sets of gains, one for each contact state and one for all: from `beginning`, and from `known` sets.
 
-    searched   a state with loops of its own: what one search has seen of them leads no other
+    searched   makes a state with loops of its own, so that no search depends on samples that another has taken
     """
 
     states: Mapping[str, Sequence[SearchedState]]
@@ -96,8 +96,8 @@ class _Searches:
     known: Mapping[str, GainSet | None]
 
     def sets(self, groups: Sequence[Sequence[str]], progress: Callable[[], None]) -> _Sets:
-        """For all states, and for contact states in groups that mirror each other."""
-        groups = sorted(groups, key=self._effort, reverse=True)  # what takes longest begins first
+        """Sets for all states together and for the contact states, in groups that mirror each other; the nearest where none is found."""
+        groups = sorted(groups, key=self._effort, reverse=True)  # the longest searches begin first
         found: dict[str, GainSet | None] = {}
         nearest: dict[str, str] = {}
         for sets, missed in side_by_side([self._of([EVERYWHERE]), *map(self._of, groups)], progress):
@@ -114,11 +114,11 @@ class _Searches:
         return found, nearest
 
     def _effort(self, group: Sequence[str]) -> int:
-        """Cases in which its gains are looked at: with the weight where it counts, and without it."""
+        """Number of cases in a group's search: with the weight where it counts, and without it."""
         return sum(1 + state.weighed for state in self.states[group[0]])
 
     def _behind(self, contact: str, one: GainSet | None, other: GainSet) -> bool:
-        """Whether another set is the better one: with the weight where it counts and this is without it, or else stiffer."""
+        """True if `other` is the better set for `contact`: with the weight where it counts and `one` is without it, or else stiffer."""
         if one is None:
             return True
         if one.without_weight != other.without_weight and any(state.weighed for state in self.states[contact]):
@@ -126,7 +126,10 @@ class _Searches:
         return one.times_stiffer(other) < 1
 
     def _of(self, group: Sequence[str], safe: GainSet | None = None) -> Job[_Sets]:
-        """The first is searched for; what mirrors it has its gains in another order. `safe`: from which alone it is searched for."""
+        """Job that searches for the first set of a group, and gives the mirrored states the same gains in their order.
+
+        safe   the only set to begin from, if it is given
+        """
 
         def job(checkpoint: Callable[[], None]) -> _Sets:
             states = {contact: [self.searched(one.state) for one in self.states[contact]] for contact in group}
@@ -144,7 +147,7 @@ class _Searches:
 
 
 def margins_at_rate(system: System, found: GainSet, space: str, rate: float) -> Margins:
-    """What gains for every state keep where the loop runs at `rate` [Hz], the rest as it is: the worst of all states and corners."""
+    """Margins of a set of gains where the loop runs at `rate` [Hz], all else as it is: the worst of all states and corners."""
     sampled = replace(system, control=replace(system.control, sample_time=1 / rate))
     weight = space == "joint" and not found.without_weight
     return worst_of(each(lambda acting: acting[0].all_margins(acting[1]), list(_acting(sampled, found, space, weight))))
@@ -175,14 +178,14 @@ def _acting(system: System, found: GainSet, space: str, weight: bool) -> Iterato
 
 
 def _acts(case: StateCase, space: str) -> bool:
-    """Whether gains of that space move anything there."""
+    """True if gains of that space ("joint" or "task") move anything in that state."""
     if space == "joint":
         return bool(joints_that_move(case.model, case.system.control.feedback).any())
     return bool(case.system.source.tasks(case.model, case.system.control.rotors).movable.any())
 
 
 def _unweighed(system: System, space: str, states: Sequence[StateCase]) -> tuple[str, ...]:
-    """Where the weight cannot count although it should."""
+    """Titles of the states in which the weight is left out although it should count."""
     if system.source.gravity is not None or system.source.body.base == "fixed" or space == "task":
         return ()
     return tuple(state.title for state in states if state.model.contacts and state.model.gravity_stiffness is None and not state.place)

@@ -26,23 +26,23 @@ from .margin_slopes import Case, Gains
 from .starting_gains import Beginning, stable_starts
 
 SEARCHES = 3
-"""For gains that hold between the corners of the uncertainty, too."""
+"""Most searches for gains that hold between the corners of the uncertainty, too."""
 TRIED = 2
-"""Beginnings, where one does not come to gains that meet the requirements."""
+"""Most beginnings tried, where one leads to no gains that meet the requirements."""
 FAR = 0.5
-"""What is missed by more from one beginning was not met from another in 60 robots that were tried: seen, not proved."""
+"""Shortfall of one beginning above which no other was of use in 60 robots that were tried: seen, not proved."""
 ALIKE = 0.01
-"""Relative: joints whose data and loads differ by less are raised together."""
+"""Relative difference of data and loads below which joints are raised together."""
 DIGITS = (4, 5, 6, 7)
-"""That gains are rounded to: the first that keep what is required."""
+"""Digits of rounded gains: the first number of them with which the requirements are met."""
 
 
 @dataclass(frozen=True)
 class _Failed:
-    """A search, with the weight or without, that came to no gains that meet the requirements; and what it reached.
+    """Search, with the weight or without, that led to no gains that meet the requirements, and the gains it reached.
 
-    cases   for which alone none were found
-    far     whether so much was missed that other beginnings are not tried
+    cases   for which alone no gains were found
+    far     True: the shortfall was so large that other beginnings are not tried
     """
 
     weighed: bool
@@ -52,21 +52,21 @@ class _Failed:
     far: bool
 
     def over(self, cases: Sequence[Case]) -> Raised:
-        """What was reached, as a search over these cases would end, too."""
+        """Result of the failed search over `cases`: the gains reached, and their margins."""
         return Raised(self.reached, tuple(case.all_margins(self.reached) for case in cases), False)
 
 
 @dataclass(frozen=True)
 class SetSearch:
-    """The search for one set of gains that none can be raised of.
+    """Search for one set of gains of which no stiffness can be raised.
 
     contact     the contact state of the set
-    required    without the reserve that a search keeps
-    beginning   what it begins with
-    progress    called at every look
-    nearest     is told what came nearest, by contact state, where no set is found
-    known       a set from which it begins, too, where it would else end softer
-    only        True: it begins from that alone
+    required    the requirements, without the reserve that a search keeps
+    beginning   the gains that it begins with
+    progress    called at every sampling of a loop
+    nearest     filled with the nearest result as text, by contact state, where no set is found
+    known       a set that it begins from, too, where it would else end softer
+    only        True: it begins from `known` alone
     """
 
     contact: str
@@ -79,10 +79,9 @@ class SetSearch:
     _failed: list[_Failed] = field(default_factory=list)
 
     def over(self, states: Sequence[SearchedState]) -> GainSet | None:
-        """A set for these states; None where no beginning leads to one that meets the requirements.
+        """Set of gains for these states; None where no beginning leads to one that meets the requirements.
 
-        What is found for the corners of the uncertainty is looked at between them: places at which it misses a requirement are searched
-        with.
+        The set found for the corners of the uncertainty is checked between them: cases there that miss a requirement join the search.
         """
         searched, between = ([state for state in states if state.state.between is inside] for inside in (False, True))
         for count in itertools.count(1):
@@ -104,7 +103,7 @@ class SetSearch:
         return None
 
     def _at_corners(self, states: Sequence[SearchedState]) -> GainSet | None:
-        """The same for these cases alone."""
+        """Set of gains for these cases alone; None where no beginning leads to one that meets the requirements."""
         given = np.any(self.beginning.gains != 0, axis=0)
         acting = [state for state in states if np.any(state.moves & given)]
         cascade, size = self.beginning.cascade, len(given)
@@ -123,7 +122,7 @@ class SetSearch:
             found = self._from_beginnings(acting, cases, weighed, free)
         without = weighed and not found.holds
         near = "" if found.holds else _nearest(cases, found)
-        if without and any(state.state.system.source.gravity for state in acting):  # as the file says: gains without it are no answer
+        if without and any(state.state.system.source.gravity for state in acting):  # the file excludes gains without the weight
             self.nearest[self.contact] = near
             return None
         if without:
@@ -158,10 +157,10 @@ class SetSearch:
         )
 
     def _from_beginnings(self, states: Sequence[SearchedState], cases: Sequence[Case], weighed: bool, free: Integers) -> Raised:
-        """The gains that are reached from the first beginning from which any are that meet the requirements; else those that came nearest.
+        """Result from the first beginning that leads to gains that meet the requirements; else the nearest one.
 
         Where they are softer than `known`, the next beginning is tried, too: the search is a local one. A beginning that failed for some of
-        these cases alone would do so again: what was reached then is what came nearest. Where as many as are tried did, none is looked for.
+        these cases alone would fail again: its result then counts as the nearest. After TRIED failures no further beginning is tried.
         """
         beginning = self.beginning
         groups, best = _groups(states, beginning, free), None
@@ -169,7 +168,7 @@ class SetSearch:
         known = None if self.known is not None and self.known.without_weight and weighed else self.known
 
         def softer(gains: Gains, other: Gains) -> bool:
-            """Whether they give way more, in what both hold."""
+            """True if `gains` have the larger sum of compliances, over the directions that both hold."""
             stiff, beside = (stiffness(each, beginning.cascade)[free] for each in (gains, other))
             both = (stiff > 0) & (beside > 0)
             unit = beginning.unit[free][both]
@@ -199,7 +198,7 @@ class SetSearch:
 
 
 def gains_of(found: GainSet, where_none: float = 0.0) -> Gains:
-    """(3, m)."""
+    """Gains (3, m), kp, kd and ki, of a set; `where_none` for directions that nothing moves."""
     whole = np.array([found.kp, found.kd, np.zeros(len(found.kp)) if found.ki is None else found.ki])
     return np.where(np.isnan(whole), where_none, whole)
 
@@ -215,7 +214,7 @@ def _rounded(found: Raised, cases: Sequence[Case], required: Requirements) -> tu
 
 
 def _groups(states: Sequence[SearchedState], beginning: Beginning, free: Integers) -> list[list[int]]:
-    """Directions that are raised together: legs that take turns are alike."""
+    """Groups of directions that are raised together: those with like data and loads, such as legs that take turns."""
     return _alike([*beginning.data, *np.sort([state.load for state in states], axis=0)], free)
 
 
@@ -234,7 +233,7 @@ def _alike(data: Sequence[Floats], free: Integers) -> list[list[int]]:
 
 
 def _better(cases: Sequence[Case], found: Raised, other: Raised, softer: Callable[[Gains, Gains], bool]) -> bool:
-    """Whether it holds where the other does not, or the other is softer; or it comes nearer where neither holds."""
+    """True if `found` meets the requirements and `other` does not or is softer; or neither does and `found` is nearer to them."""
     if found.holds and other.holds:
         return softer(other.gains, found.gains)
     return found.holds or (not other.holds and _most_missed(cases, found) < _most_missed(cases, other))
@@ -245,7 +244,7 @@ def _most_missed(cases: Sequence[Case], found: Raised) -> float:
 
 
 def _nearest(cases: Sequence[Case], found: Raised) -> str:
-    """What came nearest, as text."""
+    """Shortfall of the nearest result and the case in which it occurs, as text."""
     margins, case = max(zip(found.margins, cases, strict=True), key=lambda pair: pair[1].required.shortfall(pair[0]))
     shortage = "too soft for the weight" if case.loop(found.gains).topples else _shortage(margins, case.required)
     return f"{shortage} in {case.title}"

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from ..robot.model import RobotModel
     from ..robot.tasks import Tasks
 
-UNLIMITED = 100.0
+UNLIMITED = 100.0  # multiple of the largest beginning stiffness above which nothing limits it
 SHARES = (0.5, 0.25, 0.12, 0.9, 0.05)
-"""Of the damping of each joint alone, with which a search may begin: what is stable is made to meet the requirements."""
+"""Shares of the damping of each joint alone with which a search may begin: it begins stable, and then meets the requirements."""
 SOFT = (0.2, 0.05, 0.8, 0.01)
-"""Of its stiffness, times that: a robot without weight may be as soft as it likes. What begins very soft often ends so: requirements
+"""Shares of its stiffness, times that share: a robot without weight may be soft. A very soft beginning often ends soft: requirements
 leave some joints a soft and a stiff range, with none between.
 """
 WEIGHED = (0.2, 0.4, 0.1, 1.0, 3.0, 10.0, 30.0)
-"""The same where gravity asks for stiffness."""
+"""Shares of the stiffness where gravity asks for it."""
 _JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
 IMMOBILE = 1e-12
 """Mobility of a joint, relative to the largest, below which the contacts hold it: they leave round-off."""
@@ -39,7 +39,7 @@ HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that 
 
 @dataclass(frozen=True)
 class Beginning:
-    """Gains (3, m) to begin with: `gains` at share 1; `unit` what stiffness is measured by, `data` (m,) each, in which alike ones agree."""
+    """Gains (3, m) of a search's beginning at share 1, with the `unit` (m,) of stiffness and the `data` (m,) in which alike ones agree."""
 
     gains: Gains
     unit: Floats
@@ -48,28 +48,28 @@ class Beginning:
 
     @property
     def most(self) -> float:
-        """Of stiffness in units: what nothing has limited up to there, nothing limits."""
+        """Largest stiffness in units of `unit`: if nothing limits it up to there, nothing does."""
         return UNLIMITED * float((self.gains[0] * np.where(self.cascade, self.gains[1], 1.0) / self.unit).max())
 
     def at(self, share: float, softness: float) -> Gains:
-        """A share of the damping, and that times `softness` of the stiffness."""
+        """Gains (3, m) with a share of the damping, and that share times `softness` of the stiffness."""
         kp, kd, ki = self.gains
         return np.array([np.where(self.cascade, softness, share * softness) * kp, share * kd, share * softness * ki])
 
     def first(self, weighed: bool) -> Gains:
-        """With which a search begins, where that is stable."""
+        """Gains (3, m) with which a search begins, if they are stable."""
         return self.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
 
 
 def joints_that_move(model: Plant, feedback: str) -> Booleans:
-    """(n,) False where contacts hold a joint, so that no gain on it is felt: rigid, or measured on the link's side."""
+    """Mask (n,), False where contacts hold a joint, so that no gain on it is felt: rigid, or measured on the link's side."""
     own = np.diagonal(model.link_inverse_inertia)
     free = own > IMMOBILE * np.abs(model.link_inverse_inertia).max()
     return free if feedback == "link" else free | model.elastic
 
 
 def link_inertia(model: "RobotModel") -> Floats:
-    """(n,) 1/W_ii, bounded where the contacts hold a joint: by its motor's inertia or, without one, by the heaviest load that can move."""
+    """Load inertia 1/W_ii (n,), bounded where contacts hold a joint: by its motor's inertia or, without one, by the heaviest load."""
     own = np.diagonal(model.link_inverse_inertia)
     free = own[own > IMMOBILE * own.max()]
     heaviest = HEAVIEST * np.where(model.motor_inertia > 0, model.motor_inertia, 1 / free.min() if len(free) else 1.0)
@@ -77,14 +77,14 @@ def link_inertia(model: "RobotModel") -> Floats:
 
 
 class JointsAlone:
-    """Recommended kp and kd of single joints that are known already; may be asked from several threads."""
+    """Recommended kp and kd of single joints, computed once each; may be called from several threads."""
 
     def __init__(self) -> None:
         self._known: dict[tuple, tuple[float, float]] = {}
         self._lock = threading.Lock()
 
     def of(self, key: tuple, found: Callable[[], tuple[float, float]]) -> tuple[float, float]:
-        """Those of `key`, computed by `found` where they are not known."""
+        """Gains kp and kd of `key`, computed by `found` where they are not known."""
         with self._lock:
             if key not in self._known:
                 self._known[key] = found()
@@ -92,7 +92,10 @@ class JointsAlone:
 
 
 def joints_alone(system: System, model: "RobotModel", lightest: Floats, known: JointsAlone | None = None) -> Beginning:
-    """What each joint alone is recommended, with its lightest load and its longest delay; `known`: of the same system."""
+    """Recommended gains of each joint alone, with its lightest load and its longest delay.
+
+    known   results of earlier calls for the same system
+    """
     size = model.size
     latest = [drive.delay for drive in system.drives] if system.uncertainty.delay is None else system.uncertainty.delay[1].tolist()
     heaviest = float(lightest.max())
@@ -101,7 +104,7 @@ def joints_alone(system: System, model: "RobotModel", lightest: Floats, known: J
     for k in range(size):
         link = float(f"{lightest[k] / heaviest:.3g}") * heaviest  # legs that differ by round-off are one joint
         unit[k] = float(model.motor_inertia[k]) + link
-        # As if its inertia were 1: then what is rounded does not hang on units.
+        # The joint is scaled to inertia 1, so that rounding does not depend on units.
         parts: dict[str, Any] = {name: float(getattr(model, name)[k]) / unit[k] for name in _JOINT}
         joint, drive = ElasticJoint(link_inertia=link / unit[k], **parts), replace(system.drives[k], delay=latest[k])
         key = (*parts.values(), joint.link_inertia, drive)
@@ -114,7 +117,7 @@ def joints_alone(system: System, model: "RobotModel", lightest: Floats, known: J
 
 
 def tasks_alike(tasks: "Tasks", joints: Beginning) -> Beginning:
-    """All directions that have gains at the rates of the slowest joint alone; P/PI ones in the file's proportions."""
+    """Gains of all task directions at the rates of the slowest joint alone; P/PI ones in the file's proportions."""
     kp, kd, _ = joints.gains
     rate, quotient = float(np.min(kd / joints.unit)), float(np.median(kp / kd))
     given = (tasks.kp != 0) | (tasks.kd != 0) | (tasks.ki != 0)
@@ -128,7 +131,7 @@ def tasks_alike(tasks: "Tasks", joints: Beginning) -> Beginning:
 def stable_starts(
     cases: Sequence[Case], beginning: Beginning, weighed: bool, progress: Callable[[], None], known: Gains | None, only: bool
 ) -> Iterator[Gains]:
-    """Gains that are stable in every case: parts of what each joint alone is recommended; and those that are `known` after the first such.
+    """Gains that are stable in every case: shares of what each joint alone is recommended; `known` ones come after the first such.
 
     known   (3, m), NaN where there are none
     only    True: none but those that are known
@@ -145,7 +148,7 @@ def stable_starts(
         return all(case.known(gains) for case in cases)
 
     def parts(share: float) -> Iterator[Gains]:
-        """What vibrates most likely does so if it is stiffer, too, with the same damping: that is not tried."""
+        """Stable gains at one share of the damping; above a stiffness at which they vibrate none is tried: those vibrate, too."""
         stiffest = math.inf
         for soft in WEIGHED if weighed else SOFT:
             gains = beginning.at(share, soft)

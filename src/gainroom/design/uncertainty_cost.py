@@ -1,4 +1,4 @@
-"""What the uncertainty of a joint costs in gain, and which of its quantities is worth measuring better."""
+"""The cost in gain of a joint's uncertainty, and which of its quantities is worth measuring better."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -27,7 +27,7 @@ class KnownExactly:
 
 @dataclass(frozen=True)
 class HalfAsUncertain(KnownExactly):
-    """The same if that quantity were known to half of its range, to either side of its nominal value: `low` to `high`, SI."""
+    """Recommended gains if one quantity were known to half of its range, to either side of its nominal value: `low` to `high`, SI."""
 
     low: float
     high: float
@@ -35,7 +35,7 @@ class HalfAsUncertain(KnownExactly):
 
 @dataclass(frozen=True)
 class UncertaintyCost:
-    """What would be gained by knowing more.
+    """Cost of a joint's uncertainty in kp, and the gains that knowing more would allow.
 
     exact   recommended gains if all were known exactly and nominal
     cost    the part of that kp which the uncertainty takes: 0 nothing, 1 all, as no gains meet the requirements in every case
@@ -50,17 +50,17 @@ class UncertaintyCost:
 
 
 def cost_of(found: Recommendation | None, exact: Recommendation) -> float:
-    """See UncertaintyCost; `found` holds over the whole uncertainty."""
+    """Cost of the uncertainty, see UncertaintyCost; `found` holds over the whole uncertainty."""
     return 1.0 if found is None else max(1 - found.kp / exact.kp, 0.0)
 
 
 def uncertainty_cost(
     recommend: Recommend, uncertainty: Uncertainty, nominal: Mapping[str, float], found: Recommendation | None, exact: Recommendation
 ) -> UncertaintyCost:
-    """Each number by `recommend` itself, so that it is certified as the recommended gains are: once per uncertain quantity, and once more.
+    """Cost of the uncertainty, each number by `recommend` itself: certified, once per uncertain quantity, and once more.
 
-    nominal        by name of what is uncertain, SI
-    found, exact   what `recommend` makes of all of `uncertainty`, and of none
+    nominal        by name of the uncertain quantity, SI
+    found, exact   the result of `recommend` for all of `uncertainty`, and for none
     """
     single = len(uncertainty.names) == 1
     known = [_known(name, exact if single else recommend(uncertainty.without(name)), found) for name in uncertainty.names]
@@ -72,7 +72,7 @@ def uncertainty_cost(
 
 
 def _known(name: str, one: Recommendation | None, found: Recommendation | None) -> KnownExactly:
-    """What holds in every case holds in fewer, too, so that `found` is the least there is."""
+    """Gains if `name` is better known; at least those of `found`, which hold in every case and so in fewer, too."""
     best = max((gains for gains in (one, found) if gains is not None), key=lambda gains: gains.kp, default=None)
     if best is None:
         return KnownExactly(name, math.nan, math.nan, False)

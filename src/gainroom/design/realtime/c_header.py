@@ -150,7 +150,7 @@ def header_text(name: str, sizes: Mapping[str, int], constants: Sequence[Constan
 
 
 def provenance(model: str, date: str | None) -> tuple[str, str, str]:
-    """What a header says of itself: the model's file, gainroom's version, and the day that it was made; None: today."""
+    """Origin of a header: the model's file, gainroom's version, and the date (None: today)."""
     from ... import __version__
 
     return model, __version__, datetime.now(UTC).strftime("%Y-%m-%d") if date is None else str(date)

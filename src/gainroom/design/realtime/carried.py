@@ -1,4 +1,4 @@
-"""What the tracker carries, and what it refuses before the first tick."""
+"""The robots that the tracker supports: their data in the core's numbers, and refusals before the first tick."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def joint_table(robot: "Robot", system: System) -> Floats:
-    """(n, 10) as JointData of joint_law.hpp: inertia, friction, gearbox, drive and gains of each joint."""
+    """Data of n joints (n, 10) as JointData of joint_law.hpp: inertia, friction, gearbox, drive and gains."""
     actuators, drives = robot.actuators, system.drives
     size = len(drives)
     kp, kd = (0.0, 0.0) if system.control.space == "task" else joint_gains(system)  # tasks bring theirs
@@ -36,7 +36,7 @@ def joint_table(robot: "Robot", system: System) -> Floats:
 
 
 def joint_gains(system: System) -> tuple[Floats, Floats]:
-    """kp and kd (n,)."""
+    """Gains kp and kd, each (n,)."""
     pd, size = system.control.controller, len(system.drives)
     for name, gains in (("kp", pd.kp), ("kd", pd.kd)):
         if np.shape(gains) not in ((), (1,), (size,)):
@@ -72,7 +72,7 @@ def require_carried(robot: "Robot", system: System, contacts: Sequence[str]) -> 
 
 
 def require_lead(owner: str, kp: float, kd: float, lag: float) -> None:
-    """Raise GainroomError where control does not take energy out at low frequency: kd over kp is less than all that lags [s]."""
+    """Raise GainroomError where control does not take energy out at low frequency: kd/kp [s] is less than the sum of all lags [s]."""
     if kp < 0 or kd < 0 or kp == kd == 0:
         raise GainroomError(f"gain tracker: {owner}: kp {kp:g} and kd {kd:g} must be >= 0, and not both 0")
     if not lag:

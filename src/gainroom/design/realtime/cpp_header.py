@@ -104,7 +104,7 @@ class Code(str):
 
 
 CODES = [{"com": "center"}.get(kind, kind) for kind in READINGS]
-"""Of the core's enum Reading."""
+"""Names of the core's enum Reading."""
 
 
 def _tree(tree: TreeRows) -> list[Any]:

@@ -41,7 +41,7 @@ MOST_FEATURES, MOST_POINTS = 4, 100_000
 ASIDE = 0.3
 """[rad] that joints stand beside the features, at most, in postures outside the table that are looked at."""
 FINE, OUTSIDE, NO_POSTURE, NO_CONTACT = range(4)
-"""What a look-up says: a posture in the table; one that is not, or joints farther beside the features than was looked at; no numbers;
+"""Status of a look-up: a posture in the table; one that is not, or joints farther beside the features than was examined; no numbers;
 an unknown contact state."""
 
 

@@ -40,14 +40,14 @@ FADE = 0.05
 LONGEST_TICK = 0.02
 """A tick that took longer counts as this long: gains that nobody applied for a while do not jump [s]."""
 LEAST_SHARE = 1e-3
-"""Of its target, from which a gain of 0 begins to rise, and the most that one tick may rise by: 60 dB."""
+"""Share of its target from which a gain of 0 begins to rise; no tick may rise by more than from there: 60 dB."""
 
 Gains = tuple[ArrayLike, ArrayLike]
 """kp [N m/rad], kd [N m s/rad] of n joints."""
 
 
 class Limit(Protocol):
-    """What a tracker tells of one tick, see GainTracker."""
+    """Gain limit that a tracker reports at one tick, see GainTracker."""
 
     @property
     def certified(self) -> bool: ...
@@ -56,7 +56,7 @@ class Limit(Protocol):
 
 
 class Tracker(Protocol):
-    """What follows the limit of one contact state's own gains. Its `update` raises nothing."""
+    """Tracker of the limit of one contact state's own gains. Its `update` raises nothing."""
 
     def update(self, q: Any, contact: Any) -> Limit: ...
 
@@ -86,7 +86,7 @@ class GainTable:
 
     @classmethod
     def recommended(cls, gains: "RobotGains") -> "GainTable":
-        """What recommend_robot found in joint space; a contact state without gains of its own has those that are safe in all.
+        """Gains that recommend_robot found in joint space; a contact state without gains of its own has those that are safe in all.
 
         A joint that nothing can move in any state has gains 0. Raises GainroomError in task space, and where no set is safe in all.
         """

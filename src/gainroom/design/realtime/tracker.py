@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from ...robot.robot import Robot
 
 ALIASED = 5e-8
-"""Of the motors' mobility, what aliases of other motion may add.
+"""Largest share of the motors' mobility that aliases of other motion may add.
 
-Limits are off by less than that; beside a sharp resonance 12 times as much was seen, which is less than safe_gain stays below them.
+Limits err by less than that; beside a sharp resonance 12 times as much was seen, which is less than safe_gain stays below them.
 """
 HOLDING = 6
 """Directions that have to be held for a floating base to stand."""
@@ -205,11 +205,11 @@ class GainTracker:
         return TrackedMotion(gain, frequency, certified > 0, age.astype(int), safe, allowed, np.array(FLAGS)[flag.astype(int)], seconds)
 
     def update_dynamics(self, mass: Floats, jacobians: Sequence[Floats], contact: str, tasks: Sequence[Floats] = ()) -> TrackedLimit:
-        """As update, with mass matrix (N, N) and contact Jacobians, each (c, N), of another dynamics library.
+        """Limit at one tick, see `update`, with mass matrix (N, N) and contact Jacobians, each (c, N), of another dynamics library.
 
-        They are float arrays, of the links without rotors. Velocities are in the order of the robot's body: base, then joints. `tasks`:
-        the Jacobians (m_i, N) of tasks, along the world's axes, the first one first; none in joint space. `contact` says which state's
-        crossings are followed; what is held is what the Jacobians say. Raises nothing: see `flag`.
+        The arrays are float, of the links without rotors. Velocities are in the order of the robot's body: base, then joints. `tasks`:
+        the Jacobians (m_i, N) of tasks, along the world's axes, the first one first; none in joint space. `contact` names the state whose
+        crossings are followed; the Jacobians say what is held. Raises nothing: see `flag`.
         """
         state = self._state(contact)
         if state is None:
@@ -260,7 +260,7 @@ class GainTracker:
         """Nothing is left to do after construction."""
 
     def _settle(self, robot: "Robot", system: System) -> dict[str, float]:
-        """Of every contact state that is tracked the limit in the first posture, by gain_limit, once the core has found it too."""
+        """Gain limit in the first posture of every contact state that is tracked, by gain_limit, once the core has found it too."""
         limits = {}
         for name, state in self._states.items():
             model = robot.linearize(next(iter(robot.postures)), name)
@@ -298,11 +298,11 @@ class GainTracker:
         return TrackedLimit(gain, frequency, certified, age, safe, safe * self._share, FLAGS[flag])
 
     def _falls(self, rows: int) -> bool:
-        """Whether a floating base is held, but in too few directions to stand."""
+        """True if a floating base is held in too few directions to stand."""
         return self._floating and 0 < rows < HOLDING
 
     def _state(self, contact: str) -> int | None:
-        """Its number in the core; None for one that is not tracked."""
+        """Number of the contact state in the core; None for one that is not tracked."""
         return self._states.get(contact) if isinstance(contact, str) else None
 
     def _without(self, contact: str) -> TrackedLimit:
