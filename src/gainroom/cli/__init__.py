@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with suppress(OSError, AttributeError, TypeError):
         for setting, value in ((M_ARENA_MAX, 1), (M_MMAP_THRESHOLD, RETAINED_BYTES), (M_TRIM_THRESHOLD, 2 * RETAINED_BYTES)):
             ctypes.CDLL(None).mallopt(setting, value)
-    from ..design.forked import own_process
+    from ..design.parallel import own_process
 
     try:
         with own_process():

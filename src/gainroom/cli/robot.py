@@ -67,11 +67,11 @@ def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tup
 
         study, swept = study_over(system, sweep, progress)
         return study, {"over_sweep": True, "swept": swept}
-    from ..design.side_by_side import Job, side_by_side
+    from ..design.parallel import Job, in_parallel
     from ..studies.progress import after
     from ..studies.robot import study_robot
     from ..studies.sweep.workspace import glance, worse_posture
 
     jobs: list[Job[Any]] = [lambda checkpoint: study_robot(system, after(checkpoint, progress)), lambda checkpoint: glance(system)]
-    study, seen = side_by_side(jobs, lambda: None)
+    study, seen = in_parallel(jobs, lambda: None)
     return study, {"worse": worse_posture(seen, study.tightest.limit.gain)}

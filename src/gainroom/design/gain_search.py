@@ -25,7 +25,7 @@ from ..errors import GainroomError
 from ..native import _core
 from ..system.linear.arrays import Booleans, Floats
 from .margin_slopes import NEAR, Case, Gains, Slopes, moved
-from .side_by_side import at_once
+from .parallel import at_once
 
 RAISE = 1.05
 """No stiffness can be raised by this factor, whether its damping stays or rises as much."""

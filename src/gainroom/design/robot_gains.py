@@ -20,8 +20,8 @@ from .gain_cases import SearchedState, case_of, joint_state, task_state
 from .gain_sets import GainSet, RobotGains
 from .margin_slopes import Case, Gains
 from .mirrored_sets import mirror_image, mirrored
+from .parallel import Job, each, in_parallel
 from .set_search import SetSearch, gains_of
-from .side_by_side import Job, each, side_by_side
 from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, tasks_alike
 
 RESERVE = 1e-3
@@ -100,12 +100,12 @@ class _Searches:
         groups = sorted(groups, key=self._effort, reverse=True)  # the longest searches begin first
         found: dict[str, GainSet | None] = {}
         nearest: dict[str, str] = {}
-        for sets, missed in side_by_side([self._of([EVERYWHERE]), *map(self._of, groups)], progress):
+        for sets, missed in in_parallel([self._of([EVERYWHERE]), *map(self._of, groups)], progress):
             found |= sets
             nearest |= missed
         safe = found[EVERYWHERE]
         behind = [group for group in groups if safe is not None and any(self._behind(contact, found[contact], safe) for contact in group)]
-        for sets, _ in side_by_side([self._of(group, safe) for group in behind], progress):
+        for sets, _ in in_parallel([self._of(group, safe) for group in behind], progress):
             for contact, one in sets.items():
                 before = found[contact]
                 if one is not None and self._behind(contact, before, one):

@@ -11,7 +11,7 @@ def quiet(done: int, total: int, what: str) -> None:
 
 
 def after(checkpoint: Callable[[], None], progress: Progress) -> Progress:
-    """Progress callback of one of several parallel jobs: `checkpoint` ends the job if another has failed (design/side_by_side.py)."""
+    """Progress callback of one of several parallel jobs: `checkpoint` ends the job if another has failed (design/parallel.py)."""
 
     def report(done: int, total: int, what: str) -> None:
         checkpoint()

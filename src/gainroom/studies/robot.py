@@ -11,8 +11,8 @@ import numpy as np
 
 from ..analysis.margin_record import GainLimit, Margins
 from ..design.gain_sets import GainSet, RobotGains
+from ..design.parallel import Job, each, in_parallel
 from ..design.robot_gains import delay_margin_in_all, margins_at_rate, recommend_robot
-from ..design.side_by_side import Job, each, side_by_side
 from ..design.starting_gains import JointsAlone
 from ..errors import computable
 from ..system.controller import PD, Controller
@@ -209,7 +209,7 @@ def study_robot(system: System, progress: Progress = quiet, recommend: bool = Tr
         progress(min(next(looked), expected), expected, "gains")
 
     every: list[Job[Any]] = [analysis, *jobs]
-    found, *recommended = side_by_side(every, count if jobs else lambda: None)
+    found, *recommended = in_parallel(every, count if jobs else lambda: None)
     exact = recommended.pop() if jobs and system.uncertainty.names else None
     return RobotStudy(system, found.every, tuple(recommended), exact)
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ...design.side_by_side import cores
+from ...design.parallel import cores
 from ..progress import Progress, quiet
 from .cluster import on_cluster
 from .local_pool import Stop, in_processes, in_this_process

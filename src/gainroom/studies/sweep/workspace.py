@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...design.side_by_side import cores
+from ...design.parallel import cores
 from ...errors import GainroomError
 from ...robot.robot import Posture, Robot
 from ...system.linear.arrays import Floats

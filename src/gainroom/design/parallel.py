@@ -1,7 +1,9 @@
-"""Jobs in copies of this process (fork): they know all that it has computed, and each has an interpreter's lock of its own.
+"""Independent jobs in parallel: in copies of this process (fork) where they are a command's, on Linux, else in threads.
 
-For commands on Linux. A copy has none of the other threads, and a lock that one of these holds stays held there: a job must use nothing
-that other threads of its process do. The numbers of the jobs stand in a pipe, of which every process takes the next one.
+Most of their time goes to the core, which releases the interpreter's lock; for the rest of it threads wait for each other. A copy of the
+process knows all that it has computed, and has an interpreter's lock of its own. It has none of the other threads, and a lock that one of
+these holds stays held there: a job must use nothing that other threads of its process use. The numbers of the jobs stand in a pipe, from
+which every process takes the next one.
 """
 
 import ctypes
@@ -17,21 +19,28 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, BinaryIO, TypeVar
+from functools import cache
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
+
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 Job = Callable[[Callable[[], None]], Result]
-"""Is given what to call now and then: there it ends where another one has failed, or was interrupted."""
+"""Function of a checkpoint, which it calls now and then: that raises where another job has failed, or was interrupted."""
 Outcomes = dict[int, tuple[bool, Any]]
-"""By the number of the job: whether it has a result; that, or what it raised."""
+"""Outcomes by the number of the job: (True, result), or (False, the exception that it raised)."""
 NUMBER = struct.Struct("H")
 MOST_JOBS = 2048
-"""That the smallest pipe has room for."""
+"""Most jobs whose numbers the smallest pipe has room for."""
 TICK, FAILED = b".", b"!"
 MOST_READ = 1 << 16
 ASKED = (signal.SIGINT, signal.SIGTERM)
 PR_SET_PDEATHSIG = 1
-"""linux/prctl.h."""
+"""Option of prctl, from linux/prctl.h: the signal that a process gets when its parent ends."""
+HANDOVER = 1e-4
+"""[s] after which a thread that computes in Python lets one go on that comes back from the core: those stay there for a millisecond."""
 _own = False
 
 
@@ -45,7 +54,7 @@ class StoppedError(Exception):
 
 @contextmanager
 def own_process() -> Iterator[None]:
-    """Meanwhile this process is a command's own, and nothing else in it minds copies of it."""
+    """Context in which this process is a command's own: nothing else in it minds copies of it."""
     global _own
     before, _own = _own, sys.platform == "linux"
     try:
@@ -55,34 +64,34 @@ def own_process() -> Iterator[None]:
 
 
 def may_fork(jobs: int) -> bool:
-    """Whether so many jobs may be done in copies of this process."""
+    """True if `jobs` jobs may be done in copies of this process."""
     return _own and jobs <= MOST_JOBS and threading.current_thread() is threading.main_thread()
 
 
 def in_processes(jobs: Sequence[Job[Any]], progress: Callable[[], None], count: int) -> Outcomes:
-    """What becomes of the jobs in `count` processes: the first one here, so that what it computes stays known.
+    """Outcomes of the jobs in `count` processes: the first job here, so that what it computes stays known.
 
     A checkpoint, of whichever process, calls `progress` here, but for what a pipe has no room for. Once a job has failed the others are
-    stopped, and have no outcome. What a process leaves that was killed from outside, or cannot be begun, or has a result that pickle does
-    not take, is done here.
+    stopped, and have no outcome. Jobs of a process that was killed from outside, or cannot be begun, or has a result that pickle does not
+    take, are done here.
     """
     numbers, (ticks, tick) = _queue(range(1, len(jobs))), os.pipe()
     for end in (ticks, tick):
         os.set_blocking(end, False)
     found: Outcomes = {}
 
-    def heard() -> None:
-        """What other processes have told."""
-        told = b""
+    def hear() -> None:
+        """Report the checkpoints of other processes; raises StoppedError once a job of theirs has failed."""
+        received = b""
         with suppress(BlockingIOError):
-            told = os.read(ticks, MOST_READ)
-        for _ in range(told.count(TICK)):
+            received = os.read(ticks, MOST_READ)
+        for _ in range(received.count(TICK)):
             progress()
-        if FAILED in told:
+        if FAILED in received:
             raise StoppedError(found)
 
     def checkpoint() -> None:
-        heard()
+        hear()
         progress()
 
     children: list[_Child] = []
@@ -97,8 +106,8 @@ def in_processes(jobs: Sequence[Job[Any]], progress: Callable[[], None], count: 
         while (left := [child for child in children if child.working]) and not _failed(found):
             ready = _readable([ticks, *(child.answer.fileno() for child in left)])
             try:
-                heard()
-            except StoppedError as stop:  # what failed comes as an answer
+                hear()
+            except StoppedError as stop:  # the failure comes as an answer
                 if stop.those is not found:
                     raise
             for child in left:
@@ -121,7 +130,7 @@ def _failed(found: Outcomes) -> bool:
 
 
 def _readable(ends: Iterable[int]) -> set[int]:
-    """Those of the pipes in which something stands, or that have ended; once there is one."""
+    """Ends of pipes that hold data or have ended; waits until there is one."""
     every = select.poll()
     for end in ends:
         every.register(end, select.POLLIN)
@@ -129,7 +138,7 @@ def _readable(ends: Iterable[int]) -> set[int]:
 
 
 def _queue(numbers: Sequence[int]) -> int:
-    """A pipe from which they are read one by one, and then nothing more."""
+    """Pipe from which `numbers` are read one by one, and then nothing more."""
     out, into = os.pipe()
     os.write(into, b"".join(map(NUMBER.pack, numbers)))
     os.close(into)
@@ -157,14 +166,14 @@ def _do(jobs: Sequence[Job[Any]], numbers: Iterable[int], checkpoint: Callable[[
 
 @dataclass
 class _Child:
-    """A process that works, and our end of the pipe through which its outcomes come."""
+    """Process that works on jobs, and our end of the pipe through which its outcomes come."""
 
     number: int
     answer: BinaryIO
     working: bool = True
 
     def outcomes(self) -> Outcomes:
-        """All of them, at its end; none of one that was killed, or whose answer cannot be read."""
+        """Outcomes of all its jobs, at its end; none of one that was killed, or whose answer cannot be read."""
         self.working = False
         try:
             return pickle.load(self.answer)
@@ -172,7 +181,7 @@ class _Child:
             return {}
 
     def end(self) -> None:
-        """It has ended, or its work is not wanted any more."""
+        """Kill the process, if it has not ended, and wait for it."""
         self.answer.close()
         with suppress(ProcessLookupError, ChildProcessError):
             os.kill(self.number, signal.SIGKILL)
@@ -218,3 +227,93 @@ def _forked(jobs: Sequence[Job[Any]], numbers: int, tick: int) -> _Child:
             answer.write(pickle.dumps(found))  # all of it or nothing
     finally:
         os._exit(0)  # nothing else of this process is the copy's to end
+
+
+class _Handover:
+    """Short turns of threads in Python, for as long as any jobs are done in parallel."""
+
+    def __init__(self) -> None:
+        self._lock, self._users, self._usual = threading.Lock(), 0, 0.0
+
+    @contextmanager
+    def quick(self) -> Iterator[None]:
+        with self._lock:
+            if not self._users:
+                self._usual = sys.getswitchinterval()
+                sys.setswitchinterval(min(HANDOVER, self._usual))
+            self._users += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._users -= 1
+                if not self._users:
+                    sys.setswitchinterval(self._usual)
+
+
+_handover = _Handover()
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_parallel(jobs: Sequence[Job[Result]], progress: Callable[[], None]) -> list[Result]:
+    """Results of independent jobs, in their order, however many are done at a time. Raises what the first of them that fails raises.
+
+    In copies of this process nothing that a job changes is seen by others, but for the first one's.
+    """
+    count = min(cores(), len(jobs))
+    if count < 2:
+        return [job(progress) for job in jobs]
+    with _handover.quick():
+        found = in_processes(jobs, progress, count) if may_fork(len(jobs)) else _in_threads(jobs, progress, count)
+    for done, error in (found[number] for number in sorted(found)):
+        if not done:
+            raise error
+    return [found[number][1] for number in range(len(jobs))]
+
+
+def _in_threads(jobs: Sequence[Job[Result]], progress: Callable[[], None], count: int) -> Outcomes:
+    from concurrent.futures import ThreadPoolExecutor  # loads logging
+
+    stopped = threading.Event()
+
+    def checkpoint() -> None:
+        if stopped.is_set():
+            raise StoppedError(stopped)
+        progress()
+
+    with ThreadPoolExecutor(count) as pool:
+        futures = [pool.submit(job, checkpoint) for job in jobs]
+        try:
+            return {number: (True, future.result()) for number, future in enumerate(futures)}
+        except BaseException:
+            stopped.set()
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """Results of `function` for each item, in parallel: it must change nothing that is needed later."""
+    return in_parallel([lambda checkpoint, item=item: function(item) for item in items], lambda: None)
+
+
+def at_once(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """Results of `function` for each item, in their order, in threads: parts of one job, which must not share what they change."""
+    if min(cores(), len(items)) < 2:
+        return [function(item) for item in items]
+    return list(_helpers().map(function, items))
+
+
+@cache
+def _helpers() -> "ThreadPoolExecutor":
+    """Pool of threads apart from those of jobs, so that no job waits for one that waits for it."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    return ThreadPoolExecutor(cores())
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_helpers.cache_clear)  # a copy of this process has no such threads

@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 import faults
-from gainroom.design.forked import own_process
-from gainroom.design.side_by_side import HANDOVER, Job, at_once, each, side_by_side
+from gainroom.design.parallel import HANDOVER, Job, at_once, each, in_parallel, own_process
 
 Checkpoint = Callable[[], None]
 
@@ -67,13 +66,13 @@ def of_other_tests() -> None:
 
 def intervals(checkpoint: Checkpoint) -> list[float]:
     """How quickly threads take turns here, and after jobs within this one."""
-    return [sys.getswitchinterval(), *side_by_side([lambda checkpoint: sys.getswitchinterval()] * 2, checkpoint), sys.getswitchinterval()]
+    return [sys.getswitchinterval(), *in_parallel([lambda checkpoint: sys.getswitchinterval()] * 2, checkpoint), sys.getswitchinterval()]
 
 
 @pytest.mark.usefixtures("where")
 def test_threads_take_turns_quickly_only_meanwhile():
     before = sys.getswitchinterval()
-    for found in side_by_side([intervals, intervals], lambda: None):
+    for found in in_parallel([intervals, intervals], lambda: None):
         assert found == pytest.approx([HANDOVER] * 4)
     assert sys.getswitchinterval() == before
 
@@ -90,13 +89,13 @@ def test_one_that_fails_ends_the_others(place: int, where: str):
     if place == 1 and where == "threads":
         jobs[0] = lambda checkpoint: time.sleep(0.1)  # results are asked for in their order
     with pytest.raises(ZeroDivisionError, match="here"):
-        side_by_side(jobs, lambda: None)
+        in_parallel(jobs, lambda: None)
     assert sys.getswitchinterval() == before
 
 
 @pytest.mark.usefixtures("where")
 def test_results_come_in_the_order_of_the_jobs():
-    assert side_by_side([lambda checkpoint, k=k: k for k in range(5)], lambda: None) == list(range(5))
+    assert in_parallel([lambda checkpoint, k=k: k for k in range(5)], lambda: None) == list(range(5))
     assert each(lambda k: k * k, range(7)) == [k * k for k in range(7)]
     assert each(str, []) == []
 
@@ -108,7 +107,7 @@ def test_checkpoints_of_all_jobs_are_counted(where: str):
         return os.getpid()
 
     told: list[int] = []
-    pids = side_by_side([job] * 6, lambda: told.append(os.getpid()))
+    pids = in_parallel([job] * 6, lambda: told.append(os.getpid()))
     assert told == [os.getpid()] * 120
     assert pids[0] == os.getpid()
     assert len(set(pids)) <= (1 if where == "threads" else 2)
@@ -125,11 +124,11 @@ def test_jobs_have_processes_of_their_own_and_leave_none():
 
     def second(checkpoint: Checkpoint) -> int:
         os.write(into, b"x")
-        inner = side_by_side([lambda checkpoint: os.getpid()] * 2, checkpoint)
+        inner = in_parallel([lambda checkpoint: os.getpid()] * 2, checkpoint)
         assert inner[0] == os.getpid()
         return os.getpid()
 
-    one, other = side_by_side([first, second], lambda: None)
+    one, other = in_parallel([first, second], lambda: None)
     assert one == os.getpid() != other
     assert children() == []
     os.close(out)
@@ -139,7 +138,7 @@ def test_jobs_have_processes_of_their_own_and_leave_none():
 @pytest.mark.usefixtures("in_processes")
 def test_parts_of_a_job_have_threads_in_a_copy_of_a_process_that_had_some():
     assert at_once(abs, [-1, 2]) == [1, 2]
-    assert side_by_side([lambda checkpoint: at_once(abs, [-1, 2])] * 4, lambda: None) == [[1, 2]] * 4
+    assert in_parallel([lambda checkpoint: at_once(abs, [-1, 2])] * 4, lambda: None) == [[1, 2]] * 4
 
 
 @pytest.mark.usefixtures("in_processes")
@@ -155,12 +154,12 @@ def test_what_a_killed_process_leaves_is_done_here():
         time.sleep(0.3)
         return os.getpid()
 
-    assert side_by_side([waits, killed, killed], lambda: None) == [own] * 3
+    assert in_parallel([waits, killed, killed], lambda: None) == [own] * 3
 
 
 @pytest.mark.usefixtures("in_processes")
 def test_results_that_pickle_does_not_take_are_made_here():
-    found = side_by_side([lambda checkpoint: time.sleep(0.1), lambda checkpoint: lambda: 7], lambda: None)[1]
+    found = in_parallel([lambda checkpoint: time.sleep(0.1), lambda checkpoint: lambda: 7], lambda: None)[1]
     assert found is not None
     assert found() == 7
 
@@ -172,7 +171,7 @@ def test_an_interrupt_ends_all_processes():
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        side_by_side([interrupted, endless], lambda: None)
+        in_parallel([interrupted, endless], lambda: None)
     assert children() == []
 
 
@@ -183,7 +182,7 @@ def test_where_no_more_processes_may_be_begun_all_is_done_here(monkeypatch: pyte
 
     monkeypatch.setattr(os, "fork", refused)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
-    assert side_by_side([lambda checkpoint: os.getpid()] * 3, lambda: None) == [os.getpid()] * 3
+    assert in_parallel([lambda checkpoint: os.getpid()] * 3, lambda: None) == [os.getpid()] * 3
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
 
 
@@ -191,7 +190,7 @@ def test_where_no_more_processes_may_be_begun_all_is_done_here(monkeypatch: pyte
 def test_processes_are_waited_for_where_their_end_is_ignored():
     before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     try:
-        assert side_by_side([lambda checkpoint, k=k: k for k in range(4)], lambda: None) == [0, 1, 2, 3]
+        assert in_parallel([lambda checkpoint, k=k: k for k in range(4)], lambda: None) == [0, 1, 2, 3]
         assert signal.getsignal(signal.SIGCHLD) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGCHLD, before)
@@ -200,7 +199,7 @@ def test_processes_are_waited_for_where_their_end_is_ignored():
 @pytest.mark.usefixtures("in_processes")
 def test_a_job_that_fails_stops_jobs_within_another():
     def within(checkpoint: Checkpoint) -> list[None]:
-        return side_by_side([endless, lambda checkpoint: None], checkpoint)
+        return in_parallel([endless, lambda checkpoint: None], checkpoint)
 
     def fails(checkpoint: Checkpoint) -> list[None]:
         time.sleep(0.2)
@@ -208,7 +207,7 @@ def test_a_job_that_fails_stops_jobs_within_another():
 
     jobs: list[Job[list[None]]] = [within, fails]
     with pytest.raises(ZeroDivisionError, match="outside"):
-        side_by_side(jobs, lambda: None)
+        in_parallel(jobs, lambda: None)
     assert children() == []
 
 
@@ -226,7 +225,7 @@ def test_an_error_that_pickle_cannot_make_again_is_raised_here():
 
     jobs: list[Job[None]] = [lambda checkpoint: time.sleep(0.1), fails]
     with pytest.raises(UnreadableError, match="3"):
-        side_by_side(jobs, lambda: None)
+        in_parallel(jobs, lambda: None)
 
 
 @pytest.mark.usefixtures("in_processes")
@@ -236,14 +235,14 @@ def test_thousands_of_jobs_have_threads():
 
 ENDLESS = """
 import os, time
-from gainroom.design.forked import own_process
-from gainroom.design.side_by_side import side_by_side
+from gainroom.design.parallel import own_process
+from gainroom.design.parallel import in_parallel
 os.sched_getaffinity = lambda process: {0, 1}
 def job(checkpoint):
     os.write(1, f"{os.getpid()}\\n".encode())
     time.sleep(60)
 with own_process():
-    side_by_side([job, job], lambda: None)
+    in_parallel([job, job], lambda: None)
 """
 
 
@@ -265,7 +264,7 @@ def test_processes_end_with_the_one_that_they_are_copies_of(number: signal.Signa
 @pytest.mark.usefixtures("in_processes")
 def test_other_threads_make_no_processes():
     found: list[list[int]] = []
-    thread = threading.Thread(target=lambda: found.append(side_by_side([lambda checkpoint: os.getpid()] * 4, lambda: None)))
+    thread = threading.Thread(target=lambda: found.append(in_parallel([lambda checkpoint: os.getpid()] * 4, lambda: None)))
     thread.start()
     thread.join()
     assert found == [[os.getpid()] * 4]
