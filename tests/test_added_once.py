@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.part_requirements import unread
+from gainroom.analysis.part_region_margins import unread
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.studies.critical_joints import critical_joints

@@ -8,8 +8,8 @@ import pytest
 
 import gainroom as gr
 from gainroom.analysis.gain_directions import gain_directions
+from gainroom.analysis.low_frequency_proof import MOST, _lowest_corner, low_frequency_proof
 from gainroom.analysis.modal_loop import ModalLoop
-from gainroom.analysis.proof_at_rest import MOST, _lowest_corner, at_rest
 from gainroom.analysis.proved_limit import _quiet, _unstable_roots, proved_limit
 from independent.delay_roots import count_unstable
 from independent.joint import PDJoint
@@ -112,7 +112,7 @@ def test_the_turns_of_the_determinant_count_the_unstable_roots(draw: Draw, count
     for number in range(count):
         pair = draw(SEED + 3, number).scaled(float(np.exp(np.random.default_rng(number).uniform(-2.3, 2.3))))
         modal = ModalLoop.of(pair.loop)
-        rest = None if modal is None else at_rest(modal, 1.001)
+        rest = None if modal is None else low_frequency_proof(modal, 1.001)
         if modal is None or rest is None or rest.static is not None:
             continue
         high = _quiet(modal, 1.001)
@@ -132,7 +132,7 @@ def test_at_rest(draw: Draw):
     for number in range(24):
         modal = ModalLoop.of(draw(SEED + 4, number).loop)
         for stop in (10.0, 0.1):
-            rest = None if modal is None else at_rest(modal, stop)
+            rest = None if modal is None else low_frequency_proof(modal, stop)
             if modal is None or rest is None:
                 continue
             seen += 1

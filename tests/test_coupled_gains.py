@@ -13,7 +13,7 @@ from gainroom.analysis.boundary import coupled_delay_margin
 from gainroom.analysis.margin_record import GainLimit, Margins, OneLoop
 from gainroom.analysis.margins import joint_margins
 from gainroom.design.gain_search import PRICES, RAISE, Raised, raised_gains, rounded, stiffer
-from gainroom.design.margin_slopes import Case, moved
+from gainroom.design.margin_slopes import GainCase, moved
 from gainroom.report.margin_columns import margin_value
 from gainroom.system.requirements import REQUIREMENTS, TICKS
 from independent.quick_margins import quick_margins
@@ -106,7 +106,7 @@ def one_case(loop, required):
         return loop.regained(replace(loop.parts.controller, kp=gains[0], kd=gains[1]))
 
     eye = np.eye(loop.size)
-    return Case("", regained, eye, eye, np.zeros(loop.size, dtype=bool), required)
+    return GainCase("", regained, eye, eye, np.zeros(loop.size, dtype=bool), required)
 
 
 def test_an_unstable_loop_keeps_nothing():
@@ -115,7 +115,7 @@ def test_an_unstable_loop_keeps_nothing():
     assert not REQUIRED.met_by(quick_margins(loop))
 
 
-def case_of(plant, required=REQUIRED, delay=2e-3, torque=None, sample_time=None) -> Case:
+def case_of(plant, required=REQUIRED, delay=2e-3, torque=None, sample_time=None) -> GainCase:
     """Gains per joint or, with `torque` (n, m), along directions whose motion is measured in the same way."""
     torque = np.eye(plant.size) if torque is None else torque
 
@@ -123,14 +123,14 @@ def case_of(plant, required=REQUIRED, delay=2e-3, torque=None, sample_time=None)
         kp, kd = ((torque * gain) @ torque.T for gain in gains[:2])
         return gr.build_loop(plant, gr.Drive(4000.0, 0.9, delay), gr.PD(kp, kd), sample_time=sample_time)
 
-    return Case(f"{1e3 * delay} ms", loop, torque, torque.T, np.zeros(torque.shape[1], dtype=bool), required)
+    return GainCase(f"{1e3 * delay} ms", loop, torque, torque.T, np.zeros(torque.shape[1], dtype=bool), required)
 
 
 def soft(size):
     return np.array([np.full(size, 0.02), np.full(size, 1.0), np.zeros(size)])
 
 
-def holds(case: Case, gains) -> bool:
+def holds(case: GainCase, gains) -> bool:
     return case.required.met_by(case.margins(gains))
 
 
@@ -141,7 +141,7 @@ def found_for(cases, groups=None, **kwargs):
 
 
 @cache
-def searched(seed: int, sample_time: float | None) -> tuple[list[Case], Raised]:
+def searched(seed: int, sample_time: float | None) -> tuple[list[GainCase], Raised]:
     """Random coupled joints, and directions across them, in two cases at once; with the gains found for both."""
     rng = np.random.default_rng([41, seed])
     size = int(rng.integers(2, 5))
@@ -221,7 +221,7 @@ def test_alike_directions_get_equal_gains():
     assert gains[:2, 0] == pytest.approx(gains[:2, 1], rel=1e-12)
 
 
-def margins_missed(case: Case, gains) -> dict[str, float]:
+def margins_missed(case: GainCase, gains) -> dict[str, float]:
     """What is missed of each requirement at its worst, by definition."""
     kept = case.margins(gains)
     assert kept.stable
@@ -331,7 +331,7 @@ def test_what_cannot_begin_is_refused():
 def test_what_nothing_limits_says_so():
     """A rigid joint without any lag: a passive loop."""
     plant = gr.Plant(np.eye(1), np.full(1, 0.1))
-    case = Case(
+    case = GainCase(
         "", lambda gains: gr.build_loop(plant, gr.Drive(), gr.PD(*gains[:2])), np.eye(1), np.eye(1), np.zeros(1, dtype=bool), REQUIRED
     )
     found = raised_gains([case], soft(1), np.ones(1), [[0]], 1e3)
@@ -366,14 +366,14 @@ def test_met_to_round_off_and_no_further(name: str):
 @pytest.mark.parametrize("mended", [True, False])
 def test_gains_that_fail_a_closer_look_are_searched_once_more(monkeypatch, mended):
     """Where the second search is no better the case is named: it is that for which none were found."""
-    case, careful, exact = case_of(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0).plant()), [], Case.all_margins
+    case, careful, exact = case_of(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0).plant()), [], GainCase.all_margins
 
-    def closer(self: Case, gains: np.ndarray) -> Margins:
+    def closer(self: GainCase, gains: np.ndarray) -> Margins:
         found = exact(self, gains)
         return found if mended and careful else replace(found, phase_margin=0.1)
 
-    monkeypatch.setattr(Case, "all_margins", closer)
-    monkeypatch.setattr(Case, "be_careful", lambda self: careful.append(self))
+    monkeypatch.setattr(GainCase, "all_margins", closer)
+    monkeypatch.setattr(GainCase, "be_careful", lambda self: careful.append(self))
     found = raised_gains([case], soft(1), np.ones(1), [[0]], 1e9)
     assert careful == [case]
     assert (found.holds, found.failed) == ((True, ()) if mended else (False, (0,)))

@@ -9,7 +9,7 @@ import pytest
 import gainroom as gr
 from draws import complex_normal, draw_robot
 from gainroom.analysis import _disk_modes, disk_margin as multiloop_disk
-from gainroom.analysis._disk_modes import Modes, opened_at_torques
+from gainroom.analysis._disk_modes import ClosedModes, opened_at_torques
 from gainroom.analysis._mu import balanced, improved, largest, scaled
 from gainroom.analysis.disk_margin import TOLERANCE, disk_margin
 
@@ -27,7 +27,7 @@ KINDS = {
 }
 
 
-def expanded(modes: Modes, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def expanded(modes: ClosedModes, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """M0, M1, M2 about the middles of [low, high] (k,): (3, k, n, n)."""
     size = len(modes.delays)
     return modes.core.bounds(low, high, np.zeros((len(low), size)), 0.0)[0].reshape(-1, 3, size, size).swapaxes(0, 1)
@@ -97,7 +97,7 @@ def test_bounds_hold_while_only_the_delay_turns():
     for _ in range(40):
         turn, through = complex_normal(rng, 2, 2, 2) * 0.35
         poles = np.full(2, -1e6 + 0j)
-        modes = Modes(poles, turn, -through * poles, delays, np.array([0.9, 1.1]), 0.0)
+        modes = ClosedModes(poles, turn, -through * poles, delays, np.array([0.9, 1.1]), 0.0)
         middle, half = rng.uniform(20, 200, 30), np.exp(rng.uniform(np.log(0.1), np.log(10), 30))
         expansion = expanded(modes, middle - half, middle + half)
         x = balanced(expansion[0])
@@ -114,7 +114,7 @@ def test_bounds_hold_while_only_the_delay_turns():
 def test_distances_of_poles(sample_time):
     rng = np.random.default_rng(28)
     poles = rng.uniform(-20, 5, 40) + 1j * rng.uniform(-30, 30, 40)
-    modes = Modes(poles, np.ones((40, 2)), np.ones((2, 40)), np.zeros(2), np.ones(2), sample_time)
+    modes = ClosedModes(poles, np.ones((40, 2)), np.ones((2, 40)), np.zeros(2), np.ones(2), sample_time)
     low = rng.uniform(0, 25, 50)
     high = np.minimum(low + rng.uniform(0, 20, 50), modes.last)
     omega = np.linspace(low, high, 4001)

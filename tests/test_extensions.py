@@ -12,7 +12,7 @@ import gainroom as gr
 from gainroom.analysis.range_proof import prove
 from gainroom.cli import main
 from gainroom.cli.output import render
-from gainroom.design.margin_slopes import Case, moved
+from gainroom.design.margin_slopes import GainCase, moved
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.report.columns import Column
@@ -308,7 +308,7 @@ def test_slopes_of_a_margin_that_has_no_curve(monkeypatch: pytest.MonkeyPatch):
         return gr.build_loop(plant, drive, gr.PD(gains[0], gains[1]))
 
     required = gr.Requirements(spare_delay=0.02)
-    case = Case("bench", loop, eye, eye, np.zeros(2, dtype=bool), required)
+    case = GainCase("bench", loop, eye, eye, np.zeros(2, dtype=bool), required)
     gains = np.array([[900.0, 700.0], [40.0, 30.0], [0.0, 0.0]])
     slopes = case.slopes(gains)
     assert slopes.name == ("spare_delay",)

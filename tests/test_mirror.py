@@ -9,8 +9,7 @@ import pytest
 from gainroom.analysis.stability import unstable_roots
 from gainroom.design.gain_cases import case_of, joint_state
 from gainroom.design.gain_sets import GainSet
-from gainroom.design.mirror import mirror_of
-from gainroom.design.mirrored_sets import mirror_image
+from gainroom.design.mirror import mirror_image, mirror_of
 from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.system.drive import Drive

@@ -8,7 +8,7 @@ import pytest
 import gainroom as gr
 from draws import seeds
 from gainroom.analysis.stability import unstable_roots
-from gainroom.design.margin_slopes import Case
+from gainroom.design.margin_slopes import GainCase
 from independent.machine import roots, topples, unstable
 from machines import between, limbs, paired
 
@@ -25,14 +25,14 @@ def swinging(number: int, factor: float):
     return paired(machine, gr.PD(kp, kd), "")
 
 
-def case_of(pair) -> Case:
+def case_of(pair) -> GainCase:
     parts = pair.loop.parts
 
     def loop(gains):
         return pair.loop.regained(gr.PD(gains[0], gains[1]))
 
     size = parts.plant.size
-    return Case("", loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), gr.Requirements(gain_margin=2.0))
+    return GainCase("", loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), gr.Requirements(gain_margin=2.0))
 
 
 @pytest.mark.parametrize("number", seeds(SHARE, ALL))

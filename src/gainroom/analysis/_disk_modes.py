@@ -26,7 +26,7 @@ LEAST_SHARE = 1e-3  # least part of N(ω = 0) that a mode has to make for its ro
 
 
 @dataclass(frozen=True)
-class Modes:
+class ClosedModes:
     """Modes of the loops closed without delay: N = Σ c_i b_iᵀ/(v − p_i), the delays E and the diagonal R of the closed loops.
 
     poles p (m,), into b (m, n), out c (n, m), delays (n,) [s], share (n,) the diagonal of R, sample_time [s] (0: continuous)
@@ -75,7 +75,7 @@ class Modes:
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenedLoop:
     """The loops opened at the motor torques, L = G E: G (n, n) a state space, delays (n,) [s], sample_time [s] (0: continuous)."""
 
     system: StateSpace
@@ -86,7 +86,7 @@ class Opened:
         """L at ω (k,): (k, n, n)."""
         return self.system.at(_variable(omega, self.sample_time)) * np.exp(-1j * omega[:, None] * self.delays)[:, None, :]
 
-    def modes(self) -> Modes:
+    def modes(self) -> ClosedModes:
         """The modes of the loops closed without delay. Defective ones are wrong: `agrees` detects them."""
         system, size = self.system, len(self.delays)
         share = 1 + SPREAD * np.linspace(-1, 1, size)
@@ -102,9 +102,9 @@ class Opened:
         poles, into, out = poles.astype(complex), into.astype(complex), (closed.c @ vectors).astype(complex)
         second = 1 + np.flatnonzero((np.imag(poles[:-1]) > 0) & (poles[1:] == poles[:-1].conj()))
         into[second] = into[second - 1].conj()  # to the last digit, so that the core may sum the two as one
-        return Modes(poles, into, out, self.delays, share, self.sample_time)
+        return ClosedModes(poles, into, out, self.delays, share, self.sample_time)
 
-    def agrees(self, modes: Modes, omega: Floats) -> bool:
+    def agrees(self, modes: ClosedModes, omega: Floats) -> bool:
         """True if S − T from the modes and from the state space differ by at most AGREEMENT at every `omega` (k,) [rad/s]."""
         eye, lag = np.eye(len(self.delays)), np.exp(-1j * omega[:, None] * self.delays)
         direct = 2 * np.linalg.inv(eye + self.response(omega)) - eye
@@ -137,7 +137,7 @@ def _without_drift(system: StateSpace, sizes: Floats) -> StateSpace:
     return system
 
 
-def opened_at_torques(loop: Loop) -> Opened:
+def opened_at_torques(loop: Loop) -> OpenedLoop:
     """Return ratio G E of several joints, opened at the motor torques; for a sampled loop E holds the whole ticks of delay, G the rest."""
     if loop.sample_time is None:
         assert loop.open_loop is not None
@@ -150,7 +150,7 @@ def opened_at_torques(loop: Loop) -> Opened:
         shorter = replace(loop, parts=replace(loop.parts, drives=tuple(rest))).open_loop
         assert shorter is not None
         system, delays = shorter, step * ticks
-    return Opened(StateSpace(system.a, system.b, loop.gain * system.c, loop.gain * system.d), delays, loop.sample_time or 0.0)
+    return OpenedLoop(StateSpace(system.a, system.b, loop.gain * system.c, loop.gain * system.d), delays, loop.sample_time or 0.0)
 
 
 def _variable(omega: Floats, sample_time: float) -> Complexes:

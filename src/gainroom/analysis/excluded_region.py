@@ -13,7 +13,7 @@ import numpy as np
 
 from ..system.excluded_sets import Branch, ExcludedSet, on_circle
 from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
-from .gain_plane import Curve, GainPlane
+from .gain_plane import BoundaryCurve, GainPlane
 
 Piece = tuple[Integers, Floats, Floats]
 """Column, one end and the other end of intervals of kd."""
@@ -53,7 +53,7 @@ class Lines:
 
     def swept(self, branches: Sequence[Branch], ends: Sequence[complex]) -> list[Piece]:
         """Intervals of kd that a curve in the plane of L sweeps, whose `ends` L may pass."""
-        found = [Curve.of(self.plane, end).crossings("kp", self.kps, self.polish) for end in ends]
+        found = [BoundaryCurve.of(self.plane, end).crossings("kp", self.kps, self.polish) for end in ends]
         if any(branch.paired for branch in branches):
             found = [self._touching(), *found]
         column, omega, kd = (np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -161,7 +161,7 @@ class Lines:
                 return -np.abs(((-center + kp * a) * b.conj()).imag) / np.abs(b)
 
         kps, omega = self.kps, self.omega
-        column, point, _ = Curve.of(self.plane, center).crossings("kp", kps, True)
+        column, point, _ = BoundaryCurve.of(self.plane, center).crossings("kp", kps, True)
         near = nearness(kps[:, None], *(part[None, :] for part in self.responses))
         owner, k = np.nonzero((near[:, 1:-1] >= near[:, :-2]) & (near[:, 1:-1] > near[:, 2:]) & (near[:, 1:-1] < -radius))
         touching, height = self._maximum(nearness, kps[owner], omega[k], omega[k + 1], omega[k + 2])

@@ -20,7 +20,7 @@ DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequen
 GAIN_ROUNDING = 4e-15  # relative round-off of a gain that solves L = target: nearer to the target, ω cannot be told apart
 UNRESOLVED = 2e-9  # relative distance of zeros between which no sample lies
 PINCH = 1e-9  # relative distance from a pinch within which the curve is taken as the straight line it is there
-Crossings = tuple[Integers, Floats, Floats]  # index of the value crossed, ω [rad/s], the other gain there
+LineCrossings = tuple[Integers, Floats, Floats]  # index of the value crossed, ω [rad/s], the other gain there
 SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
 
 
@@ -42,7 +42,7 @@ class GainPlane:
     last: float | None
     resolved: float
     pinches: Floats
-    curves: dict[complex, "Curve"] = field(default_factory=dict, compare=False, repr=False)
+    curves: dict[complex, "BoundaryCurve"] = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
     def zeros(self) -> list[tuple[float, tuple[complex, complex], tuple[complex, complex]]]:
@@ -157,7 +157,7 @@ def _divided(part: Factored, root: complex, omega: float) -> tuple[complex, comp
     return complex(value[0] * first), complex(first * (slope[0] + value[0] * 0.5j * step))
 
 
-def _together(parts: Iterable[Crossings]) -> Crossings:
+def _together(parts: Iterable[LineCrossings]) -> LineCrossings:
     index, omega, other = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     return index, omega, other
 
@@ -204,7 +204,7 @@ def _solve2(a: Complexes, b: Complexes, right: Complexes) -> tuple[Floats, Float
 
 
 @dataclass(frozen=True)
-class Curve:
+class BoundaryCurve:
     """One boundary curve, cut where it runs through infinity. All arrays (k,)."""
 
     plane: GainPlane
@@ -216,14 +216,14 @@ class Curve:
     slope_kd: Floats
 
     @classmethod
-    def of(cls, plane: GainPlane, target: complex) -> "Curve":
+    def of(cls, plane: GainPlane, target: complex) -> "BoundaryCurve":
         """The curve of one target, built once per plane."""
         if target not in plane.curves:
             plane.curves[target] = cls._built(plane, target)
         return plane.curves[target]
 
     @classmethod
-    def _built(cls, plane: GainPlane, target: complex) -> "Curve":
+    def _built(cls, plane: GainPlane, target: complex) -> "BoundaryCurve":
         """The curve on the plane's grid, refined until it turns little between samples."""
 
         def solved(omega: Floats) -> Floats:
@@ -237,7 +237,7 @@ class Curve:
         omega, found = refined(plane.omega, solved(plane.omega), solved, rough, 12, 40_000)
         return cls(plane, target, omega, *found.T)
 
-    def crossings(self, axis: str, values: Floats, polish: bool = True) -> Crossings:
+    def crossings(self, axis: str, values: Floats, polish: bool = True) -> LineCrossings:
         """Crossings of the curve with the lines kp = value (axis 'kp') or kd = value ('kd').
 
         Returns (index into values, ω, the other gain), each crossing polished to machine precision, or interpolated with polish=False.
@@ -277,12 +277,12 @@ class Curve:
         middle, pinches = 0.5 * (omega[1:] + omega[:-1]), self.plane.pinches
         return np.any(np.abs(middle[:, None] - pinches) < PINCH * pinches, axis=1)
 
-    def _straight(self, axis: str, values: Floats) -> Crossings:
+    def _straight(self, axis: str, values: Floats) -> LineCrossings:
         """Crossings of `values` with the straight pieces at the pinches: from the last sample on either side out to infinity.
 
         There kd = Im(target/A)/Im(B/A) and kp = Re(target/A) − kd Re(B/A), of which only Im(B/A) moves, through 0.
         """
-        found: list[Crossings] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
+        found: list[LineCrossings] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
         for pinch in self.plane.pinches.tolist():
             for side in (-1.0, 1.0):
                 edge = np.array([pinch * (1 + side * PINCH)])
@@ -298,13 +298,13 @@ class Curve:
                 found.append((index, omega, self._other(axis, values[index], omega)))
         return _together(found)
 
-    def _beside_zeros(self, axis: str, values: Floats) -> Crossings:
+    def _beside_zeros(self, axis: str, values: Floats) -> LineCrossings:
         """Crossings of `values` nearer to a zero on the boundary than any sample, given the ω of the sample next to them.
 
         A notch of depth 0 or an undamped antiresonance at ω₀: A = a (ω − ω₀) and B = b (ω − ω₀), so the curve runs out to infinity on
         either side of it, where kp a + kd b = target/(ω − ω₀); a and b are taken to first order in ω − ω₀.
         """
-        found: list[Crossings] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
+        found: list[LineCrossings] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
         for center, *parts in self.plane.zeros:
             k = int(np.searchsorted(self.omega, center))
             if not 0 < k < len(self.omega):

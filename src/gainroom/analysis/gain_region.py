@@ -26,7 +26,7 @@ from ..system.plant import Plant
 from ..system.requirements import Requirements
 from .crossings import scan
 from .excluded_region import Lines
-from .gain_plane import Curve, GainPlane
+from .gain_plane import BoundaryCurve, GainPlane
 from .margin_record import Margins
 from .margins import margins_from_scan
 
@@ -190,8 +190,8 @@ class PDRegion:
         return GainPlane.of(*parts)
 
     @cached_property
-    def _curve(self) -> Curve:
-        return Curve.of(self._plane, -1.0)
+    def _curve(self) -> BoundaryCurve:
+        return BoundaryCurve.of(self._plane, -1.0)
 
     def _crossings(self, axis: str, values: Floats, polish: bool = True) -> tuple[Integers, Floats, Integers]:
         """Crossings of the stability boundary with lines: (index into values, other gain, change of the unstable count as it grows)."""

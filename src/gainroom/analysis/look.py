@@ -16,9 +16,9 @@ from ..system.linear.state_space import hold, split_delay
 from ..system.loop import Loop
 from ..system.measured_response import measured_state
 from ..system.mode_functions import mode_functions
-from .limbs import limbs_of
 from .margin_record import GainLimit, Margins, OneLoop
 from .stability_boundary import LEAN, TILT, Boundary, first_grid
+from .uncoupled_groups import uncoupled_groups
 
 AT_REST = 1e-6
 """Share of the lowest frequency sampled at which loops under gravity are at rest."""
@@ -226,7 +226,7 @@ def joint_loops(loop: Loop, cascade: bool = False) -> Directed:
     def directed(loop: Loop, by_modes: bool) -> "_core.DirectedLoop":
         return directed_loop(loop, np.eye(loop.size), np.eye(loop.size), np.full(loop.size, cascade), by_modes)
 
-    apart = limbs_of(loop)
+    apart = uncoupled_groups(loop)
     return LoopsApart(loop.size, tuple((joints, directed(limb, False)) for joints, limb in apart)) if apart else directed(loop, True)
 
 

@@ -142,7 +142,7 @@ class ModalLoop:
             2 if twofold else 1,
         )
 
-    def crossings(self, start: float, stop: float, low: float, high: float, counting: bool = False) -> "Crossings | None":
+    def crossings(self, start: float, stop: float, low: float, high: float, counting: bool = False) -> "ProvedCrossings | None":
         """Factors on all gains between `start` (0: from rest) and `stop` that put a root at jω, low <= ω <= `high`; nearest first, proved.
 
         None where the proof failed. No crossings in the result: it is proved that there are none.
@@ -150,7 +150,7 @@ class ModalLoop:
         tried = (self._crossings(self._grid(low, high, factor), start, stop, counting) for factor in FACTORS)
         return next((found for found in tried if found is not None), None)
 
-    def _crossings(self, grid: Floats, start: float, stop: float, counting: bool) -> "Crossings | None":
+    def _crossings(self, grid: Floats, start: float, stop: float, counting: bool) -> "ProvedCrossings | None":
         """Crossings as of `crossings`, from the intervals of ω between neighbours in `grid` (k + 1,); None where the proof failed."""
         bases = self._rigid_bases(grid)
         proved, places, vectors, undecided, turns = self.core.limit(grid, start, stop, NUDGE, NARROWEST, self.passive, counting, bases)
@@ -161,7 +161,7 @@ class ModalLoop:
             return None
         turned = turns[0] + more
         found = [Crossing(omega, gain, growth, vector) for (omega, gain, growth), vector in zip(places.tolist(), vectors, strict=True)]
-        return Crossings(found, turned / self.folds, turns[1] / self.folds, turns[2])
+        return ProvedCrossings(found, turned / self.folds, turns[1] / self.folds, turns[2])
 
     def mode(self, crossing: "Crossing", loop: Loop) -> Complexes:
         """Mode shape (n,) of a crossing: measured positions of `loop`, the largest part 1, of all joints that vibrate at that factor."""
@@ -264,7 +264,7 @@ class Crossing(NamedTuple):
     vector: Complexes
 
 
-class Crossings(NamedTuple):
+class ProvedCrossings(NamedTuple):
     """Crossings along a range of factors, and the turn of arg det F, F = x P + diag(d), at the factor 1 from the lowest ω to `end`.
 
     Above `end` I + L stays near I, and arg det(I + L) goes from `tail` to 0.

@@ -19,9 +19,9 @@ import numpy as np
 from ..native import _core
 from ..system.loop import Loop
 from .followed_root import stays_unstable
+from .low_frequency_proof import LowFrequencyProof, low_frequency_proof
 from .margin_record import NUDGE, Certificate, End, GainLimit, interval
-from .modal_loop import Crossings, ModalLoop
-from .proof_at_rest import AtRest, at_rest
+from .modal_loop import ModalLoop, ProvedCrossings
 
 UPWARDS, DOWNWARDS = (10.0, 1e3), (0.1, 0.01, 1e-4)  # farthest factors searched, first the nearer ones: most limits lie there
 LOW = 0.01  # share of the lowest corner, resonance or inverse lag [rad/s] below which lead and lag are linear in ω
@@ -93,7 +93,7 @@ def _first_end(modal: ModalLoop, loop: Loop, stops: tuple[float, ...], counting:
     counting   True: the proof also has to show that no root is unstable at the factor 1
     """
     for stop in stops:
-        rest = at_rest(modal, stop)
+        rest = low_frequency_proof(modal, stop)
         high = _quiet(modal, max(stop, 1.0))
         if rest is None or high is None:
             return None
@@ -109,7 +109,7 @@ def _first_end(modal: ModalLoop, loop: Loop, stops: tuple[float, ...], counting:
     return (None,)
 
 
-def _unstable_roots(modal: ModalLoop, found: Crossings, rest: AtRest, unstable_poles: int) -> int | None:
+def _unstable_roots(modal: ModalLoop, found: ProvedCrossings, rest: LowFrequencyProof, unstable_poles: int) -> int | None:
     """Number of unstable closed-loop roots at the factor 1, from the turn of arg det(I + L) = arg det F + Σ arg c_i; None: not whole."""
     step = None if modal.last is None else math.pi / modal.last
     turned = (
@@ -119,7 +119,7 @@ def _unstable_roots(modal: ModalLoop, found: Crossings, rest: AtRest, unstable_p
     return round(count) if abs(count - round(count)) < WHOLE else None
 
 
-def _end(modal: ModalLoop, loop: Loop, found: Crossings, way: int) -> End | None:
+def _end(modal: ModalLoop, loop: Loop, found: ProvedCrossings, way: int) -> End | None:
     """End of stability at the first of the crossings; None where the root there does not become unstable.
 
     way   1: factors rise, −1: they fall

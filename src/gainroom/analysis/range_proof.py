@@ -70,10 +70,10 @@ def prove(
     given = [shape for shape in shapes if shape is not None]
     if not loop.boundable or len(given) < len(shapes):
         return Proof(False, 0, False, {})
-    return _Search(loop, [Segment(1.0), *given], judge, most).run()
+    return _BoxSearch(loop, [Segment(1.0), *given], judge, most).run()
 
 
-class _Search:
+class _BoxSearch:
     """Search over boxes of frequency and parameters; keeps the joint that came nearest to one of the excluded sets, `shapes`."""
 
     def __init__(self, loop: BoxLoop, shapes: list[ExcludedSet], judge: Judge, most: int) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.margin_record import GainLimit
-from ..analysis.part_plane import PartPlane
+from ..analysis.part_region import PartRegion
 from ..errors import GainroomError, computable, listed
 from ..files.edited_text import edited
 from ..files.gain_formats.export_text import copied_gains
@@ -70,7 +70,7 @@ class RobotBench:
         self._system = parse_robot(opened.text, opened.source, opened.folder)
         self._data = parse_yaml(opened.text, opened.source)
         self._systems = Remembered[System]()
-        self._planes = Remembered[PartPlane]()
+        self._planes = Remembered[PartRegion]()
         self._found = Remembered[RobotStudy]()
         self._models = Remembered[RobotModel]()
         self._limits = Remembered[tuple[State, GainLimit | None]]()
@@ -401,10 +401,10 @@ class RobotBench:
         others = {name: pair for name, pair in view.gains.items() if name != channel.name}
         return repr((view.model_copy(update={"point": None, "gains": others}), self._state(view), channel.name, channel.held))
 
-    def _plane(self, state: State, channel: Channel, key: str, window: tuple[float, float] | None) -> PartPlane:
+    def _plane(self, state: State, channel: Channel, key: str, window: tuple[float, float] | None) -> PartRegion:
         with self._lock:
             if key not in self._planes or window is not None:
-                self._planes[key] = PartPlane.of(state.loop, part_of(state, channel), window or window_for(channel))
+                self._planes[key] = PartRegion.of(state.loop, part_of(state, channel), window or window_for(channel))
             return self._planes[key]
 
 

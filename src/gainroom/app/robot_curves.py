@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.every_loop import EveryLoop
 from ..analysis.margin_record import GainLimit
-from ..analysis.part_plane import PartPlane
-from ..analysis.part_requirements import required_columns, unread
+from ..analysis.part_region import PartRegion
+from ..analysis.part_region_every_state import RegionInEveryState
+from ..analysis.part_region_margins import required_columns, unread
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError, at_frequency, digits, listed
 from ..files.model_keyframes import model_keyframes
@@ -87,7 +87,7 @@ def window_for(channel: Channel) -> tuple[float, float]:
     return GUESS * max(kp, 1e-3), GUESS * max(kd, 1e-3)
 
 
-def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | None, asked: Requirements) -> dict[str, Any]:
+def gain_map(plane: PartRegion, channel: Channel, window: tuple[float, float] | None, asked: Requirements) -> dict[str, Any]:
     """Outlines of the stable gains, and of those with which the channel's own loop meets the requirements `asked`.
 
     Without a `window` one that shows where the stable ones end.
@@ -122,7 +122,7 @@ class EveryState:
         """Outlines of the gains that are stable everywhere, and if `final` of those that meet the requirements; `next`: part to come."""
         try:
             moving = [state for state in self.states if state.moves]
-            together = EveryLoop([(state.loop, part_of(state, self.channel)) for state in moving], self.window, self.checkpoint)
+            together = RegionInEveryState([(state.loop, part_of(state, self.channel)) for state in moving], self.window, self.checkpoint)
             asked = moving[0].system.requirements
             more, left_out = final and bool(asked.asked), list(unread(asked))
             first = {"every": [*map(drawn_line, together.stable())], "safe": [], "whole": None, "missing": ""}
@@ -136,7 +136,7 @@ class EveryState:
             yield {"every": [], "safe": [], "whole": None, "missing": str(error), "next": "", "last": final}
 
 
-def fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
+def fitted(plane: PartRegion, channel: Channel) -> tuple[float, float]:
     """Window wide enough to show the upper end of kd."""
     guess = window_for(channel)
     columns = plane.columns(np.linspace(0.05, 1, 12) * guess[0])
@@ -144,14 +144,14 @@ def fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
     return guess[0], max(1.15 * max(tops, default=guess[1]), 1.5 * channel.point[1])
 
 
-def _edge(plane: PartPlane, window: tuple[float, float]) -> list[dict[str, Any]]:
+def _edge(plane: PartRegion, window: tuple[float, float]) -> list[dict[str, Any]]:
     """Ends of the stable gains within the window, with the frequencies that vibrate there."""
     kp, kd, omega = plane.edge(np.linspace(0.002, 1, EDGE_COLUMNS) * window[0])
     pick = (kd >= 0) & (kd <= window[1])
     return [{"line": [rounded(kp[pick]), rounded(kd[pick])], "hz": rounded(omega[pick] / (2 * math.pi), 6)}]
 
 
-def bode(plane: PartPlane, channel: Channel) -> dict[str, Any]:
+def bode(plane: PartRegion, channel: Channel) -> dict[str, Any]:
     """Return ratio of the channel with all other loops closed."""
     value = plane.ratio(*channel.point)
     sound = np.isfinite(value) & (np.abs(value) > 0)
@@ -171,7 +171,7 @@ def _drawn(omega: Floats, value: Complexes) -> Integers:
     return np.unique(np.searchsorted(along, np.linspace(0, along[-1], BODE_POINTS)))
 
 
-def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane: PartPlane | None = None) -> dict[str, Any]:
+def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane: PartRegion | None = None) -> dict[str, Any]:
     """Verdict on one state: stability and the limit of all gains together, certified; phase margin and Ms of the channel, from samples."""
     if limit is None:
         text = f"In {state.title} {state.reason}."
@@ -234,7 +234,7 @@ def slowest_root(state: State) -> dict[str, Any]:
     return {"growth": float(swinging[0].real), "hz": float(abs(swinging[0].imag)) / (2 * math.pi)}
 
 
-def settling(plane: PartPlane, channel: Channel) -> float:
+def settling(plane: PartRegion, channel: Channel) -> float:
     """Duration for which a step of the channel is shown [s]."""
     value = np.abs(plane.ratio(*channel.point))
     below = np.flatnonzero((value[1:] <= 1) & (value[:-1] > 1))

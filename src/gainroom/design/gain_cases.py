@@ -13,11 +13,11 @@ from ..system.controller import PD
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.system import StateCase, System
-from .margin_slopes import Case, Gains
+from .margin_slopes import GainCase, Gains
 from .starting_gains import joints_that_move, link_inertia
 
 
-def joint_case(title: str, system: System, model: Any) -> Case:
+def joint_case(title: str, system: System, model: Any) -> GainCase:
     """Case of PD gains of the joints, with the system's filters."""
     size = model.size
     first = system.loop(model, system.filtered(PD(np.ones(size), np.ones(size))))
@@ -25,10 +25,10 @@ def joint_case(title: str, system: System, model: Any) -> Case:
     def loop(gains: Gains) -> Loop:
         return first.regained(system.filtered(PD(gains[0], gains[1])))
 
-    return Case(title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), system.requirements)
+    return GainCase(title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), system.requirements)
 
 
-def task_case(title: str, system: System, model: Any, tasks: Any) -> Case:
+def task_case(title: str, system: System, model: Any, tasks: Any) -> GainCase:
     """Case of gains of `tasks`, the operational space of the model with its weight or without."""
     first = system.loop(model, system.filtered(tasks.controller()))
 
@@ -36,17 +36,17 @@ def task_case(title: str, system: System, model: Any, tasks: Any) -> Case:
         kp, kd, ki = gains
         return first.regained(system.filtered(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
 
-    return Case(title, loop, tasks.torque, tasks.jacobian, tasks.cascade, system.requirements)
+    return GainCase(title, loop, tasks.torque, tasks.jacobian, tasks.cascade, system.requirements)
 
 
-def case_of(state: StateCase, space: str) -> Case:
+def case_of(state: StateCase, space: str) -> GainCase:
     """Case of gains of the joints (`space` "joint") or of the file's tasks in one state."""
     if space == "joint":
         return joint_case(state.title, state.system, state.model)
     return task_case(state.title, state.system, state.model, state.system.source.tasks(state.model, state.system.control.rotors))
 
 
-def own_case(title: str, system: System, model: Any) -> tuple[Case, Gains] | None:
+def own_case(title: str, system: System, model: Any) -> tuple[GainCase, Gains] | None:
     """Case and gains (3, n) of a robot's own PD controller of its joints; None for other controllers, which the core does not sample."""
     control, own, size = system.control, system.control.controller, model.size
     if control.kd_path is not None or type(own) is not PD or size == 1 or np.ndim(own.kp) > 1 or np.ndim(own.kd) > 1:
@@ -74,7 +74,7 @@ def bounded_margins(state: StateCase, factor: float = 1.0, near: bool = False) -
     return _exact(system.loop(state.model).scaled(factor))
 
 
-def case_margins(case: Case, gains: Gains, near: bool) -> Margins:
+def case_margins(case: GainCase, gains: Gains, near: bool) -> Margins:
     """Margins of a case from samples, those `near` a requirement or all; from `margins` where the samples leave a required one open."""
     found = (case.margins if near else case.all_margins)(gains)
     if found.stable and any(np.isnan(one.value(found)) for one, _ in case.required.asked_for):
@@ -98,8 +98,8 @@ class SearchedState:
     """
 
     state: StateCase
-    with_weight: Case
-    without: Case
+    with_weight: GainCase
+    without: GainCase
     weighed: bool
     moves: Booleans
     load: Floats
@@ -112,7 +112,7 @@ class SearchedState:
 def joint_state(state: StateCase) -> SearchedState:
     """State of a search for gains of the joints."""
 
-    def case(model: Any) -> Case:
+    def case(model: Any) -> GainCase:
         return joint_case(state.title, state.system, model)
 
     return _both(state, case, joints_that_move(state.model, state.system.control.feedback), link_inertia(state.model))
@@ -122,13 +122,13 @@ def task_state(state: StateCase) -> SearchedState:
     """State of a search for gains of the file's tasks."""
     tasks = state.system.source.tasks(state.model, state.system.control.rotors)
 
-    def case(model: Any) -> Case:
+    def case(model: Any) -> GainCase:
         return task_case(state.title, state.system, model, tasks)
 
     return _both(state, case, tasks.movable, np.arange(1.0, len(tasks.kp) + 1))
 
 
-def _both(state: StateCase, case: Callable[[Any], Case], moves: Booleans, load: Floats) -> SearchedState:
+def _both(state: StateCase, case: Callable[[Any], GainCase], moves: Booleans, load: Floats) -> SearchedState:
     """With the weight, where it counts, and without."""
     weighed = state.model.gravity_stiffness is not None and bool(np.any(state.model.gravity_stiffness))
     whole = case(state.model)

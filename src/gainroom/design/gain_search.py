@@ -24,7 +24,7 @@ from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..native import _core
 from ..system.linear.arrays import Booleans, Floats
-from .margin_slopes import NEAR, Case, Gains, Slopes, moved
+from .margin_slopes import NEAR, GainCase, Gains, Slopes, moved
 from .parallel import at_once
 
 RAISE = 1.05
@@ -88,7 +88,7 @@ def rounded(gains: Gains) -> Gains:
 
 
 def raised_gains(
-    cases: Sequence[Case],
+    cases: Sequence[GainCase],
     start: Gains,
     unit: Floats,
     groups: Sequence[Sequence[int]],
@@ -109,12 +109,12 @@ def raised_gains(
         raise GainroomError("raised_gains needs gains to begin with that are stable in every case")
     if not np.any(stiffness(start, cases[0].cascade) > 0):
         raise GainroomError("raised_gains needs a direction that has stiffness")
-    return _Search(cases, unit, groups, most, progress).raised(start)
+    return _GainSearch(cases, unit, groups, most, progress).raised(start)
 
 
-class _Search:
+class _GainSearch:
     def __init__(
-        self, cases: Sequence[Case], unit: Floats, groups: Sequence[Sequence[int]], most: float, progress: Callable[[], None]
+        self, cases: Sequence[GainCase], unit: Floats, groups: Sequence[Sequence[int]], most: float, progress: Callable[[], None]
     ) -> None:
         self._cases, self._unit, self._most, self._progress = cases, unit, most, progress
         self._member = np.zeros((len(groups), len(unit)))  # (groups, m) 1 where a direction belongs to a group
@@ -164,7 +164,7 @@ class _Search:
         """Index of the case that misses a requirement most, or meets it least."""
         return int(np.argmax(at_once(lambda case: self._missed(gains, [case]), self._cases)))
 
-    def _missed(self, gains: Gains, cases: Sequence[Case]) -> float:
+    def _missed(self, gains: Gains, cases: Sequence[GainCase]) -> float:
         """Largest shortfall of a requirement over `cases`, as margin_slopes.py measures it; negative if all are met, inf if unstable."""
         worst = -math.inf
         for case in cases:
@@ -174,7 +174,9 @@ class _Search:
                 break
         return worst
 
-    def _descended(self, gains: Gains, cases: Sequence[Case], prices: Sequence[tuple[float, float]], little: float) -> tuple[Gains, float]:
+    def _descended(
+        self, gains: Gains, cases: Sequence[GainCase], prices: Sequence[tuple[float, float]], little: float
+    ) -> tuple[Gains, float]:
         """The stiffest gains that meet the requirements, or the nearest to it, and their shortfall; `gains` to begin with are stable."""
         found = []
         for price, reserve in prices:
@@ -183,7 +185,7 @@ class _Search:
                 break
         return min(found, key=lambda each: each[1])
 
-    def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float, little: float) -> tuple[Gains, float]:
+    def _descended_at(self, gains: Gains, cases: Sequence[GainCase], price: float, reserve: float, little: float) -> tuple[Gains, float]:
         """Gains of the search at one price of a shortfall, and their shortfall; ended where SLOW steps win less than `little`.
 
         After short steps the loops are not sampled again: their curves are predicted from the last samples, a few times, until the search
@@ -251,7 +253,7 @@ class _Search:
                 return best, left
         return gains, self._missed(gains, cases)
 
-    def _tangents(self, gains: Gains, cases: Sequence[Case], close: bool = False) -> Slopes | None:
+    def _tangents(self, gains: Gains, cases: Sequence[GainCase], close: bool = False) -> Slopes | None:
         """Tangents of all cases, predicted from the last samples if `close` to them; None where a loop is unstable."""
         for _ in cases:
             self._progress()
@@ -261,7 +263,7 @@ class _Search:
         stable = [one for one in found if one is not None]
         return Slopes.of(stable) if len(stable) == len(found) else None
 
-    def _anchor(self, gains: Gains, cases: Sequence[Case]) -> None:
+    def _anchor(self, gains: Gains, cases: Sequence[GainCase]) -> None:
         for case in cases:
             case.anchor(gains)
 
@@ -362,7 +364,7 @@ class _Search:
         """First requirement that is broken, and the index of the case; None where none is."""
         return self._first(lambda case: case.required.missed(case.margins(gains)), order)
 
-    def _first(self, missed: Callable[[Case], str], order: Sequence[int]) -> tuple[str, int] | None:
+    def _first(self, missed: Callable[[GainCase], str], order: Sequence[int]) -> tuple[str, int] | None:
         for k in order:
             name = missed(self._cases[k])
             self._progress()

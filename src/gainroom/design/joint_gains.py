@@ -115,11 +115,11 @@ def recommend_pd(
     requirements = Requirements.usual() if requirements is None else requirements
     if not requirements.asked:
         raise GainroomError(f"recommend: at least one of {', '.join(REQUIREMENTS)} must be required")
-    search = _Search(joint, drive, requirements, uncertainty or Uncertainty(), feedback, sample_time, controller or PD(1.0, 1.0))
+    search = _JointSearch(joint, drive, requirements, uncertainty or Uncertainty(), feedback, sample_time, controller or PD(1.0, 1.0))
     return search.run()
 
 
-class _Search:
+class _JointSearch:
     """The search of `recommend_pd`: cases by their place in the uncertainty, regions of the active ones."""
 
     def __init__(

@@ -35,7 +35,7 @@ BELIEVED = 100.0  # largest slope that is used: two crossings that are about to 
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class GainCase:
     """Loop of one state of a machine as a function of gains along directions, with the requirements that they have to meet.
 
     title      for messages
@@ -221,7 +221,7 @@ def moved(gains: Gains, step: Floats, cascade: Booleans) -> Gains:
     return gains * np.array([np.where(cascade, stiffer / damped, stiffer), damped, stiffer])
 
 
-Part = tuple[int, Slopes]
+PlacedSlopes = tuple[int, Slopes]
 PEAKS, ENDS = 0, 3  # places; loci and return ratios are between
 
 
@@ -246,23 +246,23 @@ class _Asked:
     def __init__(self) -> None:
         self.reach, self.curves = Reach(), True
 
-    def at_axis(self, name: str, factor: float) -> list[Part]:
+    def at_axis(self, name: str, factor: float) -> list[PlacedSlopes]:
         return self._wider(Reach(factor=factor * math.exp(NEAR)))
 
-    def at_circle(self, name: str, angle: float) -> list[Part]:
+    def at_circle(self, name: str, angle: float) -> list[PlacedSlopes]:
         return self._wider(Reach(phase=min(angle * (1 + NEAR), math.pi)))
 
-    def at_delays(self, name: str, longest: float) -> list[Part]:
+    def at_delays(self, name: str, longest: float) -> list[PlacedSlopes]:
         return self._wider(Reach(phase=math.pi))
 
-    def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[Part]:
+    def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[PlacedSlopes]:
         return self._wider(Reach(peaks=((slope, offset, ceiling * math.exp(-NEAR)),)))
 
-    def by_differences(self, requirement: Requirement, needed: float) -> list[Part]:
+    def by_differences(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:
         self.curves = False
         return []
 
-    def _wider(self, reach: Reach) -> list[Part]:
+    def _wider(self, reach: Reach) -> list[PlacedSlopes]:
         self.reach = self.reach.wider(reach)
         return []
 
@@ -277,7 +277,7 @@ class _Curves:
     Parts come with their place, peaks first, then loci, return ratios and ends: where a search is flat, their order decides by round-off.
     """
 
-    case: Case
+    case: GainCase
     gains: Gains
     seen: Seen
     near: float
@@ -297,12 +297,12 @@ class _Curves:
         """Margins (c,), and their derivatives (c, 2, m)."""
         return found[0][:, 0], found[1].reshape(len(found[1]), 2, self.case.torque.shape[1])
 
-    def at_axis(self, name: str, factor: float) -> list[Part]:
+    def at_axis(self, name: str, factor: float) -> list[PlacedSlopes]:
         """Gain margins: where loci and return ratios are real and negative."""
         needed = math.log(factor)
         until = needed - BROKEN if self.broken else 0.0
 
-        def parts() -> Iterator[Part]:
+        def parts() -> Iterator[PlacedSlopes]:
             for place, locus in ((PEAKS + 1, True), (PEAKS + 2, False)):
                 crossings = self.seen.crossings(self.gains, locus, True, needed + self.near, until)
                 yield place, _limited(needed, *self._moving(crossings), 1.0, name)
@@ -311,18 +311,18 @@ class _Curves:
 
         return self._as_far_as_asked(parts())
 
-    def at_circle(self, name: str, angle: float) -> list[Part]:
+    def at_circle(self, name: str, angle: float) -> list[PlacedSlopes]:
         """Phase margins: where loci and return ratios are of size 1."""
         until = angle * (1 - BROKEN) if self.broken else 0.0
 
-        def parts() -> Iterator[Part]:
+        def parts() -> Iterator[PlacedSlopes]:
             for place, locus in ((PEAKS + 1, True), (PEAKS + 2, False)):
                 crossings = self.seen.crossings(self.gains, locus, False, angle * (1 + self.near), until)
                 yield place, _limited(angle, *self._moving(crossings), angle, name)
 
         return self._as_far_as_asked(parts())
 
-    def _as_far_as_asked(self, parts: Iterator[Part]) -> list[Part]:
+    def _as_far_as_asked(self, parts: Iterator[PlacedSlopes]) -> list[PlacedSlopes]:
         """List of the parts; where a broken one is searched, up to the first that is broken."""
         found = []
         for part in parts:
@@ -331,20 +331,20 @@ class _Curves:
                 break
         return found
 
-    def at_delays(self, name: str, longest: float) -> list[Part]:
+    def at_delays(self, name: str, longest: float) -> list[PlacedSlopes]:
         """Delay margins: where loci are of size 1, and their lag there over ω."""
         delays = self.seen.delays(self.gains, longest * math.exp(self.near))
         least, moves = self._moving(delays)
         kept = least > 0
         return [(PEAKS + 1, _believed(np.log(longest / least[kept]), -moves[kept] / least[kept, None, None], name))]
 
-    def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[Part]:
+    def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[PlacedSlopes]:
         """Peaks of |slope S_ii + offset|: at a maximum, its shift in frequency changes nothing to first order."""
         until = ceiling * math.exp(BROKEN) if self.broken else math.inf
         height, moves = self._moving(self.seen.peaks(self.gains, ceiling * math.exp(-self.near), slope, offset, until))
         return [(PEAKS, Slopes(np.log(height / ceiling), moves, (name,) * len(height)))]
 
-    def by_differences(self, requirement: Requirement, needed: float) -> list[Part]:
+    def by_differences(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:
         """Shortfall of a margin without a curve here, its slopes by differences at gains a little larger, one after the other."""
         case, gains = self.case, self.gains
         size = case.torque.shape[1]

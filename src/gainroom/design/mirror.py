@@ -1,17 +1,23 @@
-"""States of a machine that mirror each other, as a biped's on its left and on its right foot: the same loops, with joints in another order.
+"""States of a robot that mirror each other, as a biped's on its left and on its right foot: one set of gains, in another order of joints.
 
 W' = Q W Qᵀ with Q a permutation of the joints with signs, likewise what gravity adds; motors, gearboxes and drives in that order. Gains
 then do in one state what they do, in that order, in the other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ..analysis.margin_record import worst_of
 from ..system.linear.arrays import Floats, Integers
 from ..system.plant import Plant
+from ..system.requirements import Requirements
 from ..system.system import StateCase
-from .margin_slopes import Case
+from .gain_cases import SearchedState
+from .gain_sets import GainSet
+from .margin_slopes import GainCase
+from .starting_gains import Beginning
 
 EXACT = 1e-9
 """Difference of entries, in a matrix whose diagonal is 1, below which it is round-off."""
@@ -20,7 +26,69 @@ COUPLED = 1e-6
 PARTS = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
 
 
-def mirror_of(states: Sequence[tuple[StateCase, Case]], others: Sequence[tuple[StateCase, Case]]) -> Integers | None:
+def mirrored(contacts: Sequence[str], states: Mapping[str, Sequence[SearchedState]], beginning: Beginning) -> list[list[str]]:
+    """Groups of contact states that mirror each other: joints, directions and units of their gains are alike."""
+    groups: list[list[str]] = []
+    for contact in contacts:
+        for group in groups:
+            order = _order_of_directions(states[group[0]], states[contact])
+            if order is not None and all(
+                np.allclose(each[..., order], each, rtol=EXACT, atol=0.0) for each in (beginning.gains, beginning.unit)
+            ):
+                group.append(contact)
+                break
+        else:
+            groups.append([contact])
+    return groups
+
+
+def _order_of_directions(states: Sequence[SearchedState], others: Sequence[SearchedState]) -> Integers | None:
+    """Order (m,): for each direction of `others` the one of `states` that mirrors it; tasks' directions are themselves. None: no mirror."""
+    order = mirror_of([(one.state, one.with_weight) for one in states], [(one.state, one.with_weight) for one in others])
+    size = len(states[0].moves)
+    return order if order is None or states[0].with_weight.joints else np.arange(size)
+
+
+def mirror_image(
+    found: GainSet | None, states: Sequence[SearchedState], others: Sequence[SearchedState], required: Requirements
+) -> GainSet | None:
+    """Set for `others` from that of the `states` that they mirror; None where there is none, or it breaks a requirement."""
+    order = _order_of_directions(states, others)
+    if found is None or not found.moves or order is None:
+        return None
+    kp, kd, ki = found.kp[order], found.kd[order], None if found.ki is None else found.ki[order]
+    gains = np.nan_to_num(np.array([kp, kd, np.zeros(len(order)) if ki is None else ki]))
+    margins = [(one.without if found.without_weight else one.with_weight).all_margins(gains) for one in others]
+    topples = [one.with_weight.title for one in others if found.without_weight and not one.with_weight.margins(gains).stable]
+    if not all(required.met_by(one) for one in margins) or len(topples) != len(found.topples):
+        return None
+    titles = {one.with_weight.title: other.with_weight.title for one, other in zip(states, others, strict=True)}
+    where = tuple(titles.get(found.case[j], "") for j in order)
+    softest = int(np.flatnonzero(order == found.softest)[0])
+    return replace(
+        found,
+        contact=others[0].contact,
+        kp=kp,
+        kd=kd,
+        ki=ki,
+        margins=worst_of(margins),
+        binding=where[softest],
+        compliance=found.compliance[order],
+        margin=tuple(found.margin[j] for j in order),
+        case=where,
+        softest=softest,
+        nearest=_of_mirrored(found.nearest, titles),
+        topples=tuple(topples),
+    )
+
+
+def _of_mirrored(nearest: str, titles: Mapping[str, str]) -> str:
+    """Text of `_nearest` with the titles of the mirrored states."""
+    shortage, between, title = nearest.rpartition(" in ")
+    return shortage + between + titles.get(title, title)
+
+
+def mirror_of(states: Sequence[tuple[StateCase, GainCase]], others: Sequence[tuple[StateCase, GainCase]]) -> Integers | None:
     """Order (n,): for each joint of `others` the joint of `states` that mirrors it, in all states; None where the loops do not mirror.
 
     Where the directions of a case are those of tasks, each has to be itself in the other case.
@@ -97,7 +165,7 @@ def _turned(forms: Sequence[tuple[Floats, Floats]]) -> Floats:
     return turned
 
 
-def _tasks_alike(case: Case, twin: Case, order: Integers, turned: Floats) -> bool:
+def _tasks_alike(case: GainCase, twin: GainCase, order: Integers, turned: Floats) -> bool:
     """True if each direction of a task sees and moves the same joints in both cases, up to its sign."""
     if case.torque.shape != twin.torque.shape or not np.array_equal(case.cascade, twin.cascade):
         return False

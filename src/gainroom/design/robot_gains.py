@@ -18,8 +18,8 @@ from ..system.system import StateCase, System
 from ..system.uncertainty import Place
 from .gain_cases import SearchedState, case_of, joint_state, task_state
 from .gain_sets import GainSet, RobotGains
-from .margin_slopes import Case, Gains
-from .mirrored_sets import mirror_image, mirrored
+from .margin_slopes import GainCase, Gains
+from .mirror import mirror_image, mirrored
 from .parallel import Job, each, in_parallel
 from .set_search import SetSearch, gains_of
 from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, tasks_alike
@@ -171,7 +171,7 @@ def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:
         return math.nan
 
 
-def _acting(system: System, found: GainSet, space: str, weight: bool) -> Iterator[tuple[Case, Gains]]:
+def _acting(system: System, found: GainSet, space: str, weight: bool) -> Iterator[tuple[GainCase, Gains]]:
     """The cases in which these gains act, with the gains as a case takes them."""
     gains = gains_of(found)
     return ((case_of(case, space), gains) for case in system.cases(weight=weight) if _acts(case, space))

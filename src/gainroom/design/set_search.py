@@ -22,7 +22,7 @@ from ..system.requirements import REQUIREMENTS, Requirements
 from .gain_cases import SearchedState
 from .gain_search import Raised, raised_gains, stiffness
 from .gain_sets import GainSet
-from .margin_slopes import Case, Gains
+from .margin_slopes import GainCase, Gains
 from .starting_gains import Beginning, stable_starts
 
 SEARCHES = 3
@@ -47,11 +47,11 @@ class _Failed:
 
     weighed: bool
     start: Gains
-    cases: frozenset[Case]
+    cases: frozenset[GainCase]
     reached: Gains
     far: bool
 
-    def over(self, cases: Sequence[Case]) -> Raised:
+    def over(self, cases: Sequence[GainCase]) -> Raised:
         """Result of the failed search over `cases`: the gains reached, and their margins."""
         return Raised(self.reached, tuple(case.all_margins(self.reached) for case in cases), False)
 
@@ -156,7 +156,7 @@ class SetSearch:
             tuple(topples),
         )
 
-    def _from_beginnings(self, states: Sequence[SearchedState], cases: Sequence[Case], weighed: bool, free: Integers) -> Raised:
+    def _from_beginnings(self, states: Sequence[SearchedState], cases: Sequence[GainCase], weighed: bool, free: Integers) -> Raised:
         """Result from the first beginning that leads to gains that meet the requirements; else the nearest one.
 
         Where they are softer than `known`, the next beginning is tried, too: the search is a local one. A beginning that failed for some of
@@ -203,7 +203,7 @@ def gains_of(found: GainSet, where_none: float = 0.0) -> Gains:
     return np.where(np.isnan(whole), where_none, whole)
 
 
-def _rounded(found: Raised, cases: Sequence[Case], required: Requirements) -> tuple[Gains, Sequence[Margins]]:
+def _rounded(found: Raised, cases: Sequence[GainCase], required: Requirements) -> tuple[Gains, Sequence[Margins]]:
     """The gains in as few digits as keep what is required, and their margins in every case."""
     for digits in DIGITS:
         gains = np.array([[float(f"{gain:.{digits}g}") for gain in row] for row in found.gains.tolist()])
@@ -232,18 +232,18 @@ def _alike(data: Sequence[Floats], free: Integers) -> list[list[int]]:
     return found
 
 
-def _better(cases: Sequence[Case], found: Raised, other: Raised, softer: Callable[[Gains, Gains], bool]) -> bool:
+def _better(cases: Sequence[GainCase], found: Raised, other: Raised, softer: Callable[[Gains, Gains], bool]) -> bool:
     """True if `found` meets the requirements and `other` does not or is softer; or neither does and `found` is nearer to them."""
     if found.holds and other.holds:
         return softer(other.gains, found.gains)
     return found.holds or (not other.holds and _most_missed(cases, found) < _most_missed(cases, other))
 
 
-def _most_missed(cases: Sequence[Case], found: Raised) -> float:
+def _most_missed(cases: Sequence[GainCase], found: Raised) -> float:
     return max(case.required.shortfall(margins) for margins, case in zip(found.margins, cases, strict=True))
 
 
-def _nearest(cases: Sequence[Case], found: Raised) -> str:
+def _nearest(cases: Sequence[GainCase], found: Raised) -> str:
     """Shortfall of the nearest result and the case in which it occurs, as text."""
     margins, case = max(zip(found.margins, cases, strict=True), key=lambda pair: pair[1].required.shortfall(pair[0]))
     shortage = "too soft for the weight" if case.loop(found.gains).topples else _shortage(margins, case.required)

@@ -16,7 +16,7 @@ from ..system.linear.arrays import Booleans, Floats
 from ..system.plant import Plant
 from ..system.system import System
 from .joint_gains import recommend_pd
-from .margin_slopes import Case, Gains
+from .margin_slopes import GainCase, Gains
 
 if TYPE_CHECKING:
     from ..robot.model import RobotModel
@@ -129,7 +129,7 @@ def tasks_alike(tasks: "Tasks", joints: Beginning) -> Beginning:
 
 
 def stable_starts(
-    cases: Sequence[Case], beginning: Beginning, weighed: bool, progress: Callable[[], None], known: Gains | None, only: bool
+    cases: Sequence[GainCase], beginning: Beginning, weighed: bool, progress: Callable[[], None], known: Gains | None, only: bool
 ) -> Iterator[Gains]:
     """Gains that are stable in every case: shares of what each joint alone is recommended; `known` ones come after the first such.
 

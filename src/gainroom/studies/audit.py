@@ -16,7 +16,7 @@ import numpy as np
 
 from ..analysis.stability import is_stable
 from ..design.gain_cases import case_margins, own_case
-from ..design.margin_slopes import Case, Gains
+from ..design.margin_slopes import GainCase, Gains
 from ..errors import GainroomError
 from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Booleans, Floats, rank
@@ -334,7 +334,7 @@ class Audit(Analysis):
         return cases is not None and all(self.required.met_by(case_margins(case, factors * gains, near=True)) for case, gains in cases)
 
     @cached_property
-    def _cases(self) -> list[tuple[Case, Gains]] | None:
+    def _cases(self) -> list[tuple[GainCase, Gains]] | None:
         """Cases of every state for the core; None if it does not sample this controller, or another controller is to damp sway."""
         if self.system.balance == "controller" and any(state.sway for state in self.states):
             return None

@@ -7,11 +7,11 @@ import numpy as np
 
 from ..analysis.boundary import coupled_delay_margin
 from ..analysis.gain_limit import gain_limit
-from ..analysis.limbs import limbs_of
 from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import joint_margins, margins
 from ..analysis.proved_limit import proved_limit
 from ..analysis.stability import has_growing_root, unstable_roots
+from ..analysis.uncoupled_groups import uncoupled_groups
 from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError
 from ..system.loop import Loop
@@ -70,7 +70,7 @@ def first_factor(loop: Loop) -> float:
     The proof begins at zero gain and ends at the first crossing, so the limit of an unstable loop's smaller gains is its own. Uncoupled
     limbs are examined one by one.
     """
-    return float(np.min([_first_factor(limb) for _, limb in limbs_of(loop)] or [_first_factor(loop)]))
+    return float(np.min([_first_factor(limb) for _, limb in uncoupled_groups(loop)] or [_first_factor(loop)]))
 
 
 def _first_factor(limb: Loop) -> float:

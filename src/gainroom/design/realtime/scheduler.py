@@ -42,7 +42,7 @@ LONGEST_TICK = 0.02
 LEAST_SHARE = 1e-3
 """Share of its target from which a gain of 0 begins to rise; no tick may rise by more than from there: 60 dB."""
 
-Gains = tuple[ArrayLike, ArrayLike]
+GainPair = tuple[ArrayLike, ArrayLike]
 """kp [N m/rad], kd [N m s/rad] of n joints."""
 
 
@@ -69,7 +69,7 @@ class GainTable:
     everywhere: Floats
 
     @classmethod
-    def of(cls, own: Mapping[str, Gains], everywhere: Gains | None = None) -> "GainTable":
+    def of(cls, own: Mapping[str, GainPair], everywhere: GainPair | None = None) -> "GainTable":
         """From (kp, kd) by contact state. Without `everywhere`: the smallest of every gain over the table.
 
         Raises GainroomError for an empty table, for lengths that differ, and for gains that are not finite and >= 0.
@@ -229,7 +229,7 @@ class GainScheduler:
         return self._torque.copy()
 
 
-def _pair(owner: str, gains: Gains) -> Floats:
+def _pair(owner: str, gains: GainPair) -> Floats:
     """(2, n)."""
     try:
         stiffness, damping = gains

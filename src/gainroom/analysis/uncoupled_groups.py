@@ -1,4 +1,4 @@
-"""Loops that fall apart: limbs on a fixed base do not feel each other, and what vibrates is one of them alone."""
+"""Uncoupled groups of joints of a loop, such as limbs on a fixed base: each has a loop of its own, and a vibration is of one group."""
 
 from dataclasses import replace
 
@@ -11,8 +11,8 @@ from ..system.loop import Loop, build_loop
 from ..system.plant import Plant
 
 
-def limbs_of(loop: Loop) -> list[tuple[Integers, Loop]]:
-    """The joints of each limb, rising, and its loop; none where all joints feel each other, and for gains that are not a PD's of joints."""
+def uncoupled_groups(loop: Loop) -> list[tuple[Integers, Loop]]:
+    """Joints (g,), rising, and loop of each uncoupled group; [] if all joints feel each other, or gains are not a PD's of joints."""
     parts = loop.parts
     if parts is None or type(parts.controller) is not PD or parts.kd_path is not None or parts.plant.compliance is not None:
         return []
@@ -20,12 +20,12 @@ def limbs_of(loop: Loop) -> list[tuple[Integers, Loop]]:
         return []
     gravity = parts.plant.gravity_stiffness
     coupled = (parts.plant.link_inverse_inertia != 0) | (np.zeros(()) if gravity is None else gravity).astype(bool)
-    limbs = [limb for limbs in parts_of(coupled) for limb in limbs]
-    return [(limb, _alone(loop, limb)) for limb in limbs] if len(limbs) > 1 else []
+    groups = [joints for alike in parts_of(coupled) for joints in alike]
+    return [(joints, _alone(loop, joints)) for joints in groups] if len(groups) > 1 else []
 
 
 def _alone(loop: Loop, joints: Integers) -> Loop:
-    """The loop of some joints that no other touches."""
+    """Loop of some joints that feel no other joint."""
     assert loop.parts is not None
     parts, square, controller = loop.parts, np.ix_(joints, joints), loop.parts.controller
     assert isinstance(controller, PD)

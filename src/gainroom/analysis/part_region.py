@@ -33,7 +33,7 @@ COLUMNS = 56
 
 
 @dataclass(frozen=True)
-class PartPlane:
+class PartRegion:
     """Return difference of one part, f = 1 + δ_p a + δ_d b, along the stability boundary, around its present gains (kp, kd).
 
     omega   (k,) rising [rad/s]
@@ -51,7 +51,7 @@ class PartPlane:
     last: float | None
 
     @classmethod
-    def of(cls, loop: Loop, part: LoopPart, window: tuple[float, float]) -> "PartPlane":
+    def of(cls, loop: Loop, part: LoopPart, window: tuple[float, float]) -> "PartRegion":
         """Plane of the gains (kp, kd) of `part` of a loop's controller, sampled finely enough for gains up to `window`.
 
         Raises GainroomError for a part without a kp–kd plane, and where the ratio that is held there divides by 0.

@@ -1,6 +1,6 @@
 """The gains (kp, kd) of one part of a controller with which all loops together survive any one phase, from a lag to a lead.
 
-With a phase ψ in all loops at once the closed loop has det(I + e^{jψ} L(jω)); of rank one as in part_plane.py, it is 0 for one pair of
+With a phase ψ in all loops at once the closed loop has det(I + e^{jψ} L(jω)); of rank one as in part_region.py, it is 0 for one pair of
 gains at each (ω, ψ). What the pairs of |ψ| ≤ φ cover is excluded: as ψ goes from 0, where the loop is stable, no root comes to the boundary
 anywhere else. Their net of triangles is cut by lines kp = const. Sampled, not certified.
 """
@@ -13,8 +13,8 @@ from ..system.linear.arrays import Booleans, Complexes, Floats
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
 from .excluded_region import union_of
-from .part_plane import PartPlane
-from .part_requirements import rest
+from .part_region import PartRegion
+from .part_region_margins import rest
 from .stability_boundary import in_blocks, sensitivity
 
 PHASES = 6  # steps between the largest lag and the largest lead
@@ -31,7 +31,7 @@ class CommonPhase:
     the triangles of that cell do not hold the present gains, all gains are excluded.
     """
 
-    def __init__(self, loop: Loop, part: LoopPart, plane: PartPlane, angle: float, window: tuple[float, float]) -> None:
+    def __init__(self, loop: Loop, part: LoopPart, plane: PartRegion, angle: float, window: tuple[float, float]) -> None:
         assert loop.parts is not None
         controller = loop.parts.controller
         turns = np.exp(1j * np.linspace(-angle, angle, PHASES + 1))

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import gainroom as gr
-from gainroom.analysis.limbs import limbs_of
 from gainroom.analysis.look import WHOLE, LoopsApart, directed_loop, joint_loops, look, margins_seen
+from gainroom.analysis.uncoupled_groups import uncoupled_groups
 from gainroom.studies.loop_numbers import first_factor
 from independent.loci.coupled_margins import coupled_margins
 from independent.machine import Machine, unstable
@@ -50,7 +50,7 @@ def together(loop):
 def test_margins_and_roots(number):
     for factor in (1.0, 60.0):
         pair, gains, owner = drawn(number, factor)
-        found = limbs_of(pair.loop)
+        found = uncoupled_groups(pair.loop)
         assert sorted(joints.tolist() for joints, _ in found) == sorted(np.flatnonzero(owner == k).tolist() for k in range(len(SIZES)))
         loops = joint_loops(pair.loop)
         assert isinstance(loops, LoopsApart)
@@ -94,6 +94,6 @@ def test_what_is_coupled_stays_whole():
     plant = pair.loop.parts.plant
     touching = replace(plant, link_inverse_inertia=plant.link_inverse_inertia + 1e-3)
     whole = gr.build_loop(touching, pair.loop.parts.drives, pair.loop.parts.controller, "motor")
-    assert limbs_of(whole) == []
+    assert uncoupled_groups(whole) == []
     full = gr.PD(np.ones((8, 8)), np.ones(8))
-    assert limbs_of(gr.build_loop(plant, pair.loop.parts.drives, full, "motor")) == []
+    assert uncoupled_groups(gr.build_loop(plant, pair.loop.parts.drives, full, "motor")) == []

@@ -25,9 +25,9 @@ from ..system.loop import Loop
 from ..system.loop_part import LoopPart
 from ..system.requirement import Requirement
 from ..system.requirements import SensitivityBound
-from .excluded_region import union_of
-from .part_plane import PartPlane
-from .part_requirements import Piece, rest
+from .excluded_region import Piece, union_of
+from .part_region import PartRegion
+from .part_region_margins import rest
 from .stability_boundary import in_blocks, sensitivity
 
 BETWEEN = 8  # parts of the window in kd, each searched for an arc or segment by itself
@@ -66,7 +66,7 @@ class Quotient(NamedTuple):
 class OtherLoops:
     """Sensitivities S_jj of all loops as functions of (kp, kd) of one part, at the samples of `plane`; gains up to `window`."""
 
-    def __init__(self, loop: Loop, part: LoopPart, plane: PartPlane, window: tuple[float, float]) -> None:
+    def __init__(self, loop: Loop, part: LoopPart, plane: PartRegion, window: tuple[float, float]) -> None:
         assert loop.parts is not None
         controller, size = loop.parts.controller, loop.size
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
 
-from gainroom.analysis.every_loop import EveryLoop
 from gainroom.analysis.margins import margins
+from gainroom.analysis.part_region_every_state import RegionInEveryState
 from gainroom.analysis.stability import is_stable
 from gainroom.cli.example import example_texts
 from gainroom.files.robot_yaml import parse_robot
@@ -55,7 +55,7 @@ def test_random_gains_are_good_in_every_state_where_the_outlines_say_so(
     system, models = system_and_models(text, states)
     k, size = system.source.joint_names.index(joint), models[0].size
     loops = [system.loop(model) for model in models]
-    together = EveryLoop([(loop, LoopPart.of_joint(loop, k)) for loop in loops], window)
+    together = RegionInEveryState([(loop, LoopPart.of_joint(loop, k)) for loop in loops], window)
     stable, safe = together.stable(), together.required(Requirements(gain_margin=MARGIN))
     own = system.control.controller
     draw, counts, looked = np.random.default_rng(4), [0, 0], 0
@@ -92,7 +92,7 @@ def test_the_sensitivity_of_every_loop_in_every_state(
     """The truth: |((I + L)⁻¹)_jj| of all joints on a dense grid, of loops that are built with the random gains themselves."""
     system, models = system_and_models(text, states)
     k, size = system.source.joint_names.index(joint), models[0].size
-    together = EveryLoop([(loop, LoopPart.of_joint(loop, k)) for loop in map(system.loop, models)], window)
+    together = RegionInEveryState([(loop, LoopPart.of_joint(loop, k)) for loop in map(system.loop, models)], window)
     needed = 5.0  # of the file's gains it is 3.9
     found = together.required(Requirements(peak_sensitivity=needed), others=True)
     omega = np.geomspace(0.3, 3100.0 if "sample_rate" in text else 6000.0, 4000)
@@ -142,7 +142,7 @@ def test_every_requirement_of_every_loop_and_of_all_together(name: str, case: in
     (text, joint, window), asked = CASES[case], ASKED.only(name) if name else ASKED
     system, models = system_and_models(text, STATES)
     k, size = system.source.joint_names.index(joint), models[0].size
-    together = EveryLoop([(loop, LoopPart.of_joint(loop, k)) for loop in map(system.loop, models)], window)
+    together = RegionInEveryState([(loop, LoopPart.of_joint(loop, k)) for loop in map(system.loop, models)], window)
     found = together.required(asked, others=True)
     omega = np.geomspace(0.3, 3100.0 if "sample_rate" in text else 6000.0, 1500)
     angle = asked.phase_margin or 0.0
@@ -183,6 +183,6 @@ def test_a_vibration_in_which_the_joint_has_no_say():
     loop = system.loop(system.source.linearize("stand", "right"))
     part = LoopPart.of_joint(loop, system.source.joint_names.index("left_hip_roll"))
     assert np.degrees(margins(loop).phase_margin) == pytest.approx(7.7, abs=0.1)  # certified; of the file's gains
-    together = EveryLoop([(loop, part)], (9000.0, 900.0))
+    together = RegionInEveryState([(loop, part)], (9000.0, 900.0))
     assert together.required(Requirements(phase_margin=np.radians(8.0)), others=True) == ()
     assert together.required(Requirements(phase_margin=np.radians(7.5)), others=True) != ()

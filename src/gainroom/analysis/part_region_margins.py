@@ -1,7 +1,7 @@
 """The gains (kp, kd) of one part of a controller with which its own loop, all others closed, keeps the required margins.
 
 That loop is L = kp A + kd B, so what a requirement excludes is found on lines kp = const as for one joint (excluded_region.py), here from
-the samples of a PartPlane: a picture, not certified. A gain margin is that of stability at scaled gains.
+the samples of a PartRegion: a picture, not certified. A gain margin is that of stability at scaled gains.
 """
 
 import math
@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 
 from ..system.excluded_sets import Branch, Segment, on_circle
-from ..system.linear.arrays import Complexes, Floats, Integers
+from ..system.linear.arrays import Complexes, Floats
 from ..system.requirements import Requirements
-from .excluded_region import union_of
-from .part_plane import PartPlane
+from .excluded_region import Piece, union_of
+from .part_region import PartRegion
 
 FINER = 6  # points per sample of the plane, by linear interpolation
 SCALES = 9  # factors on the gains at which stability is checked for a gain margin
-
-Piece = tuple[Integers, Floats, Floats]
 
 
 @dataclass(frozen=True)
@@ -51,10 +49,10 @@ class SampledLines:
         return [(column, sides[0][0][column, k], sides[1][0][column, k])]
 
 
-def required_columns(plane: PartPlane, requirements: Requirements, kps: Floats) -> list[Floats]:
+def required_columns(plane: PartRegion, requirements: Requirements, kps: Floats) -> list[Floats]:
     """Intervals of kd (p, 2), open and sorted, that keep every required margin, one array per kp of `kps` (m,).
 
-    Raises GainroomError as PartPlane.columns.
+    Raises GainroomError as PartRegion.columns.
     """
     left = plane.columns(kps)
     lines = SampledLines(*_own_loop(plane), kps)
@@ -75,7 +73,7 @@ def unread(requirements: Requirements) -> tuple[str, ...]:
     return tuple(one.title for one, needed in requirements.asked_for if one.excluded(needed) is None)
 
 
-def _own_loop(plane: PartPlane) -> tuple[Complexes, Complexes]:
+def _own_loop(plane: PartRegion) -> tuple[Complexes, Complexes]:
     """Coefficients A and B of the part's return ratio kp A + kd B, at the plane's samples and between them."""
     closed = 1 - plane.kp * plane.a - plane.kd * plane.b
     place = np.arange((len(plane.omega) - 1) * FINER + 1) / FINER

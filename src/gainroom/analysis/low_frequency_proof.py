@@ -37,7 +37,7 @@ class Static(NamedTuple):
 
 
 @dataclass(frozen=True)
-class AtRest:
+class LowFrequencyProof:
     """Result of the proof at low frequency: `low` [rad/s], up to which no root crosses but at 0, and the turn of arg det F up to there.
 
     turned: [rad] at the factor 1
@@ -51,7 +51,7 @@ class AtRest:
     static: Static | None
 
 
-def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
+def low_frequency_proof(modal: ModalLoop, stop: float) -> LowFrequencyProof | None:
     """Proof that no root crosses at low ω > 0 for factors from 1 to `stop`, which may be less than 1; None where it fails."""
     values, orders = modal.laws.at_rest()
     if np.any(orders < 0) or np.any(orders > 1) or np.any(values.real <= 0) or np.any(np.abs(values.imag) > 1e-9 * values.real):
@@ -105,11 +105,11 @@ def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
             spare = min(spare, least - float((root[:, None] * missed * root).sum(axis=1).max()))
         if spare > SPARE:
             turned = float(np.angle(np.linalg.eigvals(signs[:, None] * (mobility + laws))).sum())
-            return AtRest(float(low), turned, 2 * moving.shape[1] + int(orders.sum()), static_mode)
+            return LowFrequencyProof(float(low), turned, 2 * moving.shape[1] + int(orders.sum()), static_mode)
     return None
 
 
-def _all_free(modal: ModalLoop, stop: float, corner: float, values: Floats, orders: Integers) -> AtRest | None:
+def _all_free(modal: ModalLoop, stop: float, corner: float, values: Floats, orders: Integers) -> LowFrequencyProof | None:
     """Low-frequency proof where F is not symmetric and every channel moves freely: Y M₀ X is regular, and −(Y M₀ X)⁻¹ F near 1."""
     size = len(values) // 2
     rigid, orders = (modal.modes.rigid[:size, :size] - 1j * modal.modes.rigid[:size, size:]).real, orders[:size]
@@ -127,7 +127,7 @@ def _all_free(modal: ModalLoop, stop: float, corner: float, values: Floats, orde
         if 1 - curved - max(float(missed.sum(axis=0).max()), float(missed.sum(axis=1).max())) > SPARE:
             mobility, inverse_laws = (one[0] for one in modal.response(np.array([low])))
             form = mobility[:size, :size] - 1j * mobility[:size, size:] + np.diag(inverse_laws[:size])
-            return AtRest(float(low), float(np.angle(np.linalg.eigvals(-back @ form)).sum()), 2 * size + int(orders.sum()), None)
+            return LowFrequencyProof(float(low), float(np.angle(np.linalg.eigvals(-back @ form)).sum()), 2 * size + int(orders.sum()), None)
     return None
 
 

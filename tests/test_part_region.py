@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.part_plane import PartPlane
-from gainroom.analysis.part_requirements import required_columns
+from gainroom.analysis.part_region import PartRegion
+from gainroom.analysis.part_region_margins import required_columns
 from gainroom.analysis.stability import is_stable
 from gainroom.app.channels import Channels
 from gainroom.app.messages import View
@@ -52,7 +52,7 @@ def test_random_gains_of_one_joint_are_stable_where_the_plane_says_so(text: str,
     own = system.controller(model)
     kp, kd = (np.broadcast_to(np.asarray(gain, dtype=float), size).copy() for gain in (own.kp, own.kd))
     unit, window = np.eye(size)[k], (12 * kp[k], 12 * kd[k])
-    plane = PartPlane.of(system.loop(model), LoopPart(unit, unit, own.on_joint(k, size)), window)
+    plane = PartRegion.of(system.loop(model), LoopPart(unit, unit, own.on_joint(k, size)), window)
     draw = np.random.default_rng(5)
     stable = 0
     for _ in range(60):
@@ -74,7 +74,7 @@ def test_at_the_edge_the_loop_vibrates_at_the_edges_frequency(text: str):
     own = system.controller(model)
     kp, kd = (np.broadcast_to(np.asarray(gain, dtype=float), size).copy() for gain in (own.kp, own.kd))
     unit, window = np.eye(size)[k], (4 * kp[k], 12 * kd[k])
-    plane = PartPlane.of(system.loop(model), LoopPart(unit, unit, own.on_joint(k, size)), window)
+    plane = PartRegion.of(system.loop(model), LoopPart(unit, unit, own.on_joint(k, size)), window)
     edge = np.array(plane.edge(np.linspace(0.1, 1, 7) * window[0]))
     edge = edge[:, edge[1] > 0]  # no negative gain is ever drawn
     assert edge.shape[1] >= 7
@@ -96,7 +96,7 @@ def test_one_direction_of_a_task():
     tasks = system.source.tasks(model)
     k = tasks.directions.index("com z")
     window = (400 * tasks.kp[k], 100 * tasks.kd[k])
-    plane = PartPlane.of(system.loop(model), LoopPart(tasks.torque[:, k], tasks.jacobian[k], tasks.of_direction(k)), window)
+    plane = PartRegion.of(system.loop(model), LoopPart(tasks.torque[:, k], tasks.jacobian[k], tasks.of_direction(k)), window)
     draw, stable = np.random.default_rng(6), 0
     for _ in range(40):
         kp, kd = tasks.kp.copy(), tasks.kd.copy()
@@ -132,7 +132,7 @@ def test_the_gains_of_cascades(text: str, name: str, widest: int, rate: int | No
     channel = channels.channel(View(joint=name))
     window = (widest * channel.point[0], widest * channel.point[1])
     state = State(system, "stand", "double", model)
-    plane = PartPlane.of(state.loop, part_of(state, channel), window)
+    plane = PartRegion.of(state.loop, part_of(state, channel), window)
     draw, stable = np.random.default_rng(7), 0
     for kp, kd in (draw.uniform(0.02, 1, (30, 2)) * window).tolist():
         moved = channels.applied(system, View(joint=name, point=(kp, kd)))
@@ -156,7 +156,7 @@ def test_of_a_single_joint_it_is_the_exact_region(sample_time: float | None):
     loop = gr.build_loop(joint.plant(), drive, gr.PD(1e4, 300.0), sample_time=sample_time)
     region = gr.pd_region(joint, drive, sample_time=sample_time)
     window = (3e4, 900.0)
-    plane = PartPlane.of(loop, LoopPart.of_joint(loop, 0), window)
+    plane = PartRegion.of(loop, LoopPart.of_joint(loop, 0), window)
     kps = np.linspace(500.0, 2.9e4, 17)
     for exact, found in zip(region.columns(kps), plane.columns(kps), strict=True):
         assert found.shape == exact.shape
@@ -169,7 +169,7 @@ def test_the_return_ratio_with_others_closed():
     model = system.source.linearize("stand", "left")
     own = system.controller(model)
     size = model.size
-    plane = PartPlane.of(system.loop(model), LoopPart(np.eye(size)[3], np.eye(size)[3], gr.PD(2000.0, 100.0)), (4000.0, 200.0))
+    plane = PartRegion.of(system.loop(model), LoopPart(np.eye(size)[3], np.eye(size)[3], gr.PD(2000.0, 100.0)), (4000.0, 200.0))
     kp, kd = np.full(size, 2000.0), np.full(size, 100.0)
     places = np.linspace(5, len(plane.omega) - 5, 9).astype(int)
     omega = plane.omega[places]
@@ -199,7 +199,7 @@ def test_random_gains_of_one_joint_keep_its_own_margins_where_the_plane_says_so(
     own = system.controller(model)
     kp, kd = (np.broadcast_to(np.asarray(gain, dtype=float), size).copy() for gain in (own.kp, own.kd))
     unit, window = np.eye(size)[k], (8 * kp[k], 12 * kd[k])
-    plane = PartPlane.of(system.loop(model), LoopPart(unit, unit, own.on_joint(k, size)), window)
+    plane = PartRegion.of(system.loop(model), LoopPart(unit, unit, own.on_joint(k, size)), window)
     omega = np.geomspace(0.1, np.pi * 1999 if "sample_rate" in text else 2e4, 4000)
     draw, kept = np.random.default_rng(6), 0
 
