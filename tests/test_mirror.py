@@ -43,7 +43,7 @@ def test_mirrored_loops_have_the_same_characteristic_polynomial(biped: System, s
         np.testing.assert_allclose(found, truth, rtol=1e-7)  # round-off of 12 joints' loops of size 1e3
 
 
-def test_what_is_not_the_same_is_nomirror_image(biped: System):
+def test_what_is_not_the_same_is_no_mirror_image(biped: System):
     left, right = (states(biped, contact, "joint") for contact in ("left", "right"))
     ((case, loops),) = right
     heavier = case.model.link_inverse_inertia * np.outer(scale := np.where(np.arange(12) == 3, 1 + 1e-6, 1.0), scale)
