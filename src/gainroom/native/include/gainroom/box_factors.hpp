@@ -1,4 +1,4 @@
-// What a box's loop is multiplied of: the plant's factors, the sizes of a product, and how each parameter moves its logarithm.
+// Factors of the return ratio over a box: those of the plant, sizes of a product, and the derivative of its logarithm by each parameter.
 #pragma once
 
 #include "discs.hpp"

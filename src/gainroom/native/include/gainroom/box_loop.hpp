@@ -21,7 +21,7 @@ constexpr int kMostAliases = 24;
 constexpr int kQuantities = 5;
 enum Quantity { kDelay, kStiffness, kLinkInertia, kMotorInertia, kDamping };
 
-// What L can be in a box: log|L| and arg L between two values, the latter up to full turns. center: L in the middle of the box; score: how
+// Bounds of L over a box: log|L| and arg L between two values, the latter up to full turns. center: L in the middle of the box; score: how
 // much each parameter's width moves L.
 struct Sector {
     double log_low, log_high, phase_low, phase_high;
@@ -72,7 +72,7 @@ class BoxLoop {
             value += own;
         }
         Sector found = enclosed(times(value, after(center.omega, masses.delay)), hidden, slopes(box, given[kDelay], moved.steep));
-        // what is NaN says nothing
+        // NaN bounds exclude nothing
         const double least = std::log(body.least * moved.control.least) - kSectorRounding;
         const double most = std::log(body.most * moved.control.most) + kSectorRounding;
         if (least > found.log_low) found.log_low = least;
@@ -86,7 +86,7 @@ class BoxLoop {
     bool rigid() const { return !columns[kStiffness] && std::isinf(values[kStiffness]); }
     bool locked() const { return !rigid() && !columns[kLinkInertia] && std::isinf(values[kLinkInertia]); }
 
-    // What does not move with the frequency: share is c, lag B/K, square that of the resonance.
+    // Terms that do not depend on the frequency: share is c, lag B/K, square that of the resonance.
     template <class T>
     struct Masses {
         const BoxLoop& loop;

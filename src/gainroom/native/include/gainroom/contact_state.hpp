@@ -1,4 +1,4 @@
-// What the tracker knows in one contact state: the crossings at some posture, how far the last count of unstable roots reaches, and the count
+// The tracker's state in one contact state: the crossings at some posture, how far the last count of unstable roots reaches, and the count
 // that is under way.
 #pragma once
 

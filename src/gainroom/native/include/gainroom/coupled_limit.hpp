@@ -91,7 +91,7 @@ class CoupledLimit : public CrossingNewton {
     Way way_{0.0, 1.0};
     bool counting_ = false;
 
-    // What is searched of each interval of a grid.
+    // The part of each interval of a grid that is searched.
     std::vector<Interval> within(const double* grid, std::size_t grid_count, double gain, bool passive) {
         std::vector<Interval> found;
         for (const Interval& among : searched(grid[0], grid[grid_count - 1], gain, passive))

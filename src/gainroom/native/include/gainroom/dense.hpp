@@ -159,7 +159,7 @@ inline void solve_factorised(const Dense& a, const Vector<std::size_t>& exchange
     }
 }
 
-// The same of the transpose: a row b → b A⁻¹.
+// Solution with the transpose: a row b → b A⁻¹.
 inline void solve_transposed(const Dense& a, const Vector<std::size_t>& exchanged, Complex* b) {
     const std::size_t n = a.rows;
     for (std::size_t k = 0; k < n; k++) {

@@ -41,10 +41,10 @@ struct GainTerm {
     std::vector<double> gain;
 };
 
-// What changes of a joint's gains: all by a factor, or one of a PD or PID.
+// The gain of a joint that is varied: all by a factor, or one of a PD or PID.
 enum class Gain { all, kp, kd };
 
-// What does not depend on the gains at one frequency.
+// Sample at one frequency of all that does not depend on the gains.
 struct LoopPoint {
     double omega = 0.0;
     Complex velocity, integral, shaping;
@@ -105,7 +105,7 @@ public:
         return std::isfinite(std::abs(found.velocity)) && std::isfinite(std::abs(found.integral)) && std::isfinite(std::abs(found.shaping));
     }
 
-    // The same, computed once for frequencies that every look asks for; null where there is none.
+    // The sample computed once for frequencies of every look; null where there is none.
     std::shared_ptr<const LoopPoint> known(double omega) {
         auto& place = points_[omega];
         if (place == nullptr) {

@@ -21,7 +21,7 @@ struct DiskPeak {
     std::vector<double> x;             // (n)
 };
 
-// Of any response: `at(omega, matrix)` gives S − T.
+// Peak of any response: `at(omega, matrix)` gives S − T.
 template <typename Response>
 class PeakSearch {
 public:
@@ -108,7 +108,7 @@ private:
     Dense matrix_;
 };
 
-// Of the modes of a loop.
+// Peak of S − T from the modes of a loop, proved between frequencies.
 class DiskBound {
 public:
     explicit DiskBound(const DiskModes& modes) : modes_(modes), n_(modes.size), expansion_(modes), value_(n_) {}

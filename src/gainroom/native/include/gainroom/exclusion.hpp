@@ -179,7 +179,7 @@ class Exclusion : private SampledForm {
         return true;
     }
 
-    // How arg det F changes where j F has a positive real part all the way.
+    // The change of arg det F over an interval in which j F has a positive real part throughout.
     double turned_leading(double low, double high) {
         if (!counting_) return 0.0;
         align(low, high);

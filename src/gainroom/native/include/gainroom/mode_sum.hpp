@@ -94,7 +94,7 @@ class ModeSum {
         for (std::size_t i = 0; i < size; i++) round_off[i] *= static_cast<double>(size);
     }
 
-    // The same at an s about jω, without round-off; f₀ there.
+    // The functions at an s about jω, without round-off; f₀ there.
     GAINROOM_WIDE Complex respond(Complex s, double* real, double* imaginary) {
         Complex f0;
         loop_.functions(s.imag(), f0, functions_.data(), s.real() / s.imag());

@@ -17,7 +17,7 @@ public:
     static constexpr std::size_t kMost = 3;
     using Square = Complex[kMost][kMost];
 
-    // Where something is the least stable at a factor below the crossing.
+    // A factor below the crossing at which a root is the least stable, and that root.
     struct Peak {
         double by = 0.0;     // δg
         Complex root = 0.0;  // δω

@@ -1,4 +1,4 @@
-// Whether joint-space control that is about to lose stability at a crossing has lost it below already, by a root beside that crossing's own.
+// A check whether joint-space control that is about to lose stability at a crossing has lost it below already, by a root beside that crossing's own.
 //
 // Two roots that come close as the factor rises exchange what they go on to do where the posture changes a little (an avoided crossing). The one
 // that turned back short of the boundary then passes it, and a pair of crossings is born below one that hardly moves: nothing that is followed

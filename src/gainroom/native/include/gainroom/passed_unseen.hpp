@@ -1,4 +1,4 @@
-// Where a curve that is sampled may pass a line twice more between two samples than they show: as in analysis/sampled_curves.py.
+// Intervals between two samples in which a curve may cross a line twice more than the samples show.
 #pragma once
 
 #include <algorithm>

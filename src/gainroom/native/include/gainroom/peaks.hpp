@@ -1,4 +1,4 @@
-// What the margins minimise along the boundary of stability: |1+L| (Ms), |1+L|/|L| (Mt), 2|1+L|/|1−L| (disk margin).
+// Quantities that the margins minimise along the stability boundary: |1+L| (Ms), |1+L|/|L| (Mt), 2|1+L|/|1−L| (disk margin).
 #pragma once
 
 #include "response.hpp"

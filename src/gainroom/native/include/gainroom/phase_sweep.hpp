@@ -1,4 +1,4 @@
-// How many pairs of unstable roots the closed loop has at a factor g, counted slice by slice along jω.
+// The number of pairs of unstable closed-loop roots at a factor g, counted slice by slice along jω.
 //
 // The phase of a function of the closed loop rises by π past every stable root of the upper half plane and falls by π past every unstable
 // one, so its way from a frequency below which nothing crosses, to one above which control does next to nothing, counts the unstable ones.
@@ -30,7 +30,7 @@ public:
     double top() const { return top_; }
     // Right after `crossed`: up to which factor nothing does there.
     double clear_gain() const { return clear_; }
-    // What the last slice cost, in slices, and all of them.
+    // Cost of the last slice, in slices, and of all.
     double cost() const { return cost_; }
     double spent() const { return spent_; }
     // Pairs of unstable roots; right after `done`.
@@ -71,7 +71,7 @@ public:
         return std::isfinite(total_ + slope_.imag()) && top_ > omega_ ? State::running : State::failed;
     }
 
-    // One more slice.
+    // Counts the next slice.
     State advance(TrackedLoop& loop, const double* posture) {
         const State now = step(loop, posture);
         spent_ += cost_;

@@ -1,4 +1,4 @@
-// Where a rigid body is: rotations, poses, their exponentials and logarithms (Lynch and Park, Modern Robotics, sections 3.2 and 3.3).
+// The pose of a rigid body: rotations, poses, their exponentials and logarithms (Lynch and Park, Modern Robotics, sections 3.2 and 3.3).
 #pragma once
 
 #include <array>

@@ -1,4 +1,4 @@
-// How far a robot has moved, as far as its inverse inertia tells.
+// The distance between two postures, measured by the change of the inverse inertia.
 #pragma once
 
 #include <cmath>

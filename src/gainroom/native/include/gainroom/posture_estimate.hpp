@@ -1,4 +1,4 @@
-// What a robot's computer knows of its posture: joints from encoders, the base from contacts that stay where they are, and the values of
+// The posture estimate of a robot's computer: joints from encoders, the base from contacts that stay where they are, and the values of
 // tasks there. See simulation/whole_body.py.
 #pragma once
 

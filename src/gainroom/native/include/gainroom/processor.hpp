@@ -1,4 +1,4 @@
-// What compilers are told of processors.
+// Attributes by which functions are compiled for several processors, and the choice among them.
 #pragma once
 
 // Loops over entries, as many at a time as the processor has room for. Products and sums stay apart: all processors have the same digits.

@@ -106,7 +106,7 @@ struct LateOutputs {
     }
 };
 
-// The same less what the late outputs of its own states make of it.
+// The recursion with delayed feedback: its forcing less the response to the late outputs of its own states.
 inline std::size_t recur_late(const double* transposed, std::size_t size, const double* forcing, const LateOutputs& late, std::size_t steps,
                               double* states) {
     const auto driven = [&](std::size_t k, double* next) {

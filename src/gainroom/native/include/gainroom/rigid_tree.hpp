@@ -60,7 +60,7 @@ public:
 
     const TreeJoint& joint(std::size_t k) const { return joints_[k]; }
     const Mass& mass(std::size_t link) const { return masses_[link]; }
-    // Where a link was placed last.
+    // The pose of a link as it was last computed.
     const Pose& link(std::size_t k) const { return links_[k]; }
     // The base of posture q (nq).
     Pose base(const double* q) const {
@@ -70,7 +70,7 @@ public:
     // Places the links of posture q (nq); what follows is about it.
     void place(const double* q) { place(q, base(q)); }
 
-    // The same with the base elsewhere.
+    // Places the links of the joints in q (nq) with the base at the pose `base`.
     void place(const double* q, const Pose& base) {
         links_[0] = base;
         q += base_positions();
@@ -88,7 +88,7 @@ public:
 
     Pose at(const Frame& frame) const { return moved(links_[frame.link], frame.place); }
 
-    // Of everything that moves [m].
+    // Centre of mass of everything that moves [m].
     Triple center() {
         collect();
         return (1 / sums_[0].mass) * sums_[0].center;
@@ -201,7 +201,7 @@ struct HeldFrame {
 enum class Reading { center, posture, position, orientation };
 constexpr std::size_t kReadings = 4;
 
-// What a task is of.
+// The quantity that a task controls.
 struct TaskReading {
     Reading kind;
     Frame frame;  // of position and orientation

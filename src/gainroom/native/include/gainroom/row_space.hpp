@@ -13,7 +13,7 @@
 
 namespace gainroom {
 
-// By rows.
+// Matrix stored by rows.
 struct Real {
     std::size_t rows, columns;
     Vector<double> entries;

@@ -77,7 +77,7 @@ public:
         return by_inverse(sample, values) || by_all(*sample.point, sample.law.data(), values);
     }
 
-    // Of L at a point, with d (m); false where they do not settle.
+    // Eigenvalues of L at a point, with d (m); false where the iteration does not converge.
     bool eigenvalues(const LoopPoint& point, const Complex* law, Complex* found) { return by_symmetry(point, law, found) || by_all(point, law, found); }
 
 private:

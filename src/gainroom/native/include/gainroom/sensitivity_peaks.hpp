@@ -1,4 +1,4 @@
-// Where |a S_ii + b| of coupled loops is largest, and how its height moves with the gains.
+// Peaks of |a S_ii + b| of coupled loops over frequency, and the derivatives of their height by the gains.
 #pragma once
 
 #include <algorithm>
@@ -32,7 +32,7 @@ public:
         return above(gains, std::vector<double>(n_, least), slope, offset, moves, until);
     }
 
-    // The same, above the `least` (n) of each joint.
+    // Peaks of each joint above its `least` (n).
     std::vector<MovingMargin> above(const DirectedGains& gains, const std::vector<double>& least, double slope, double offset, bool moves,
                                     double until = kNever) {
         std::vector<MovingMargin> found;
@@ -102,7 +102,7 @@ public:
         return top;
     }
 
-    // The same of each joint (n).
+    // The largest |a S_ii + b| of each joint (n).
     std::vector<MovingMargin> highest_of_each(double slope, double offset) {
         std::vector<MovingMargin> found = tops(slope, offset);
         std::vector<double> least;

@@ -11,7 +11,7 @@ constexpr int kSettling = 20000;  // ticks within which the first certificate ha
 constexpr int kWidening = 1000;   // ticks after it, in which other crossings above it are found
 constexpr double kAgreed = 1e-6;  // relative, of limits
 
-// What `tick`, again and again in one posture, leads to; true where that is the limit `gain` [factor], which gain_limit found there.
+// Repeats `tick` in one posture until the limit settles; true if it settles at `gain` [factor], which gain_limit found there.
 template <class Tick>
 bool settles(Tick tick, double gain, Limit& found) {
     found = tick();

@@ -25,7 +25,7 @@ public:
     const JointLaws& laws() const { return laws_; }
     // Whether all commands reach their motors in the same way.
     bool alike() const { return alike_; }
-    // Where `evaluate` was last: M and dM/dω.
+    // M and dM/dω where `evaluate` was last called.
     const Dense& at() const { return loop_; }
     const Dense& slope() const { return loop_omega_; }
 

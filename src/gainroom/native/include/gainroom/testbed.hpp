@@ -17,7 +17,7 @@ struct Control {
     int side;  // what it measures
 };
 
-// What is not linear.
+// Nonlinear parts of the testbed.
 struct Hardware {
     double tick;                            // T_s [s]
     std::int64_t cells;                     // substeps per tick
@@ -28,7 +28,7 @@ struct Hardware {
     double position_limit;                  // [rad] where a run has diverged
 };
 
-// What goes into a tick, and what comes out of it.
+// Inputs and outputs of one tick.
 struct TickInputs {
     double reference, motion, feedforward;       // what position gains act on [rad], what velocity is made from [rad], torque [N m]
     double torque[kSides], noise[kSides];        // on motor and link [N m]; of their readings [rad]
@@ -106,7 +106,7 @@ class Testbed {
     Command& at(std::int64_t tick) { return sent_[static_cast<std::size_t>(tick) & (sent_.size() - 1)]; }
     std::int64_t first_known() const { return std::max(newest_ + 1, now_ - longest_); }
 
-    // What an encoder with steps of `resolution` reads; 0: exactly.
+    // The reading of an encoder with steps of `resolution`; 0: exact.
     static double quantised(double value, double resolution) {
         return resolution > 0 ? resolution * std::floor(value / resolution + 0.5) : value;
     }

@@ -1,4 +1,4 @@
-// What the tracker asks of a closed loop whose gains all carry one factor g: joint_loop.hpp and task_loop.hpp give it.
+// Interface of a closed loop whose gains all carry one factor g, as the tracker needs it: joint_loop.hpp and task_loop.hpp give it.
 //
 // A posture is a row of numbers, and a mixture of two postures is one on the way between them.
 #pragma once
@@ -143,7 +143,7 @@ public:
     virtual bool leads_slowly(const double*, double) { return true; }
     // How far gains act on each other one way, from 0 to √2: a crossing may then come from far away within hardly any motion.
     virtual double one_sided(const double*) { return 0.0; }
-    // Whether it has the plant's poles.
+    // True if the loop has the plant's poles.
     virtual bool has_poles() const { return false; }
     // Above every resonance of the plant [rad/s].
     virtual double resonance(const double* posture) const = 0;
