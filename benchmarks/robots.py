@@ -14,7 +14,7 @@ from .disk import coupled_joints
 from .measure import once, spread
 from .table import Table
 
-POINTS = 20_000  # of the grid, over six decades: between two of them phases of the biped are off by up to a tenth of a degree
+POINTS = 20_000  # frequencies of the grid, over six decades: between two of them phases of the biped err by up to 0.1 degree
 SAMPLE_TIME = 5e-4
 TOO_HIGH = 8.0  # factor on stable gains: how far a loop is beyond its limit
 

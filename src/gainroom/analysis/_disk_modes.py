@@ -65,7 +65,7 @@ class ClosedModes:
 
     @cached_property
     def core(self) -> _core.DiskModes:
-        """The same modes as an object of the core, which bounds S − T between frequencies."""
+        """Object of the core that holds these modes and bounds S − T between frequencies."""
         return _core.DiskModes(self.poles, self.into, np.ascontiguousarray(self.out.T), self.delays, self.share, self.sample_time)
 
     def matrices(self, omega: Floats) -> Complexes:

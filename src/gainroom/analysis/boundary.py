@@ -137,7 +137,7 @@ def _told_apart(seen: Seen) -> tuple[float, float]:
     """
     found = seen.common_phase()
     for _ in range(MOST_ROUNDS):
-        up, down = seen.one_loop().T[:2]  # of each joint; inf where none is seen
+        up, down = seen.one_loop().T[:2]  # (n,) per joint; inf where none is seen
         before = seen.samples
         seen.tell_apart(math.exp(min(float(np.minimum(up, down).max()), math.log(HIGHEST))), math.pi)
         if not seen.followed or seen.samples == before:
