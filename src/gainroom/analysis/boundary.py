@@ -34,7 +34,7 @@ def coupled_margins(loop: Loop, largest: bool = False) -> Margins:
 
     Margins that the counts do not confirm are reported uncertified.
 
-    largest   with each joint's largest kp and kd; of gain matrices that couple joints the largest entries on the diagonal
+    largest   True: also each joint's largest kp and kd; of gain matrices that couple joints the largest diagonal entries
 
     Raises GainroomError where all gains are zero, and where the loop cannot be sampled finely enough.
     """

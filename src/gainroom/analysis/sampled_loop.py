@@ -47,14 +47,14 @@ class SampledLoop:
 
     @classmethod
     def _of_matrices(cls, loop: Loop, terms: Terms) -> "SampledLoop":
-        """Gain matrices that share no directions, as one law behind which all gains are 1; it acts on what they see alone."""
+        """Sampled form for gain matrices that share no directions: one law with all gains 1, on the subspace that the gains see."""
         return cls._with_matrices(loop, terms, np.zeros((loop.size, 0)), False)
 
     @classmethod
     def with_joints(cls, loop: Loop) -> "SampledLoop | None":
-        """Gain matrices as one law, and behind its r directions one per joint, without gains yet: how far one entry of a matrix may grow.
+        """Sampled form for gain matrices as one law, with one direction per joint beside it whose gains are 0: they may grow.
 
-        None for a loop that is not built with build_loop, and for kd on a path of its own.
+        Returns None for a loop that is not built with build_loop, and for kd on a path of its own.
         """
         if loop.parts is None or loop.kd_path is not None:
             return None
@@ -63,7 +63,7 @@ class SampledLoop:
 
     @classmethod
     def _with_matrices(cls, loop: Loop, terms: Terms, joints: Floats, by_direction: bool) -> "SampledLoop":
-        """The law of gain matrices, and directions without gains of some `joints` (n, k)."""
+        """Sampled form for the law of gain matrices, with directions of the torques `joints` (n, k) whose gains are 0."""
         seen = loop.seen
         acting, idle = seen.shape[1], joints.shape[1]
         torque, jacobian = np.hstack([np.zeros_like(seen), joints]), np.vstack([seen.T, joints.T])

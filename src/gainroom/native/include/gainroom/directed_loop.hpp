@@ -151,7 +151,7 @@ public:
         }
     }
 
-    // What one gain of a joint multiplies.
+    // Transfer function that one gain of a joint multiplies.
     static Complex unit(const LoopPoint& point, Gain gain) { return gain == Gain::kd ? times(point.shaping, point.velocity) : point.shaping; }
 
     // A tenth of the lowest frequency at which one gain takes over from another; infinite where there is but one.
