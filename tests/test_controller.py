@@ -11,6 +11,7 @@ from scipy import signal
 import gainroom as gr
 from gainroom.robot.tasks import TaskPPI
 from gainroom.system.controller import Compensator, Controller, Terms
+from gainroom.system.linear.transfer_function import Factored
 from refusals import assert_refused
 
 TICK = 5e-4
@@ -240,3 +241,16 @@ def test_on_one_joint_it_does_what_it_does_on_that_joint_of_many(make, sample_ti
 )
 def test_the_slowest_corner_is_where_two_terms_are_equally_large(controller, corner):
     assert controller.slowest(1) == pytest.approx(corner, rel=1e-15)
+
+
+def test_gains_for_a_plain_pd_are_those_of_a_pd_where_the_controller_filters_its_output():
+    """A lead in series is no gain: with it the same kp and kd are another control law."""
+
+    @dataclass(frozen=True)
+    class Led(gr.PD):
+        def shaping(self, sample_time):
+            return Factored(np.array([-60.0 + 0j]), np.array([-600.0 + 0j]), 10.0) * gr.PD.shaping(self, sample_time)
+
+    assert type(Led(100.0, 10.0).of_pd(50.0, 5.0)) is gr.PD
+    assert type(gr.PD(100.0, 10.0, notches=(gr.Notch(300.0),)).of_pd(50.0, 5.0)) is gr.PD
+    assert type(gr.PPI(10.0, 10.0, 2.0).of_pd(50.0, 5.0)) is gr.PPI

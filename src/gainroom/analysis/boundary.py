@@ -234,7 +234,7 @@ def _factor(seen: Seen, counting: Seen, joint: int, way: int, first: float) -> f
 
     def confirmed(size: float) -> float:
         factor = math.exp(way * size)
-        factor = math.inf if factor > HIGHEST else 0.0 if factor < LEAST_FACTOR else factor
+        factor = 0.0 if factor < LEAST_FACTOR else factor
         return factor if _is_end(counting, joint, 0, factor - 1, factor, (HIGHEST if way > 0 else LEAST_FACTOR) - 1) else math.nan
 
     found = confirmed(first)

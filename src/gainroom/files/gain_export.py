@@ -139,7 +139,12 @@ def _written(form: str, onto: Path | None, before: str, goal: ExportedGains, hea
 
 def _read_back(text: str, form: str, onto: Path | None) -> GainFile:
     """Gains of a written text as `audit` reads them; in an MJCF the motors' inertia is armature, which audit takes from the model."""
-    found = parse_file(text, onto or Path(f"export{FORMS[form].ending}"))
+    try:
+        found = parse_file(text, onto or Path(f"export{FORMS[form].ending}"))
+    except GainroomError as error:
+        raise GainroomError(
+            f"--to {form}: what it writes is not read back as `audit` reads gains (files/gain_files.py): {error}"
+        ) from error
     if form != "mjcf" or onto is None:
         return found
     inertia = joint_values(text, onto, "armature")

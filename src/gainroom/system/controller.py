@@ -271,7 +271,7 @@ class Controller:
         if not self.has_plane:
             return plain
         own = (replace(self, **{self.held_gain: 0.0}) if self.held_gain else self).from_plane(kp, kd)
-        return own if _same(own.terms(), plain.terms()) else plain
+        return own if _same(own.terms(), plain.terms()) and _same_factors(own.shaping(None), plain.shaping(None)) else plain
 
     def require_consistent(self) -> None:
         """Raise GainroomError if `scaled`, `plane` or `from_plane` give a control law other than `terms`."""
@@ -487,6 +487,11 @@ def _same(one: Terms, other: Terms) -> bool:
     return all(
         np.allclose(one.get(powers, nothing), other.get(powers, nothing), rtol=1e-12, atol=0.0) for powers in one.keys() | other.keys()
     )
+
+
+def _same_factors(one: Factored, other: Factored) -> bool:
+    """True if two transfer functions have the same zeros, poles, gain and delay."""
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("zeros", "poles", "gain", "delay"))
 
 
 def _nonzero(terms: dict[tuple[int, int], Any]) -> Terms:
