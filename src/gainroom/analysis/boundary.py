@@ -172,8 +172,7 @@ def _first_delay(loop: Loop, seen: Seen) -> _Delay:
     """Smallest extra delay in all loops that puts a root on the stability boundary, with its root counts; inf: none up to LONGEST_DELAY.
 
     A crossing of −1 in the samples is exact where a delay T turns loci by ωT; of a sampled loop it is the start of a secant iteration.
-    Where
-    roots are unstable before that delay, the loop is sampled anew with a longer delay that is still stable.
+    Where roots are unstable before that delay, the loop is sampled anew with a longer delay that is still stable.
     """
 
     def counted(delay: float) -> int:

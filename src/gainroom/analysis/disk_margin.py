@@ -99,9 +99,8 @@ def disk_margin_of(response: Response, omega: Floats) -> MultiLoopDisk:
     """Multi-loop disk margin of any return ratio ω (k,) → L (k, n, n) or (k,), from samples at `omega` (k,) [rad/s]; not certified.
 
     The samples are refined, and the peak is polished. Serves factors at another place (`loop.response`: on the measured positions) and
-    loops
-    from elsewhere. Frequencies below the first and above the last ω are not examined. Raises GainroomError where the response is not finite
-    or has another shape.
+    loops from elsewhere. Frequencies below the first and above the last ω are not examined. Raises GainroomError where the response is not
+    finite or has another shape.
     """
 
     def matrices(points: Floats) -> Complexes:

@@ -46,8 +46,7 @@ def null_vectors(matrix: Complexes) -> Complexes:
     """Orthonormal null vectors (n, r), |M x| ≤ EQUAL, of a nearly singular `matrix` (n, n) with a diagonal about 1.
 
     Inverse iteration costs less than all eigenvectors. It begins with two vectors, and takes more while all of them are null vectors. If
-    both
-    converge to the same there is but one, known to SINGLE.
+    both converge to the same there is but one, known to SINGLE.
     """
     count, size = min(2, len(matrix)), len(matrix)
     while True:

@@ -115,10 +115,8 @@ def _stable_below(loop: Loop, factors: list[float], slopes: list[float], upper: 
     """Highest interval (factors[k − 1], factors[k]), k <= upper, without unstable roots; 0 where there is none.
 
     A long delay or huge gains make thousands of intervals. Roots are counted once, and the count is carried from one interval to the next:
-    a
-    pair becomes unstable, as the factor rises, where arg L falls through π, and stable where it rises. The interval found and the lowest
-    one
-    are counted again; if the counts disagree, every interval is counted. Raises GainroomError where those are too many.
+    a pair becomes unstable, as the factor rises, where arg L falls through π, and stable where it rises. The interval found and the lowest
+    one are counted again; if the counts disagree, every interval is counted. Raises GainroomError where those are too many.
     """
 
     def counted(k: int) -> int:

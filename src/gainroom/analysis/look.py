@@ -204,10 +204,9 @@ def lag_about(loop: Directed, gains: Floats, omega: float) -> tuple[float, float
 def margins_seen(seen: Seen, size: int, apart: bool = True) -> Margins:
     """Gain and phase margins and peak sensitivity of `size` joints from samples; the other margins are NaN.
 
-    `apart`: also those of loci that nearly meet.
-    Gains: the lesser of the factors up and down stands under both names, and the least over all loops for each. Where loci cannot be
-    followed
-    all margins are unknown, so that no requirement is met. inf: beyond the reach of the samples.
+    `apart`: also those of loci that nearly meet. Gains: the lesser of the factors up and down stands under both names, and the least over
+    all loops for each. Where loci cannot be followed all margins are unknown, so that no requirement is met. inf: beyond the reach of the
+    samples.
     """
     if not seen.followed or seen.unstable != 0:
         return Margins.unknown(GainLimit.unknown(size, stable=not seen.singular and seen.unstable <= 0))

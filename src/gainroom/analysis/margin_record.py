@@ -20,7 +20,8 @@ NUDGE = 1e-6
 class Certificate:
     """Unstable closed-loop roots just inside and just outside a limit; `holds` when none inside and some outside.
 
-    Both numbers are counted. For a proved limit (proved_limit.py) `outside` is a lower bound: the roots of the crossings found.
+    Both numbers are counted; of a proved limit (proved_limit.py) none inside is proved, and `outside` is the roots of the crossings found,
+    at least.
     """
 
     inside: int

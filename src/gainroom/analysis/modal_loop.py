@@ -73,8 +73,7 @@ class ModalLoop:
         """Modal form of a coupled loop; None for a loop of which no proof is known.
 
         No proof is known for link-side feedback, friction to ground, gains without directions (gain_directions.py), different drives of a
-        sampled
-        loop or with coupled gains, and controllers that are unstable by themselves but for integrators.
+        sampled loop or with coupled gains, and controllers that are unstable by themselves but for integrators.
         """
         parts, step = loop.parts, loop.sample_time
         if parts is None or loop.size == 1 or parts.feedback != "motor" or loop.gain <= 0:

@@ -257,8 +257,7 @@ class Lifted:
         """Complementary sensitivity T: from disturbance torques (m,), one per hold of `holds`, to the torques (m,) that answer them.
 
         Its `a` is Φ. Inputs and outputs are in units in which the sum of squares is ∫ torque² dt of a period over its length. The
-        disturbances
-        held when a period ends are states, too.
+        disturbances held when a period ends are states, too.
         """
         count, size, factors = len(self.holds), self.size, self._factors(1.0, 1.0)[0]
         y = np.eye(self.states, self.states + size + count)

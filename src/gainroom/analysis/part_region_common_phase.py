@@ -23,12 +23,10 @@ PHASES = 6  # steps between the largest lag and the largest lead
 class CommonPhase:
     """Gains (kp, kd) of one part excluded by a common phase of up to ±`angle` [rad] in all loops, at the samples of `plane`.
 
-    `loop` and `part` are those of the plane; gains up to `window` (kp, kd).
-    A vibration on which the part does not act, such as that of another leg in the air, fits no net: for all gains it is at almost one (ω,
-    ψ).
-    It shows as a zero of det(I + e^{jψ} L) with the present gains: the determinant turns once around the cell of (ω, ψ) that holds it.
-    Where
-    the triangles of that cell do not hold the present gains, all gains are excluded.
+    `loop` and `part` are those of the plane; gains up to `window` (kp, kd). A vibration on which the part does not act, such as that of
+    another leg in the air, fits no net: for all gains it is at almost one (ω, ψ). It shows as a zero of det(I + e^{jψ} L) with the present
+    gains: the determinant turns once around the cell of (ω, ψ) that holds it. Where the triangles of that cell do not hold the present
+    gains, all gains are excluded.
     """
 
     def __init__(self, loop: Loop, part: LoopPart, plane: PartRegion, angle: float, window: tuple[float, float]) -> None:
@@ -98,7 +96,7 @@ def _turns(sign: Complexes) -> Booleans:
 
 
 def _holds(triangles: Floats, point: Floats) -> Booleans:
-    """Mask of those triangles (coordinates, 3 corners, count) that hold the point (2,)."""
+    """Mask (count,) of triangles (d, 3 corners, count) with `point` (2,) strictly inside, by their first two coordinates (kp, kd)."""
     way = triangles[:2] - point[:, None, None]
     with np.errstate(all="ignore"):
         sides = np.sign([way[0, k] * way[1, k - 1] - way[1, k] * way[0, k - 1] for k in range(3)])

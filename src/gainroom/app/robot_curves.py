@@ -257,10 +257,17 @@ def step(state: State, channel: Channel, duration: float, scale: float) -> dict[
 
 
 def heat(study: RobotStudy) -> dict[str, Any]:
-    """Gain limits of all gains, and of each channel's with the other loops closed, in every state."""
+    """Data of the heat map: factors on the present gains at which the robot starts to vibrate, state by state.
+
+    states   posture and contact of each
+    parts    joints, or task directions
+    together (states,) all gains scaled; stable (states,) bool; closed (states, parts) one of the parts scaled, other loops closed
+
+    Empty lists where no task can move anything.
+    """
     factors: Factors | None = task_factors(study) if study.system.control.space == "task" else joint_factors(study)
     if factors is None:
-        return {"states": [], "parts": [], "together": [], "closed": []}
+        return {"states": [], "parts": [], "together": [], "stable": [], "closed": []}
     return {
         "states": [[state.posture, state.contact] for state in factors.states],
         "parts": factors.parts,

@@ -189,10 +189,8 @@ class _GainSearch:
         """Gains of the search at one price of a shortfall, and their shortfall; ended where SLOW steps win less than `little`.
 
         After short steps the loops are not sampled again: their curves are predicted from the last samples, a few times, until the search
-        is far
-        from there or seems to end. Where new samples then show more shortfall than predicted, and a cost above that of the last samples,
-        the
-        search goes back to these.
+        is far from there or seems to end. Where new samples then show more shortfall than predicted, and a cost above that of the last
+        samples, the search goes back to these.
         """
 
         def cost(gains: Gains, missed: float) -> float:
@@ -295,8 +293,8 @@ class _GainSearch:
         """Gains of which no direction can be raised by RAISE without breaking a requirement; directions that can are raised first.
 
         Loops are predicted until no direction is left to raise, or the gains are far from the last samples; then they are sampled. Where
-        samples
-        show a broken requirement that the prediction did not, the search goes back and checks the next raise by samples, then two, four, ….
+        samples show a broken requirement that the prediction did not, the search goes back and checks the next raise by samples, then two,
+        four, ….
         """
         cases, order = self._cases, list(range(len(self._cases)))
         self._anchor(gains, cases)

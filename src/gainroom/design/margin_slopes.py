@@ -176,8 +176,7 @@ class GainCase:
         """Name of a requirement that gains near the anchor are predicted to break; "" where none is.
 
         Crossings and peaks near a requirement at the anchor are followed to the new gains: where they come to is a margin of the new loop.
-        The
-        requirement that broke last is checked first.
+        The requirement that broke last is checked first.
         """
         if not self._anchor:
             return ""

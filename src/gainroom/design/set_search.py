@@ -103,7 +103,11 @@ class SetSearch:
         return None
 
     def _at_corners(self, states: Sequence[SearchedState]) -> GainSet | None:
-        """Set of gains for these cases alone; None where no beginning leads to one that meets the requirements."""
+        """Gains that meet the requirements in `states`, from the best of several starting points; None if none is found.
+
+        NaN gains where no direction moves. The plant without weight is searched where weight prevents a solution; where nothing is found
+        `nearest` has the nearest result as text.
+        """
         given = np.any(self.beginning.gains != 0, axis=0)
         acting = [state for state in states if np.any(state.moves & given)]
         cascade, size = self.beginning.cascade, len(given)

@@ -278,7 +278,10 @@ class ControlSection(Section):
 
     @classmethod
     def gain_type(cls, keys: Sequence[GainKey]) -> Any:
-        """Type annotation of the field of a gain, whose meaning may differ between controllers."""
+        """Type that validates a gain read from a file, such as NotNegative or PerJoint[NotNegative].
+
+        keys   the gain's key in each controller that has one of this name
+        """
         raise NotImplementedError
 
     @classmethod

@@ -20,11 +20,11 @@ RARE = 0.005  # of the arrivals: later ones are repeated values taken for each o
 
 @dataclass(frozen=True)
 class Arrivals:
-    """Arrivals of changes of the target torque in the demand torque.
+    """Delays of single commands, from the target torque to the demand torque.
 
-    row       (e,) the row at which a change of the target leaves
-    ticks     (e,) from then to the row in which the demand shows it, or a newer one: X rounded up
-    values, probability   (l,) ticks and the law of D, rounded up: without overtaking
+    row       (e,) rows in which the target changes
+    ticks     (e,) observed delays X, rounded up: rows until the demand shows that change, or a newer one
+    values, probability   (l,) distribution of the delay D that a command would have if no later one overtook it, rounded up [ticks]
     """
 
     row: Integers

@@ -57,9 +57,10 @@ def quantile(freedom: float) -> float:
 
 
 def covariance(influence: Floats, clusters: Integers | None = None, blocks: int = BLOCKS) -> Floats:
-    """Covariance (p, p) of the sum of influences (m, p): from sums over `blocks` of time, or over `clusters` (m,), numbers from 0 on.
+    """Covariance (p, p) of the sum of influences (m, p), by batch means over `blocks` of time, or robust to `clusters` (m,), labels from 0.
 
-    Of fewer blocks than BLOCKS it is larger by what Student's t of so few asks for, so that FREEDOM holds for it.
+    With `blocks` < BLOCKS and m ≥ 4 BLOCKS it is scaled by (t of blocks − 1 over t of FREEDOM)², so that intervals with FREEDOM degrees of
+    freedom keep their coverage. Shorter records use m/4 blocks, at least 2, and clusters their own number, unscaled.
     """
     if clusters is None:
         blocks = max(2, min(blocks, len(influence) // 4))

@@ -1,10 +1,9 @@
 """Bounded reading of YAML: any file costs little time and memory, and an error is one line.
 
-Scalars are read by YAML 1.2's core rules, not PyYAML's 1.1: 1e4 is a number, `on` is a word, 010 and 1:30 are no
-numbers.
-Anchors, aliases, merge keys, duplicate keys and tags have no use in a configuration file of ours and are refused. In the files of others
-(`of_others`) a value may be used again, within the same bounds, and what has a tag that is no plain value's is kept as Tagged: no object is
-made of it.
+Scalars are read by YAML 1.2's core rules, not PyYAML's 1.1: 1e4 is a number, `on` is a word, 010 and 1:30 are no numbers. Anchors,
+aliases, merge keys, duplicate keys and tags have no use in a configuration file of ours and are refused. In the files of others
+(`of_others`) a value may be used again, within the same bounds, and what has a tag that is no plain value's is kept as Tagged: no object
+is made of it.
 """
 
 import itertools

@@ -349,7 +349,10 @@ def loci(state: State, window: tuple[float, float]) -> Html:
 
 
 def _sampled(state: State, window: tuple[float, float]) -> tuple[Floats, Complexes]:
-    """Frequencies (k,) [rad/s] and the loci there (k, r), close enough to be joined by straight lines inside the window."""
+    """Frequencies (k,) [rad/s] and characteristic loci (k, r) there: the eigenvalues of L(jω), each column one continuous branch.
+
+    Samples are dense enough for straight lines between them within `window` of the complex plane, as loci_window returns it.
+    """
     boundary = Boundary(state.loop)
     omega = first_grid(state.loop, boundary.last)
     loci = np.linalg.eigvals(boundary.core(omega))

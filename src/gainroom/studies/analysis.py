@@ -143,7 +143,10 @@ class Analysis:
 
     @property
     def damped_above(self) -> dict[str, State]:
-        """Requirements that sway misses but a controller above the joints is stated to damp, by name; at the nominal values."""
+        """First state in which the nominal margins miss a requirement because of sway alone, by the requirement's name.
+
+        Empty unless the loop is stable and a balance controller above the joints is stated to damp sway.
+        """
         if self.system.balance != "controller" or not self.stable:
             return {}
         short = [(state, name) for state in self.states for name in self.system.requirements.asked if self._misses(state.margins, name)]

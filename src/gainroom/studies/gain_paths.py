@@ -41,7 +41,7 @@ class PathCase:
 
     @property
     def text(self) -> str:
-        """State and place, for messages; "" for the nominal case of a joint."""
+        """Title of the state and the case of the uncertainty, joined by a comma, for messages; "" for a joint at its nominal values."""
         return ", ".join(filter(None, (self.title, self.place)))
 
 

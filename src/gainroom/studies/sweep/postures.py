@@ -147,9 +147,10 @@ def sampled(body: RigidBody, base: Floats, count: int, ranges: "Mapping[str, tup
 
 
 def gridded(body: RigidBody, base: Floats, axes: Mapping[str, tuple[float, float, int]]) -> Grid:
-    """Grid over `axes`, (low, high, points) by joint; other joints at `base` (n,).
+    """Grid over `axes`, (low, high, points) by joint name [rad; m if prismatic]; all other joints stay at `base` (n,).
 
-    Raises GainroomError for unknown joints and empty ranges.
+    Raises GainroomError without axes, for unknown joints, for ranges that are not finite or without low < high, for fewer than 2 points,
+    and for too many postures.
     """
     low, high, points = base.copy(), base.copy(), [1] * body.size
     if not axes:

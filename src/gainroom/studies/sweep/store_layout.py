@@ -87,7 +87,10 @@ def _complete(found: dict[str, Any]) -> bool:
 
 
 def kept(path: Path) -> Any:
-    """Zarr store at `path` with verified content. Raises GainroomError as `attributes`."""
+    """KeptStore at `path`: a Zarr store that verifies the SHA-256 of each file when it is read.
+
+    Raises GainroomError if the attributes are refused, see `attributes`.
+    """
     zarr, known = library("zarr"), attributes(path)[DIGESTS]
     from .kept_store import KeptStore
 

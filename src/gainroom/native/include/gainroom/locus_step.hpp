@@ -78,7 +78,7 @@ inline std::vector<std::size_t> paired(const Loci& low, const Loci& high) {
 }
 
 // Whether two loci of equal limbs are nearer to each other's next places than is clear: each may take the other's way, and cross the unit circle
-// with a phase, or the negative real axis with a |ln g|, below these, more often than their ends show (first_crossing.py).
+// with a phase, or the negative real axis with a |ln g|, below these, more often than their ends show.
 inline bool may_exchange(const Loci& before, const Loci& after, const std::vector<std::size_t>& pairs, double factor, double phase) {
     // Of their moves, that tell two loci apart; of their size: nearer ones cross within that of where one would.
     constexpr double kTold = 3.0, kEqual = 3e-4, kBeyond = 0.25;

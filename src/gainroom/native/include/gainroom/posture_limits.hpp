@@ -53,7 +53,7 @@ class PostureLimits {
    private:
     static constexpr double kLow = 0.01, kHigh = 10.0, kSmall = 0.1;  // LOW, HIGH and SMALL of proved_limit.py
     static constexpr int kDoublings = 40;
-    static constexpr double kNudge = 1e-6, kFloor = 1e-4, kFactor = 3.0;  // NUDGE, NARROWEST and FACTOR of modal_loop.py
+    static constexpr double kNudge = 1e-6, kFloor = 1e-4, kFactor = 3.0;  // NUDGE, NARROWEST and FACTORS of modal_loop.py
     static constexpr std::size_t kNear = 2;
 
     ModalLoop loop_;

@@ -1,5 +1,5 @@
 // The extra delay that puts a root of a sampled loop of one joint on the boundary of stability, confirmed on both sides of it.
-// (Of coupled loops: analysis/coupled_margins.py, by first_crossing.py.)
+// (Of coupled loops: analysis/boundary.py.)
 //
 // A fraction of a tick of delay in front of a hold is nearly, not quite, a phase ωT. So the first of the gain crossings, and those that
 // come about as soon, are followed with the plant sampled anew for each delay. Where the count of roots does not confirm the first of
