@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_every_loop import keeps
 
 from gainroom.analysis.stability import is_stable
 from gainroom.app.address import view_of
@@ -25,6 +24,7 @@ from gainroom.cli.example import example_texts
 from gainroom.errors import GainroomError
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.io.strict_json import strict
+from test_part_region_every_state import keeps
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("uvicorn", reason="the extra gainroom[app] is not installed")

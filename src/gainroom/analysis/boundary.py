@@ -22,7 +22,7 @@ from .margin_record import NUDGE, Certificate, Margins, OneLoop
 from .sampled_loop import EVERY_PHASE, NEAR_BY, SampledLoop
 from .stability_boundary import HIGHEST, Boundary
 
-MOST_ROUNDS = 5  # further samplings, each with a longer delay, while roots are unstable below the delay that the samples show
+MOST_ROUNDS = 5  # further samplings, where loci of equal joints or curves that nearly turn may cross unseen
 LONGEST_DELAY = 1.0  # [s] largest extra delay that is searched: a hundred times the delay of actuators
 LEAST_FACTOR = 1e-3  # smallest factor on one joint's gains that is searched: a limit below counts as none
 CLOSE = 0.03  # relative distance within which crossings of sampled loops may change places when the delay is exact

@@ -229,17 +229,6 @@ class Loop:
         assert self.exact_modes is not None
         return self.exact_modes.mobility(s).reshape(len(s), self.size, self.size)
 
-    def round_off(self, omega: Floats) -> Floats:
-        """Bound (k,) on the relative round-off of `actuated_at` at jω; largest where a sampled mechanism drifts."""
-        if self.sample_time is None or self.size == 1:
-            return np.full(len(omega), np.finfo(float).eps)
-        held = self.held
-        shifted = self.variable(1j * omega)[:, None, None] * np.eye(len(held.a)) - held.a
-        inverse = np.linalg.inv(shifted)
-        back = np.abs(inverse)
-        spread = np.abs(held.c) @ (back @ (np.abs(shifted) @ (back @ np.abs(held.b))))  # Skeel's bound: no unit of a state matters
-        return np.finfo(float).eps * spread.max(axis=(1, 2)) / np.maximum(np.abs(held.c @ inverse @ held.b).max(axis=(1, 2)), 1e-300)
-
     @cached_property
     def ticks(self) -> Integers:
         """Whole ticks of delay (n,) in sampled time."""

@@ -23,7 +23,7 @@ from gainroom.native import _core
 from gainroom.system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from gainroom.system.loop import Loop
 
-from .resolution import LOCI, Boundary
+from .resolution import LOCI, Boundary, round_off
 from .sampled_curves import TURNS, may_pass_unseen, side, with_ends
 
 
@@ -213,7 +213,7 @@ class Sweep:
         round-off of the largest one is lost.
         """
         size = np.abs(self.loci[0])
-        noise = float(self.loop.round_off(self.omega[:1])[0]) * size.max()
+        noise = float(round_off(self.loop, self.omega[:1])[0]) * size.max()
         return (noise > LOCI.blurred * size) | (self.omega[0] < self._slowest)
 
     def _falls(self) -> Floats:

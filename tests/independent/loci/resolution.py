@@ -8,6 +8,7 @@ import numpy as np
 
 from gainroom.analysis import stability_boundary
 from gainroom.system.linear.arrays import Complexes, Floats
+from gainroom.system.loop import Loop
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Boundary(stability_boundary.Boundary):
         size = np.linalg.norm(core, axis=(1, 2))
         least = np.linalg.svd(np.eye(core.shape[1]) + core, compute_uv=False)[:, -1]
         with np.errstate(divide="ignore"):
-            return self.loop.round_off(omega) * np.maximum(1.0, size / least**2)
+            return round_off(self.loop, omega) * np.maximum(1.0, size / least**2)
 
     def crossings(self, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats]) -> tuple[Floats, Complexes]:
         """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω and λ.
@@ -86,3 +87,15 @@ class Boundary(stability_boundary.Boundary):
             first = np.where(omega == before, first, now)
             before, omega = omega, np.clip(omega - step, 0.5 * omega, np.minimum(2 * omega, top))
         return omega, value
+
+
+def round_off(loop: Loop, omega: Floats) -> Floats:
+    """Bound (k,) on the relative round-off of `actuated_at` at jω; largest where a sampled mechanism drifts."""
+    if loop.sample_time is None or loop.size == 1:
+        return np.full(len(omega), np.finfo(float).eps)
+    held = loop.held
+    shifted = loop.variable(1j * omega)[:, None, None] * np.eye(len(held.a)) - held.a
+    inverse = np.linalg.inv(shifted)
+    back = np.abs(inverse)
+    spread = np.abs(held.c) @ (back @ (np.abs(shifted) @ (back @ np.abs(held.b))))  # Skeel's bound: no unit of a state matters
+    return np.finfo(float).eps * spread.max(axis=(1, 2)) / np.maximum(np.abs(held.c @ inverse @ held.b).max(axis=(1, 2)), 1e-300)
