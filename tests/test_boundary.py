@@ -7,6 +7,7 @@ draws: GAINROOM_SEED=7. Both sides count roots at 1 ± 1e-6 of what they claim.
 import math
 import os
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -92,3 +93,20 @@ def test_a_loop_that_nothing_is_proved_for_is_known_from_samples():
     assert found.certified
     assert not apart(found.gain, truth.gain)
     assert abs(np.vdot(found.mode, truth.mode)) == pytest.approx(np.linalg.norm(found.mode) * np.linalg.norm(truth.mode), rel=1e-9)
+
+
+@dataclass(frozen=True)
+class Detuned(gr.PPI):
+    """A cascade whose integral acts on half of what its other gains act on: no product (kv + ki/s)(kp + s), joint by joint."""
+
+    def terms(self):
+        return {powers: (0.5 if powers == (0, 1) else 1.0) * gain for powers, gain in super().terms().items()}
+
+
+def test_gains_of_joints_that_are_no_pid_and_no_cascade_are_sampled_as_one_law():
+    plant = gr.Plant(np.array([[2.0, 0.3], [0.3, 1.0]]), np.array([0.2, 0.1]), np.array([4e3, 3e3]), np.array([4.0, 2.0]))
+    loop = gr.build_loop(plant, gr.Drive(delay=2e-3), Detuned(np.array([8.0, 10.0]), np.array([4.0, 2.0]), np.array([6.0, 3.0])))
+    found = coupled_margins(loop)
+    assert found.stable
+    assert found.certified
+    assert differences(found, loci_margins(loop)) == []

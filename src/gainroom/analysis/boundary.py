@@ -42,15 +42,13 @@ def coupled_margins(loop: Loop, largest: bool = False) -> Margins:
     seen = sampled.look(EVERY_PHASE)
     if not limit.stable:
         return replace(Margins.unknown(limit), unstable_roots=max(seen.unstable, 1) if seen.followed else -1, certified=limit.certified)
+    phase, crossover = _told_apart(seen) if seen.followed and seen.unstable == 0 else (math.nan, math.nan)
     if not seen.followed or seen.unstable != 0:
-        raise GainroomError(f"margins: {lost(loop)}")
-    phase, crossover = _told_apart(seen)
-    if not seen.followed:
         raise GainroomError(f"margins: {lost(loop)}")
     reach = min(math.pi, 1.2 * abs(phase) + NEAR_BY.phase)
     counting = sampled.look(Reach(NEAR_BY.factor, reach, EVERY_PHASE.peaks), between=True)
     phase_certificate, delay = _phase_counted(counting, phase), _first_delay(loop, seen)
-    one_loop = _one_loop(loop, seen, counting, largest)
+    one_loop = _one_loop(loop, sampled, seen, counting, largest)
     peak, peak_at = seen.peak(1.0, 0.0)
     complementary, complementary_at = seen.peak(-1.0, 1.0)
     disk = disk_of(loop)
@@ -103,7 +101,7 @@ def one_loop_gains(loop: Loop) -> OneLoop:
     seen, counting = sampled.look(EVERY_PHASE), sampled.look(Reach(NEAR_BY.factor, NEAR_BY.phase, EVERY_PHASE.peaks), between=True)
     if not seen.followed:
         raise GainroomError(f"margins: {lost(loop)}")
-    return _one_loop(loop, seen, counting, largest=True)
+    return _one_loop(loop, sampled, seen, counting, largest=True)
 
 
 def _in_the_core(loop: Loop) -> SampledLoop:
@@ -197,14 +195,14 @@ def _first_delay(loop: Loop, seen: Seen) -> _Delay:
             if certificate.holds:
                 return found
             first = delay
-        stable = _between(counted, stable, first)
+        stable = _later(counted, stable, first)
         seen = _in_the_core(loop.delayed(stable)).look(EVERY_PHASE, smooth=False)
         if not seen.followed or seen.unstable != 0:
             break
     return found
 
 
-def _between(counted: Callable[[float], int], stable: float, unstable: float) -> float:
+def _later(counted: Callable[[float], int], stable: float, unstable: float) -> float:
     """Stable delay [s] between `stable` and `unstable`, nearer to the first crossing, by halving."""
     for _ in range(HALVINGS):
         middle = 0.5 * (stable + unstable)
@@ -214,7 +212,7 @@ def _between(counted: Callable[[float], int], stable: float, unstable: float) ->
     return stable
 
 
-def _one_loop(loop: Loop, seen: Seen, counting: Seen, largest: bool) -> OneLoop:
+def _one_loop(loop: Loop, sampled: SampledLoop, seen: Seen, counting: Seen, largest: bool) -> OneLoop:
     """Margins of one loop at a time, with `largest` also each joint's largest gains; certified where roots are counted on both sides."""
     up, down, phase, peak = seen.one_loop().T
     highest = [_factor(seen, counting, joint, 1, size) for joint, size in enumerate(up.tolist())]
@@ -222,7 +220,7 @@ def _one_loop(loop: Loop, seen: Seen, counting: Seen, largest: bool) -> OneLoop:
     certified = ~np.isnan(highest) & ~np.isnan(lowest)
     highest, lowest = np.where(np.isnan(highest), np.exp(up), highest), np.where(np.isnan(lowest), np.exp(-down), lowest)
     found = OneLoop(highest, lowest, phase, certified, peak_sensitivity=peak)
-    return _with_largest(loop, seen, counting, found) if largest else found
+    return _with_largest(loop, sampled, seen, counting, found) if largest else found
 
 
 def _factor(seen: Seen, counting: Seen, joint: int, way: int, first: float) -> float:
@@ -257,16 +255,15 @@ def _is_end(counting: Seen, joint: int, gain: int, change: float, scale: float, 
     return counting.one_loop_count(joint, change - aside, gain) == 0 and counting.one_loop_count(joint, change + aside, gain) > 0
 
 
-def _with_largest(loop: Loop, seen: Seen, counting: Seen, found: OneLoop) -> OneLoop:
+def _with_largest(loop: Loop, sampled: SampledLoop, seen: Seen, counting: Seen, found: OneLoop) -> OneLoop:
     """Margins of one loop at a time with each joint's largest kp and kd, where there are such gains."""
     assert loop.parts is not None
     controller = loop.parts.controller
     units, first = controller.units(), 0
     if not units:
         return found
-    if any(np.count_nonzero(gain) > np.count_nonzero(np.diagonal(gain)) for gain in controller.matrices(loop.size).values()):
-        extended = SampledLoop.with_joints(loop)
-        assert extended is not None
+    if not sampled.by_joint:
+        extended = SampledLoop.of_matrices(loop, with_joints=True)
         seen, counting = extended.look(EVERY_PHASE), extended.look(NEAR_BY, between=True)
         first = extended.gains.shape[1] - loop.size
     largest, certified = {}, found.certified.copy()

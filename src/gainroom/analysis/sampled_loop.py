@@ -1,13 +1,13 @@
 """Coupled loops as the core samples them (look.py), with gains along joints or along directions of tasks."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from ..system.controller import Terms
-from ..system.linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Booleans, Floats, are_diagonal
 from ..system.loop import Loop
 from .look import Directed, Reach, Seen, directed_loop, joint_loops, lag_about, look
 from .stability_boundary import HIGHEST
@@ -28,47 +28,35 @@ class SampledLoop:
     loop: Directed
     gains: Floats
     cascade: bool | Booleans
+    by_joint: bool = False
 
     @classmethod
     def of(cls, loop: Loop) -> "SampledLoop | None":
-        """Sampled form of a loop; None for a loop that was not built from parts, or whose kd closes on a path of its own."""
+        """Sampled form of a loop; None for one that was not built with build_loop, and for kd on a path of its own."""
         if loop.parts is None or loop.kd_path is not None:
             return None
-        terms = {powers: loop.gain * gain for powers, gain in loop.parts.controller.matrices(loop.size).items()}
-        if all(np.count_nonzero(gain) == np.count_nonzero(np.diagonal(gain)) for gain in terms.values()):
+        terms = _terms(loop)
+        if are_diagonal(terms.values()):
             own = _of_directions({powers: np.diagonal(gain) for powers, gain in terms.items()}, loop.size)
-            return None if own is None else cls(joint_loops(loop, own[1]), *own)
+            return cls.of_matrices(loop) if own is None else cls(joint_loops(loop, own[1]), *own, by_joint=True)
         shared = _shared(terms, loop.seen)
         own = None if shared is None else _of_directions(shared[2], len(shared[1]))
         if shared is None or own is None:
-            return cls._of_matrices(loop, terms)
+            return cls.of_matrices(loop)
         directed = directed_loop(loop, shared[0], shared[1], np.full(len(shared[1]), own[1]), loop.exact_modes is not None)
         return cls(directed, *own)
 
     @classmethod
-    def _of_matrices(cls, loop: Loop, terms: Terms) -> "SampledLoop":
-        """Sampled form for gain matrices that share no directions: one law with all gains 1, on the subspace that the gains see."""
-        return cls._with_matrices(loop, terms, np.zeros((loop.size, 0)), False)
+    def of_matrices(cls, loop: Loop, with_joints: bool = False) -> "SampledLoop":
+        """Sampled form with all gains as one law, on the subspace that they see: directions with gains of 1, for any gain matrices.
 
-    @classmethod
-    def with_joints(cls, loop: Loop) -> "SampledLoop | None":
-        """Sampled form for gain matrices as one law, with one direction per joint beside it whose gains are 0: they may grow.
-
-        Returns None for a loop that is not built with build_loop, and for kd on a path of its own.
+        with_joints   True: behind these a direction per joint whose gains are 0, each of them one loop at a time: they may grow
         """
-        if loop.parts is None or loop.kd_path is not None:
-            return None
-        terms = {powers: loop.gain * gain for powers, gain in loop.parts.controller.matrices(loop.size).items()}
-        return cls._with_matrices(loop, terms, np.eye(loop.size), True)
-
-    @classmethod
-    def _with_matrices(cls, loop: Loop, terms: Terms, joints: Floats, by_direction: bool) -> "SampledLoop":
-        """Sampled form for the law of gain matrices, with directions of the torques `joints` (n, k) whose gains are 0."""
-        seen = loop.seen
+        seen, terms, joints = loop.seen, _terms(loop), np.eye(loop.size)[:, : loop.size if with_joints else 0]
         acting, idle = seen.shape[1], joints.shape[1]
         torque, jacobian = np.hstack([np.zeros_like(seen), joints]), np.vstack([seen.T, joints.T])
         cascade = np.zeros(acting + idle, dtype=bool)
-        directed = directed_loop(loop, torque, jacobian, cascade, loop.exact_modes is not None, by_direction, own=False)
+        directed = directed_loop(loop, torque, jacobian, cascade, loop.exact_modes is not None, by_direction=with_joints, own=False)
         sizes = [sum(float(np.linalg.norm(terms.get(powers, 0.0))) for powers in order) for order in BY_ORDER]
         pairs = [(high - low, sizes[low] / sizes[high]) for low, high in combinations(range(3), 2) if sizes[low] and sizes[high]]
         slow = SLOWER * min((ratio ** (1 / orders) for orders, ratio in pairs), default=math.inf)
@@ -91,7 +79,7 @@ class SampledLoop:
 
     def scaled(self, factor: float) -> "SampledLoop":
         """The sampled loop with all gains times `factor`."""
-        return SampledLoop(self.loop, self.gains * np.where(self.cascade, [[1.0], [factor], [factor]], factor), self.cascade)
+        return replace(self, gains=self.gains * np.where(self.cascade, [[1.0], [factor], [factor]], factor))
 
     def unstable(self) -> int:
         """Number of unstable roots as far as the gains move them; negative where they cannot be counted."""
@@ -101,6 +89,12 @@ class SampledLoop:
     def lag_about(self, omega: float) -> tuple[float, float]:
         """Lag [rad] at which the locus nearest to −1 at `omega` [rad/s] passes it, and its frequency; NaN where it cannot be followed."""
         return lag_about(self.loop, self.gains, omega)
+
+
+def _terms(loop: Loop) -> Terms:
+    """Gain matrices (n, n) of a loop built with build_loop, with its common factor, by powers of velocity and integral."""
+    assert loop.parts is not None
+    return {powers: loop.gain * gain for powers, gain in loop.parts.controller.matrices(loop.size).items()}
 
 
 def _of_directions(terms: Terms, size: int) -> tuple[Floats, bool] | None:

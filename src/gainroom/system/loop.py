@@ -19,7 +19,7 @@ from .controller import Compensator, Controller
 from .drive import Drive
 from .elastic_joint import ElasticJoint
 from .gain_path import GainPath, samples_in_common
-from .linear.arrays import Booleans, Complexes, Floats, Integers
+from .linear.arrays import Booleans, Complexes, Floats, Integers, are_diagonal
 from .linear.lti import factored_from, is_lti
 from .linear.state_space import StateSpace, hold, realize, split_delay
 from .linear.transfer_function import Factored, ratio
@@ -162,7 +162,7 @@ class Loop:
         gains = [] if self.parts is None or self.size == 1 else list(self.parts.controller.matrices(self.size).values())
         if not gains:
             return None
-        if all(np.count_nonzero(gain) == np.count_nonzero(np.diagonal(gain)) for gain in gains):  # of joints in whatever units
+        if are_diagonal(gains):  # of joints in whatever units
             acts = np.any([np.diagonal(gain) != 0 for gain in gains], axis=0)
             acts[0] |= not acts.any()
             own = np.eye(self.size)[:, acts]

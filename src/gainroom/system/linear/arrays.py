@@ -1,5 +1,6 @@
 """Array types by what they hold. numpy's own dtype parameters follow every promotion and would need a cast at each formula."""
 
+from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -33,3 +34,8 @@ def distinct(values: Floats) -> Floats:
     first = np.ones(len(ordered), dtype=bool)
     np.not_equal(ordered[1:], ordered[:-1], out=first[1:])
     return ordered[first]
+
+
+def are_diagonal(matrices: Iterable[Floats]) -> bool:
+    """True if no matrix (n, n) has an entry off its diagonal."""
+    return all(np.count_nonzero(matrix) == np.count_nonzero(np.diagonal(matrix)) for matrix in matrices)

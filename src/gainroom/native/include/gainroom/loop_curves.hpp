@@ -266,27 +266,24 @@ public:
         const auto is_negative = [](Complex value) { return value.real() < 0 && std::fabs(value.imag()) < kReal * size_of_any(value); };
         for (std::size_t i = 0; i < n_; i++) {
             std::vector<CurvePlace> curve = samples_.closed_curve(i, gain);
+            // A value that is negative at rest puts a single root there; what drifts is more negative the further down.
             const double lowest = curve.empty() ? 0.0 : curve.front().omega;
             while (!curve.empty() && is_negative(curve.front().value) && curve.front().omega > kDeepest * lowest) {
                 const auto lower = samples_.inverted(0.25 * curve.front().omega);
-                const CurvePlace before = curve.front();
+                const Complex before = curve.front().value;
                 if (lower == nullptr) curve.clear();
                 else curve.insert(curve.begin(), {lower->omega(), lower->closed(i, gain)});
-                if (!curve.empty() && is_negative(curve.front().value) && size_of_any(curve.front().value - before.value) < kSettled * size_of_any(before.value)) {
-                    found[i] = -1 / curve.front().value.real();  // a single root passes at rest
-                    break;
-                }
+                if (!curve.empty() && size_of_any(curve.front().value - before) < kSettled * size_of_any(before)) break;
             }
-            if (!curve.empty() && is_negative(curve.front().value)) found[i] = std::min(found[i], -1 / curve.front().value.real());
+            if (!curve.empty() && is_negative(curve.front().value)) found[i] = -1 / curve.front().value.real();
             if (curve.empty() || !std::isfinite(curve.front().value.real())) {
                 found[i] = std::numeric_limits<double>::quiet_NaN();
                 continue;
             }
             for (std::size_t k = 0; k + 1 < curve.size(); k++) {
-                const auto& [low, start] = curve[k];
-                const auto& [high, end] = curve[k + 1];
+                const Complex start = curve[k].value, end = curve[k + 1].value;
                 if ((start.imag() > 0) != (end.imag() > 0) && (start.real() < 0 || end.real() < 0))
-                    found[i] = std::min(found[i], growth_between(i, gain, low, start, high, end));
+                    found[i] = std::min(found[i], growth_between(i, gain, curve[k], curve[k + 1]));
             }
             if (std::isfinite(loop_.last) && is_negative(curve.back().value)) found[i] = std::min(found[i], -1 / curve.back().value.real());
         }
@@ -402,41 +399,42 @@ private:
         return found;
     }
 
-    // The crossing of the negative real axis by one loop's return ratio in `step`, by halving; not found where it passes the
-    // positive one there.
+    // Where a curve of one loop crosses the real axis between two places with its values there, by halving and chords in turn: `of` is what is read of
+    // it once it is evaluated. False where it is lost.
+    template <typename Read>
+    bool on_axis(std::size_t which, CurvePlace low, CurvePlace high, Read of, CurvePlace& found) {
+        at_.begin(false, which);
+        for (int round = 0; round < 2 * kHalvings && high.omega - low.omega > 1e-15 * high.omega; round++) {
+            const double share = round % 2 == 0 ? low.value.imag() / (low.value.imag() - high.value.imag()) : 0.5;
+            found.omega = low.omega + share * (high.omega - low.omega);
+            Complex ratio;
+            if (!at_.evaluate(found.omega, samples_.gains(), 0.0, ratio)) return false;
+            found.value = of(ratio);
+            if (std::fabs(found.value.imag()) <= kExact * size_of_any(found.value)) break;
+            ((found.value.imag() > 0) == (low.value.imag() > 0) ? low : high) = found;
+        }
+        return std::fabs(found.value.imag()) < kOffCourse * size_of_any(found.value);
+    }
+
+    // The crossing of the negative real axis by one loop's return ratio in `step`; not found where it passes the positive one, or a pole.
     MovingMargin halved(const CurveStep& step) {
         MovingMargin found;
-        Complex value, low = step.start;
-        double below = step.low, above = step.high;
+        CurvePlace high{step.high, 0.0}, there{step.low, step.start};
         at_.begin(false, step.which);
-        for (int round = 0; round < 2 * kHalvings && above - below > 1e-15 * above; round++) {
-            const double place = 0.5 * (below + above);
-            if (!at_.evaluate(place, samples_.gains(), 0.0, value)) return found;
-            if (std::fabs(value.imag()) <= kExact * size_of_any(value)) break;
-            ((value.imag() > 0) == (low.imag() > 0) ? below : above) = place;
-        }
-        found.found = value.real() < 0 && std::fabs(value.imag()) < kOffCourse * size_of_any(value);
-        found.value = value;
-        found.omega = 0.5 * (below + above);
-        found.margin = found.found ? std::log(-value.real()) : std::numeric_limits<double>::infinity();
+        if (!at_.evaluate(step.high, samples_.gains(), 0.0, high.value)) return found;
+        found.found = on_axis(step.which, there, high, [](Complex ratio) { return ratio; }, there) && there.value.real() < 0;
+        found.value = there.value;
+        found.omega = there.omega;
+        found.margin = found.found ? std::log(-there.value.real()) : std::numeric_limits<double>::infinity();
         found.which = step.which;
         return found;
     }
 
-    // −1/Re where that curve of a joint crosses the real axis between two places, by halving and chords in turn; inf where it is positive there.
-    double growth_between(std::size_t joint, Gain gain, double low, Complex first, double high, Complex second) {
-        at_.begin(false, joint);
-        for (int round = 0; round < kHalvings && high - low > 1e-15 * high; round++) {
-            const double share = round % 2 == 0 ? first.imag() / (first.imag() - second.imag()) : 0.5, place = low + share * (high - low);
-            Complex value;
-            if (!at_.evaluate(place, samples_.gains(), 0.0, value)) break;
-            value = at_.closed(gain);
-            if (std::fabs(value.imag()) <= kExact * size_of_any(value)) return value.real() < 0 ? -1 / value.real() : std::numeric_limits<double>::infinity();
-            ((value.imag() > 0) == (first.imag() > 0) ? low : high) = place;
-            ((value.imag() > 0) == (first.imag() > 0) ? first : second) = value;
-        }
-        const double share = first.imag() / (first.imag() - second.imag()), real = (first + share * (second - first)).real();
-        return real < 0 ? -1 / real : std::numeric_limits<double>::infinity();
+    // −1/Re where that curve of a joint crosses the real axis between two places; inf where it is positive there.
+    double growth_between(std::size_t joint, Gain gain, const CurvePlace& low, const CurvePlace& high) {
+        CurvePlace there = low;
+        const bool found = on_axis(joint, low, high, [&](Complex) { return at_.closed(gain); }, there);
+        return found && there.value.real() < 0 ? -1 / there.value.real() : std::numeric_limits<double>::infinity();
     }
 
     // What crosses beside one that others were polished to before, and is not yet among those; not `found` where nothing is.
