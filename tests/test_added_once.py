@@ -551,7 +551,7 @@ def test_the_app_shows_a_controller(tmp_path: Path, observer: None):
         assert parts["verdict"]["stable"]
     assert joint.system(View(gains={"observer": 3.0})).control.controller.observer == 3.0
     for bench in (joint, robot):
-        assert bench.opening()["forms"] == ["yaml"]  # no other format holds these gains
+        assert bench.opening()["forms"] == {"yaml": "YAML"}  # no other format holds these gains
         assert "observer" in bench.copied(View(), "yaml")
         with pytest.raises(gr.GainroomError, match="not the gains of a controller of type dob; copy as yaml"):
             bench.copied(View(), "mjcf")

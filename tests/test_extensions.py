@@ -1,6 +1,7 @@
 """What a user of the package may add from outside, with nothing else touched."""
 
 import json
+from configparser import ConfigParser
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,6 +14,9 @@ from gainroom.analysis.range_proof import prove
 from gainroom.cli import main
 from gainroom.cli.output import render
 from gainroom.design.margin_slopes import GainCase, moved
+from gainroom.files.export_forms import FORMS
+from gainroom.files.export_forms.form import ExportForm
+from gainroom.files.gain_formats.gain_record import Gain, GainFile
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.report.columns import Column
@@ -255,6 +259,65 @@ def test_what_a_new_requirement_proves_over_ranges(monkeypatch: pytest.MonkeyPat
     proof = prove(joint, drive, ranges, controller, gr.Requirements(spare_delay=1e-6))
     assert not proof.holds
     assert not proof.broken
+
+
+def ini_text(goal: Any, header: Any) -> str:
+    comment = "".join(f"; {line}\n" for line in header)
+    return comment + "".join(f"[{name}]\nstiff = {gain.kp!r}\ndamp = {gain.kd!r}\n" for name, gain in goal.gains.items())
+
+
+def read_ini(text: str, path: Path) -> GainFile | None:
+    if path.suffix != ".ini":
+        return None
+    parser = ConfigParser()
+    parser.read_string(text)
+    gains = {name: Gain(parser.getfloat(name, "stiff"), parser.getfloat(name, "damp")) for name in parser.sections()}
+    return GainFile(str(path), "servo", gains)
+
+
+SERVO = ExportForm("servo", "Servo INI", "stiff and damp", ".ini", ini_text, read=read_ini)
+
+
+def test_an_export_form_is_one_entry(tmp_path, capsys, monkeypatch):
+    """Help texts list it, `export` writes it, `audit` reads it, JSON has its text, and the app copies it."""
+    pytest.importorskip("uvicorn", reason="the extra gainroom[app] is not installed")
+    from gainroom.app.bench import Opened
+    from gainroom.app.joint_bench import JointBench
+    from gainroom.app.messages import View, read_message
+
+    monkeypatch.chdir(tmp_path)
+    write_arm(tmp_path)
+    Path("gains.yaml").write_text("shoulder: {kp: 410.5, kd: 31.25}\nelbow: {kp: 300.0, kd: 20.0}\n", "utf-8")
+    call = ["export", "gains.yaml", "--to", "servo"]
+    ask = json.dumps({"ask": "copy", "key": 1, "form": "servo"})
+    assert main(call) == 2  # nobody knows it yet
+    capsys.readouterr()
+    with pytest.raises(gr.GainroomError, match="must be one of yaml, ros2_control"):
+        read_message(ask)
+    monkeypatch.setitem(FORMS, SERVO.name, SERVO)
+
+    main(["export", "--help"])
+    assert "servo: stiff and damp." in " ".join(capsys.readouterr().out.split())
+    main(["audit", "--help"])
+    assert "moteus, MJCF, Servo INI;" in " ".join(capsys.readouterr().out.split())
+    assert main([*call, "--output", "out.ini", "--write", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["form"], said["text"]) == ("servo", Path("out.ini").read_text("utf-8"))
+    written = ConfigParser()
+    written.read("out.ini")
+    assert {name: dict(written[name]) for name in written.sections()} == {
+        "shoulder": {"stiff": "410.5", "damp": "31.25"},
+        "elbow": {"stiff": "300.0", "damp": "20.0"},
+    }
+    assert main(["export", "out.ini", "--to", "arrays"]) == 0
+    assert "kps: [410.5, 300.0]" in capsys.readouterr().out
+    Path("gains.yaml").write_text("elbow: {kp: 300.0, ki: 2.0}\n", "utf-8")
+    assert main(call) == 2
+    assert "holds no integral gain, which elbow have; yaml, ros2_control do" in capsys.readouterr().err
+
+    bench = JointBench(Opened(KNEE.replace(", peak_complementary: 1.3", ""), "knee.yaml", tmp_path))
+    assert bench.opening()["forms"]["servo"] == "Servo INI"
+    assert "[joint]\nstiff = 6000.0\ndamp = 250.0\n" in bench.copied(View(), read_message(ask).form)
 
 
 @pytest.mark.slow

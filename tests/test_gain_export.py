@@ -10,9 +10,9 @@ import yaml
 
 from gainroom.cli import main
 from gainroom.errors import GainroomError
+from gainroom.files.export_forms.form import number_text
 from gainroom.files.gain_export import FORMS, export_gains
 from gainroom.files.gain_files import parse_gains, read_gains
-from gainroom.files.gain_formats.export_text import number_text
 from gainroom.files.gain_formats.gain_record import Gain
 from mujoco_feedback import compiled_feedback
 from test_actuator_configs import run, truth

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import GainroomError, listed, printable
 from ..files.edited_text import Keys
+from ..files.export_forms import FORMS
 from ..files.gain_formats.gain_record import Gain
 from ..report.number_format import own_gains, typed
 from ..system.controller import PID, Controller, type_of
@@ -85,6 +86,11 @@ def conditions(source: str, own: Mapping[str, Any], view: View) -> str:
 def other_formats_hold(own: Controller) -> bool:
     """True if other formats hold all gains of the controller: those of a PD or PID."""
     return set(own.gain_keys()) <= set(PID.GAINS)
+
+
+def form_titles(others_hold: bool) -> dict[str, str]:
+    """Titles by name of the forms in which gains are copied; those of other programs where these hold the gains."""
+    return {form.name: form.title for form in FORMS.values() if form.name == "yaml" or (others_hold and form.text_to_paste is not None)}
 
 
 def gain_of(own: Controller, form: str) -> Gain:

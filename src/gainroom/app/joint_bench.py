@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..files.edited_text import Keys, edited
-from ..files.gain_formats.export_text import copied_gains
+from ..files.export_forms import pasted_gains
 from ..files.joint_yaml import parse_joint, parse_simulation
 from ..io.yaml_text import parse_yaml
 from ..report.bode import BodeLoop, frequency_span, response
@@ -32,7 +32,7 @@ from ..studies.progress import Progress, quiet
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
 from .bench import Opened, Part, Remembered, advised, drawn_line, drawn_response, drawn_step, rounded
-from .edits import at_point, conditions, gain_of, other_formats_hold, put, ranges, timing
+from .edits import at_point, conditions, form_titles, gain_of, other_formats_hold, put, ranges, timing
 from .messages import View
 from .shaken import shaken
 
@@ -84,7 +84,7 @@ class JointBench:
             "needed": system.requirements.needed,
             "uncertain": list(system.uncertainty.names),
             "ranges": ranges(system.uncertainty),
-            "forms": ["yaml", "ros2_control", "mjcf"] if other_formats_hold(controller) else ["yaml"],
+            "forms": form_titles(other_formats_hold(controller)),
         }
 
     def text(self, view: View) -> str:
@@ -99,7 +99,7 @@ class JointBench:
         kept = margins_text(study.margins) if study.margins.stable else "UNSTABLE, do not run these"
         kept = f"{Path(self.opened.source).stem}, {'nominal ' if study.margins.stable else ''}{kept}"
         rate = study.system.control.sample_time
-        return copied_gains({"joint": gain}, form, kept, None if rate is None else 1 / rate)
+        return pasted_gains({"joint": gain}, form, kept, None if rate is None else 1 / rate)
 
     def mesh(self, place: int) -> bytes | None:
         return None

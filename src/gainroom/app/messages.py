@@ -3,17 +3,28 @@
 import json
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from ..errors import GainroomError
-from ..io.validation import Flag, Name, NotNegative, Positive, Section, number, validate
+from ..errors import GainroomError, listed
+from ..files.export_forms import FORMS
+from ..io.validation import Flag, Name, NotNegative, Positive, Section, number, refusal, validate
 
 LONGEST = 32_768
 """Maximum length of a message [bytes]."""
 Key = Annotated[int, Field(strict=True, ge=0, le=2**53)]
 Rate = Annotated[float, number(least=0, most=1e6, unit="Hz")]
 Coordinate = Annotated[float, number(least=-1e6, most=1e6)]
-Form = Literal["yaml", "mjcf", "ros2_control"]
+
+
+def _known(form: str) -> str:
+    """Name of a form that can be copied, which the registers have when the message comes."""
+    able = [name for name, each in FORMS.items() if each.text_to_paste is not None]
+    if form not in able:
+        raise refusal(f"must be one of {listed(able, most=99)}")
+    return form
+
+
+Form = Annotated[str, Field(strict=True, max_length=64), AfterValidator(_known)]
 
 
 class View(Section):

@@ -14,7 +14,7 @@ from ..analysis.margin_record import GainLimit
 from ..analysis.part_region import PartRegion
 from ..errors import GainroomError, computable, listed
 from ..files.edited_text import edited
-from ..files.gain_formats.export_text import copied_gains
+from ..files.export_forms import pasted_gains
 from ..files.robot_yaml import parse_robot
 from ..io.yaml_text import parse_yaml
 from ..report.columns import facts
@@ -39,7 +39,7 @@ from ..system.controller import Controller
 from ..system.system import System
 from .bench import Opened, Part, Remembered, advised, rounded
 from .channels import Channel, Channels
-from .edits import conditions, gain_of, other_formats_hold, ranges, timing
+from .edits import conditions, form_titles, gain_of, other_formats_hold, ranges, timing
 from .messages import View
 from .robot_curves import (
     EveryState,
@@ -123,7 +123,7 @@ class RobotBench:
             "needed": system.requirements.needed,
             "uncertain": list(system.uncertainty.names),
             "ranges": self._ranges(system),
-            "forms": ["yaml", "ros2_control", "mjcf"] if held and not task else ["yaml"],
+            "forms": form_titles(held and not task),
         }
 
     def _ranges(self, system: System) -> dict[str, list[float | None]]:
@@ -189,7 +189,7 @@ class RobotBench:
         }
         rate = system.control.sample_time
         margin_text = self._limit_text(system, view)
-        return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {margin_text}", None if rate is None else 1 / rate)
+        return pasted_gains(gains, form, f"{Path(self.opened.source).stem}, {margin_text}", None if rate is None else 1 / rate)
 
     def _limit_text(self, system: System, view: View) -> str:
         """Text of the gain limit in the worst of all states, certified as `gainroom robot` does, at nominal values."""

@@ -61,6 +61,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
     from ..io.run_files import forget_read
     from .front import command
+    from .listed import with_lists
     from .progress import followed
 
     show_everything()
@@ -80,7 +81,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         context = getattr(error, "ctx", None)  # of the command that was called wrongly, where it was found
         message, missing = error.format_message(), type(error).__name__ == "MissingParameter"
         if missing and (text := getattr(getattr(error, "param", None), "help", None)):  # what it is, so that nobody has to look it up
-            message = f"{message.rstrip('.')}: {text.rstrip('.')}"
+            message = f"{message.rstrip('.')}: {with_lists(text).rstrip('.')}"
         names = getattr(getattr(context, "command", None), "commands", None) if message.startswith("No such command") else None
         if names and context is not None:
             message = f"{message.rstrip('.')}; commands: {', '.join(names)}"

@@ -13,8 +13,6 @@ from .streams import say
 if TYPE_CHECKING:
     from ..files.gain_export import Export
 
-TO = "yaml, ros2_control, mjcf, mjlab, isaaclab, legged_gym or arrays"
-
 
 def export(
     gains: Annotated[
@@ -25,9 +23,9 @@ def export(
             show_default=False,
         ),
     ],
-    to: Annotated[str, typer.Option("--to", metavar="FORM", help=f"{TO}.", show_default=False)],
+    to: Annotated[str, typer.Option("--to", metavar="FORM", help="{export forms}.", show_default=False)],
     onto: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="An MJCF or ros2_control file whose gains are replaced; the rest of it stays.")
+        Path | None, typer.Option(metavar="FILE", help="A file of {forms onto} whose gains are replaced; the rest of it stays.")
     ] = None,
     output: Annotated[Path | None, typer.Option(metavar="OUT", help="Where it goes; without it, the file of --onto.")] = None,
     write: Annotated[bool, typer.Option("--write", help="Write the file; without it, only the difference is shown.")] = False,

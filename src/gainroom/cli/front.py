@@ -14,6 +14,7 @@ from .example import example
 from .export import export
 from .identify import identify
 from .joint import joint
+from .listed import ListingCommand
 from .log import log
 from .reproduce import reproduce
 from .robot import robot
@@ -41,6 +42,8 @@ app.command(name="diagnose", short_help="What vibrates a joint, from a recording
 app.command(name="app", short_help="A page on which gains are dragged, and everything follows.")(page)
 app.command(name="example", short_help="Print a ready file to start from.")(example)
 app.command(name="reproduce", short_help="The paper's figures, computed and compared.")(reproduce)
+for _command in (*app.registered_commands, *identify.registered_commands):
+    _command.cls = ListingCommand
 
 
 @app.callback(invoke_without_command=True)

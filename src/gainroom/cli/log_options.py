@@ -18,9 +18,7 @@ class LogCall:
 
     file: Annotated[
         Path,
-        typer.Argument(
-            metavar="LOG", help="CSV, Parquet, MCAP, ROS bag (1, 2), HDF5, MATLAB, JSON (BAM), .npz or .pt (PACE).", show_default=False
-        ),
+        typer.Argument(metavar="LOG", help="{log formats}.", show_default=False),
     ]
     columns: Annotated[
         list[str] | None,

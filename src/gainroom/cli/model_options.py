@@ -26,7 +26,7 @@ class ModelCall:
         typer.Option(
             metavar="FILE",
             help="Gains: plain or ros2_control YAML, a Python file of mjlab or Isaac Lab (FILE.py:NAME), Kp and Kd arrays, a policy's "
-            "ONNX, moteus, MJCF; without it, the MJCF's own actuators.",
+            "ONNX, moteus, {read forms}; without it, the MJCF's own actuators.",
         ),
     ] = None
     rate_hz: Annotated[Number, number_option("--rate-hz", "in Hz", "Of the controller [Hz]; without it, continuous time.")] = None

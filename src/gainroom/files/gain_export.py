@@ -5,7 +5,7 @@ import math
 import re
 import shlex
 import textwrap
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,11 @@ from ..errors import GainroomError, first_of_many, listed, printable
 from ..io.yaml_text import read_text, shown
 from ..robot.formats.model_files import joint_order, load_model
 from .edited_text import written
+from .export_forms import FORMS, refuse_integral
+from .export_forms.form import ExportedGains, ExportForm
 from .gain_context import context_flags, without_flag
 from .gain_files import gains_of, parse_file
-from .gain_formats.export_text import ExportedGains, arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
 from .gain_formats.gain_record import ACTUATOR, Gain, GainFile
-from .gain_formats.mjcf_export import joint_values, mjcf_text
-from .gain_formats.ros2_control import ros2_control_onto
 
 KEYS = ("kp", "kd", "ki", "motor_inertia", "effort_limit")
 """Numbers of one joint that an export has in JSON."""
@@ -39,34 +38,6 @@ MOST_IN_PATTERN = 150
 """Maximum length of the names in one pattern [characters]."""
 LINE = 120
 """Maximum length of a line of flags in a comment [characters]."""
-Written = Callable[[ExportedGains, Sequence[str]], str]
-
-
-@dataclass(frozen=True)
-class Form:
-    """Format in which gains are written.
-
-    ending    of its files
-    written   the text of a whole file; None: only an existing file can take them
-    onto      whether an existing file can take them
-    integral  whether it holds an integral gain
-    """
-
-    ending: str
-    written: Written | None
-    onto: bool = False
-    integral: bool = False
-
-
-FORMS = {
-    "yaml": Form(".yaml", plain_text, integral=True),
-    "ros2_control": Form(".yaml", ros2_control_text, True, True),
-    "mjcf": Form(".xml", None, True),
-    "mjlab": Form(".py", mjlab_text),
-    "isaaclab": Form(".py", isaac_lab_text),
-    "legged_gym": Form(".py", legged_gym_text),
-    "arrays": Form(".yaml", arrays_text),
-}
 
 
 @dataclass(frozen=True)
@@ -107,48 +78,46 @@ def export_gains(file: GainFile, form: str, onto: Path | None, model: Path | Non
     Raises GainroomError where the form cannot hold the gains, or would not be read back as they are.
     """
     kind = _form(form, onto)
-    model = model or (onto if form == "mjcf" else None)
+    model = model or (onto if kind.is_model else None)
     file = file if model is None else file.in_order(joint_order(model))
     names = _joint_names(file, model)
     gains = _by_joint(file, names)
-    _refuse_integral(gains, form, kind)
+    refuse_integral(gains, kind, f"--to {form}")
     goal = ExportedGains(gains, file.origin, _posture(file, names))
-    before = "" if onto is None else read_text(onto) if form != "mjcf" else _model_text(onto)
+    before = "" if onto is None else _model_text(onto) if kind.is_model else read_text(onto)
     header = _header(file, version, today)
-    text = _written(form, onto, before, goal, header)
-    flags, notes = _not_held(_read_back(text, form, onto), goal, form)
-    notes += _damping_notes(text, form, onto, goal)
+    text = _written(kind, onto, before, goal, header)
+    found = _read_back(text, kind, onto)
+    flags, notes = _not_held(found, goal)
+    notes += [] if kind.notes is None else kind.notes(goal, text, onto)
+    notes += [] if kind.is_model else _damping_notes(found, goal)
     if flags:  # which stand in its comment, too
         lines = textwrap.wrap(f"audit it with: {shlex.join(flags)}", LINE, break_long_words=False, break_on_hyphens=False)
-        text = _written(form, onto, before, goal, [*header, *(printable(f"  {line}") for line in lines)])
-    back = _back(_read_back(text, form, onto), gains)
+        text = _written(kind, onto, before, goal, [*header, *(printable(f"  {line}") for line in lines)])
+    back = _back(_read_back(text, kind, onto), gains)
     _require_same(back, gains, form)
     return Export(text, before, back, tuple(flags), (*file.notes_for(names), *notes))
 
 
-def _written(form: str, onto: Path | None, before: str, goal: ExportedGains, header: Sequence[str]) -> str:
+def _written(form: ExportForm, onto: Path | None, before: str, goal: ExportedGains, header: Sequence[str]) -> str:
     """Text of the whole file."""
-    if onto is not None and form == "mjcf":
-        return mjcf_text(before, onto, goal, header)
     if onto is not None:
-        return ros2_control_onto(before, str(onto), goal.gains, header)
-    whole = FORMS[form].written
-    assert whole is not None
-    return whole(goal, header)
+        assert form.onto is not None
+        return form.onto(before, onto, goal, header)
+    assert form.written is not None
+    return form.written(goal, header)
 
 
-def _read_back(text: str, form: str, onto: Path | None) -> GainFile:
-    """Gains of a written text as `audit` reads them; in an MJCF the motors' inertia is armature, which audit takes from the model."""
+def _read_back(text: str, form: ExportForm, onto: Path | None) -> GainFile:
+    """Gains of a written text as `audit` reads them, with what it takes from that file as the model."""
+    path = onto or Path(f"export{form.ending}")
     try:
-        found = parse_file(text, onto or Path(f"export{FORMS[form].ending}"))
+        found = parse_file(text, path)
     except GainroomError as error:
         raise GainroomError(
-            f"--to {form}: what it writes is not read back as `audit` reads gains (files/gain_files.py): {error}"
+            f"--to {form.name}: what it writes is not read back as `audit` reads gains (its form's `read`, files/gain_files.py): {error}"
         ) from error
-    if form != "mjcf" or onto is None:
-        return found
-    inertia = joint_values(text, onto, "armature")
-    return replace(found, gains={name: replace(gain, motor_inertia=inertia.get(name)) for name, gain in found.gains.items()})
+    return found if form.completed is None else form.completed(found, text, path)
 
 
 def _back(found: GainFile, wanted: Mapping[str, Gain]) -> dict[str, Gain]:
@@ -168,14 +137,14 @@ def _posture(file: GainFile, names: Sequence[str]) -> dict[str, float]:
     return {name: angle for name, angle in angles.items() if angle}
 
 
-def _form(form: str, onto: Path | None) -> Form:
+def _form(form: str, onto: Path | None) -> ExportForm:
     if form not in FORMS:
         raise GainroomError(f"--to {shown(form)}: must be one of {', '.join(FORMS)}")
-    if onto is not None and not FORMS[form].onto:
-        able = ", ".join(name for name, each in FORMS.items() if each.onto)
+    if onto is not None and FORMS[form].onto is None:
+        able = ", ".join(name for name, each in FORMS.items() if each.onto is not None)
         raise GainroomError(f"--onto {onto}: a file of the form {form} is written as a whole; only {able} can take gains into a file")
     if onto is None and FORMS[form].written is None:
-        raise GainroomError(f"--to {form}: needs --onto FILE, the {form.upper()} whose actuators get the gains")
+        raise GainroomError(f"--to {form}: needs --onto FILE, the {FORMS[form].title} whose actuators get the gains")
     return FORMS[form]
 
 
@@ -207,14 +176,6 @@ def _by_joint(file: GainFile, names: Sequence[str]) -> dict[str, Gain]:
     return gains
 
 
-def _refuse_integral(gains: Mapping[str, Gain], form: str, kind: Form) -> None:
-    """Raise GainroomError if the format has no integral gain and some joint has one."""
-    with_ki = [name for name, gain in gains.items() if gain.ki]
-    if with_ki and not kind.integral:
-        able = ", ".join(name for name, each in FORMS.items() if each.integral)
-        raise GainroomError(f"--to {form}: holds no integral gain, which {first_of_many(with_ki)} have; {able} do")
-
-
 def _header(file: GainFile, version: str, today: datetime.date) -> list[str]:
     """Header lines with the origin of the gains; the first begins as the readers of exports expect it, the others with two spaces."""
     origin = file.origin
@@ -227,7 +188,7 @@ def _header(file: GainFile, version: str, today: datetime.date) -> list[str]:
     return [printable(line)[:300] for line in lines]
 
 
-def _not_held(found: GainFile, goal: ExportedGains, form: str) -> tuple[list[str], list[str]]:
+def _not_held(found: GainFile, goal: ExportedGains) -> tuple[list[str], list[str]]:
     """Flags with which audit gets the part of `goal` that the written file, read back as `found`, does not hold; and notes about it."""
     back = _back(found, goal.gains)
     flags: list[str] = []
@@ -273,23 +234,15 @@ def _not_held(found: GainFile, goal: ExportedGains, form: str) -> tuple[list[str
         notes.insert(
             0, f"{listed(missing)} {'have' if len(missing) > 1 else 'has'} no place in this form: audit it with {shlex.join(flags)}"
         )
-    if form == "mjcf" and any(gain.motor_inertia for gain in goal.gains.values()):
-        notes.append("the motors' inertia is the joints' armature there, which audit takes from its MODEL: audit this file itself")
-    unlimited = [name for name, gain in goal.gains.items() if gain.effort_limit is None]
-    if form == "mjlab" and unlimited:
-        notes.append(f"no limit of the torque is known of {first_of_many(unlimited)}: mjlab then limits it nowhere; give effort_limit")
     return flags, notes
 
 
-def _damping_notes(text: str, form: str, onto: Path | None, goal: ExportedGains) -> list[str]:
-    """Note for gains whose kd includes the joints' own damping: where the target would count this damping a second time."""
-    if goal.origin.joint_damping != "controller" or form == "yaml":
+def _damping_notes(found: GainFile, goal: ExportedGains) -> list[str]:
+    """Note on gains whose kd has the joints' own damping in it, where the file, read back as `found`, does not say so."""
+    if goal.origin.joint_damping != "controller" or found.origin.joint_damping == "controller":
         return []
     counted = "kd has the joints' own damping of the model in it already"
-    if form != "mjcf" or onto is None:
-        return [f"{counted}: audit it without --joint-damping, and set that damping to 0 where a simulator runs these gains"]
-    left = [name for name, value in joint_values(text, onto, "damping").items() if value and name in goal.gains]
-    return [f"{counted}, which stands in an included file for {first_of_many(left)}: set it to 0 there"] * bool(left)
+    return [f"{counted}: audit it without --joint-damping, and set that damping to 0 where a simulator runs these gains"]
 
 
 def _same(one: float, other: float | None) -> bool:

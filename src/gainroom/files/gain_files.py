@@ -1,4 +1,4 @@
-"""Reader of files of gains; each format has a module in gain_formats.
+"""Reader of files of gains; each format has a module in gain_formats, or is read by its form of export.
 
 Files are read as data, within bounds; nothing in them is run. What is in no known form is refused in one line.
 """
@@ -16,17 +16,17 @@ from ..io.bounded_text import bounded_text
 from ..io.validation import dotted
 from ..io.yaml_text import MAX_BYTES, parse_yaml, read_text, shown
 from ..system.linear.arrays import Booleans, Floats
+from .export_forms import FORMS
 from .file_types import kind_of, wrong_kind
 from .gain_formats.actuator_configs import read_actuator_configs
 from .gain_formats.array_text import read_array_text
 from .gain_formats.gain_record import ACTUATOR, GainFile, GainSection, Origin
 from .gain_formats.gain_sets import read_set
-from .gain_formats.mjcf_actuators import read_mjcf
+from .gain_formats.mjcf_actuators import XML
 from .gain_formats.moteus import is_dump, read_dump
 from .gain_formats.onnx_metadata import read_onnx
 from .gain_formats.own_answers import MOST_BYTES as ANSWER_BYTES, answer_in, read_answer
 
-XML = (".xml", ".mjcf", ".urdf")
 PYTHON = (".py", ".pyi")
 DATA = (".yaml", ".yml", ".json")
 C_CODE = (".h", ".hh", ".hpp", ".hxx", ".c", ".cc", ".cpp", ".cxx", ".ino")
@@ -99,8 +99,9 @@ def parse_file(text: str, path: Path, contact: str = "", to_use: bool = False) -
     read_gains.
     """
     ending = path.suffix.lower()
-    if ending in XML:
-        return read_mjcf(path, text)
+    for form in FORMS.values():
+        if form.read is not None and (found := form.read(text, path)) is not None:
+            return found
     if ending in PYTHON:
         return read_actuator_configs(text, str(path), folder=path.parent)
     answer = answer_in(text)

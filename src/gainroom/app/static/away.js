@@ -5,10 +5,10 @@ import { by, made } from "./elements.js";
 
 /** @param {any} opening @param {(message: any) => void} send */
 export function forms(opening, send) {
-  const names = /** @type {any} */ ({ yaml: "YAML", mjcf: "MJCF", ros2_control: "ros2_control" }), place = by("forms"), button = by("copy");
+  const place = by("forms"), button = by("copy");
   const toggle = (/** @type {boolean} */ on) => { place.hidden = !on; button.setAttribute("aria-expanded", String(on)); if (on) place.querySelector("button").focus(); };
-  for (const form of opening.forms) {
-    const each = made("button", { textContent: names[form], onclick: () => { toggle(false); send({ ask: "copy", form }); } });
+  for (const [form, title] of Object.entries(opening.forms)) {
+    const each = made("button", { textContent: title, onclick: () => { toggle(false); send({ ask: "copy", form }); } });
     each.dataset.form = form;
     place.append(each);
   }

@@ -10,6 +10,8 @@ from ...io.yaml_text import shown
 from ...robot.formats.model_files import position_gains
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
 
+XML = (".xml", ".mjcf", ".urdf")
+
 
 def read_mjcf(path: Path, text: str = "") -> GainFile:
     """Position and velocity feedback of an MJCF's actuators; the joints' own damping is passive and only noted."""

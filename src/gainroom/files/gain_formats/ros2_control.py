@@ -1,4 +1,4 @@
-"""Gains of ros2_control YAML: p, i, d under a joint's name, read from a file and written into an existing one.
+"""Gains of ros2_control YAML: p, i, d under a joint's name.
 
 They stand in joint_trajectory_controller's and pid_controller's `gains`, in gazebo's `pid_gains`, in effort_controllers'
 JointPositionController (`joint` and `pid`) and JointGroupPositionController (`pid` per joint). Controllers that command position or
@@ -9,14 +9,12 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial, reduce
+from functools import partial
 from typing import Any
 
 from ...errors import GainroomError, Together, first_of_many, refuse_all, typo_of
 from ...io.validation import checked, dotted, number
-from ...io.yaml_text import parse_yaml, shown
-from ..edited_text import Keys, edited
-from .export_text import commented, number_text, ros2_terms
+from ...io.yaml_text import shown
 from .gain_record import NOT_NEGATIVE, Gain, GainFile, Origin
 
 TERMS = {"p": "kp", "i": "ki", "d": "kd"}
@@ -41,7 +39,6 @@ BESIDE = (
 )
 """Parameters of ros2_control beside p, i and d, on which no margin depends."""
 LONGEST_SLIP = 3
-HEADER = re.compile(r"\A(?:# gains by gainroom\b[^\n]*\n)(?:# {2}[^\n]*\n)*")
 MANAGER = "controller_manager"
 RATE = number(least=0, most=1e6)
 
@@ -193,23 +190,3 @@ def _clamp(node: Mapping[str, Any]) -> float | None:
     bounds = [node.get(key) for key in ("u_clamp_max", "u_clamp_min")]
     found = [abs(float(each)) for each in bounds if isinstance(each, int | float) and math.isfinite(each)]
     return max(found) or None if len(found) == len(bounds) else None
-
-
-def ros2_control_onto(text: str, source: str, gains: Mapping[str, Gain], header: Sequence[str]) -> str:
-    """YAML `text` of a file that messages call `source`, with these p, i and d; the rest of it stays as it is.
-
-    Raises GainroomError where a joint is not in it.
-    """
-    text = HEADER.sub("", text)
-    data = parse_yaml(text, source)
-    if not isinstance(data, dict):
-        raise GainroomError(f"{source}: must be a ros2_control file with p, i and d under joints' names")
-    paths = read_ros2_control(data, source, "holds no gains of ros2_control to replace").paths
-    if missing := [joint for joint in gains if joint not in paths]:
-        raise GainroomError(f"{source}: has no p, i and d for {first_of_many(missing)}; add them, or export a new file (without --onto)")
-    values: dict[Keys, float] = {}
-    for joint, gain in gains.items():
-        there = reduce(lambda node, key: node[key], paths[joint], data)
-        terms = ros2_terms(gain)
-        values |= {(*paths[joint], term): value for term, value in terms.items() if value or term in there}
-    return commented(header) + edited(text, source, values, number_text)

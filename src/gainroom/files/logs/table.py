@@ -101,10 +101,12 @@ class Sink(Protocol):
 class LogFormat:
     """A kind of file. A new one is a file in formats/ with a subclass, and its line in FORMATS.
 
+    name      as help texts list it
     title     as messages call it
     endings   of its files' names, lower case
     """
 
+    name: ClassVar[str]
     title: ClassVar[str]
     endings: ClassVar[tuple[str, ...]]
     makes: ClassVar[type | None] = None

@@ -19,6 +19,7 @@ MOST_TEXT = 1 << 28
 class Bam(LogFormat):
     """Samples in JSON."""
 
+    name = "JSON (BAM)"
     title = "a log in JSON"
     endings = (".json",)
 

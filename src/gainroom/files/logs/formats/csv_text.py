@@ -192,6 +192,7 @@ class CsvTable(Table):
 class CsvText(LogFormat):
     """CSV and its relatives."""
 
+    name = "CSV"
     title = "CSV"
     endings = (".csv", ".tsv", ".txt")
     makes = CsvSink

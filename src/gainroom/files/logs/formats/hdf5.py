@@ -32,6 +32,7 @@ LABELS = ("joint_names", "joints", "names", "joint_name", "dof_names")
 class Hdf5(LogFormat):
     """HDF5, as h5py, PyTables and MATLAB (`save -v7.3`) write it."""
 
+    name = "HDF5"
     title = "an HDF5 file"
     endings = (".h5", ".hdf5", ".hdf", ".he5")
 

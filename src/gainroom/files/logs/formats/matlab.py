@@ -32,6 +32,7 @@ DEEPEST = 8
 class Matlab(LogFormat):
     """MATLAB, version 5 and later."""
 
+    name = "MATLAB"
     title = "a MATLAB file"
     endings = (".mat",)
 

@@ -69,6 +69,7 @@ class McapSink:
 class Mcap(LogFormat):
     """MCAP."""
 
+    name = "MCAP"
     title = "an MCAP file"
     endings = (".mcap",)
     makes = McapSink

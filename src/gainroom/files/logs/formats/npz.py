@@ -29,6 +29,7 @@ LABELS = ("joint_names", "dof_names", "names", "joints", "joint_name")
 class Npz(LogFormat):
     """Arrays that numpy.savez has written."""
 
+    name = ".npz"
     title = "an .npz file"
     endings = (".npz",)
 

@@ -47,6 +47,7 @@ DEEPEST = 4
 class Torch(LogFormat):
     """Arrays that torch.save has written."""
 
+    name = ".pt (PACE)"
     title = "a .pt file with arrays"
     endings = (".pt", ".pth")
 

@@ -188,6 +188,7 @@ def _entries(flat: Floats, lengths: Any, wanted: dict[str, int | None]) -> dict[
 class Parquet(LogFormat):
     """Apache Parquet."""
 
+    name = "Parquet"
     title = "a Parquet file"
     endings = (".parquet", ".pq")
     makes = ParquetSink

@@ -21,6 +21,7 @@ MOST_TOPICS = 10_000
 class Bag(LogFormat):
     """A folder, or a file in SQLite."""
 
+    name = "ROS 2 bag"
     title = "a ROS 2 bag"
     endings = (".db3",)
 

@@ -29,6 +29,7 @@ Fields = dict[bytes, bytes]
 class Ros1Bag(LogFormat):
     """A file of rosbag record; `.active` where it was stopped."""
 
+    name = "ROS 1 bag"
     title = "a ROS 1 bag"
     endings = (".bag", ".active")
 

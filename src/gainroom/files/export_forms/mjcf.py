@@ -6,10 +6,9 @@ where that is another armature or limit of the torque than was known of a joint,
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.parsers import expat
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -19,8 +18,9 @@ from ...robot.formats.mjcf import joint_and_actuators
 from ...robot.formats.mjcf_file import ActuatorElement, compile_mjcf
 from ...robot.formats.model_files import position_gains
 from ...robot.formats.xml_text import parse_xml
-from .export_text import ExportedGains, force_limits, number_text
-from .gain_record import Gain
+from ..gain_formats.gain_record import Gain, GainFile
+from ..gain_formats.mjcf_actuators import XML, read_mjcf
+from .form import ExportedGains, ExportForm, number_text
 
 SERVOS = ("position", "intvelocity", "pid")
 COMMENT = re.compile(r"\n?[ \t]*<!-- gains by gainroom\b.*?-->", re.DOTALL)
@@ -225,6 +225,8 @@ def _inserted(places: _Places, missing: Sequence[str], gains: Mapping[str, Gain]
             f"{path}: joints without an actuator: {first_of_many(missing)}; add them, or leave ctrl out of the keyframe "
             f"{shown(places.controls[0])}, which counts actuators"
         )
+    from xml.sax.saxutils import quoteattr  # loads urllib, http and ssl
+
     lines = []
     for joint in missing:
         kp, kd, limit = number_text(gains[joint].kp), number_text(gains[joint].kd), gains[joint].effort_limit
@@ -253,3 +255,54 @@ def _end_of_tag(content: bytes, start: int) -> int:
         elif byte == ord(">"):
             return place + 1
     return len(content)
+
+
+def force_limits(effort: float) -> dict[str, str]:
+    """Attributes of an MJCF's actuator that limit its force in both directions."""
+    return {"forcerange": f"{number_text(-effort)} {number_text(effort)}", "forcelimited": "true"}
+
+
+def actuator_section(goal: ExportedGains, header: Sequence[str]) -> str:
+    """Text of an `<actuator>` section, to be pasted."""
+    from xml.sax.saxutils import quoteattr  # loads urllib, http and ssl
+
+    lines = []
+    for name, gain in goal.gains.items():
+        attributes = {"joint": name, "kp": number_text(gain.kp), "kv": number_text(gain.kd)}
+        if gain.effort_limit is not None:
+            attributes |= force_limits(gain.effort_limit)
+        lines.append(f"  <position {' '.join(f'{key}={quoteattr(value)}' for key, value in attributes.items())}/>\n")
+    return f"<!-- {' '.join(header).replace('--', '- -')} -->\n<actuator>\n{''.join(lines)}</actuator>\n"
+
+
+def _read(text: str, path: Path) -> GainFile | None:
+    """Gains of its actuators; the file at `path` is read if the text is ""."""
+    return read_mjcf(path, text) if path.suffix.lower() in XML else None
+
+
+def _with_armature(found: GainFile, text: str, path: Path) -> GainFile:
+    """Gains with the motors' inertia, which is armature there."""
+    inertia = joint_values(text, path, "armature")
+    return replace(found, gains={name: replace(gain, motor_inertia=inertia.get(name)) for name, gain in found.gains.items()})
+
+
+def _notes(goal: ExportedGains, text: str, onto: Path | None) -> list[str]:
+    """Notes on what stands in the model: armature, and damping that kd has in it already."""
+    notes = []
+    if any(gain.motor_inertia for gain in goal.gains.values()):
+        notes.append("the motors' inertia is the joints' armature there, which audit takes from its MODEL: audit this file itself")
+    if goal.origin.joint_damping == "controller" and onto is not None:
+        left = [name for name, value in joint_values(text, onto, "damping").items() if value and name in goal.gains]
+        included = "kd has the joints' own damping of the model in it already, which stands in an included file"
+        notes += [f"{included} for {first_of_many(left)}: set it to 0 there"] * bool(left)
+    return notes
+
+
+MJCF = ExportForm(
+    *("mjcf", "MJCF", "actuators of a model", ".xml", None, mjcf_text),
+    pasted=actuator_section,
+    read=_read,
+    completed=_with_armature,
+    notes=_notes,
+    is_model=True,
+)
