@@ -9,6 +9,7 @@ TYPE_CHECKING = False  # as typing has it, which takes a third of the way to `ga
 if TYPE_CHECKING:
     from typing import Any
 
+    from .analysis.dynamic_stiffness import DynamicStiffness as DynamicStiffness, dynamic_stiffness as dynamic_stiffness
     from .analysis.gain_limit import gain_limit as gain_limit
     from .analysis.gain_region import PDRegion as PDRegion, pd_region as pd_region
     from .analysis.margin_record import GainLimit as GainLimit, Margins as Margins
@@ -53,6 +54,7 @@ _HOME = {
     "analysis.margins": ("margins", "joint_margins"),
     "analysis.gain_region": ("pd_region", "PDRegion"),
     "analysis.gain_limit": ("gain_limit",),
+    "analysis.dynamic_stiffness": ("dynamic_stiffness", "DynamicStiffness"),
     "analysis.margin_record": ("Margins", "GainLimit"),
     "design.joint_gains": ("recommend_pd", "Recommendation"),
     "system.requirements": ("Requirements",),

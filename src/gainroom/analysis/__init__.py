@@ -4,6 +4,7 @@ Margins        margins (of one joint, and the entry for all), boundary (of sever
                (the record of all), disk_margin, _disk_modes and _mu (factors on all loops at once); multirate (kd on a path of its own),
                with peak_gain (over the unit circle); margins_outside (without bands of frequencies)
 Delay margin   of one joint in margins; of coupled loops in boundary
+Links          dynamic_stiffness (and the damping of vibrations), from link_compliance
 Gain limits    gain_limit, by proof or from samples; proved: proved_limit, by modal_loop, low_frequency_proof, followed_root and
                gain_directions; of one direction's gains: boundary
 Stability      stability (roots), stability_boundary (the values of s or z along it)

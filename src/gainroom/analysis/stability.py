@@ -269,11 +269,13 @@ def _newton(system: _Characteristic, starts: Complexes, reach: float) -> tuple[C
             last = abs(step)
             matrix, slope = system.matrix(s)
             try:
-                step = 1 / np.trace(np.linalg.solve(matrix, slope))
+                rate = complex(np.trace(np.linalg.solve(matrix, slope)))
             except np.linalg.LinAlgError:  # exactly singular: s is a root to the last digit
                 step = 0.0
+            else:
+                step = 1 / rate if rate else math.inf  # det M has no slope here: no root is near
             s -= step
-            if abs(step) <= 1e-15 * abs(s) or last <= min(abs(step), 1e-10 * abs(s)):  # round-off is all that is left
+            if not np.isfinite(s) or abs(step) <= 1e-15 * abs(s) or last <= min(abs(step), 1e-10 * abs(s)):  # round-off is all that is left
                 break
         scale = max(abs(s), abs(start))
         arrived = np.isfinite(s) and abs(step) <= 1e-8 * scale + RESOLUTION * size

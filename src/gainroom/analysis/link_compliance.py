@@ -1,0 +1,126 @@
+"""Compliance of the links with all loops closed: load torque on a joint → position of its link.
+
+The load is a pair, equal and opposite on the two bodies that a joint connects: a force on one body alone drifts as 1/ω² in flight. In the
+coordinates ξ of the plant (system/plant.py: q = R ξ, W = R Rᵀ, never inverted), with the stiffness Y of the joints as their links feel it,
+
+    C = R (s² I + Rᵀ (Y + D_l s + G) R + Hᵀ (K_c + B_c s) H)⁻¹ Rᵀ
+    Y = (I + N k⁻¹)⁻¹ (N + E_q),   N = J_m s² + D_m s + E_θ
+
+k = K + B s of the gearboxes, k⁻¹ = 0 of a rigid one; E_θ and E_q are the torques that the loop puts on the motors per position measured at
+motors and at links: gains, delay and current loop, each path of gains by itself. Locked motors (E_θ → ∞) leave Y = k.
+
+Sampled loops: E also has the hold of the torque and the difference that velocity is made from, and the load is held over each tick. This is
+the fundamental of the sampled response, without its alias terms: the peaks of 450 random joints at 200 Hz to 2 kHz differ from those of the
+exactly sampled response by 1e-8 in the median, 1.2e-4 in 99 % and 3.5e-3 at most, that one at half the Nyquist frequency.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..system.assembly import Parts
+from ..system.controller import Controller
+from ..system.drive import Drive
+from ..system.linear.arrays import Complexes, Floats, diagonals
+from ..system.loop import Loop
+
+
+def held(s: Complexes, step: float | None) -> Complexes:
+    """Response (k,) at s (k,) of a zero-order hold of `step` [s]; 1 in continuous time."""
+    return np.ones(len(s), dtype=complex) if step is None else -np.expm1(-s * step) / (s * step)
+
+
+def current(drive: Drive, s: Complexes) -> Complexes:
+    """Response (k,) at s (k,) of the current loop, eq. (3) of Jung et al. 2017; 1 of an ideal one."""
+    lag = s / drive.bandwidth
+    return 1 / (lag * lag + 2 * drive.damping_ratio * lag + 1)
+
+
+@dataclass(frozen=True)
+class LinkCompliance:
+    """Links, gearboxes and motors of a loop that was built from joints and drives, without its gains."""
+
+    parts: Parts
+
+    @classmethod
+    def of(cls, loop: Loop) -> "LinkCompliance":
+        """Compliance of the links of `loop`. Raises GainroomError for a loop given as a transfer function, which has no link."""
+        if loop.parts is None:
+            raise GainroomError("dynamic stiffness: a loop given as a transfer function has no link; build_loop makes one that has")
+        return cls(loop.parts)
+
+    @property
+    def fastest(self) -> float:
+        """Highest frequency of a sampled loop, π/T_s [rad/s]; inf in continuous time."""
+        return np.inf if self.parts.sample_time is None else np.pi / self.parts.sample_time
+
+    def delivered(self, s: Complexes, delay: Floats | float, step: float | None) -> Complexes:
+        """Torque on the motors per torque command (k, n) at s (k,), by `delay` [s], current loops and a hold of `step` [s]."""
+        currents = np.stack([current(drive, s) for drive in self.parts.drives], axis=1)
+        return currents * held(s, step)[:, None] * np.exp(-s[:, None] * delay)
+
+    def feedback(self, s: Complexes, controller: Controller, gain: float = 1.0) -> Complexes:
+        """Torque on the motors per measured position (k, n, n) at s (k,), by `controller` times `gain`."""
+        parts, path = self.parts, self.parts.kd_path
+
+        def sent(one: Controller, step: float | None, delay: Floats | float) -> Complexes:
+            law = one.matrix(s, s if step is None else np.expm1(s * step) / step, parts.plant.size, step)
+            return self.delivered(s, delay, step)[:, :, None] * law
+
+        if path is None:
+            return gain * sent(controller, parts.sample_time, parts.delays)
+        others = sent(controller.without_kd(), parts.sample_time, parts.delays)
+        return gain * (others + sent(controller.kd_alone(), path.sample_time, path.delay))
+
+    @cached_property
+    def _hung(self) -> tuple[Floats, Floats]:
+        return self.parts.plant.hung
+
+    def _motors(self, s: Complexes) -> tuple[Complexes, Complexes]:
+        """Impedance J_m s² + D_m s of the motors, and k⁻¹ of the gearboxes, each (k, n)."""
+        plant, at = self.parts.plant, s[:, None]
+        spring = np.where(plant.elastic, plant.stiffness, 1.0) + at * np.where(plant.elastic, plant.damping, 0.0)
+        return at * at * plant.motor_inertia + at * plant.motor_viscous, np.where(plant.elastic, 1 / spring, 0.0)
+
+    def stiffness(self, s: Complexes, fed: Complexes) -> Complexes:
+        """Stiffness Y (…, k, n) of joints with gains of their own, at s (k,); `fed` (…, k, n): their diagonal of `feedback`."""
+        motor, soft = self._motors(s)
+        if self.parts.feedback == "link":
+            return (motor + fed) / (1 + soft * motor)
+        return (motor + fed) / (1 + soft * (motor + fed))
+
+    def coupled_stiffness(self, s: Complexes, fed: Complexes) -> Complexes:
+        """Stiffness Y (k, n, n) at s (k,) with `fed` (k, n, n) of `feedback`, whose gains may couple joints."""
+        motor, soft = self._motors(s)
+        whole = fed.astype(complex)
+        diagonals(whole)[:] += motor
+        loose = np.zeros_like(whole) if self.parts.feedback == "link" else whole * soft[:, None, :]
+        diagonals(loose)[:] += 1 + (motor * soft if self.parts.feedback == "link" else 0.0)
+        return np.linalg.solve(loose, whole)
+
+    def of_one(self, s: Complexes, fed: Complexes) -> Complexes:
+        """Compliance C (…, k) [rad/(N m)] of a single joint at s (k,), for any number of gains, `fed` (…, k)."""
+        plant, root = self.parts.plant, self._hung[0]
+        if plant.compliance is not None or not root.shape[1]:  # links on springs, or locked
+            return np.array([self.at(s, one[:, None, None])[:, 0, 0] for one in fed.reshape(-1, len(s))]).reshape(fed.shape)
+        load = self.stiffness(s, fed[..., None])[..., 0] + s * plant.link_viscous[0]
+        if plant.gravity_stiffness is not None:
+            load = load + plant.gravity_stiffness[0, 0]
+        return root[0, 0] ** 2 / (s * s + root[0, 0] ** 2 * load) * np.abs(held(s, self.parts.sample_time))
+
+    def at(self, s: Complexes, fed: Complexes) -> Complexes:
+        """Compliance C (k, n, n) [rad/(N m)] at s (k,), with `fed` (k, n, n) of `feedback`."""
+        plant, (root, rest) = self.parts.plant, self._hung
+        loads = self.coupled_stiffness(s, fed)
+        diagonals(loads)[:] += s[:, None] * plant.link_viscous
+        if plant.gravity_stiffness is not None:
+            loads = loads + plant.gravity_stiffness
+        inner = root.T @ loads @ root
+        diagonals(inner)[:] += (s * s)[:, None]
+        if plant.compliance is not None:
+            springs = plant.compliance.stiffness + s[:, None] * plant.compliance.damping
+            inner = inner + rest.T @ (springs[:, :, None] * rest)
+        moved = root @ np.linalg.solve(inner, np.broadcast_to(root.T, (len(s), *root.T.shape)).astype(complex))
+        return moved * np.abs(held(s, self.parts.sample_time))[:, None, None]
