@@ -369,6 +369,17 @@ def observer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(CONTROLLERS, "unplanned", Unplanned)
 
 
+class Careful(DisturbanceObserver):
+    """The same, which refuses gains of its own accord, and knows nothing of files."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if np.any(np.asarray(self.observer) > 100):
+            raise gr.GainroomError("the observer must not be faster than 100 rad/s")
+        if np.any(np.asarray(self.inertia) > 10 * np.asarray(self.kd)):
+            raise gr.GainroomError("damps too little")
+
+
 OBSERVED = "type: dob, feedback: motor, kp: 600, kd: 90, observer: 6, inertia: 0.5"
 AS_PID = "type: pid, feedback: motor, kp: 1140, ki: 3600, kd: 93"
 """The same law: kp + g kd, g kp, kd + g J."""
@@ -377,6 +388,30 @@ ARM = ROBOT.partition("tasks")[0].replace(
     "type: pd, feedback: motor, sample_rate_hz: 2000, kp: 400.0, kd: 30.0", f"{OBSERVED}, sample_rate_hz: 2000"
 )
 SAME = "gain_margin_db", "phase_margin_deg", "delay_margin_ms", "peak_sensitivity", "gain_limit", "stable", "unmet", "requirements_met"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "joint", "robot"),
+    [
+        ("observer: 101", "control.observer 101.0", "control.observer [101.0, 101.0]"),
+        (
+            "observer: 6, inertia: 5000",
+            "control.kp 600.0, control.kd 90.0, control.observer 6.0, control.inertia 5000.0",
+            "control.kp [600.0, 600.0], control.kd [90.0, 90.0], control.observer [6.0, 6.0], control.inertia [5000.0, 5000.0]",
+        ),
+    ],
+)
+def test_what_a_controller_refuses_names_file_key_and_value(tmp_path: Path, capsys, monkeypatch, wrong: str, joint: str, robot: str):
+    """Its class raises an error that knows neither; where it names no gain, all of them are told."""
+    monkeypatch.setitem(CONTROLLERS, "dob", Careful)
+    write_arm(tmp_path)
+    why = "the observer must not be faster than 100 rad/s" if "101" in wrong else "damps too little"
+    given = wrong if "inertia" in wrong else f"{wrong}, inertia: 0.5"
+    for command, text, told in (("joint", KNEE, joint), ("robot", ARM, robot)):
+        path = tmp_path / f"{command}.yaml"
+        path.write_text(text.replace("observer: 6, inertia: 0.5", given), "utf-8")
+        assert main([command, str(path)]) == 2
+        assert capsys.readouterr().err == f"gainroom: error: {path}: {told}: {why}\n"
 
 
 def test_a_disturbance_observer_of_a_joint(tmp_path: Path, capsys, observer: None):

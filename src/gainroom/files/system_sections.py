@@ -296,10 +296,14 @@ class ControlSection(Section):
         return f"{key.meaning}{unit}, a number {'> 0' if cls.may_not_be_zero(key) else '>= 0'}{cls.ALLOWED}"
 
     def controller(self, gains: Mapping[str, Any]) -> Controller:
-        """Controller of the type with `gains` and the filters."""
+        """Controller of the type with `gains` and the filters. Raises GainroomError, with keys and values, for what its class refuses."""
         self.require_right()
-        found = CONTROLLERS[self.type](**gains, **self.filters())
-        found.require_consistent()
+        filters = self.filters()
+        try:
+            found = CONTROLLERS[self.type](**gains, **filters)
+            found.require_consistent()
+        except GainroomError as error:
+            raise GainroomError(*(_placed(problem, gains) for problem in error.problems)) from error
         return found
 
     def require_filters_below(self, nyquist: float) -> None:
@@ -311,6 +315,13 @@ class ControlSection(Section):
             for index, notch in enumerate(self.notches):
                 place = f"control.notches[{index}]"
                 together.step(lambda notch=notch, place=place: notch.require_below("frequency", place, min(nyquist, velocity)))
+
+
+def _placed(problem: str, gains: Mapping[str, Any]) -> str:
+    """Problem of a controller's class, which knows no file: behind keys and values of the gains that it names, or of all."""
+    named = [name for name in gains if re.search(rf"\b{re.escape(name)}\b", problem)] or [*gains]
+    values = ", ".join(f"control.{name} {shown(np.asarray(gains[name]).tolist())}" for name in named)
+    return f"{values}: {problem}" if values else f"control: {problem}"
 
 
 def known_gains() -> tuple[str, ...]:
