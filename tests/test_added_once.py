@@ -325,7 +325,7 @@ class DisturbanceObserver(Controller):
     kind = "PD with a disturbance observer"
     GAINS = (
         *gr.PD.GAINS,
-        GainKey("observer", "rad/s", "the bandwidth of the disturbance observer"),
+        GainKey("observer", "rad/s", "the bandwidth of the disturbance observer", scales=False),
         GainKey("inertia", "kg·m²", "the inertia that the disturbance observer assumes"),
     )
     held_ratio = "inertia/kd"
@@ -339,9 +339,6 @@ class DisturbanceObserver(Controller):
         """(C + Q J s²)/(1 − Q) = (kp + kd s)(1 + g/s) + g J s."""
         g = self.observer
         return {(0, 0): np.asarray(self.kp + g * self.kd), (1, 0): np.asarray(self.kd + g * self.inertia), (0, 1): np.asarray(g * self.kp)}
-
-    def scaled(self, factor: float) -> "DisturbanceObserver":
-        return replace(self, kp=factor * self.kp, kd=factor * self.kd, inertia=factor * self.inertia)
 
     def plane(self) -> Any:
         """J/kd is held."""

@@ -25,7 +25,7 @@ from gainroom.report.joint_tables import JointPresentation
 from gainroom.report.margin_columns import margin_rows
 from gainroom.report.number_format import digits
 from gainroom.report.robot_columns import JOINT
-from gainroom.system.controller import Controller
+from gainroom.system.controller import Controller, GainKey
 from gainroom.system.requirement import Requirement
 from gainroom.system.requirements import REQUIREMENTS, SensitivityBound
 from independent.joint import PDJoint
@@ -101,6 +101,47 @@ def test_a_controller_is_one_class():
     assert shown.facts()["recommended"]["lead"] == pytest.approx(pd.recommended.kd / pd.recommended.kp, rel=1e-9)
     assert digits(study.recommended.kd) in render(*next(shown.screens(verbose=True)))
     assert "Series" in joint_page(shown, "again")
+
+
+@dataclass(frozen=True)
+class Standard(Controller):
+    """u = kp e + kp/ti ∫e + kd ė: a PID in standard form, with its integral time ti [s]."""
+
+    kind: ClassVar[str] = "standard PID"
+    GAINS: ClassVar[tuple[GainKey, ...]] = (*gr.PD.GAINS, GainKey("ti", "s", "the integral time", positive=True, scales=False))
+    has_plane: ClassVar[bool] = False
+
+    kp: Any
+    kd: Any
+    ti: Any
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not np.all(np.asarray(self.ti) > 0):
+            raise gr.GainroomError("ti must be > 0")
+
+    def terms(self):
+        terms = {(0, 0): np.asarray(self.kp), (1, 0): np.asarray(self.kd), (0, 1): np.asarray(self.kp / self.ti)}
+        return {powers: gain for powers, gain in terms.items() if np.any(gain)}
+
+
+def test_a_time_constant_is_no_gain(tmp_path):
+    """It stays where gains are scaled, and where other loops or gains are open: the limits are those of the PID that it amounts to."""
+    kp, kd, ti = np.array([400.0, 300.0]), np.array([40.0, 30.0]), np.array([0.5, 0.8])
+    own, same = Standard(kp, kd, ti), gr.PID(kp, kp / ti, kd)
+    own.require_consistent()
+    path, arm = gr.GainPath(1e-3, 5e-4), load_robot_system(write_arm(tmp_path))
+    plant, drive = (
+        gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0)),
+        gr.Drive(4000.0, 0.9, 2e-3),
+    )
+    found = []
+    for law in (own, same):
+        apart = gr.margins(gr.build_loop(plant, drive, law, sample_time=1e-3, kd_path=path)).gain_margin
+        (state,) = gr.analyze(arm.with_controller(law)).states
+        found.append([apart, *state.limits_others_open])
+    assert np.all(np.isfinite(found[0]))
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
 
 
 class Twice(Series):

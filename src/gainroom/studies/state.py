@@ -264,7 +264,7 @@ class State:
 
         def loop(k: int, own: Controller) -> Loop:
             if size > 1:
-                own = replace(own, **{name: np.eye(size)[k] * getattr(own, name) for name in own.gain_names()})
+                own = replace(own, **{name: np.eye(size)[k] * getattr(own, name) for name in own.scaled_names()})
             if type(own) is type(self.controller) and weight is None:
                 return self.loop.regained(own)
             held = None if weight is None else np.diag(np.eye(size)[k] * np.diagonal(weight))

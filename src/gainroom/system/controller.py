@@ -44,6 +44,7 @@ class GainKey:
     meaning   description in messages: "the gain on position"
     positive  True: > 0 for a single joint (one of several may have 0); False: >= 0
     of_task   unit for a direction of a task, where tasks have such a controller
+    scales    True: the torque grows with it; False: no gain, such as a time constant, which stays where gains are scaled or set to 0
     """
 
     name: str
@@ -51,6 +52,7 @@ class GainKey:
     meaning: str = "a gain"
     positive: bool = False
     of_task: str = ""
+    scales: bool = True
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Controller:
     """A sum of gain terms with filters; a subclass names its gains and the terms they make. Analysis and design use only this interface.
 
     kind             name in reports
-    GAINS            gains, in the order of the signature
+    GAINS            gains, and time constants and the like, in the order of the signature
     of_tasks         True: task directions may use it
     plane_names      axes of its kp–kd plane in its own gains
     has_plane        True: its gains can move in a kp–kd plane (plane, plane_gains, from_plane)
@@ -99,6 +101,11 @@ class Controller:
     def gain_keys(cls) -> tuple[GainKey, ...]:
         """Gain descriptions; names alone for a controller that lists none."""
         return cls.GAINS or tuple(map(GainKey, cls.gain_names()))
+
+    @classmethod
+    def scaled_names(cls) -> tuple[str, ...]:
+        """Names of the gains alone, without time constants and the like."""
+        return tuple(one.name for one in cls.gain_keys() if one.scales)
 
     def require_size(self, size: int) -> None:
         """Raise GainroomError, naming the gain, if its shape does not fit `size` > 1 joints, or it has a negative eigenvalue.
@@ -243,11 +250,11 @@ class Controller:
 
     def kd_alone(self) -> "Controller":
         """Controller with kd and its filters alone, every other gain 0; complements `without_kd`."""
-        return replace(self, **{name: 0.0 for name in self.gain_names() if name != "kd"})
+        return replace(self, **{name: 0.0 for name in self.scaled_names() if name != "kd"})
 
     def scaled(self, factor: float) -> "Controller":
         """Controller whose whole output is multiplied by `factor`."""
-        return replace(self, **{name: factor * getattr(self, name) for name in self.gain_names()})
+        return replace(self, **{name: factor * getattr(self, name) for name in self.scaled_names()})
 
     def plane(self) -> tuple[Terms, Terms]:
         """Terms that kp and kd each multiply when the gains move in the kp–kd plane with the held ratio fixed."""
