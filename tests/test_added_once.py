@@ -538,7 +538,7 @@ def test_a_controller_that_contradicts_itself_is_refused(text: str, tmp_path: Pa
     """What it forgets to override would be judged, or recommended for, as another law; so would kd apart from what else kd is in."""
 
     class Unscaled(DisturbanceObserver):
-        scaled = Controller.scaled
+        GAINS = tuple(replace(one, scales=True) for one in DisturbanceObserver.GAINS)  # the observer's bandwidth, too
 
     class Flat(DisturbanceObserver):
         plane = gr.PD.plane

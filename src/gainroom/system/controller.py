@@ -244,7 +244,8 @@ class Controller:
         if "kd" not in self.gain_names():
             raise GainroomError(f"kd_path: is for controllers with a kd, PD and PID, not for {self.kind}")
         others = replace(self, kd=0.0, velocity_filter=None)  # type: ignore[call-arg] - it has one
-        if not _same(_sum(others.terms(), self.kd_alone().terms()), self.terms()):
+        alone = _nonzero(self.kd_alone().terms())
+        if not (alone.keys() <= {(1, 0)} and _same(_sum(others.terms(), alone), self.terms())):
             raise GainroomError(f"kd_path: is for controllers whose kd acts by itself, as that of PD and PID; not for {self.kind}")
         return others
 
