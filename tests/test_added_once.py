@@ -193,6 +193,45 @@ def test_a_measured_requirement_of_an_audit(tmp_path: Path, capsys, noise: Noise
     assert "noise_torque" in robot["unmet"]
 
 
+COMPLEMENTARY = SensitivityBound("peak_complementary", "Mt", "peak_complementary", slope=-1.0, offset=1.0)
+
+
+def test_an_audit_says_of_a_joint_what_was_measured_of_it(tmp_path: Path, capsys, monkeypatch, noise: NoiseTorque):
+    """Where the robot misses what a joint has no value of, the joint is not told safe; one whose value is known and too large is unsafe."""
+    monkeypatch.setitem(REQUIREMENTS, COMPLEMENTARY.name, replace(COMPLEMENTARY, at_frequency="peak_complementary_frequency"))
+    write_arm(tmp_path)
+    written, lenient = (
+        tmp_path / "written.yaml",
+        ("--margin-db", "1", "--require", "phase_margin_deg=5", "--require", "peak_sensitivity=20"),
+    )
+    call = [*audited(tmp_path, *lenient), "--write-robot", str(written)]
+    assert {joint["safe"] for joint in of_json(capsys, *call)["joints"]} == {True}
+
+    system = load_robot_system(written)
+    case = next(iter(system.cases()))
+    response = system.loop(case.model, system.controller(case.model)).response(np.geomspace(1e-1, np.pi * 2000, 100_000))
+    peaks = np.abs(1 - np.diagonal(np.linalg.inv(np.eye(2) + response), axis1=1, axis2=2)).max(axis=0)
+    first, second = np.argsort(-peaks)
+    assert peaks[first] > peaks[second] > 1.02
+    for least, safe in ((peaks[second], {first: False, second: None}), (peaks[first], {first: True, second: True})):
+        share = 0.99 if safe[second] is None else 1.01  # so that both loops miss it, or none
+        found = of_json(capsys, *call, "--require", f"peak_complementary={share * least:.4f}")
+        assert [joint["safe"] for joint in found["joints"]] == [safe[k] for k in range(2)]
+        known = found["joints"][first]["margins"]["peak_complementary"]
+        assert known == pytest.approx(peaks[first], rel=1e-3)
+
+    missed = [*call, "--require", "noise_torque_nm=6"]
+    page = tmp_path / "page.html"
+    assert [joint["safe"] for joint in of_json(capsys, *missed)["joints"]] == [None, None]
+    text = printed(capsys, *missed, "--report", page)
+    table = text.partition(" joint ")[2]
+    assert "safe –: not known, as the robot misses what was not measured of this joint" in text
+    assert "rms noise torque ≤" not in table
+    html = page.read_text("utf-8")
+    assert "not known of 2; judged:" in html
+    assert "Joints whose loops miss it" not in html
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -95,7 +95,7 @@ def _reasons(result: Audit) -> list[Section]:
     else:
         names = {name for state in result.states for name in result.joints_that_miss_in(state)}
         joints = [joint.name for joint in result.joints if joint.name in names]
-        where = [paragraph(f"Joints whose loops miss it, or that move there: {listed(joints)}.")]
+        where = [paragraph(f"Joints whose loops miss it, or that move there: {listed(joints)}.")] * bool(joints)
         unknown = all(math.isnan(result.value_in(result.worst[one.name], one)) for one in (REQUIREMENTS[name] for name in result.missed))
         what = "; ".join(besides(result))
         first = [
@@ -165,17 +165,26 @@ def _cards(result: Audit) -> list[Card]:
         None if not result.delay_margin or (math.isnan(extra) and result.stable) else enough(extra, result.delay_margin),
         f"vibrates from {until} of delay, {digits(1e3 * result.system.delay, 'ms', 3)} given" if 0 < result.delay_limit < math.inf else "",
     )
-    failing = [joint for joint in result.joints_tightest_first if not joint.safe]
+    failing = [joint for joint in result.joints_tightest_first if joint.safe is False]
+    open_still = sum(joint.safe is None for joint in result.joints)
     rows = tabulated(audited_joints(result), failing)[1]
     joints = [shared_row(rows, group)[0] for group in alike_rows(rows)]
+    held = None if open_still and not joints else not joints
     base = "no contacts" if result.system.source.body.base == "floating" else "fixed base, no contacts"
     judged = listed([state.contact if state.model.contacts else f"{state.contact} ({base})" for state in result.states])
-    note = f"{f'{listed(joints)}; ' if joints else ''}judged: {judged}"
+    note = f"{f'{listed(joints)}; ' if joints else ''}{f'not known of {open_still}; ' if open_still else ''}judged: {judged}"
     return [
         first,
         *(_margin(result, one) for one, _ in asked.asked_for if result.stable and one.name not in ("gain_margin", "delay_margin")),
         delay,
-        Card("joints that fail", str(len(failing)), f"of {len(result.joints)}", "none allowed", not joints, note),
+        Card(
+            "joints that fail",
+            str(len(failing)),
+            f"of {len(result.joints)}",
+            "none allowed",
+            held,
+            note,
+        ),
         _gearboxes(result),
     ]
 

@@ -60,7 +60,7 @@ def audit_sentence(result: Audit) -> str:
 
 def verdict(result: Audit) -> str:
     """Verdict text: safe or not, the first failure, its state and joints. It contains no gain to use."""
-    over, unsafe = over_range(result), sum(not joint.safe for joint in result.joints)
+    over, unsafe = over_range(result), sum(joint.safe is False for joint in result.joints)
     if result.doubts:
         return headline(result)
     readings = _readings(result) if result.readings else ""
@@ -84,7 +84,9 @@ def _unsafe(found: Audit) -> str:
     """Clause with the number of unsafe joints, and the factor at which vibration starts."""
     limit = found.tightest.limit
     start = "nothing makes it vibrate" if math.isinf(limit.gain) else f"vibration starts at {digits(limit.gain, '×', 4)} these gains"
-    joints = unsafe_joints(sum(not joint.safe for joint in found.joints), len(found.joints)).rstrip(".")
+    joints = unsafe_joints(sum(joint.safe is False for joint in found.joints), len(found.joints)).rstrip(".")
+    if all(joint.safe is not False for joint in found.joints) and any(joint.safe is None for joint in found.joints):
+        joints = "Which joints are unsafe is not known"
     joints = f"{joints[0].lower()}{joints[1:]}"
     return f"{joints}, {start if limit.gain > 0 else 'no lower gains are stable'}"
 
@@ -360,7 +362,7 @@ def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
     of_first, count = _values(result, found, first), len(found.joints)
     left = len(result.joints) - count
     groups = _by_factor(result, found)
-    unchanged = sum(not joint.safe and joint.name not in found.joints for joint in result.joints)
+    unchanged = sum(joint.safe is False and joint.name not in found.joints for joint in result.joints)
     others = f" and leave the other{f' {left}' if count > 1 else 's'}" if left else ""
     others += (
         f", of which {unchanged} that {'fail' if unchanged > 1 else 'fails'} now {'have' if unchanged > 1 else 'has'} enough then"
@@ -370,7 +372,7 @@ def _multiply(result: Audit, found: GainsToUse[Audit]) -> str:
     if count == 1:
         return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}){others}"
     whose = f"the gains of {count} joints" if left else "all gains"
-    unsafe = sum(not joint.safe and joint.name in found.joints for joint in result.joints)
+    unsafe = sum(joint.safe is False and joint.name in found.joints for joint in result.joints)
     which = (
         f", {unsafe} short of a margin and {count - unsafe} that are images of those or would vibrate then,"
         if left and count > unsafe
@@ -530,7 +532,7 @@ def _reading_facts(result: Audit) -> list[dict[str, Any]]:
             "meaning": one.meaning,
             "safe": one.audit.safe,
             "gain_limit": one.audit.tightest.limit.gain,
-            "unsafe_joints": [joint.name for joint in one.audit.joints if not joint.safe],
+            "unsafe_joints": [joint.name for joint in one.audit.joints if joint.safe is False],
         }
         for one in result.readings
     ]
@@ -548,7 +550,7 @@ def _tightest_joints(result: Audit, count: int) -> list[Part]:
     every = TextTable.of("", columns, result.joints_tightest_first)
     groups = alike_rows(every.rows)
     left = [result.joints_tightest_first[k] for group in groups[count:] for k in group]
-    failing = sum(not joint.safe for joint in left)
+    failing = sum(joint.safe is False for joint in left)
     of_them = f", {failing} of which fail" if failing else ""
     others = f"{len(left)} more joint{'s' * (len(left) > 1)}{of_them}: --verbose. " if left else ""
     joints = replace(every, rows=[shared_row(every.rows, group) for group in groups[:count]])

@@ -104,8 +104,8 @@ def margin_value(asked: Requirements, name: str, value: float, met: bool | None,
     return digits(one.in_unit(value), one.unit, significant)
 
 
-def judged_columns(asked: Requirements) -> list[Column]:
-    """Columns of an audit's joints, one for each requirement asked for, named in the heading; missed values are marked."""
+def judged_columns(asked: Requirements, measured: Collection[str]) -> list[Column]:
+    """Columns of an audit's joints, one for each requirement asked for and `measured`, named in the heading; missed values are marked."""
 
     def text(row: Any, name: str) -> str:
         missed = name in row.missed
@@ -114,6 +114,7 @@ def judged_columns(asked: Requirements) -> list[Column]:
     return [
         Column(judged_title(asked, one), "", lambda row: None, shown=lambda row, name=one.name: text(row, name))
         for one, _ in asked.asked_for
+        if one.name in measured
     ]
 
 

@@ -256,10 +256,22 @@ def audited_joints(result: "Audit") -> list[Column]:
         def factor(row: Any) -> str:
             return f"× {use.factors[result.joints.index(row)]:.4g}"
 
-        unchanged = any(not joint.safe and joint.name not in use.joints for joint in result.joints)
+        unchanged = any(joint.safe is False and joint.name not in use.joints for joint in result.joints)
         columns.insert(4, Column("use", "", lambda row: None, shown=factor, definition=f"{USE}{KEPT}" if unchanged else USE))
     place = next(k for k, one in enumerate(columns) if one.key == "motor_inertia")
-    return [*columns[:place], *judged_columns(result.required), *columns[place:]]
+    return [*columns[:place], *judged_columns(result.required, _measured(result)), *columns[place:]]
+
+
+def _measured(result: "Audit") -> set[str]:
+    """Names of the requirements that an audit has a value of for some joint; of unstable gains all."""
+    names = (one.name for one, _ in result.required.asked_for)
+    return {name for name in names if not (result.stable and all(math.isnan(row.margins[name]) for row in result.joints))}
+
+
+def _left_open(result: "Audit") -> str:
+    """Legend of a dash under "safe"; "" if there is none."""
+    some = any(row.safe is None for row in result.joints)
+    return "; safe –: not known, as the robot misses what was not measured of this joint" if some else ""
 
 
 def legend(result: "Audit", shown: Collection[str]) -> str:
@@ -273,7 +285,7 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
     }
     gains, margins = units_of(shown, {name: units[name] for name in ("kp", "kd", "ki")}), judged_legend(result.required, shown)
     clauses = [gains, *(text for title, text in parts.items() if title in shown), *filter(None, [margins])]
-    return f"{'; '.join(clauses)}.{'' if margins else f' {safe_means(asked(result))}.'}"
+    return f"{'; '.join(clauses)}{_left_open(result)}.{'' if margins else f' {safe_means(asked(result))}.'}"
 
 
 def joint_caption(result: "Audit", shown: Collection[str]) -> str:
@@ -282,7 +294,7 @@ def joint_caption(result: "Audit", shown: Collection[str]) -> str:
     by_title = {**{name: units[name] for name in ("kp", "kd", "ki")}, "motor inertia": units["load"]}
     margins = judged_legend(result.required, shown)
     caption = f"{margins}. {safe_means(asked(result), True)}" if margins else safe_means(asked(result))
-    caption = f"{units_of(shown, by_title)}.{units['prismatic']} {caption}."
+    caption = f"{units_of(shown, by_title)}.{units['prismatic']} {caption}{_left_open(result)}."
     return " ".join(filter(None, ["In the worst state.", definitions(audited_joints(result), shown), caption]))
 
 

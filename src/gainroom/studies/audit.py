@@ -54,6 +54,7 @@ NUMBERS = ("margins", "limits_others_open", "delay_limit")
 class AuditedJoint:
     """Gains of one joint, and the stable factor on them in the worst state.
 
+    safe                None: not known, as the robot misses a requirement that was not measured of this joint
     gain_limit          with the other loops open: all other joints switched off
     limit_others_closed with the other loops closed; NaN where a state is unstable
     limit               judged value: limit_others_closed, up or down, in stable states; gain_limit in others
@@ -71,7 +72,7 @@ class AuditedJoint:
     kd: float
     ki: float
     motor_inertia: float
-    safe: bool
+    safe: bool | None
     gain_limit: float
     limit_others_closed: float
     limit: float
@@ -206,6 +207,18 @@ class Audit(Analysis):
         missed = {name for name in missed if not math.isnan(self.value_in(state, REQUIREMENTS[name]))}  # of what is not known nobody is it
         return found.union(*(joints_that_miss(state, one, needed) for one, needed in self.required.asked_for if one.name in missed))
 
+    def joints_left_open_in(self, state: State) -> set[str]:
+        """Names of the joints of which it is not known whether they miss what a stable state misses."""
+        missed = [REQUIREMENTS[name] for name in self.missed_in(state) if name != "gain_margin"] if state.limit.stable else []
+        return set(state.model.joint_names) if any(not self._placed_in(state, one) for one in missed) else set()
+
+    def _placed_in(self, state: State, one: Requirement) -> bool:
+        """True if it is known which joints miss a requirement that a state misses."""
+        if math.isnan(self.value_in(state, one)):
+            return False
+        own = one.of_loops(state.counted)
+        return own is not None if one.bounds_each_loop else own is not None or bool(critical_joints_in(state, one.name))
+
     def enough_together_in(self, state: State) -> bool:
         """True if a state has the gain margin on all gains; if kd has a separate path, also on either path."""
         return state.limit.stable and enough(_together(state), self.margin)
@@ -254,22 +267,29 @@ class Audit(Analysis):
         closed = np.min([state.margins.one_loop.gain_margin for state in self.states], axis=0)
         judged = np.min([self.joint_limits_in(state) for state in self.states], axis=0)
         vibrating = {name for state in self.states for name in self.joints_that_miss_in(state)} | self._unsafe_at_corners
+        open_still = {name for state in self.states for name in self.joints_left_open_in(state)}
         actuators, margins = self.given_actuators, {one.name: self.margins_by_joint(one) for one, _ in self.required.asked_for}
+
+        def missed_by(k: int) -> tuple[str, ...]:
+            asked = [(one, needed, margins[one.name][k]) for one, needed in self.required.asked_for]
+            return tuple(one.name for one, needed, value in asked if not (math.isnan(value) or one.met(needed, value)))
+
+        def is_safe(k: int, name: str) -> bool | None:
+            if not enough(float(judged[k]), self.margin) or name in vibrating or missed_by(k):
+                return False
+            return None if name in open_still else True
+
         return tuple(
             AuditedJoint(
                 name=name,
                 **{key: float(column[k]) for key, column in columns.items()},
-                safe=enough(float(judged[k]), self.margin) and name not in vibrating,
+                safe=is_safe(k, name),
                 gain_limit=float(alone[k]),
                 limit_others_closed=float(closed[k]),
                 limit=float(judged[k]),
                 **{key: float(column[k]) for key, column in actuators.items()},
                 margins={name: float(values[k]) for name, values in margins.items()},
-                missed=tuple(
-                    one.name
-                    for one, needed in self.required.asked_for
-                    if not (math.isnan(margins[one.name][k]) or one.met(needed, margins[one.name][k]))
-                ),
+                missed=missed_by(k),
             )
             for k, name in enumerate(system.source.joint_names)
         )
@@ -285,12 +305,12 @@ class Audit(Analysis):
 
     @property
     def joints_tightest_first(self) -> tuple[AuditedJoint, ...]:
-        """Joints, unsafe ones first; within each group by shortfall, then by headroom."""
+        """Joints, unsafe ones first, then those of which that is not known; within each group by shortfall, then by headroom."""
 
-        def order(joint: AuditedJoint) -> tuple[bool, float, float]:
+        def order(joint: AuditedJoint) -> tuple[int, float, float]:
             asked = [(one, needed, joint.margins[one.name]) for one, needed in self.required.asked_for]
             missed = [one.shortfall(needed, value) for one, needed, value in asked if not math.isnan(value)]
-            return joint.safe, rank(-max(missed, default=0.0)), unknown_first(joint.limit)
+            return (False, None, True).index(joint.safe), rank(-max(missed, default=0.0)), unknown_first(joint.limit)
 
         return tuple(sorted(self.joints, key=order))
 

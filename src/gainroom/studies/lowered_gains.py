@@ -185,7 +185,7 @@ def _lowered(result: AuditOfGains) -> Iterator[tuple[Booleans, float]]:
     names, limits = result.system.source.joint_names, np.array([joint.limit for joint in result.joints])
     vibrating = {name for state in result.states if not result.enough_together_in(state) for name in state.limiting_joints}
     short, tried = (limits < result.margin) | np.isin(names, list(vibrating)), []
-    for some in () if result.has_kd_path else (short, np.array([not joint.safe for joint in result.joints])):
+    for some in () if result.has_kd_path else (short, np.array([joint.safe is False for joint in result.joints])):
         lowered = _with_images(result, some)
         most = min(1.0, float(np.min(limits[lowered], initial=math.inf)) / result.margin)
         for _ in range(GROWTHS if most > 0 else 0):

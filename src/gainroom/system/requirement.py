@@ -126,6 +126,11 @@ class Requirement:
         """Values (n,) one loop at a time, other loops closed; None where the margin is of all loops together alone, or not known."""
         return None
 
+    @property
+    def bounds_each_loop(self) -> bool:
+        """True if every single loop has to meet the bound by itself: one that is known to miss it says nothing about the others."""
+        return False
+
     def named(self, found: MarginRecord) -> str:
         """Title that tells which loops the margin belongs to: "phase margin of one loop" where that is the lesser."""
         return self.title

@@ -95,6 +95,10 @@ class SensitivityBound(Requirement):
     at_most: bool = True
     low: float = 1.0
 
+    @property
+    def bounds_each_loop(self) -> bool:
+        return True
+
     def of_loops(self, found: Any) -> Floats | None:
         return found.one_loop.peak_sensitivity if (self.slope, self.offset) == (1.0, 0.0) else None
 
