@@ -8,8 +8,8 @@ import scipy.signal
 
 import gainroom as gr
 from draws import draw_setup
+from gainroom.analysis.callable_scan import objective
 from gainroom.analysis.crossings import LOWEST_FLOOR, scan
-from gainroom.analysis.sampled_scan import objective
 from gainroom.analysis.stability import scan_loop, unstable_roots
 from gainroom.system.linear.transfer_function import Factored, ratio
 from independent import delay_roots

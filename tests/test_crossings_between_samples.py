@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.look import WHOLE, joint_loops, look, margins_seen
+from gainroom.analysis.loop_samples import WHOLE, joint_loops, margins_of_samples, take_samples
 
 
 def machine(seed: int) -> dict[str, Any]:
@@ -106,8 +106,8 @@ def test_phase_margin_is_the_least(seed, factor, omega, phase):
     assert abs(found.phase_margin) <= phase * (1 + 1e-8)
     m = machine(seed)
     one = np.ones(loop.size)
-    seen = look(joint_loops(loop_of(m, one, one)), factor * np.array([m["kp"], m["kd"], 0 * one]), WHOLE)
-    assert margins_seen(seen, loop.size).phase_margin == pytest.approx(abs(found.phase_margin), rel=1e-6)
+    seen = take_samples(joint_loops(loop_of(m, one, one)), factor * np.array([m["kp"], m["kd"], 0 * one]), WHOLE)
+    assert margins_of_samples(seen, loop.size).phase_margin == pytest.approx(abs(found.phase_margin), rel=1e-6)
 
 
 TURNS_ON_AXIS = {

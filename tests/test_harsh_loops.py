@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.look import WHOLE, Reach, look
+from gainroom.analysis.loop_samples import WHOLE, Reach, take_samples
 from gainroom.analysis.stability import unstable_roots
 from independent.machine import Machine, roots
 from machines import Pair, harsh
-from test_look import directed, scaled
+from test_loop_samples import directed, scaled
 
 SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
 SHARE, ALL, BATCHES = 24, 3000, 12
@@ -40,7 +40,7 @@ def wrong_of(pair: Pair, limits: bool) -> list[str]:
         for factor in (1.0, 0.2, 3.0, 0.97, 1.1):
             gains = scaled(along.gains, along.cascade, factor)
             for reach in (Reach(3.0, 0.7), WHOLE):
-                seen = look(loop, gains, reach)
+                seen = take_samples(loop, gains, reach)
                 if seen.followed and seen.unstable == 0 and grows(pair.machine.scaled(factor)):
                     wrong.append(f"{pair.kind}: times {factor} is seen to be stable as far as {reach}")
     if limits:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.look import WHOLE, joint_loops, look, margins_seen
+from gainroom.analysis.loop_samples import WHOLE, joint_loops, margins_of_samples, take_samples
 from gainroom.files.robot_yaml import parse_robot
 
 G1 = """
@@ -53,7 +53,7 @@ def test_the_phase_margin_is_where_any_locus_first_crosses(loop):
 def test_looks_of_the_search_see_it_too(loop):
     controller = loop.parts.controller
     gains = np.array([controller.kp, controller.kd, np.zeros(loop.size)])
-    seen = margins_seen(look(joint_loops(loop), gains, WHOLE), loop.size)
+    seen = margins_of_samples(take_samples(joint_loops(loop), gains, WHOLE), loop.size)
     assert seen.phase_margin < 0.51
     # Loci nearer than 3e-4 are not told apart there.
     assert abs(seen.phase_margin - gr.margins(loop).phase_margin) < 1e-4

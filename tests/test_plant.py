@@ -8,7 +8,7 @@ import pytest
 
 import gainroom as gr
 from draws import draw_joint, draw_plant
-from gainroom.analysis.look import joint_loops
+from gainroom.analysis.loop_samples import joint_loops
 from refusals import assert_refused
 
 S_POINTS = np.array([1j * w for w in (0.3, 5.0, 80.0, 400.0, 3000.0)] + [3.0 + 40j, -2.0 + 90j])

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import gainroom as gr
-from gainroom.analysis.look import WHOLE, LoopsApart, directed_loop, joint_loops, look, margins_seen
+from gainroom.analysis.loop_samples import WHOLE, LoopsApart, directed_loop, joint_loops, margins_of_samples, take_samples
 from gainroom.analysis.uncoupled_groups import uncoupled_groups
 from gainroom.studies.loop_numbers import first_factor
 from independent.loci.coupled_margins import coupled_margins
@@ -54,18 +54,18 @@ def test_margins_and_roots(number):
         assert sorted(joints.tolist() for joints, _ in found) == sorted(np.flatnonzero(owner == k).tolist() for k in range(len(SIZES)))
         loops = joint_loops(pair.loop)
         assert isinstance(loops, LoopsApart)
-        seen, count = look(loops, gains, WHOLE), unstable(pair.machine)
+        seen, count = take_samples(loops, gains, WHOLE), unstable(pair.machine)
         assert seen.followed
         assert seen.unstable == count
         assert (count > 0) == (factor > 1)
         if count:
             continue
-        exact, margins = coupled_margins(pair.loop), margins_seen(seen, pair.machine.size)
+        exact, margins = coupled_margins(pair.loop), margins_of_samples(seen, pair.machine.size)
         both_ways = min(exact.limit.gain, 1 / max(exact.limit.lower_gain, 1e-300))
         assert_allclose(margins.limit.gain, both_ways, rtol=1e-6)  # polished on both sides
         assert_allclose(margins.common_phase_margin, exact.common_phase_margin, rtol=1e-6)
         assert_allclose(margins.peak_sensitivity, exact.peak_sensitivity, rtol=1e-3)  # peaks of both are where samples told them to be
-        whole = look(together(pair.loop), gains, WHOLE)
+        whole = take_samples(together(pair.loop), gains, WHOLE)
         assert_allclose(*(one.delay_crossings(np.inf)[:, 0].min(initial=np.inf) for one in (seen, whole)), rtol=1e-5)
         assert_allclose(first_factor(pair.loop), exact.limit.gain, rtol=1e-6)
 
@@ -73,7 +73,7 @@ def test_margins_and_roots(number):
 @pytest.mark.parametrize("number", range(6))
 def test_what_moves_them_is_the_same(number):
     pair, gains, _ = drawn(number)
-    one, all_of_it = look(joint_loops(pair.loop), gains, WHOLE), look(together(pair.loop), gains, WHOLE)
+    one, all_of_it = take_samples(joint_loops(pair.loop), gains, WHOLE), take_samples(together(pair.loop), gains, WHOLE)
     other = gains * np.random.default_rng(number).uniform(0.97, 1.03, gains.shape)
     assert one.unstable == 0
     for asked in (

@@ -17,9 +17,9 @@ from gainroom.cli import main
 from gainroom.errors import THIN
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import load_robot_system, parse_robot
+from gainroom.report.gain_advice import joint_to_use, robot_to_use
 from gainroom.report.joint_text import notes, warnings
 from gainroom.report.number_format import UNITS
-from gainroom.report.verdict import joint_to_use, robot_to_use
 from gainroom.studies.joint import study_joint
 from gainroom.studies.robot import study_robot
 from gainroom.system.requirements import REQUIREMENTS

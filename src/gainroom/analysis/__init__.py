@@ -9,10 +9,10 @@ Gain limits    gain_limit, by proof or from samples; proved: proved_limit, by mo
                gain_directions; of one direction's gains: boundary
 Stability      stability (roots), stability_boundary (the values of s or z along it)
 Modes          equal_modes (of limbs that vibrate at the same limit), uncoupled_groups (of joints)
-Frequencies    crossings (of one joint, certified between points), sampled_scan (of callables)
+Frequencies    crossings (of one joint, certified between points), callable_scan (of a loop that is given as a callable)
 Gain regions   gain_region of one joint, from gain_plane and excluded_region; of a part of coupled gains: part_region, and what else limits
                it: part_region_margins, part_region_other_loops, part_region_common_phase; of all states: part_region_every_state
 Ranges         range_proof and box_loops: every joint whose parameters lie in ranges
-Sampled loops  sampled_loop: a loop with its gains as the core has it, by look
-Searches       look: margins of coupled loops from samples in the core, not certified, in milliseconds
+In the core    core_loop (a coupled loop with its gains), loop_samples (of its frequency response; margins from them are not certified,
+               and take milliseconds)
 """

@@ -15,11 +15,11 @@ from ..errors import GainroomError
 from ..system.controller import gain_matrix
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
+from .core_loop import EVERY_PHASE, NEAR_BY, CoreLoop
 from .disk_margin import MultiLoopDisk, disk_margin
 from .gain_limit import gain_limit, lost
-from .look import Reach, Seen
+from .loop_samples import LoopSamples, Reach
 from .margin_record import NUDGE, Certificate, Margins, OneLoop
-from .sampled_loop import EVERY_PHASE, NEAR_BY, SampledLoop
 from .stability_boundary import HIGHEST, Boundary
 
 MOST_ROUNDS = 5  # further samplings, where loci of equal joints or curves that nearly turn may cross unseen
@@ -38,19 +38,21 @@ def coupled_margins(loop: Loop, largest: bool = False) -> Margins:
 
     Raises GainroomError where all gains are zero, and where the loop cannot be sampled finely enough.
     """
-    limit, sampled = gain_limit(loop), _in_the_core(loop)
-    seen = sampled.look(EVERY_PHASE)
+    limit, core = gain_limit(loop), _in_the_core(loop)
+    samples = core.samples(EVERY_PHASE)
     if not limit.stable:
-        return replace(Margins.unknown(limit), unstable_roots=max(seen.unstable, 1) if seen.followed else -1, certified=limit.certified)
-    phase, crossover = _told_apart(seen) if seen.followed and seen.unstable == 0 else (math.nan, math.nan)
-    if not seen.followed or seen.unstable != 0:
+        return replace(
+            Margins.unknown(limit), unstable_roots=max(samples.unstable, 1) if samples.followed else -1, certified=limit.certified
+        )
+    phase, crossover = _told_apart(samples) if samples.followed and samples.unstable == 0 else (math.nan, math.nan)
+    if not samples.followed or samples.unstable != 0:
         raise GainroomError(f"margins: {lost(loop)}")
     reach = min(math.pi, 1.2 * abs(phase) + NEAR_BY.phase)
-    counting = sampled.look(Reach(NEAR_BY.factor, reach, EVERY_PHASE.peaks), between=True)
-    phase_certificate, delay = _phase_counted(counting, phase), _first_delay(loop, seen)
-    one_loop = _one_loop(loop, sampled, seen, counting, largest)
-    peak, peak_at = seen.peak(1.0, 0.0)
-    complementary, complementary_at = seen.peak(-1.0, 1.0)
+    counting = core.samples(Reach(NEAR_BY.factor, reach, EVERY_PHASE.peaks), between=True)
+    phase_certificate, delay = _phase_counted(counting, phase), _first_delay(loop, samples)
+    one_loop = _one_loop(loop, core, samples, counting, largest)
+    peak, peak_at = samples.peak(1.0, 0.0)
+    complementary, complementary_at = samples.peak(-1.0, 1.0)
     disk = disk_of(loop)
     crossed = np.array([limit.frequency, limit.lower_frequency, crossover, delay.omega])
     # Beside a resonance without damping roots are counted that grow by TILT: slow ones may cross the boundary well before.
@@ -82,14 +84,14 @@ def coupled_delay_margin(loop: Loop) -> float:
 
     inf: none up to LONGEST_DELAY; NaN: the loop is unstable as it is. Raises GainroomError where the loop cannot be sampled finely enough.
     """
-    seen = _in_the_core(loop).look(EVERY_PHASE, smooth=False)
-    if seen.followed and seen.unstable > 0:
+    samples = _in_the_core(loop).samples(EVERY_PHASE, smooth=False)
+    if samples.followed and samples.unstable > 0:
         return math.nan
-    if seen.followed:
-        seen.tell_apart(NEAR_BY.factor, math.pi)
-    if not seen.followed or seen.unstable < 0:
+    if samples.followed:
+        samples.tell_apart(NEAR_BY.factor, math.pi)
+    if not samples.followed or samples.unstable < 0:
         raise GainroomError(f"margins: {lost(loop)}")
-    return _first_delay(loop, seen).at
+    return _first_delay(loop, samples).at
 
 
 def one_loop_gains(loop: Loop) -> OneLoop:
@@ -97,18 +99,18 @@ def one_loop_gains(loop: Loop) -> OneLoop:
 
     Raises GainroomError where the loop cannot be sampled finely enough.
     """
-    sampled = _in_the_core(loop)
-    seen, counting = sampled.look(EVERY_PHASE), sampled.look(Reach(NEAR_BY.factor, NEAR_BY.phase, EVERY_PHASE.peaks), between=True)
-    if not seen.followed:
+    core = _in_the_core(loop)
+    samples, counting = core.samples(EVERY_PHASE), core.samples(Reach(NEAR_BY.factor, NEAR_BY.phase, EVERY_PHASE.peaks), between=True)
+    if not samples.followed:
         raise GainroomError(f"margins: {lost(loop)}")
-    return _one_loop(loop, sampled, seen, counting, largest=True)
+    return _one_loop(loop, core, samples, counting, largest=True)
 
 
-def _in_the_core(loop: Loop) -> SampledLoop:
-    sampled = SampledLoop.of(loop)
-    if sampled is None:
+def _in_the_core(loop: Loop) -> CoreLoop:
+    core = CoreLoop.of(loop)
+    if core is None:
         raise GainroomError("margins of several joints need a loop built with build_loop")
-    return sampled
+    return core
 
 
 def direction_limits(loop: Loop, torque: Floats, jacobian: Floats, gains: Floats, cascade: Booleans) -> Floats:
@@ -118,33 +120,33 @@ def direction_limits(loop: Loop, torque: Floats, jacobian: Floats, gains: Floats
 
     loop                of all directions, stable: where it is not, all are NaN
     torque, jacobian    X (n, m), E (m, n)
-    gains, cascade      (3, m), (m,): as SampledLoop.of_directions
+    gains, cascade      (3, m), (m,): as CoreLoop.of_directions
     """
-    sampled = SampledLoop.of_directions(loop, torque, jacobian, gains, cascade)
-    seen, counting = sampled.look(EVERY_PHASE), sampled.look(Reach(NEAR_BY.factor, NEAR_BY.phase, EVERY_PHASE.peaks), between=True)
-    if not (seen.followed and counting.followed and seen.unstable == counting.unstable == 0):
+    core = CoreLoop.of_directions(loop, torque, jacobian, gains, cascade)
+    samples, counting = core.samples(EVERY_PHASE), core.samples(Reach(NEAR_BY.factor, NEAR_BY.phase, EVERY_PHASE.peaks), between=True)
+    if not (samples.followed and counting.followed and samples.unstable == counting.unstable == 0):
         return np.full(len(cascade), math.nan)
-    return np.array([_factor(seen, counting, k, 1, up) for k, up in enumerate(seen.one_loop()[:, 0].tolist())])
+    return np.array([_factor(samples, counting, k, 1, up) for k, up in enumerate(samples.one_loop()[:, 0].tolist())])
 
 
-def _told_apart(seen: Seen) -> tuple[float, float]:
+def _told_apart(samples: LoopSamples) -> tuple[float, float]:
     """Phase margin common to all loops [rad], with its sign, and its frequency [rad/s], after refining samples at nearly equal loci.
 
     Loci of equal limbs, and curves that nearly turn back, may cross the unit circle between samples. Every phase is looked at, also a large
     one: at a high frequency it is a short delay.
     """
-    found = seen.common_phase()
+    found = samples.common_phase()
     for _ in range(MOST_ROUNDS):
-        up, down = seen.one_loop().T[:2]  # (n,) per joint; inf where none is seen
-        before = seen.samples
-        seen.tell_apart(math.exp(min(float(np.minimum(up, down).max()), math.log(HIGHEST))), math.pi)
-        if not seen.followed or seen.samples == before:
+        up, down = samples.one_loop().T[:2]  # (n,) per joint; inf where none is seen
+        before = samples.samples
+        samples.tell_apart(math.exp(min(float(np.minimum(up, down).max()), math.log(HIGHEST))), math.pi)
+        if not samples.followed or samples.samples == before:
             break
-        found = seen.common_phase()
+        found = samples.common_phase()
     return found
 
 
-def _phase_counted(counting: Seen, phase: float) -> Certificate | None:
+def _phase_counted(counting: LoopSamples, phase: float) -> Certificate | None:
     """Roots that lags and leads up to a little less than `phase` make unstable, and those of a little more of its own sign."""
     if math.isinf(phase):
         return None
@@ -166,7 +168,7 @@ class _Delay(NamedTuple):
     known: bool = True
 
 
-def _first_delay(loop: Loop, seen: Seen) -> _Delay:
+def _first_delay(loop: Loop, samples: LoopSamples) -> _Delay:
     """Smallest extra delay in all loops that puts a root on the stability boundary, with its root counts; inf: none up to LONGEST_DELAY.
 
     A crossing of −1 in the samples is exact where a delay T turns loci by ωT; of a sampled loop it is the start of a secant iteration.
@@ -181,7 +183,7 @@ def _first_delay(loop: Loop, seen: Seen) -> _Delay:
 
     stable, found = 0.0, _Delay(math.nan, math.nan, None, False)
     for _ in range(TRIES):
-        crossings = [(stable + more, omega) for more, omega in seen.delay_crossings(LONGEST_DELAY - stable).tolist()]
+        crossings = [(stable + more, omega) for more, omega in samples.delay_crossings(LONGEST_DELAY - stable).tolist()]
         if not crossings:
             known = counted(LONGEST_DELAY) == 0
             return _Delay(math.inf, math.nan, None, known) if stable == 0 else found
@@ -196,8 +198,8 @@ def _first_delay(loop: Loop, seen: Seen) -> _Delay:
                 return found
             first = delay
         stable = _later(counted, stable, first)
-        seen = _in_the_core(loop.delayed(stable)).look(EVERY_PHASE, smooth=False)
-        if not seen.followed or seen.unstable != 0:
+        samples = _in_the_core(loop.delayed(stable)).samples(EVERY_PHASE, smooth=False)
+        if not samples.followed or samples.unstable != 0:
             break
     return found
 
@@ -212,18 +214,18 @@ def _later(counted: Callable[[float], int], stable: float, unstable: float) -> f
     return stable
 
 
-def _one_loop(loop: Loop, sampled: SampledLoop, seen: Seen, counting: Seen, largest: bool) -> OneLoop:
+def _one_loop(loop: Loop, core: CoreLoop, samples: LoopSamples, counting: LoopSamples, largest: bool) -> OneLoop:
     """Margins of one loop at a time, with `largest` also each joint's largest gains; certified where roots are counted on both sides."""
-    up, down, phase, peak = seen.one_loop().T
-    highest = [_factor(seen, counting, joint, 1, size) for joint, size in enumerate(up.tolist())]
-    lowest = [_factor(seen, counting, joint, -1, size) for joint, size in enumerate(down.tolist())]
+    up, down, phase, peak = samples.one_loop().T
+    highest = [_factor(samples, counting, joint, 1, size) for joint, size in enumerate(up.tolist())]
+    lowest = [_factor(samples, counting, joint, -1, size) for joint, size in enumerate(down.tolist())]
     certified = ~np.isnan(highest) & ~np.isnan(lowest)
     highest, lowest = np.where(np.isnan(highest), np.exp(up), highest), np.where(np.isnan(lowest), np.exp(-down), lowest)
     found = OneLoop(highest, lowest, phase, certified, peak_sensitivity=peak)
-    return _with_largest(loop, sampled, seen, counting, found) if largest else found
+    return _with_largest(loop, core, samples, counting, found) if largest else found
 
 
-def _factor(seen: Seen, counting: Seen, joint: int, way: int, first: float) -> float:
+def _factor(samples: LoopSamples, counting: LoopSamples, joint: int, way: int, first: float) -> float:
     """The factor on one joint's gains, above 1 (`way` 1) or below it (−1), where it is lost; inf or 0: none; NaN where none is confirmed.
 
     first   |ln| of the nearest crossing that is seen: where no root passes there, others are tried by their distance
@@ -237,11 +239,11 @@ def _factor(seen: Seen, counting: Seen, joint: int, way: int, first: float) -> f
     found = confirmed(first)
     if not math.isnan(found):
         return found
-    others = [way * one for one in seen.one_loop_crossings(joint)[:, 0].tolist() if way * one > first]
+    others = [way * one for one in samples.one_loop_crossings(joint)[:, 0].tolist() if way * one > first]
     return next((other for size in [*others, math.inf] if not math.isnan(other := confirmed(size))), math.nan)
 
 
-def _is_end(counting: Seen, joint: int, gain: int, change: float, scale: float, farthest: float) -> bool:
+def _is_end(counting: LoopSamples, joint: int, gain: int, change: float, scale: float, farthest: float) -> bool:
     """A change of one joint's gains is where it is lost: no root is unstable a little before it, and one is a little behind.
 
     True also where there is none, `scale` 0 or inf, and none is unstable at `farthest`.
@@ -255,21 +257,21 @@ def _is_end(counting: Seen, joint: int, gain: int, change: float, scale: float, 
     return counting.one_loop_count(joint, change - aside, gain) == 0 and counting.one_loop_count(joint, change + aside, gain) > 0
 
 
-def _with_largest(loop: Loop, sampled: SampledLoop, seen: Seen, counting: Seen, found: OneLoop) -> OneLoop:
+def _with_largest(loop: Loop, core: CoreLoop, samples: LoopSamples, counting: LoopSamples, found: OneLoop) -> OneLoop:
     """Margins of one loop at a time with each joint's largest kp and kd, where there are such gains."""
     assert loop.parts is not None
     controller = loop.parts.controller
     units, first = controller.units(), 0
     if not units:
         return found
-    if not sampled.by_joint:
-        extended = SampledLoop.of_matrices(loop, with_joints=True)
-        seen, counting = extended.look(EVERY_PHASE), extended.look(NEAR_BY, between=True)
+    if not core.by_joint:
+        extended = CoreLoop.of_matrices(loop, with_joints=True)
+        samples, counting = extended.samples(EVERY_PHASE), extended.samples(NEAR_BY, between=True)
         first = extended.gains.shape[1] - loop.size
     largest, certified = {}, found.certified.copy()
     for gain, name in enumerate(units, start=1):
         now = np.diagonal(gain_matrix(name, getattr(controller, name), loop.size)) * loop.gain
-        more = seen.growths(gain)[first:, 0]
+        more = samples.growths(gain)[first:, 0]
         for joint, (grown, own) in enumerate(zip(more.tolist(), now.tolist(), strict=True)):
             farthest = (HIGHEST - 1) * own
             if 0 <= grown < NUDGE * own:  # no more is stable: the gain as it is stands for the side within

@@ -6,11 +6,11 @@ import numpy as np
 
 from ..errors import GainroomError, computable
 from ..system.loop import Loop, require_loop
-from .look import AT_REST, Reach, Seen
+from .core_loop import CoreLoop
+from .loop_samples import AT_REST, LoopSamples, Reach
 from .margin_record import NUDGE, Certificate, End, GainLimit, interval
 from .multirate import Multirate
 from .proved_limit import proved_limit
-from .sampled_loop import SampledLoop
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 from .stability_boundary import HIGHEST, Boundary, first_grid
 
@@ -45,38 +45,38 @@ def gain_limit(loop: Loop) -> GainLimit:
 
 def sampled_limit(loop: Loop) -> GainLimit | None:
     """Gain limit of several joints from the core's samples, with roots counted on both sides; None where an end is not confirmed."""
-    sampled = SampledLoop.of(loop)
-    seen = None if sampled is None else sampled.look(NEAR_AXIS, smooth=False)
-    if sampled is None or seen is None or not seen.followed or seen.unstable < 0:
+    core = CoreLoop.of(loop)
+    samples = None if core is None else core.samples(NEAR_AXIS, smooth=False)
+    if core is None or samples is None or not samples.followed or samples.unstable < 0:
         return None
-    if seen.unstable == 0:
-        return _sampled_interval(loop, sampled, seen, 1.0)
-    below = -np.sort(-seen.passing_factors()[:, 0])
+    if samples.unstable == 0:
+        return _sampled_interval(loop, core, samples, 1.0)
+    below = -np.sort(-samples.passing_factors()[:, 0])
     for end in np.exp(below[below < NUDGE]).tolist():  # the highest first; these gains may lie on one themselves
         for aside in (NUDGE, INSIDE):  # equal limbs pass one close behind the other
             inside = end * (1 - aside)
-            stable = sampled.scaled(inside)
+            stable = core.scaled(inside)
             if stable.unstable() == 0:
-                looked = stable.look(NEAR_AXIS, smooth=False)
+                looked = stable.samples(NEAR_AXIS, smooth=False)
                 return _sampled_interval(loop, stable, looked, inside) if looked.followed and looked.unstable == 0 else None
     return None
 
 
-def _sampled_interval(loop: Loop, sampled: SampledLoop, seen: Seen, factor: float) -> GainLimit | None:
+def _sampled_interval(loop: Loop, core: CoreLoop, samples: LoopSamples, factor: float) -> GainLimit | None:
     """The stable interval about a stable `factor` on the gains of `loop`, which `sampled` has; None where an end is not confirmed."""
-    seen.tell_apart(HIGHEST, NEAR_AXIS.phase)
-    if not seen.followed:
+    samples.tell_apart(HIGHEST, NEAR_AXIS.phase)
+    if not samples.followed:
         return None
     boundary = Boundary(loop)
     ends: list[End | None] = []
-    for way, farthest, (log, omega) in zip((1, -1), ((HIGHEST / factor,), FAR_BELOW), seen.common_factors().tolist(), strict=True):
+    for way, farthest, (log, omega) in zip((1, -1), ((HIGHEST / factor,), FAR_BELOW), samples.common_factors().tolist(), strict=True):
         at = math.exp(way * log)
         within = at < farthest[0] if way > 0 else at > farthest[0]
-        certificate = Certificate(*(sampled.scaled(at * (1 + side * way * NUDGE)).unstable() for side in (-1, 1))) if within else None
+        certificate = Certificate(*(core.scaled(at * (1 + side * way * NUDGE)).unstable() for side in (-1, 1))) if within else None
         if certificate is None or not certificate.holds or certificate.outside < 0:
             # Round-off may hide what low gains do: then stability is known down to a higher one.
             nearer = [end for end in farthest if not within or end > at] if way < 0 or not within else []
-            if not any(sampled.scaled(end).unstable() == 0 for end in nearer):
+            if not any(core.scaled(end).unstable() == 0 for end in nearer):
                 return None
             ends.append(None)
             continue

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..system.linear.arrays import Floats
 from ..system.loop import Loop
+from .core_loop import EVERY_PHASE, CoreLoop
 from .margin_record import Margins
-from .sampled_loop import EVERY_PHASE, SampledLoop
 
 
 def margins_outside(loop: Loop, found: Margins, bands: Floats) -> Margins:
@@ -22,18 +22,18 @@ def margins_outside(loop: Loop, found: Margins, bands: Floats) -> Margins:
     """
     phase, crossover = math.nan, math.nan
     own, peaks, peak_at = np.full(loop.size, math.nan), np.full(loop.size, math.nan), math.nan
-    sampled = SampledLoop.of(loop)
-    seen = None if sampled is None else sampled.look(EVERY_PHASE)
-    if seen is not None and seen.followed and seen.unstable == 0:
-        seen.tell_apart(EVERY_PHASE.factor, math.pi)
-    if seen is not None and seen.followed and seen.unstable == 0:
-        common = _outside(seen.phases(locus=True), bands)
+    core = CoreLoop.of(loop)
+    samples = None if core is None else core.samples(EVERY_PHASE)
+    if samples is not None and samples.followed and samples.unstable == 0:
+        samples.tell_apart(EVERY_PHASE.factor, math.pi)
+    if samples is not None and samples.followed and samples.unstable == 0:
+        common = _outside(samples.phases(locus=True), bands)
         first = int(np.argmin(np.abs(common[:, 1]))) if len(common) else None
         phase, crossover = (math.inf, math.nan) if first is None else common[first, 1:].tolist()
         own[:] = math.inf
-        for joint, lag, _ in _outside(seen.phases(locus=False), bands).tolist():
+        for joint, lag, _ in _outside(samples.phases(locus=False), bands).tolist():
             own[int(joint)] = min(own[int(joint)], abs(lag))
-        heights = np.vstack([_outside(seen.sensitivities(), bands), _at_edges(loop, bands)])
+        heights = np.vstack([_outside(samples.sensitivities(), bands), _at_edges(loop, bands)])
         peaks[:] = 0.0
         np.maximum.at(peaks, heights[:, 0].astype(int), heights[:, 1])
         peak_at = float(heights[np.argmax(heights[:, 1]), 2])

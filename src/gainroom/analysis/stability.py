@@ -15,10 +15,10 @@ from ..native import _core
 from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.transfer_function import growth
 from ..system.loop import Loop, require_loop
+from .callable_scan import scan_callable
+from .core_loop import CoreLoop
 from .crossings import Scan, scan
 from .multirate import Multirate
-from .sampled_loop import SampledLoop
-from .sampled_scan import scan_callable
 
 SPARE = 10  # candidates for roots that are polished beside twice as many as are asked for
 RESOLUTION = 1e-13  # error of a root, relative to the largest element of the state matrix
@@ -87,8 +87,8 @@ def _coupled_unstable_roots(loop: Loop) -> int:
     if not loop.acts:
         assert loop.open_loop is not None
         return int(np.count_nonzero(growth(np.linalg.eigvals(loop.open_loop.a), loop.sample_time) >= 0))
-    sampled = SampledLoop.of(loop)
-    count = -1 if sampled is None else sampled.unstable()
+    core = CoreLoop.of(loop)
+    count = -1 if core is None else core.unstable()
     if count >= 0:
         return count
     found = rightmost_roots(loop, count=loop.size + 4)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..io.yaml_text import read_text
-from ..report.verdict import ToUse
+from ..report.gain_advice import ToUse
 from ..simulation.step_response import StepResponse
 from ..studies.progress import Progress, quiet
 from ..system.linear.arrays import Complexes, Floats

@@ -16,6 +16,7 @@ from ..files.joint_yaml import parse_joint, parse_simulation
 from ..io.yaml_text import parse_yaml
 from ..report.bode import BodeLoop, frequency_span, response
 from ..report.columns import facts
+from ..report.gain_advice import joint_to_use, verdict_facts
 from ..report.gain_map import around, edge_frequencies, gain_points
 from ..report.gains_to_use import joint_gains
 from ..report.joint import joint_page
@@ -24,7 +25,6 @@ from ..report.joint_text import sentence, warnings
 from ..report.map_lines import MapView as Window, opened, outlines, required_lines
 from ..report.margin_columns import margin_columns, margins_text
 from ..report.number_format import own_gains
-from ..report.verdict import joint_to_use, verdict_facts
 from ..simulation.step_response import step_response
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint

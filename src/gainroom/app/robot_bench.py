@@ -18,13 +18,13 @@ from ..files.export_forms import pasted_gains
 from ..files.robot_yaml import parse_robot
 from ..io.yaml_text import parse_yaml
 from ..report.columns import facts
+from ..report.gain_advice import robot_to_use, verdict_facts
 from ..report.number_format import own_gains, typed
 from ..report.recommended_gains import recommended_facts
 from ..report.robot import robot_page
 from ..report.robot_columns import state_columns
 from ..report.robot_tables import RobotPresentation
 from ..report.robot_text import sentence, warnings
-from ..report.verdict import robot_to_use, verdict_facts
 from ..report.words import tone
 from ..robot.model import RobotModel
 from ..robot.robot import Posture, Robot

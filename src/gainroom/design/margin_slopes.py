@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..analysis.look import WHOLE, Directed, Reach, Seen, directed_loop, joint_loops, look, margins_seen
+from ..analysis.loop_samples import WHOLE, Directed, LoopSamples, Reach, directed_loop, joint_loops, margins_of_samples, take_samples
 from ..analysis.margin_record import Margins
 from ..analysis.margins import margins
 from ..errors import GainroomError
@@ -54,8 +54,8 @@ class GainCase:
     _known: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _whole: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _stable: dict[bytes, bool | None] = field(default_factory=dict, repr=False, compare=False)
-    _last: list[tuple[bytes, Seen]] = field(default_factory=list, repr=False, compare=False)
-    _anchor: list[tuple[Gains, Seen]] = field(default_factory=list, repr=False, compare=False)
+    _last: list[tuple[bytes, LoopSamples]] = field(default_factory=list, repr=False, compare=False)
+    _anchor: list[tuple[Gains, LoopSamples]] = field(default_factory=list, repr=False, compare=False)
     _broke: list[str] = field(default_factory=list, repr=False, compare=False)
     _careful: list[bool] = field(default_factory=list, repr=False, compare=False)
 
@@ -95,24 +95,24 @@ class GainCase:
         """Margins with these gains that requirements bound, as far as they are near one; sampled once per set of gains."""
         key = gains.tobytes()
         if key not in self._known:
-            self._known[key] = self._margins_at(gains, self._looked_at(gains), bool(self._careful))
+            self._known[key] = self._margins_at(gains, self._samples_at(gains), bool(self._careful))
         return self._known[key]
 
     def all_margins(self, gains: Gains) -> Margins:
         """Margins with these gains that requirements bound, however far from one; sampled once per set of gains."""
         key = gains.tobytes()
         if key not in self._whole:
-            self._whole[key] = self._margins_at(gains, look(self._directed, gains, WHOLE.wider(self._reach)), True)
+            self._whole[key] = self._margins_at(gains, take_samples(self._directed, gains, WHOLE.wider(self._reach)), True)
         return self._whole[key]
 
-    def _margins_at(self, gains: Gains, seen: Seen, apart: bool) -> Margins:
-        found = margins_seen(seen, len(self.torque), apart)
-        if not found.stable or not seen.followed:
+    def _margins_at(self, gains: Gains, samples: LoopSamples, apart: bool) -> Margins:
+        found = margins_of_samples(samples, len(self.torque), apart)
+        if not found.stable or not samples.followed:
             return found
         found = replace(found, loops=(self.loop(gains),))
         for one, _ in self.required.asked_for:
             if math.isnan(one.value(found)):
-                found = replace(found, **one.sampled(_Peaks(seen)))
+                found = replace(found, **one.sampled(_Peaks(samples)))
         if any(math.isnan(one.value(found)) for one, _ in self.required.asked_for):
             with suppress(GainroomError):
                 return margins(self.loop(gains))
@@ -131,8 +131,8 @@ class GainCase:
             if self.loop(gains).topples:
                 self._stable[key] = False
             else:
-                seen = look(self._directed, gains, STABLE)
-                self._stable[key] = seen.unstable == 0 if seen.followed and seen.unstable >= 0 else None  # None: not known
+                samples = take_samples(self._directed, gains, STABLE)
+                self._stable[key] = samples.unstable == 0 if samples.followed and samples.unstable >= 0 else None  # None: not known
         return self._stable[key] is True
 
     def vibrates(self, gains: Gains) -> bool:
@@ -153,24 +153,24 @@ class GainCase:
 
     def anchor(self, gains: Gains) -> None:
         """Set the samples of the loop with these gains, which is stable, as those from which curves are predicted from now on."""
-        self._anchor[:] = [(gains, self._looked_at(gains))]
+        self._anchor[:] = [(gains, self._samples_at(gains))]
 
     def slopes(self, gains: Gains) -> "Slopes | None":
         """Shortfalls near 0 with these gains, and their slopes; None where the loop is unstable, or could not be followed."""
-        seen = self._looked_at(gains)
-        return _Curves(self, gains, seen, NEAR).slopes() if seen.followed and seen.unstable == 0 else None
+        samples = self._samples_at(gains)
+        return _Curves(self, gains, samples, NEAR).slopes() if samples.followed and samples.unstable == 0 else None
 
-    def _looked_at(self, gains: Gains) -> Seen:
+    def _samples_at(self, gains: Gains) -> LoopSamples:
         """Samples of the loop with these gains; the last ones of a stable loop are stored."""
         key = gains.tobytes()
         if self._last and self._last[0][0] == key:
             return self._last[0][1]
-        seen = look(self._directed, gains, self._reach)
+        samples = take_samples(self._directed, gains, self._reach)
         if self._careful:
-            seen.tell_apart(self._reach.factor / math.exp(NEAR), self._reach.phase / (1 + NEAR))
-        if seen.followed and seen.unstable == 0:
-            self._last[:] = [(key, seen)]
-        return seen
+            samples.tell_apart(self._reach.factor / math.exp(NEAR), self._reach.phase / (1 + NEAR))
+        if samples.followed and samples.unstable == 0:
+            self._last[:] = [(key, samples)]
+        return samples
 
     def breaks(self, gains: Gains) -> str:
         """Name of a requirement that gains near the anchor are predicted to break; "" where none is.
@@ -228,15 +228,15 @@ PEAKS, ENDS = 0, 3  # places; loci and return ratios are between
 class _Peaks:
     """Quantities of a loop's samples that a requirement may read (system/loop_protocols.py)."""
 
-    seen: Seen
+    samples: LoopSamples
 
     def peak(self, slope: float = 1.0, offset: float = 0.0) -> tuple[float, float]:
         """The largest |slope S_ii + offset|, and its frequency [rad/s]."""
-        return self.seen.peak(slope, offset)
+        return self.samples.peak(slope, offset)
 
     def delay(self) -> tuple[float, float]:
         """The least extra delay [s] in all loops, and its frequency [rad/s]."""
-        return min(map(tuple, self.seen.delay_crossings(math.inf).tolist()), default=(math.inf, math.nan))
+        return min(map(tuple, self.samples.delay_crossings(math.inf).tolist()), default=(math.inf, math.nan))
 
 
 class _Asked:
@@ -278,7 +278,7 @@ class _Curves:
 
     case: GainCase
     gains: Gains
-    seen: Seen
+    samples: LoopSamples
     near: float
     followed: bool = False
     broken: bool = False
@@ -303,9 +303,9 @@ class _Curves:
 
         def parts() -> Iterator[PlacedSlopes]:
             for place, locus in ((PEAKS + 1, True), (PEAKS + 2, False)):
-                crossings = self.seen.crossings(self.gains, locus, True, needed + self.near, until)
+                crossings = self.samples.crossings(self.gains, locus, True, needed + self.near, until)
                 yield place, _limited(needed, *self._moving(crossings), 1.0, name)
-                ends = self.seen.ends(self.gains, locus, needed + self.near)
+                ends = self.samples.ends(self.gains, locus, needed + self.near)
                 yield ENDS, _limited(needed, *self._moving(ends), 1.0, name)
 
         return self._as_far_as_asked(parts())
@@ -316,7 +316,7 @@ class _Curves:
 
         def parts() -> Iterator[PlacedSlopes]:
             for place, locus in ((PEAKS + 1, True), (PEAKS + 2, False)):
-                crossings = self.seen.crossings(self.gains, locus, False, angle * (1 + self.near), until)
+                crossings = self.samples.crossings(self.gains, locus, False, angle * (1 + self.near), until)
                 yield place, _limited(angle, *self._moving(crossings), angle, name)
 
         return self._as_far_as_asked(parts())
@@ -332,7 +332,7 @@ class _Curves:
 
     def at_delays(self, name: str, longest: float) -> list[PlacedSlopes]:
         """Delay margins: where loci are of size 1, and their lag there over ω."""
-        delays = self.seen.delays(self.gains, longest * math.exp(self.near))
+        delays = self.samples.delays(self.gains, longest * math.exp(self.near))
         least, moves = self._moving(delays)
         kept = least > 0
         return [(PEAKS + 1, _believed(np.log(longest / least[kept]), -moves[kept] / least[kept, None, None], name))]
@@ -340,7 +340,7 @@ class _Curves:
     def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[PlacedSlopes]:
         """Peaks of |slope S_ii + offset|: at a maximum, its shift in frequency changes nothing to first order."""
         until = ceiling * math.exp(BROKEN) if self.broken else math.inf
-        height, moves = self._moving(self.seen.peaks(self.gains, ceiling * math.exp(-self.near), slope, offset, until))
+        height, moves = self._moving(self.samples.peaks(self.gains, ceiling * math.exp(-self.near), slope, offset, until))
         return [(PEAKS, Slopes(np.log(height / ceiling), moves, (name,) * len(height)))]
 
     def by_differences(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:

@@ -13,6 +13,7 @@ from ..system.requirements import REQUIREMENTS, Requirements
 from . import style
 from .bode import bode, cases, nyquist
 from .columns import Column
+from .gain_advice import gains_box
 from .gain_map import gain_map
 from .joint_tables import JointPresentation, case_table, crossing_table, inputs, margin_table, uncertainty_table
 from .joint_text import cause, notes, recommended_text, sentence, uncertainty_cost_text, warnings
@@ -20,7 +21,6 @@ from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, typed_gains
 from .page import Card, Html, Lead, Section, facts, figure, page, paragraph
 from .page_parts import assumptions, margin_card, unstable_card
-from .verdict import gains_box
 from .words import tone
 
 

@@ -12,13 +12,13 @@ from ..system.margin_units import to_db
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .columns import Column, facts as row_facts, yes
+from .gain_advice import ToUse, joint_to_use, verdict_lines
 from .joint_text import RULE, cause, notes, recommended_text, rise_text, sentence, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns, compared_rows, margin_columns, margin_rows, required_facts
 from .number_format import digits, frequency, model_facts, model_text, own_gains, typed_gains
 from .page import Html, facts, table
 from .page_parts import filters, uncertainty_text
 from .presentation import Part, Presentation, TextTable, closing, folded, warned_first
-from .verdict import ToUse, joint_to_use, verdict_lines
 
 if TYPE_CHECKING:  # which loads the pictures
     from ..design.joint_gains import Recommendation

@@ -19,6 +19,7 @@ from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS
 from . import style
+from .gain_advice import gains_box
 from .margin_columns import margin_value, requirement
 from .number_format import digits, frequency, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, details, facts, figure, page, paragraph
@@ -30,7 +31,6 @@ from .robot_tables import RobotPresentation, gain_tables, inputs, joint_table, s
 from .robot_text import notes, sentence, warnings
 from .robot_units import requirements_text
 from .sweep_text import checked_sentence, counted
-from .verdict import gains_box
 from .words import tone
 from .workspace import workspace_section
 

@@ -17,6 +17,7 @@ from ..studies.state import USUAL_RATE, State, TaskStudy
 from ..studies.sweep.summary import SweepSummary, SweptPosture
 from ..system.system import System
 from .columns import Column, definitions, facts as row_facts, tabulated, units_of
+from .gain_advice import ToUse, robot_to_use, verdict_lines
 from .gearboxes import gearbox_types, typed_facts
 from .margin_columns import margin_facts, required_facts
 from .next_commands import audit_of_found, kept
@@ -29,7 +30,6 @@ from .robot_columns import JOINT, TASK, actuator_facts, state_columns, worst_fac
 from .robot_text import notes, sentence, warnings
 from .robot_units import joint_units, requirements_text
 from .sweep_text import checked_sentence, posture_facts, worse_note
-from .verdict import ToUse, robot_to_use, verdict_lines
 from .workspace import workspace_facts
 
 GRAVITY = {

@@ -40,7 +40,7 @@ class LoopCurves(Protocol):
 
 
 class SampledLoops(Protocol):
-    """Coupled loops sampled along the stability boundary (analysis/look.py)."""
+    """Coupled loops sampled along the stability boundary (analysis/loop_samples.py)."""
 
     def peak(self, slope: float = 1.0, offset: float = 0.0) -> tuple[float, float]:
         """Largest |slope S_ii + offset|, and its frequency [rad/s]."""

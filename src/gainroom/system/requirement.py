@@ -176,7 +176,7 @@ class Requirement:
         """Factor on all gains up to which coupled loops have to be sampled finely."""
         return 1.0
 
-    def sampled(self, seen: SampledLoops) -> dict[str, float]:
+    def sampled(self, samples: SampledLoops) -> dict[str, float]:
         """Fields of Margins that follow quickly from sampled coupled loops; where it is empty all margins are computed at every sample."""
         return {}
 

@@ -105,8 +105,8 @@ class SensitivityBound(Requirement):
     def excluded(self, needed: float) -> ExcludedSet:
         return Disk.of_ceiling(needed, self.slope, self.offset)
 
-    def sampled(self, seen: SampledLoops) -> dict[str, float]:
-        height, omega = seen.peak(self.slope, self.offset)
+    def sampled(self, samples: SampledLoops) -> dict[str, float]:
+        height, omega = samples.peak(self.slope, self.offset)
         return {self.bounds or self.name: height} | ({self.at_frequency: omega} if self.at_frequency else {})
 
     def slopes(self, curves: LoopCurves, needed: float) -> Any:
@@ -117,8 +117,8 @@ class SensitivityBound(Requirement):
 class DelayMargin(Requirement):
     """Delay margin τ [s] > 0: the loop is stable with any extra delay up to τ, equal in all loops."""
 
-    def sampled(self, seen: SampledLoops) -> dict[str, float]:
-        delay, omega = seen.delay()
+    def sampled(self, samples: SampledLoops) -> dict[str, float]:
+        delay, omega = samples.delay()
         return {self.name: delay, self.at_frequency: omega}
 
     def slopes(self, curves: LoopCurves, needed: float) -> Any:

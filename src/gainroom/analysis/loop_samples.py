@@ -1,4 +1,4 @@
-"""Coupled loops in the core, with gains along joints or directions, sampled again and again with other gains (loop_curves.hpp).
+"""Samples of the frequency response of coupled loops, taken in the core with any gains along joints or directions (loop_curves.hpp).
 
 Limbs on a fixed base are uncoupled: each uncoupled group of joints has samples of its own.
 """
@@ -63,62 +63,62 @@ class LoopsApart:
     loops: tuple[tuple[Integers, "_core.DirectedLoop"], ...]
 
 
-class LooksApart:
+class SamplesApart:
     """Samples of each group of `loops`, with gains (3, m) of all joints; the methods are those of the core's Look."""
 
     def __init__(self, loops: LoopsApart, gains: Floats, reach: Reach, between: bool, smooth: bool) -> None:
         self._size = loops.size
-        self._looks = [(joints, _look(loop, gains[:, joints], reach, between, smooth)) for joints, loop in loops.loops]
+        self._groups = [(joints, _take(loop, gains[:, joints], reach, between, smooth)) for joints, loop in loops.loops]
 
     @property
     def followed(self) -> bool:
-        return all(one.followed for _, one in self._looks)
+        return all(one.followed for _, one in self._groups)
 
     @property
     def singular(self) -> bool:
-        return any(one.singular for _, one in self._looks)
+        return any(one.singular for _, one in self._groups)
 
     @property
     def unstable(self) -> int:
-        counts = [one.unstable for _, one in self._looks]
+        counts = [one.unstable for _, one in self._groups]
         return sum(counts) if min(counts) >= 0 else min(counts)  # one that cannot be is not made up for by another
 
     @property
     def samples(self) -> int:
-        return sum(one.samples for _, one in self._looks)
+        return sum(one.samples for _, one in self._groups)
 
     def tell_apart(self, factor: float, phase: float) -> None:
-        for _, one in self._looks:
+        for _, one in self._groups:
             one.tell_apart(factor, phase)
 
     def least(self, apart: bool = True) -> tuple[float, float, float, float, float, float]:
-        found = [one.least(apart) for _, one in self._looks]
+        found = [one.least(apart) for _, one in self._groups]
         peak, omega = max((each[4:] for each in found), key=lambda each: each[0])
         factor, one_factor, phase, one_phase = np.min([each[:4] for each in found], axis=0).tolist()
         return factor, one_factor, phase, one_phase, peak, omega
 
     def peak(self, slope: float, offset: float) -> tuple[float, float]:
-        return max((one.peak(slope, offset) for _, one in self._looks), key=lambda each: each[0])
+        return max((one.peak(slope, offset) for _, one in self._groups), key=lambda each: each[0])
 
     def delay_crossings(self, longest: float) -> Floats:
-        return np.concatenate([one.delay_crossings(longest) for _, one in self._looks])
+        return np.concatenate([one.delay_crossings(longest) for _, one in self._groups])
 
     def one_loop(self) -> Floats:
         found = np.empty((self._size, 4))
-        for joints, one in self._looks:
+        for joints, one in self._groups:
             found[joints] = one.one_loop()
         return found
 
     def one_loop_crossings(self, which: int) -> Floats:
-        joints, one = self._look_of(which)
+        joints, one = self._group_of(which)
         return one.one_loop_crossings(int(np.searchsorted(joints, which)))
 
     def common_factors(self) -> Floats:
-        found = np.array([one.common_factors() for _, one in self._looks])
+        found = np.array([one.common_factors() for _, one in self._groups])
         return found[np.argmin(found[:, :, 0], axis=0), np.arange(2)]
 
     def passing_factors(self) -> Floats:
-        return np.concatenate([one.passing_factors() for _, one in self._looks])
+        return np.concatenate([one.passing_factors() for _, one in self._groups])
 
     def phases(self, locus: bool) -> Floats:
         return self._by_joint(lambda one: one.phases(locus))
@@ -129,25 +129,25 @@ class LooksApart:
     def _by_joint(self, of: "Callable[[_core.Look], Floats]") -> Floats:
         """Rows (c, 3) of all groups, the first column changed from the number of a joint in its group to that in the robot."""
         return np.vstack(
-            [np.column_stack([joints[rows[:, 0].astype(int)], rows[:, 1:]]) for joints, one in self._looks for rows in [of(one)]]
+            [np.column_stack([joints[rows[:, 0].astype(int)], rows[:, 1:]]) for joints, one in self._groups for rows in [of(one)]]
         )
 
     def common_phase(self) -> tuple[float, float]:
-        return min((one.common_phase() for _, one in self._looks), key=lambda each: abs(each[0]))
+        return min((one.common_phase() for _, one in self._groups), key=lambda each: abs(each[0]))
 
     def crossed(self, lag: float) -> int:
-        return sum(one.crossed(lag) for _, one in self._looks)
+        return sum(one.crossed(lag) for _, one in self._groups)
 
     def one_loop_count(self, joint: int, change: float, gain: int) -> int:
-        joints, one = self._look_of(joint)
+        joints, one = self._group_of(joint)
         return one.one_loop_count(int(np.searchsorted(joints, joint)), change, gain)
 
-    def _look_of(self, joint: int) -> tuple[Integers, "_core.Look"]:
-        return next((joints, one) for joints, one in self._looks if joint in joints)
+    def _group_of(self, joint: int) -> tuple[Integers, "_core.Look"]:
+        return next((joints, one) for joints, one in self._groups if joint in joints)
 
     def growths(self, gain: int) -> Floats:
         found = np.empty((self._size, 1))
-        for joints, one in self._looks:
+        for joints, one in self._groups:
             found[joints] = one.growths(gain)
         return found
 
@@ -163,11 +163,11 @@ class LooksApart:
     def ends(self, gains: Floats, locus: bool, reach: float) -> tuple[Floats, Floats]:
         return self._of_all(gains, lambda one, own: one.ends(own, locus, reach))
 
-    def _of_all(self, gains: Floats, seen: "Callable[[Seen, Floats], tuple[Floats, Floats]]") -> tuple[Floats, Floats]:
+    def _of_all(self, gains: Floats, of: "Callable[[LoopSamples, Floats], tuple[Floats, Floats]]") -> tuple[Floats, Floats]:
         """Margins (c, 1) of all groups, and their derivatives by the gains of all joints (c, 2 m)."""
         margins, moves = [], []
-        for joints, one in self._looks:
-            margin, own = seen(one, np.ascontiguousarray(gains[:, joints]))
+        for joints, one in self._groups:
+            margin, own = of(one, np.ascontiguousarray(gains[:, joints]))
             whole = np.zeros((len(own), 2, self._size))
             whole[:, :, joints] = own.reshape(len(own), 2, len(joints))
             margins.append(margin)
@@ -176,20 +176,20 @@ class LooksApart:
 
 
 Directed = _core.DirectedLoop | LoopsApart
-Seen = _core.Look | LooksApart
+LoopSamples = _core.Look | SamplesApart
 
 
-def look(loop: Directed, gains: Floats, reach: Reach, between: bool = False, smooth: bool = True) -> Seen:
+def take_samples(loop: Directed, gains: Floats, reach: Reach, between: bool = False, smooth: bool = True) -> LoopSamples:
     """Samples of the loop with gains (3, m), kp, kd and ki of every direction (kp, kv, ki of a P/PI), as far as `reach` asks.
 
     `between`: on other samples than without it, halfway between its first ones; `smooth`: False for a root count alone.
     """
     if isinstance(loop, LoopsApart):
-        return LooksApart(loop, gains, reach, between, smooth)
-    return _look(loop, gains, reach, between, smooth)
+        return SamplesApart(loop, gains, reach, between, smooth)
+    return _take(loop, gains, reach, between, smooth)
 
 
-def _look(loop: "_core.DirectedLoop", gains: Floats, reach: Reach, between: bool, smooth: bool) -> "_core.Look":
+def _take(loop: "_core.DirectedLoop", gains: Floats, reach: Reach, between: bool, smooth: bool) -> "_core.Look":
     return _core.Look(loop, np.ascontiguousarray(gains), reach.factor, reach.phase, reach.peak, between, smooth)
 
 
@@ -201,17 +201,17 @@ def lag_about(loop: Directed, gains: Floats, omega: float) -> tuple[float, float
     return loop.lag_about(np.ascontiguousarray(gains), omega)
 
 
-def margins_seen(seen: Seen, size: int, apart: bool = True) -> Margins:
+def margins_of_samples(samples: LoopSamples, size: int, apart: bool = True) -> Margins:
     """Gain and phase margins and peak sensitivity of `size` joints from samples; the other margins are NaN.
 
     `apart`: also those of loci that nearly meet. Gains: the lesser of the factors up and down stands under both names, and the least over
     all loops for each. Where loci cannot be followed all margins are unknown, so that no requirement is met. inf: beyond the reach of the
     samples.
     """
-    if not seen.followed or seen.unstable != 0:
-        return Margins.unknown(GainLimit.unknown(size, stable=not seen.singular and seen.unstable <= 0))
-    common, single, phase, one_phase, peak, omega = seen.least(apart)
-    if not seen.followed:  # counting roots took too many samples
+    if not samples.followed or samples.unstable != 0:
+        return Margins.unknown(GainLimit.unknown(size, stable=not samples.singular and samples.unstable <= 0))
+    common, single, phase, one_phase, peak, omega = samples.least(apart)
+    if not samples.followed:  # counting roots took too many samples
         return Margins.unknown(GainLimit.unknown(size))
     factor, every = math.exp(common), np.full(size, math.exp(single))
     limit = replace(GainLimit.unknown(size), gain=factor, lower_gain=1 / factor)

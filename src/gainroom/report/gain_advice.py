@@ -1,4 +1,4 @@
-"""First part of every answer on a joint or robot: each requirement at its worst, and the gains to use."""
+"""Gains to use, and each requirement at its worst with these gains and with those: the first part of every answer on a joint or robot."""
 
 import math
 import shlex

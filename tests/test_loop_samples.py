@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.look import WHOLE, Reach, directed_loop, joint_loops, look, margins_seen
+from gainroom.analysis.loop_samples import WHOLE, Reach, directed_loop, joint_loops, margins_of_samples, take_samples
 from gainroom.native import _core
 from gainroom.system.linear.arrays import Booleans, Floats
 from independent.loci.coupled_margins import coupled_margins
@@ -80,7 +80,7 @@ def confirm(draw, number: int) -> str:
     loop = along.loop(pair)
     for factor in (1.0, 0.2, 3.0):
         count = unstable(pair.machine.scaled(factor))
-        seen = look(loop, scaled(along.gains, along.cascade, factor), Reach(3.0, 0.7))
+        seen = take_samples(loop, scaled(along.gains, along.cascade, factor), Reach(3.0, 0.7))
         if not seen.followed:
             return "not followed"
         if (seen.unstable > 0) != (count > 0):
@@ -88,8 +88,8 @@ def confirm(draw, number: int) -> str:
     exact = coupled_margins(pair.loop)  # along loci in Python, not from the core
     if not exact.stable:
         return ""
-    found = margins_seen(look(loop, along.gains, WHOLE), pair.machine.size)
-    narrow = margins_seen(look(loop, along.gains, Reach(3.0, 0.7)), pair.machine.size)
+    found = margins_of_samples(take_samples(loop, along.gains, WHOLE), pair.machine.size)
+    narrow = margins_of_samples(take_samples(loop, along.gains, Reach(3.0, 0.7)), pair.machine.size)
     wrong = []
 
     def same(name: str, value: float, near: float, truth: float, reach: float, tolerance: float) -> None:
@@ -163,7 +163,7 @@ def test_a_locus_of_many_joints_is_followed_where_it_turns_towards_minus_one(siz
     plant = gr.Plant(inverse, *(np.full(size, value) for value in (motor, stiffness, damping)))
     gains, eye = np.array([np.full(size, kp), np.full(size, kd), np.zeros(size)]), np.eye(size)
     loop = directed_loop(gr.build_loop(plant, drive, gr.PD(gains[0], gains[1])), eye, eye, np.zeros(size, dtype=bool))
-    found = margins_seen(look(loop, gains, Reach(factor=1.5, phase=1.4 * truth)), size)
+    found = margins_of_samples(take_samples(loop, gains, Reach(factor=1.5, phase=1.4 * truth)), size)
     assert found.stable
     assert found.phase_margin == pytest.approx(truth, rel=1e-6)  # polished to the last digits but for their number
 
@@ -205,7 +205,7 @@ def test_margins_move_as_they_are_said_to(number):
     """Every crossing and peak at gains a little larger and a little smaller, against its slope between."""
     pair, along = machine_of(chain, number)
     loop, size = along.loop(pair), len(along.cascade)
-    seen = look(loop, along.gains, WHOLE)
+    seen = take_samples(loop, along.gains, WHOLE)
     assert seen.unstable == 0
     direction = np.random.default_rng(number).uniform(-1, 1, (2, size))
 
@@ -236,7 +236,7 @@ def test_margins_move_as_they_are_said_to(number):
 def test_the_first_that_is_broken_is_found_where_there_is_one(number):
     """What is asked to end with the first margin below a bound, or peak above it, against all of them, at gains a little further."""
     pair, along = machine_of(chain, number)
-    seen = look(along.loop(pair), along.gains, WHOLE)
+    seen = take_samples(along.loop(pair), along.gains, WHOLE)
     gains, count = along.gains * 1.02, 0
     for locus in (True, False):
         for axis in (True, False):
@@ -266,7 +266,7 @@ def test_crossings_of_nearly_equal_joints_are_all_found(number):
     gains = np.array([np.full(size, 1500.0), np.full(size, 30.0 * delay), nothing])
     plant = gr.Plant(np.diag(1 / loads), np.full(size, 0.3), np.full(size, 8000.0), np.full(size, 2.0))
     core = directed_loop(gr.build_loop(plant, drive, gr.PD(gains[0], gains[1])), eye, eye, np.zeros(size, dtype=bool))
-    seen = look(core, gains, WHOLE)
+    seen = take_samples(core, gains, WHOLE)
     moved = gains * np.exp(0.03 * rng.uniform(-1, 1, gains.shape))
     truth = []
     for load, kp, kd in zip(loads, *moved[:2], strict=True):
@@ -370,8 +370,8 @@ def test_more_directions_than_motions(draw, number, factor):
     torque = np.hstack([part / unit * along.torque for part, unit in zip(parts, units, strict=True)])
     thrice = Directed(torque, np.vstack([unit * along.jacobian for unit in units]), np.tile(along.cascade, 3), np.tile(gains, 3))
     for one, own in ((along, gains), (thrice, thrice.gains)):
-        seen = look(one.loop(pair), own, Reach(1.5, 0.5))
-        found.append((margins_seen(seen, size), seen.samples, seen.followed))
+        seen = take_samples(one.loop(pair), own, Reach(1.5, 0.5))
+        found.append((margins_of_samples(seen, size), seen.samples, seen.followed))
     (once, samples, _), (again, more, followed) = found
     assert followed
     assert more < 3 * samples + 300
@@ -385,7 +385,7 @@ def test_more_directions_than_motions(draw, number, factor):
 def test_what_is_lost_has_no_margins():
     """Whatever is asked of a look whose gains are no numbers: nothing is found, and nothing ends the process."""
     pair, along = machine_of(limbs, 0)
-    lost = look(along.loop(pair), np.full_like(along.gains, math.nan), WHOLE)
+    lost = take_samples(along.loop(pair), np.full_like(along.gains, math.nan), WHOLE)
     assert not lost.followed
     asked = [lost.crossings(along.gains, locus, axis, 10.0) for locus in (True, False) for axis in (True, False)]
     asked += [lost.peaks(along.gains, 0.0, 1.0, 0.0), lost.ends(along.gains, True, 10.0)]
@@ -399,5 +399,5 @@ def test_a_peak_that_is_steep_on_one_side_is_found():
     plant = gr.Plant(np.array([[1 / 1.32]]), 0.078, 3420.0, 7.3, link_viscous=0.79)
     loop = gr.build_loop(plant, gr.Drive(789.0, 0.79, 7.4e-3), gr.PD(0.15, 1.05))
     truth = gr.margins(loop)
-    peak, _ = look(joint_loops(loop), np.array([[0.15], [1.05], [0.0]]), Reach(2.0, 0.5)).peak(1.0, 0.0)
+    peak, _ = take_samples(joint_loops(loop), np.array([[0.15], [1.05], [0.0]]), Reach(2.0, 0.5)).peak(1.0, 0.0)
     assert peak == pytest.approx(truth.peak_sensitivity, rel=1e-8)

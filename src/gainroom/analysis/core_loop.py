@@ -1,4 +1,4 @@
-"""Coupled loops as the core samples them (look.py), with gains along joints or along directions of tasks."""
+"""Coupled loops with their gains as the core has them, along joints or along directions of tasks, for loop_samples.py to sample."""
 
 import math
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ import numpy as np
 from ..system.controller import Terms
 from ..system.linear.arrays import Booleans, Floats, are_diagonal
 from ..system.loop import Loop
-from .look import Directed, Reach, Seen, directed_loop, joint_loops, lag_about, look
+from .loop_samples import Directed, LoopSamples, Reach, directed_loop, joint_loops, lag_about, take_samples
 from .stability_boundary import HIGHEST
 
 EVERY_PHASE = Reach(HIGHEST, math.pi, ((1.0, 0.0, 0.5),))
@@ -22,7 +22,7 @@ SAME = 1e-11  # largest error of gains along directions, relative to the largest
 
 
 @dataclass(frozen=True)
-class SampledLoop:
+class CoreLoop:
     """Loop in the core without its gains, and the gains (3, m) of its directions; `cascade` True for those of a P/PI."""
 
     loop: Directed
@@ -31,8 +31,8 @@ class SampledLoop:
     by_joint: bool = False
 
     @classmethod
-    def of(cls, loop: Loop) -> "SampledLoop | None":
-        """Sampled form of a loop; None for one that was not built with build_loop, and for kd on a path of its own."""
+    def of(cls, loop: Loop) -> "CoreLoop | None":
+        """Loop in the core; None for one that was not built with build_loop, and for kd on a path of its own."""
         if loop.parts is None or loop.kd_path is not None:
             return None
         terms = _terms(loop)
@@ -47,8 +47,8 @@ class SampledLoop:
         return cls(directed, *own)
 
     @classmethod
-    def of_matrices(cls, loop: Loop, with_joints: bool = False) -> "SampledLoop":
-        """Sampled form with all gains as one law, on the subspace that they see: directions with gains of 1, for any gain matrices.
+    def of_matrices(cls, loop: Loop, with_joints: bool = False) -> "CoreLoop":
+        """Loop in the core with all gains as one law, on the subspace that they see: directions with gains of 1, for any gain matrices.
 
         with_joints   True: behind these a direction per joint whose gains are 0, each of them one loop at a time: they may grow
         """
@@ -65,26 +65,26 @@ class SampledLoop:
         return cls(directed, np.vstack([np.repeat([1.0, 0.0], [acting, idle]), np.zeros((2, acting + idle))]), False)
 
     @classmethod
-    def of_directions(cls, loop: Loop, torque: Floats, jacobian: Floats, gains: Floats, cascade: Booleans) -> "SampledLoop":
-        """Sampled form with gains (3, m) along given directions, each of them one loop at a time; torque (n, m), jacobian (m, n).
+    def of_directions(cls, loop: Loop, torque: Floats, jacobian: Floats, gains: Floats, cascade: Booleans) -> "CoreLoop":
+        """Loop in the core with gains (3, m) along given directions, each of them one loop at a time; torque (n, m), jacobian (m, n).
 
         cascade   (m,) True where they are kp, kv and ki of (kv + ki/s)(kp + s), else of kp + ki/s + kd s
         """
         directed = directed_loop(loop, torque, jacobian, cascade, loop.exact_modes is not None, by_direction=True)
         return cls(directed, gains, cascade)
 
-    def look(self, reach: Reach, between: bool = False, smooth: bool = True) -> Seen:
-        """Samples of the loop as far as `reach` asks; `between` and `smooth` as of analysis/look.py."""
-        return look(self.loop, self.gains, reach, between, smooth)
+    def samples(self, reach: Reach, between: bool = False, smooth: bool = True) -> LoopSamples:
+        """Samples of the loop as far as `reach` asks; `between` and `smooth` as of analysis/loop_samples.py."""
+        return take_samples(self.loop, self.gains, reach, between, smooth)
 
-    def scaled(self, factor: float) -> "SampledLoop":
-        """The sampled loop with all gains times `factor`."""
+    def scaled(self, factor: float) -> "CoreLoop":
+        """The loop with all gains times `factor`."""
         return replace(self, gains=self.gains * np.where(self.cascade, [[1.0], [factor], [factor]], factor))
 
     def unstable(self) -> int:
         """Number of unstable roots as far as the gains move them; negative where they cannot be counted."""
-        seen = self.look(NEAR_BY, smooth=False)
-        return seen.unstable if seen.followed else -1
+        samples = self.samples(NEAR_BY, smooth=False)
+        return samples.unstable if samples.followed else -1
 
     def lag_about(self, omega: float) -> tuple[float, float]:
         """Lag [rad] at which the locus nearest to −1 at `omega` [rad/s] passes it, and its frequency; NaN where it cannot be followed."""
