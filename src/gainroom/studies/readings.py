@@ -12,7 +12,7 @@ quantity after the other, then all together; margins are sampled as at corners o
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,6 +22,7 @@ from ..analysis.margin_record import Margins
 from ..design.gain_cases import bounded_margins, own_case
 from ..errors import GainroomError
 from ..robot.gearbox_types import TYPES
+from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Floats
 from ..system.system import StateCase, System
 from ..system.uncertainty import Uncertainty
@@ -42,6 +43,8 @@ STIFFEST = 1e4
 """Highest resonance [rad/s] of a motor on its gearbox, 1.6 kHz: six times that of the stiffest known type; a higher one counts as rigid."""
 SHARES = (1.0, 0.1)
 """Assumed motor inertias as shares of the inertia moved: the most, and the middle of the logarithmic range of geared robots."""
+AROUND = np.geomspace(0.8, 1.25, 7)
+"""Frequencies at which a reading is compared with the required peak sensitivity first, relative to that of the peak as computed."""
 Change = Callable[[System], System]
 
 
@@ -53,13 +56,13 @@ def read(system: System, states: Sequence[State], level: Level, ranges: Uncertai
     """
     if not states:  # nothing moves in any, so that nothing can be looked at
         return Read("undecided", dict.fromkeys(system.source.unknown, ()))
+    peaks = {state.title: state.margins.peak_sensitivity_frequency for state in states} if level == "unsafe" else {}
     if not system.rate_is_missing:
-        return _Readings(system, states, level, ranges).read()
+        return _Readings(system, states, level, ranges, peaks).read()
     rates, every = list[Reading](), list[_Readings]()
     for rate in USUAL_RATES:
-        sampled = _Readings(
-            _at_rate(system, rate), [replace(state, system=_at_rate(state.system, rate)) for state in states], level, ranges
-        )
+        at_rate = [replace(state, system=_at_rate(state.system, rate)) for state in states]
+        sampled = _Readings(_at_rate(system, rate), at_rate, level, ranges, peaks)
         try:
             found = sampled.level_with()
         except GainroomError:  # no such loop, as with a filter that is faster than the rate
@@ -78,12 +81,16 @@ def read(system: System, states: Sequence[State], level: Level, ranges: Uncertai
 
 @dataclass(frozen=True)
 class _Readings:
-    """Readings of a system with a rate, over its other missing data; `level` as computed, see `read`."""
+    """Readings of a system with a rate, over its other missing data; `level` as computed, see `read`.
+
+    peaks   frequency of the peak sensitivity as computed, by state [rad/s]; {} where it does not matter
+    """
 
     system: System
     states: Sequence[State]
     level: Level
-    ranges: Uncertainty | None = None
+    ranges: Uncertainty | None
+    peaks: Mapping[str, float]
 
     def read(self) -> Read:
         """Decision over all readings, as far as they are needed."""
@@ -141,6 +148,8 @@ class _Readings:
                 system = change(system)
             if self.level == "unsafe" and not system.balance:  # that sway decides may help
                 system = replace(system, balance="controller")
+            if _misses_evidently(system, state, self.peaks.get(state.title, math.nan)):
+                return "unsafe"
             levels.add(_level_in(system, state.posture, state.contact))
             if "unsafe" in levels:
                 return "unsafe"
@@ -219,6 +228,21 @@ def _geared(resonance: float, ratio: float) -> Change:
         return system.with_values(stiffness=stiffness, damping=np.where(soft, 2 * ratio * inertia * resonance, actuators.damping))
 
     return change
+
+
+def _misses_evidently(system: System, state: State, omega: float) -> bool:
+    """True if `system`, a reading of `state`, misses the required peak sensitivity about ω = `omega` [rad/s], that of the state's own peak.
+
+    One |S_ii| above Ms is proof: the loop is unstable, or its Ms is missed. It takes a tenth of the time of all margins. Where the base may
+    sway, which may not count, it is left to them.
+    """
+    needed, body = system.requirements.needed.get("peak_sensitivity"), system.source.body
+    if needed is None or not (0 < omega < math.inf) or system.control.kd_path is not None or (body is not None and body.base == "floating"):
+        return False
+    loop = system.loop(system.source.linearize(state.posture, state.contact))
+    ratio = loop.response(omega * AROUND)
+    inverse = np.linalg.inv(np.eye(loop.size) + ratio.reshape(len(AROUND), loop.size, loop.size))
+    return bool(np.abs(np.diagonal(inverse, axis1=1, axis2=2)).max() > needed * (1 + ROUND_OFF))
 
 
 def _level_in(system: System, posture: str, contact: str) -> Level:
