@@ -15,7 +15,7 @@ from ..system.loop import Loop, require_loop
 from ..system.modes import undamped
 from .link_compliance import LinkCompliance
 from .multirate import Multirate
-from .stability import is_stable, rightmost_roots
+from .stability import is_stable, roots_within
 
 PER_DECADE = 40  # frequencies per decade from which peaks are looked for, beside those near the closed loop's roots
 BESIDE = np.sinh(np.linspace(-3.0, 3.0, 25)) / 2  # in units of a root's decay rate: a peak is within one of its root's frequency
@@ -25,7 +25,6 @@ ELASTIC = 1.5  # roots up to this times the highest elastic mode count as vibrat
 POINTS = 7  # frequencies between neighbours of a peak's sample, of which the highest is next
 ROUNDS = 7  # each narrows the bracket to a third: the height is then off by less than 1e-7 of it, a parabola's (3⁻⁷)²
 UNHELD = 3.0  # growth of compliance from a low frequency to a tenth of it above which nothing holds the joint: 100 where its link drifts
-MOST_ROOTS = 256
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,10 @@ def dynamic_stiffness(loop: Loop, stable: bool | None = None) -> DynamicStiffnes
 
     def height(omega: Floats) -> Floats:
         s = 1j * omega
-        return np.abs(np.diagonal(links.at(s, links.feedback(s, controller, loop.gain)), axis1=1, axis2=2))
+        fed = links.feedback(s, controller, loop.gain)
+        if loop.size == 1:
+            return np.abs(links.of_one(s, fed[:, 0, 0]))[:, None]
+        return np.abs(np.diagonal(links.at(s, fed), axis1=1, axis2=2))
 
     found = peaks(height, grid)
     low = height(np.array([grid[0], 0.1 * grid[0]]))
@@ -140,25 +142,15 @@ def _highest(mass: Floats, stiffness: Floats) -> float:
 
 
 def vibrations(loop: Loop) -> Complexes:
-    """Closed-loop roots s, Im s > 0, up to ELASTIC times the highest mode: all of those that may have the least damping ratio.
-
-    Rightmost roots are computed, twice as many each time, until those left of them have a higher damping ratio than the least found:
-    a root with |s| ≤ ω and damping ratio ζ has Re s ≥ −ζ ω.
-    """
+    """Closed-loop roots s, Im s > 0, up to ELASTIC times the highest mode of the plant."""
     most = ELASTIC * highest_mode(loop)
     if loop.kd_path is not None:
         period = Multirate(loop)
         values = period.values()
-        every = np.log(values[np.abs(values) > 0]) / period.lifted.period
-        return every[(every.imag > 0) & (np.abs(every) <= most)]
-    count = 16
-    while True:
-        found = rightmost_roots(loop, count).roots
-        near = found[(found.imag > 0) & (np.abs(found) <= most)]
-        least = float(_damping(near).min(initial=1.0))
-        if len(found) < count or count >= MOST_ROOTS or found[-1].real < -least * most:
-            return near
-        count *= 2
+        roots = np.log(values[np.abs(values) > 0]) / period.lifted.period
+    else:
+        roots = roots_within(loop, most)
+    return roots[(roots.imag > 0) & (np.abs(roots) <= most)]
 
 
 def least_damping(loop: Loop, roots: Complexes | None = None) -> tuple[float, float]:

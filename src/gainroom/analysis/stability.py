@@ -26,6 +26,8 @@ MOST_STATES = 1000  # with discretised delay lines, for a proof of instability, 
 INFINITELY_MANY = 10**9
 SINGULAR = 1e-13  # relative to the largest singular value: smaller ones are 0
 AT_REST = 1e-3  # [1/s] largest size of a root that may be 0, where all else is fast
+NODES, NODES_PER_RADIAN = 12, 1.0
+"""Chebyshev points of a delay line for roots within |s| T: interpolation of e^{−sT} errs by (e|s|T/4n)ⁿ, below 1e-10."""
 SILENT = 1e-10  # coupling between controller and motion, relative to the gains, below which no gain acts on it
 
 
@@ -133,6 +135,22 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
             return found
         best = found.roots
     return found
+
+
+def roots_within(loop: Loop, most: float) -> Complexes:
+    """Closed-loop roots s (m,) [1/s], all with |s| ≤ `most` and others; sampled loops: ln(z)/T_s, all.
+
+    Eigenvalues; of continuous loops with the delay lines on enough Chebyshev points for e^{−sT} to ten digits as far as `most`.
+    """
+    loop.require_one_path("a root in s")
+    system = _characteristic(loop)
+    turns = most * float(system.delays.max(initial=0.0))
+    nodes = 0 if loop.sample_time is not None or not turns else math.ceil(NODES + NODES_PER_RADIAN * turns)
+    found: Complexes = np.linalg.eigvals(system.collocated(nodes)).astype(complex)
+    if loop.sample_time is None:
+        return found
+    z = 1 + loop.sample_time * found
+    return np.log(z[z != 0]) / loop.sample_time
 
 
 def has_growing_root(loop: Loop) -> bool:

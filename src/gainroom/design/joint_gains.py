@@ -1,9 +1,11 @@
-"""The stiffest PD gains that keep the required margins for every joint within the uncertainty.
+"""The PD gains that keep the required margins for every joint within the uncertainty, and make its link dynamically stiffest.
 
 The allowed kd on each line kp = const are exact for one joint (gain_region.py). For an uncertain joint they are intersected over a few
-*active* cases, with a little in reserve. The answer is then screened on a population (every corner of the uncertainty, its centre, a
+*active* cases, with a little in reserve; the best of what is allowed is searched in link_gains.py, or the largest kp is taken, as the
+objective says. The answer is then screened on a population (every corner of the uncertainty, its centre, a
 low-discrepancy filling, a local search from the worst) and last of all proved for the whole of it (range_proof.py). A case that either
-finds to break a requirement becomes active, and the search starts over. Where the proof comes to no end, the certificate says so.
+finds to break a requirement becomes active, as does one in which the link is softer, and the search starts over. Where the proof comes to
+no end, the certificate says so.
 """
 
 import math
@@ -28,17 +30,25 @@ from ..system.excluded_sets import ROUND_OFF
 from ..system.linear.arrays import Floats
 from ..system.loop import Loop, build_loop
 from ..system.requirements import REQUIREMENTS, Requirements, title_of
+from ..system.system import Objective
 from ..system.uncertainty import NOMINAL, Case, Place, Uncertainty
+from .link_gains import LinkCase, Stiffest, stiffest_link
 
 COST_ACCURACY = 0.01
 FILLING = 16  # cases inside the uncertainty, in addition to corners and centre
 RESERVE = 0.002  # share of each requirement kept in reserve at the active cases, so that a proof can come to an end
-UNPROVED_RESERVE = 0.02  # reserve after a proof that came to no end: it costs a few percent of kp
+UNPROVED_RESERVE = 0.02  # reserve after a proof that came to no end: it costs a few percent
+SOFTER = 3e-3  # share by which a link must be softer in a case, with the gains found, for the case to become active
+BINDING = 0.01  # shortfall above which a requirement counts as reached: where none is, the link limits the gains
 QUICK_BOXES, MOST_BOXES = 200_000, 500_000  # most boxes of a proof with the first and second reserve: about 1 s and 3 s
+SAME = 3e-3  # share of the dynamic stiffness that gains in few digits may lose
 ALIKE = 1e-3  # share of a requirement by which shortfalls may differ and count as equal: the first case stands for all
 MOST_ACTIVE = 6  # active cases at a time: what an older one excludes is found again, if it still matters
 MOST_ROUNDS = 20  # most cases that break a requirement, one after the other
 QUICK_ROUNDS = 10  # from then on kp is lowered in large steps
+
+LINK = "link"
+"""What limits gains of which no requirement is reached."""
 
 CaseMargins = tuple[Place, Margins, float]
 """A case, its margins, and by how much the requirement is missed there that is missed most; below 0: all are met."""
@@ -48,7 +58,9 @@ CaseMargins = tuple[Place, Margins, float]
 class Recommendation:
     """Recommended gains.
 
+    objective     what was made largest: "dynamic_stiffness" of the link, or "largest_kp"
     kp, kd        [N m/rad], [N m s/rad]; for a P/PI controller kp·kv and kv
+    stiffness     dynamic stiffness of the link in the worst of the cases looked at [N m/rad]
     controller    with these gains, the given filters and integral ratio
     margins       in the worst of the cases looked at; `worst_case` says where that is
     worst         every margin in the case looked at where that margin is smallest: they may come from different cases
@@ -60,8 +72,10 @@ class Recommendation:
     reserve       share of each requirement that the search kept to spare, without which a proof over the uncertainty does not end
     """
 
+    objective: Objective
     kp: float
     kd: float
+    stiffness: float
     controller: Any
     margins: Margins
     worst: Margins
@@ -73,24 +87,33 @@ class Recommendation:
     proved: bool
     reserve: float
 
+    @property
+    def value(self) -> float:
+        """What was made largest: dynamic stiffness or kp [N m/rad]."""
+        return self.stiffness if self.objective == "dynamic_stiffness" else self.kp
+
     @cached_property
     def costs(self) -> dict[str, float]:
-        """Largest kp if one requirement were dropped, by its name [N m/rad]; what the uncertainty costs: uncertainty_cost.py."""
+        """Largest `value` if one requirement were dropped, by its name [N m/rad]; what the uncertainty costs: uncertainty_cost.py."""
         return self.dropped()
 
     @property
     def binding(self) -> str:
-        """The requirement without which kp could go highest; where dropping any one alone gains nothing, the tightest."""
-        return max(self.costs, key=lambda name: (self.felt.get(name, self.kp), self.shortfalls[name]))
+        """The requirement without which `value` could go highest; "link" where none is reached; else the tightest."""
+        if not self.felt and self.objective == "dynamic_stiffness" and max(self.shortfalls.values()) < -BINDING:
+            return LINK
+        return max(self.costs, key=lambda name: (self.felt.get(name, self.value), self.shortfalls[name]))
 
     @property
     def felt(self) -> dict[str, float]:
-        """The costs that exceed kp by at least 1 %, the accuracy to which they are known."""
-        return {name: kp for name, kp in self.costs.items() if kp >= (1 + COST_ACCURACY) * self.kp}
+        """The costs that exceed `value` by at least 1 %, the accuracy to which they are known."""
+        return {name: value for name, value in self.costs.items() if value >= (1 + COST_ACCURACY) * self.value}
 
     def held_back_by(self) -> str:
-        """The requirement that binds, by its title, or all of them where dropping any one alone gains nothing."""
+        """The requirement that binds, by its title, the link, or all requirements where dropping any one alone gains nothing."""
         asked = [title_of(name) for name in self.costs]
+        if self.binding == LINK:
+            return "link itself: stiffer gains damp it less"
         if self.binding in self.felt or len(asked) == 1:
             return title_of(self.binding)
         return f"{', '.join(asked[:-1])} and {asked[-1]} together"
@@ -104,19 +127,22 @@ def recommend_pd(
     feedback: Feedback = "motor",
     sample_time: float | None = None,
     controller: Any = None,
+    objective: Objective = "dynamic_stiffness",
 ) -> Recommendation | None:
-    """The stiffest PD gains (largest kp, then the kd with the lowest peak sensitivity) that keep `requirements` in every case.
+    """The best PD gains that keep `requirements` in every case.
 
     requirements  None: 6 dB, 30°, Ms 2
     controller    a PD, PID or PPI whose filters, notches and integral ratio are kept; None: plain PD
+    objective     "dynamic_stiffness": the largest of the link (dynamic_stiffness.py) in the case in which it is least, and of equal ones
+                  the least kd. "largest_kp": the largest kp, and the kd with the lowest peak sensitivity
 
-    Returns None where no gains keep them. Raises GainroomError where nothing is required.
+    Returns None where no gains keep them, and where nothing limits kp. Raises GainroomError where nothing is required.
     """
     requirements = Requirements.usual() if requirements is None else requirements
     if not requirements.asked:
         raise GainroomError(f"recommend: at least one of {', '.join(REQUIREMENTS)} must be required")
-    search = _JointSearch(joint, drive, requirements, uncertainty or Uncertainty(), feedback, sample_time, controller or PD(1.0, 1.0))
-    return search.run()
+    template = controller or PD(1.0, 1.0)
+    return _JointSearch(joint, drive, requirements, uncertainty or Uncertainty(), feedback, sample_time, template, objective).run()
 
 
 class _JointSearch:
@@ -131,7 +157,9 @@ class _JointSearch:
         feedback: Feedback,
         sample_time: float | None,
         template: Any,
+        objective: Objective,
     ) -> None:
+        self.objective: Objective = objective
         self.joint, self.drive, self.requirements, self.uncertainty = joint, drive, requirements, uncertainty
         self.feedback: Feedback = feedback
         self.sample_time, self.template = sample_time, template
@@ -142,6 +170,8 @@ class _JointSearch:
         self.checked: set[Place] = set()
         self.cases = [self.likely_worst()]
         self.active = [self.region(self.case(self.cases[0]))]
+        self.links: dict[Place, LinkCase] = {}
+        self.soft = [self.cases[0]]
 
     def case(self, place: Place) -> Case:
         return self.uncertainty.case(self.joint, self.drive, place) if place else (self.joint, self.drive)
@@ -160,14 +190,15 @@ class _JointSearch:
         return self.least(self.uncertainty.corners, inertia * crossover**2, 2 * inertia * crossover)[0]
 
     def run(self) -> Recommendation | None:
-        rungs = self.active[0].ladder
-        high = float(rungs[-1])
+        high = float(self.active[0].ladder[-1])
         for count in range(MOST_ROUNDS):
-            found = self.stiffest(float(rungs[rungs > 0][0]), high)
+            found = self.best(high)
             if found is None:
                 return None
             kp, kd = found
             place, worst, missed = self.worst_at(kp, kd)
+            if missed <= -self.reserve / 2 and self.softer_case(kp, kd):
+                continue
             if missed <= -self.reserve / 2:
                 place, worst, missed = self.proved(kp, kd, (place, worst, missed))
                 if self.proof is None or self.proof.holds:
@@ -186,8 +217,10 @@ class _JointSearch:
         nominal = self.margins([NOMINAL], kp, kd)[0]
         case = self.case(place)
         return Recommendation(
+            objective=self.objective,
             kp=kp,
             kd=kd,
+            stiffness=min(self.softness(place, kp, kd) for place in self.checked),
             controller=self.template.from_plane(kp, kd),
             margins=worst,
             worst=worst_of(self.seen),
@@ -200,10 +233,74 @@ class _JointSearch:
             reserve=self.reserve,
         )
 
+    def best(self, high: float) -> tuple[float, float] | None:
+        """The best gains by the objective over the active cases, in few digits; kp up to `high` where it is to be largest."""
+        if self.objective == "largest_kp":
+            return self.stiffest(float(self.ladder[0]), high)
+        found = self.stiffest_link(self.requirements.asked)
+        return None if found is None else self.short(found)
+
+    @property
+    def ladder(self) -> Floats:
+        rungs = self.active[0].ladder
+        return rungs[rungs > 0]
+
+    @property
+    def inertia(self) -> float:
+        """Of motor and link, or of the motor alone where the link is locked [kg m²]."""
+        return self.joint.motor_inertia + (self.joint.link_inertia if math.isfinite(self.joint.link_inertia) else 0.0)
+
+    def stiffest_link(self, names: Sequence[str]) -> Stiffest | None:
+        """Gains with the largest dynamic stiffness over the active cases, under some of the requirements."""
+        cases = [self.link(place) for place in self.soft]
+        return stiffest_link(cases, lambda kps, polish: self.allowed(self.active, kps, names, polish), self.ladder, self.inertia)
+
+    def link(self, place: Place) -> LinkCase:
+        """Link of the joint at one place in the uncertainty; worked out once."""
+        if place not in self.links:
+            joint, drive = self.case(place)
+
+            def loop(kp: float, kd: float) -> Loop:
+                return build_loop(joint, drive, self.template.from_plane(kp, kd), self.feedback, self.sample_time)
+
+            self.links[place] = LinkCase(loop, self.template)
+        return self.links[place]
+
+    def softness(self, place: Place, kp: float, kd: float) -> float:
+        """Dynamic stiffness of the link at one place [N m/rad]."""
+        return float(self.link(place).stiffness(np.array([kp]), np.array([kd]))[0])
+
+    def softer_case(self, kp: float, kd: float) -> bool:
+        """True if one of the cases looked at has a softer link than the active ones; it becomes active, too."""
+        if self.objective == "largest_kp":
+            return False
+        softest = min(self.checked, key=lambda place: self.softness(place, kp, kd))
+        if softest in self.soft or self.softness(softest, kp, kd) > (1 - SOFTER) * min(self.softness(one, kp, kd) for one in self.soft):
+            return False
+        self.soft.append(softest)
+        return True
+
+    def short(self, found: Stiffest) -> tuple[float, float] | None:
+        """The gains found in as few digits as leave them allowed and their link as stiff: 1 % of a flat top is no loss."""
+        for digits in range(2, 9):
+            kp = float(f"{found.kp:.{digits}g}")
+            (allowed,) = self.allowed(self.active, np.array([kp]), self.requirements.asked, polish=True)
+            for low, high in allowed.tolist():
+                room = min(0.002 * (high - low), 1e-3 * found.kd)
+                for kd in (float(f"{found.kd:.{few}g}") for few in range(2, 9)):
+                    stiff = min(self.softness(place, kp, kd) for place in self.soft)
+                    if low + room < kd < high - room and stiff >= (1 - SAME) * found.stiffness:
+                        return kp, kd
+        return found.kp, found.kd
+
     def costs(self, kp: float) -> dict[str, float]:
-        """Largest kp without each requirement in turn, see `Recommendation.costs`."""
+        """Largest value of the objective without each requirement in turn, see `Recommendation.costs`."""
         asked = self.requirements.asked
-        return {name: self.cost(kp, [other for other in asked if other != name], self.active) for name in asked}
+        without = {name: [other for other in asked if other != name] for name in asked}
+        if self.objective == "largest_kp":
+            return {name: self.cost(kp, others, self.active) for name, others in without.items()}
+        found = {name: self.stiffest_link(others) for name, others in without.items()}
+        return {name: math.inf if one is None else one.stiffness for name, one in found.items()}
 
     def cost(self, kp: float, names: Sequence[str], regions: list[PDRegion]) -> float:
         """The largest kp, from the recommended one up, with these requirements and cases alone."""

@@ -170,7 +170,12 @@ def stable_starts(
 def _alone(system: System, joint: ElasticJoint, drive) -> tuple[float, float]:
     """Recommended kp and kd of one joint; a critically damped guess where nothing limits it."""
     template = PD(1.0, 1.0, velocity_filter=system.control.velocity_filter, notches=system.control.notches)
-    place = {"feedback": system.control.feedback, "sample_time": system.control.sample_time, "controller": template}
+    place = {
+        "feedback": system.control.feedback,
+        "sample_time": system.control.sample_time,
+        "controller": template,
+        "objective": "largest_kp",
+    }
     found = recommend_pd(joint, drive, system.requirements, **place)
     if found is not None:
         return found.kp, found.kd

@@ -1,4 +1,4 @@
-"""The cost in gain of a joint's uncertainty, and which of its quantities is worth measuring better."""
+"""The cost of a joint's uncertainty in what its gains make largest, and which of its quantities is worth measuring better."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -16,12 +16,14 @@ class KnownExactly:
 
     name     in Uncertainty
     kp, kd   on the plane of Recommendation [N m/rad], [N m s/rad]; NaN where there are none even then
+    value    Recommendation.value, dynamic stiffness or kp [N m/rad]
     proved   as Recommendation.proved
     """
 
     name: str
     kp: float
     kd: float
+    value: float
     proved: bool
 
 
@@ -35,10 +37,10 @@ class HalfAsUncertain(KnownExactly):
 
 @dataclass(frozen=True)
 class UncertaintyCost:
-    """Cost of a joint's uncertainty in kp, and the gains that knowing more would allow.
+    """Cost of a joint's uncertainty in dynamic stiffness or kp, and the gains that knowing more would allow.
 
     exact   recommended gains if all were known exactly and nominal
-    cost    the part of that kp which the uncertainty takes: 0 nothing, 1 all, as no gains meet the requirements in every case
+    cost    the part of its value which the uncertainty takes: 0 nothing, 1 all, as no gains meet the requirements in every case
     known   one by one, the quantity first that brings most
     half    that quantity half as uncertain
     """
@@ -51,7 +53,7 @@ class UncertaintyCost:
 
 def cost_of(found: Recommendation | None, exact: Recommendation) -> float:
     """Cost of the uncertainty, see UncertaintyCost; `found` holds over the whole uncertainty."""
-    return 1.0 if found is None else max(1 - found.kp / exact.kp, 0.0)
+    return 1.0 if found is None else max(1 - found.value / exact.value, 0.0)
 
 
 def uncertainty_cost(
@@ -64,7 +66,7 @@ def uncertainty_cost(
     """
     single = len(uncertainty.names) == 1
     known = [_known(name, exact if single else recommend(uncertainty.without(name)), found) for name in uncertainty.names]
-    ranked = sorted(known, key=lambda one: one.kp if one.kp > 0 else 0.0, reverse=True)
+    ranked = sorted(known, key=lambda one: one.value if one.value > 0 else 0.0, reverse=True)
     name = ranked[0].name
     low, high = (0.5 * (float(end) + nominal[name]) for end in getattr(uncertainty, name))
     half = _known(name, recommend(replace(uncertainty, **{name: (low, high)})), found)
@@ -73,7 +75,7 @@ def uncertainty_cost(
 
 def _known(name: str, one: Recommendation | None, found: Recommendation | None) -> KnownExactly:
     """Gains if `name` is better known; at least those of `found`, which hold in every case and so in fewer, too."""
-    best = max((gains for gains in (one, found) if gains is not None), key=lambda gains: gains.kp, default=None)
+    best = max((gains for gains in (one, found) if gains is not None), key=lambda gains: gains.value, default=None)
     if best is None:
-        return KnownExactly(name, math.nan, math.nan, False)
-    return KnownExactly(name, best.kp, best.kd, best.proved)
+        return KnownExactly(name, math.nan, math.nan, math.nan, False)
+    return KnownExactly(name, best.kp, best.kd, best.value, best.proved)

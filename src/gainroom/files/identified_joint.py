@@ -55,7 +55,15 @@ def identified_text(fit: JointFit, log: Path, known: Drive | None, date: str, ve
 
     system = parse_joint(text(start, False), "the identified joint.yaml")
     control = system.control
-    found = recommend_pd(system.source, system.drives[0], system.requirements, system.uncertainty, control.feedback, control.sample_time)  # type: ignore[arg-type]
+    found = recommend_pd(
+        system.source,  # type: ignore[arg-type] - a joint
+        system.drives[0],
+        system.requirements,
+        system.uncertainty,
+        control.feedback,
+        control.sample_time,
+        objective=system.objective,
+    )
     gains = start if found is None else {"kp": found.kp, "kd": found.kd}
     written = text(gains, found is not None)
     return written, parse_joint(written, "the identified joint.yaml"), found is not None

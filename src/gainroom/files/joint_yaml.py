@@ -172,6 +172,7 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
                 sample_time=sample_time(),
                 requirements=self.requirements(),
                 uncertainty=uncertainty(),
+                objective=self.objective,
                 entered=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
             )
             paths = {"kd_path": path(), "command_delay": 1e-3 * self.drive.command_delay_ms}

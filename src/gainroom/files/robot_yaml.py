@@ -122,6 +122,7 @@ def robot_spec(
             requirements=file.requirements(),
             uncertainty=uncertainty,
             balance=file.balance or "",
+            objective=file.objective,
             scenario=scenario(),
             assumptions=(*base()[1], *guessed, *from_files, *sources(dict.fromkeys(filter(None, actuators.gearbox)))),
             warnings=(*body().doubts, *body().notes, *_without_motor(file, body()), *_outside(postures())),

@@ -425,6 +425,9 @@ class SystemFile(Section, Generic[Control, Ranges]):
     drive: DriveSection = Field(description="the section of current loop and delay, such as {bandwidth: 4000, delay_ms: 2}")
     control: Control = Field(description="the section of the controller: type, feedback, its gains, and sample_rate_hz")
     limits: Annotated[Any, made_when_read(limits_section)] = None
+    objective: Literal["dynamic_stiffness", "largest_kp"] = Field(
+        "dynamic_stiffness", description="what recommended gains make largest: the link's dynamic stiffness, or kp"
+    )
     uncertainty: Ranges = Field(default_factory=dict, validate_default=True)  # type: ignore[assignment] - {} as a section
 
     def tick(self) -> float | None:

@@ -13,7 +13,7 @@ from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .columns import Column, facts as row_facts, yes
 from .gain_advice import ToUse, joint_to_use, verdict_lines
-from .joint_text import RULE, cause, notes, recommended_text, rise_text, sentence, uncertainty_cost_text, warnings
+from .joint_text import RULE, cause, made_largest, notes, recommended_text, rise_text, sentence, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns, compared_rows, margin_columns, margin_rows, required_facts
 from .number_format import digits, frequency, model_facts, model_text, own_gains, typed_gains
 from .page import Html, facts, table
@@ -89,11 +89,13 @@ def _recommended_facts(study: JointStudy, recommended: "Recommendation") -> dict
         **gains,
         "controller": {"type": type_of(recommended.controller), **gains},
         "plane": {"kp": recommended.kp, "kd": recommended.kd},
+        "objective": recommended.objective,
+        "dynamic_stiffness": recommended.stiffness,
         "margins": _margins(recommended.worst),
         "nominal": _margins(recommended.nominal),
         "worst_case": recommended.worst_case,
         "binding": recommended.binding,
-        "costs": recommended.costs | ({} if study.exact is None or study.cost is None else {"uncertainty": study.exact.kp}),
+        "costs": recommended.costs | ({} if study.exact is None or study.cost is None else {"uncertainty": study.exact.value}),
         "checked": recommended.certificate,
         "proved": recommended.proved,
     }
@@ -113,9 +115,9 @@ def _rate_facts(study: JointStudy) -> dict[str, Any]:
 def _cost_facts(found: "UncertaintyCost") -> dict[str, Any]:
     return {
         "cost": found.cost,
-        "exact": {"kp": found.exact.kp, "kd": found.exact.kd},
-        "half_range": {key: getattr(found.half, key) for key in ("name", "low", "high", "kp", "kd", "proved")},
-        "known_exactly": [{"name": one.name, "kp": one.kp, "kd": one.kd, "proved": one.proved} for one in found.known],
+        "exact": {"kp": found.exact.kp, "kd": found.exact.kd, "value": found.exact.value},
+        "half_range": {key: getattr(found.half, key) for key in ("name", "low", "high", "kp", "kd", "value", "proved")},
+        "known_exactly": [{"name": one.name, "kp": one.kp, "kd": one.kd, "value": one.value, "proved": one.proved} for one in found.known],
     }
 
 
@@ -222,7 +224,7 @@ def uncertainty_table(study: JointStudy) -> Html:
     """Table of recommended gains under the given uncertainty, with each uncertain quantity known exactly, and with all."""
     found = study.uncertainty_cost
     assert found is not None
-    plane, (kp_name, _) = plane_columns(study), study.template.plane_names
+    plane = plane_columns(study)
     sets = [
         ("as uncertain as it is", study.recommended, ""),
         *((f"{one.name.replace('_', ' ')} known exactly", one, rise_text(study, one)) for one in found.known),
@@ -232,7 +234,12 @@ def uncertainty_table(study: JointStudy) -> Html:
         (name, "–", "–", rise, "") if one is None else (name, *(column.text(one) for column in plane), rise, yes(one.proved))
         for name, one, rise in sets
     ]
-    headings = ("Recommended gains", *(f"{column.title} [{column.unit}]" for column in plane), f"change of {kp_name}", "proved")
+    headings = (
+        "Recommended gains",
+        *(f"{column.title} [{column.unit}]" for column in plane),
+        f"change of the {made_largest(found.exact)}",
+        "proved",
+    )
     return table(headings, rows, uncertainty_cost_text(study, ranked=True), sorts=False)
 
 

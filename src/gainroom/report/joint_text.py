@@ -110,18 +110,26 @@ def _change(rise: float) -> str:
 
 
 def recommended_text(recommended: "Recommendation") -> str:
-    """Sentence on the requirement that limits the recommended kp, and the largest kp without each."""
+    """Sentences on what limits the recommended gains, and how stiff the link, or how large kp, would be without each requirement."""
     without = {name: f"without the {title_of(name)}" for name in recommended.costs}
-    kp_name, _ = recommended.controller.plane_names
     worst = ", ".join(quantity(name, value) for name, value in recommended.worst_case.items())
     parts = [f"Recommended gains are limited by the {recommended.held_back_by()}" + (f" (worst case: {worst})." if worst else ".")]
-    felt = ", ".join(f"{digits(kp, 'N·m/rad')} {without[name]}" for name, kp in recommended.felt.items())
+    felt = ", ".join(f"{digits(value, 'N·m/rad')} {without[name]}" for name, value in recommended.felt.items())
+    largest = made_largest(recommended)
     if felt:
-        parts.append(f"The largest {kp_name} would be {felt}.")
+        parts.append(f"The {largest} would be {felt}.")
     idle = [f"the {title_of(name)}" for name in without if name not in recommended.felt]
     if idle:
-        parts.append(f"Without {' or '.join(idle)} alone it would be the same.")
+        parts.append(
+            f"Without {' or '.join(idle)} alone it would be the same." if felt else f"Without any of them the {largest} is the same."
+        )
     return " ".join([*parts, f"Checked: {recommended.certificate}."])
+
+
+def made_largest(recommended: "Recommendation") -> str:
+    """What recommended gains make largest: "dynamic stiffness of the link", or "largest kp" by its name on the controller's plane."""
+    kp_name, _ = recommended.controller.plane_names
+    return "dynamic stiffness of the link" if recommended.objective == "dynamic_stiffness" else f"largest {kp_name}"
 
 
 def uncertainty_cost_text(study: "JointStudy", ranked: bool) -> str:
@@ -131,9 +139,9 @@ def uncertainty_cost_text(study: "JointStudy", ranked: bool) -> str:
         return ""
     if cost < COST_ACCURACY:
         return "The uncertainty costs nothing."
-    kp_name, _ = exact.controller.plane_names
+    largest = made_largest(exact)
     part = "all" if study.recommended is None else f"{100 * cost:.0f} %"
-    text = f"The uncertainty costs {part} of {kp_name}: with exact parameters it would be {digits(exact.kp, 'N·m/rad')}."
+    text = f"The uncertainty costs {part} of the {largest}: with exact parameters it would be {digits(exact.value, 'N·m/rad')}."
     if not ranked or study.uncertainty_cost is None:
         return text
     (first, *others), half = study.uncertainty_cost.known, study.uncertainty_cost.half
@@ -141,12 +149,12 @@ def uncertainty_cost_text(study: "JointStudy", ranked: bool) -> str:
         ranges = listed([_range_text(study, one.name) for one in (first, *others)])
         return f"{text} No quantity alone would raise it if it were known exactly: several of these ranges have to be narrower: {ranges}."
     start = f"{text} Measure the {_range_text(study, first.name)} better{' first' * bool(others)}"
-    exact = f"{digits(first.kp, 'N·m/rad')} ({rise_text(study, first)}) if it were surely the nominal one"
+    exact = f"{digits(first.value, 'N·m/rad')} ({rise_text(study, first)}) if it were surely the nominal one"
     to_half = f"surely {_ends(half.name, half.low, half.high)}, half of that range"
     if gains_by(study, half):
-        best = f"{kp_name} would be {digits(half.kp, 'N·m/rad')} ({rise_text(study, half)}) if it were {to_half}, and {exact}"
+        best = f"the {largest} would be {digits(half.value, 'N·m/rad')} ({rise_text(study, half)}) if it were {to_half}, and {exact}"
     else:
-        best = f"to be {to_half}, would not be enough; {kp_name} would be {exact}"
+        best = f"to be {to_half}, would not be enough; the {largest} would be {exact}"
     rest = "; ".join(f"with the {_range_text(study, one.name)} known exactly: {rise_text(study, one)}" for one in others)
     return f"{start}: {best}{f'; {rest}' * bool(rest)}."
 
@@ -164,17 +172,17 @@ def _ends(name: str, low: float, high: float) -> str:
 
 
 def gains_by(study: "JointStudy", known: "KnownExactly") -> bool:
-    """True if exact knowledge of a quantity raises the recommended kp."""
-    return known.kp > 0 and (study.recommended is None or known.kp >= (1 + COST_ACCURACY) * study.recommended.kp)
+    """True if exact knowledge of a quantity raises what the recommended gains make largest."""
+    return known.value > 0 and (study.recommended is None or known.value >= (1 + COST_ACCURACY) * study.recommended.value)
 
 
 def rise_text(study: "JointStudy", known: "KnownExactly") -> str:
-    """Rise of the recommended kp as text: "22 % more", "2.4 times as much", "nothing more"; "instead of none"."""
+    """Rise of what the recommended gains make largest, as text: "22 % more", "2.4 times as much", "nothing more"; "instead of none"."""
     if not gains_by(study, known):
         return "nothing more"
     if study.recommended is None:
         return "instead of none"
-    rise = known.kp / study.recommended.kp
+    rise = known.value / study.recommended.value
     return f"{100 * (rise - 1):.0f} % more" if rise < 2 else f"{digits(rise, '', 3)} times as much"
 
 

@@ -111,6 +111,7 @@ class Diagnosis:
             control.feedback,
             self.predicted.loop.sample_time,
             control.controller,
+            self.system.objective,
         )
 
 

@@ -156,7 +156,9 @@ class JointStudy(Analysis):
         system = self.system
         if not system.requirements.asked:
             return None
-        return recommend_pd(system.source, system.drives[0], system.requirements, uncertainty, **self._loop_options)
+        return recommend_pd(
+            system.source, system.drives[0], system.requirements, uncertainty, **self._loop_options, objective=system.objective
+        )
 
     @cached_property
     def exact(self) -> Recommendation | None:
@@ -165,7 +167,7 @@ class JointStudy(Analysis):
 
     @property
     def cost(self) -> float | None:
-        """Share of the exact joint's kp that the uncertainty costs; None without uncertainty, or if no gains are recommended at all."""
+        """Share of the exact joint's dynamic stiffness (or kp) that the uncertainty costs; None without any, or without exact gains."""
         return None if self.exact is None or not self.system.uncertainty.names else cost_of(self.recommended, self.exact)
 
     @cached_property

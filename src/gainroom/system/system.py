@@ -22,6 +22,8 @@ from .requirements import Requirements
 from .uncertainty import NOMINAL, Place, Share, Uncertainty, is_end
 
 Balance = Literal["joints", "controller", ""]
+Objective = Literal["dynamic_stiffness", "largest_kp"]
+"""What recommended gains make largest."""
 INSIDE = 8
 """Number of sampled places between the corners of an uncertainty, beside its centre: delay or stiffness may be worst inside a range."""
 SHOWN = 3
@@ -112,6 +114,7 @@ class System(Generic[Source]):
     source        source of plants
     drives        one per joint
     balance       which controller damps sway of a floating base: "joints", the joint gains; "controller", one above them; "": not stated
+    objective     what recommended gains make largest
     scenario      motion that `gainroom simulate` runs; None where the file has none, or it was not asked for
     entered       values given in place of a source's quantities, by key: rotor_inertia, gear_ratio
     assumptions   assumptions made where the file gives no value
@@ -124,6 +127,7 @@ class System(Generic[Source]):
     requirements: Requirements = field(default_factory=Requirements.usual)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     balance: Balance = ""
+    objective: Objective = "dynamic_stiffness"
     scenario: Any = None
     entered: Mapping[str, float] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
