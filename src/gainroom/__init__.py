@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .system.elastic_joint import ElasticJoint as ElasticJoint
     from .system.filters import LowPass as LowPass, Notch as Notch
     from .system.gain_path import GainPath as GainPath
+    from .system.jitter_margin import JitterMargin as JitterMargin, jitter_margin as jitter_margin
     from .system.loop import Loop as Loop, build_loop as build_loop, loop_from as loop_from
     from .system.plant import Compliance as Compliance, Plant as Plant
     from .system.requirements import Requirements as Requirements
@@ -52,6 +53,7 @@ _HOME = {
     "system.closed_loop": ("closed_loop", "ClosedLoop"),
     "analysis.stability": ("is_stable", "rightmost_roots", "Roots"),
     "analysis.margins": ("margins", "joint_margins"),
+    "system.jitter_margin": ("jitter_margin", "JitterMargin"),
     "analysis.gain_region": ("pd_region", "PDRegion"),
     "analysis.gain_limit": ("gain_limit",),
     "analysis.dynamic_stiffness": ("dynamic_stiffness", "DynamicStiffness"),

@@ -78,8 +78,8 @@ class Loop:
         return {name: vars(self)[name] for name in self.__dataclass_fields__}
 
     @cached_property
-    def measurements(self) -> dict[Any, float]:
-        """Cache of values that requirements measured on this loop, by requirement."""
+    def measurements(self) -> dict[Any, Any]:
+        """Cache of what requirements measured on this loop, by requirement, and of what they measured it from."""
         return {}
 
     @cached_property
