@@ -8,6 +8,7 @@ enters or leaves the set, or where kd(ω) has an extremum; both are polished, so
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -170,18 +171,60 @@ class Lines:
         inside = (point > omega[0]) & (point < omega[-1])
         return column[inside], point[inside]
 
+    def above(self, weight: Callable[[Floats], Floats], ceiling: float) -> list[Floats]:
+        """The kd on each line with which weight(ω) |L/(1 + L)| exceeds `ceiling` at some ω: as `excluded`.
+
+        With x = weight/ceiling these are |1 + L|² < |x L|², a quadratic inequality in kd at every ω: an interval where x < 1, and all but
+        an interval, or everything, where x > 1.
+        """
+        kps = self.kps[:, None]
+
+        def at(omega: Floats) -> tuple[Complexes, Complexes, Floats]:
+            return *self._at(omega), weight(omega) / ceiling
+
+        a, b, x = (part[None, :] for part in at(self.omega))
+        lower, upper, inner = _exceeded(kps, a, b, x)
+        pieces = []
+        for kind, low, high in ((INNER, lower, upper), (OUTER, -np.inf, lower), (OUTER, upper, np.inf), (EVERY, -np.inf, np.inf)):
+            column, k = np.nonzero(inner == kind)
+            pieces.append((column, np.broadcast_to(low, inner.shape)[column, k], np.broadcast_to(high, inner.shape)[column, k]))
+        # From one sample to the next an interval moves and sweeps what lies between.
+        column, k = np.nonzero((inner[:, 1:] == INNER) & (inner[:, :-1] == INNER))
+        gap = np.minimum(upper[column, k], upper[column, k + 1]), np.maximum(lower[column, k], lower[column, k + 1])
+        pieces.append((column[gap[0] < gap[1]], gap[0][gap[0] < gap[1]], gap[1][gap[0] < gap[1]]))
+        for kind, side, sign, other in EXTREMES if self.polish else ():
+
+            def farthest(kp: Floats, *found: Any, kind: int = kind, side: int = side, sign: float = sign) -> Floats:
+                *ends, which = _exceeded(kp, *found)
+                return np.where(which == kind, sign * ends[side], -np.inf)
+
+            end = (lower, upper)[side]
+            reach = np.where(inner == kind, sign * end, -np.inf)
+            column, k = np.nonzero((reach[:, 1:-1] >= reach[:, :-2]) & (reach[:, 1:-1] > reach[:, 2:]))
+            _, height = self._maximum(farthest, self.kps[column], self.omega[k], self.omega[k + 1], self.omega[k + 2], at)
+            pieces.append((column, end[column, k + 1] if other is None else np.full(len(column), other), sign * height))
+        column, low, high = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+        return union_of(column.astype(int), np.minimum(low, high), np.maximum(low, high), len(self.kps))
+
     def _maximum(
-        self, function: Callable[[Floats, Complexes, Complexes], Floats], kp: Floats, low: Floats, middle: Floats, high: Floats
+        self,
+        function: Callable[..., Floats],
+        kp: Floats,
+        low: Floats,
+        middle: Floats,
+        high: Floats,
+        at: Callable[[Floats], tuple[Any, ...]] | None = None,
     ) -> tuple[Floats, Floats]:
-        """(ω, value) of the largest function(kp, A, B) in (low, high), by golden section from a first guess.
+        """(ω, value) of the largest function(kp, A, B) in (low, high), by golden section from a first guess; `at`: of other responses.
 
         The maximum is flat: ω to 1e-9 gives the value to the last digits.
         """
-        best = function(kp, *self._at(middle))
+        at = self._at if at is None else at
+        best = function(kp, *at(middle))
         for _ in range(40 if len(middle) else 0):
             right = high - middle > middle - low
             trial = middle + 0.381966011250105 * np.where(right, high - middle, low - middle)
-            value = function(kp, *self._at(trial))
+            value = function(kp, *at(trial))
             better = value > best
             end = np.where(better, middle, trial)  # a better trial takes the middle's place; otherwise it is the end on its own side
             low, high = np.where(better == right, end, low), np.where(better == right, high, end)
@@ -204,6 +247,30 @@ class Lines:
             else:
                 pieces.append((column, (low - self.kps * a) / b, (high - self.kps * a) / b))
         return pieces
+
+
+NONE, INNER, OUTER, EVERY = range(4)
+"""Which kd exceed a ceiling at one ω: none, those between two values, those beside them, all."""
+EXTREMES = ((INNER, 0, -1.0, None), (INNER, 1, 1.0, None), (OUTER, 0, 1.0, -np.inf), (OUTER, 1, -1.0, np.inf))
+"""Ends of such intervals, lower and upper, which way they reach farthest, and the other end; None: where the sample has it."""
+
+
+def _exceeded(kp: Floats, a: Complexes, b: Complexes, x: Floats) -> tuple[Floats, Floats, Integers]:
+    """The two kd with |1 + L| = x |L|, L = kp A + kd B, in rising order, and which kd make it less (NONE to EVERY)."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # In y = kd, over |B|²: (1 − x²)(y² + 2 p y + |kp A|²/|B|²) + 2 q y + r
+        size = np.abs(b) ** 2
+        p, q = kp * (a * b.conj()).real / size, b.real / size
+        square = 1 - x**2
+        half = square * p + q
+        rest = (square * np.abs(kp * a) ** 2 + 2 * kp * a.real + 1) / size
+        discriminant = half**2 - square * rest
+        root = np.sqrt(np.maximum(discriminant, 0.0))
+        far = -(half + np.where(half >= 0, root, -root))  # without cancellation; the other one from their product
+        first, second = far / square, rest / far
+        lower, upper = np.minimum(first, second), np.maximum(first, second)
+        found = np.where(square > 0, np.where(discriminant > 0, INNER, NONE), np.where(discriminant > 0, OUTER, EVERY))
+    return lower, upper, np.where(np.isfinite(discriminant) & np.isfinite(x), found, NONE)
 
 
 def union_of(column: Integers, low: Floats, high: Floats, count: int) -> list[Floats]:

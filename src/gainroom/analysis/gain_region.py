@@ -19,6 +19,7 @@ from ..system.assembly import Feedback
 from ..system.controller import PD, Controller
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
+from ..system.jitter_margin import weight
 from ..system.linear.arrays import Booleans, Floats, Integers
 from ..system.linear.transfer_function import Factored
 from ..system.loop import Loop, build_loop
@@ -58,16 +59,20 @@ def pd_region(
     loop = build_loop(joint, drive, template, feedback, sample_time)
     if loop.actuated is None:
         raise GainroomError(f"pd_region is for one joint, not for {loop.size}")
-    return PDRegion(loop.actuated, template, Requirements(gain_margin, phase_margin, peak_sensitivity, **others))
+    return PDRegion(loop.actuated, template, Requirements(gain_margin, phase_margin, peak_sensitivity, **others), loop.unsampled)
 
 
 @dataclass(frozen=True)
 class PDRegion:
-    """See pd_region. `actuated` is the loop without its controller, `template` gives the controller at each (kp, kd)."""
+    """See pd_region. `actuated` is the loop without its controller, `template` gives the controller at each (kp, kd).
+
+    unsampled   `actuated` in continuous time; None where it is not known
+    """
 
     actuated: Factored
     template: Controller
     required: Requirements
+    unsampled: Factored | None = None
 
     def scalar(self, kp: float, kd: float) -> Factored:
         """L at one pair of gains."""
@@ -82,16 +87,17 @@ class PDRegion:
     def excluding(self, required: Requirements, kps: Floats, free: list[Floats], polish: bool = True) -> list[Floats]:
         """`free`, intervals of kd for each kp, without what `required` excludes."""
         free, kps = list(free), np.asarray(kps)
-        for one, needed in sorted(required.asked_for, key=lambda pair: pair[0].excluded(pair[1]) is None):
+        for one, needed in sorted(required.asked_for, key=lambda pair: not pair[0].in_closed_form(pair[1])):
             filled = [m for m, intervals in enumerate(free) if len(intervals)]
-            shape = one.excluded(needed)
-            if shape is None:
+            if not one.in_closed_form(needed):
                 for m in filled:
                     free[m] = self._where(lambda found, one=one, needed=needed: one.met(needed, one.value(found)), kps[m], free[m], polish)
             elif filled:
                 window = np.array([[free[m][0, 0], free[m][-1, 1]] for m in filled])
                 lines = Lines(self._plane, self._curve.omega, kps[filled], window, polish)
-                for m, wall in zip(filled, lines.excluded(shape), strict=True):
+                shape, ceiling = one.excluded(needed), one.ceiling(needed, self.actuated.sample_time)
+                walls = lines.excluded(shape) if shape is not None else lines.above(self._weight, ceiling)  # type: ignore[arg-type] - one is known
+                for m, wall in zip(filled, walls, strict=True):
                     free[m] = without(free[m], wall)
         return free
 
@@ -126,7 +132,8 @@ class PDRegion:
         step, loops = self.actuated.sample_time, []
         for gains in zip(kps, kds, strict=True):
             control = self.template.in_plane(*gains, step)
-            loops.append(Loop(1, step, self.actuated, control, unstable_poles=(self.actuated * control).unstable_poles))
+            unstable = (self.actuated * control).unstable_poles
+            loops.append(Loop(1, step, self.actuated, control, unstable_poles=unstable, unsampled=self.unsampled))
         return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
 
     def stable_columns(self, kps: Floats, polish: bool = True) -> list[Floats]:
@@ -188,6 +195,10 @@ class PDRegion:
         step = self.actuated.sample_time
         parts = [self.actuated * self.template.combine(terms, step) for terms in self.template.plane()]
         return GainPlane.of(*parts)
+
+    def _weight(self, omega: Floats) -> Floats:
+        """Weight (k,) of the complementary sensitivity, whose ceiling the jitter margin is."""
+        return weight(self.actuated, self.unsampled, omega)
 
     @cached_property
     def _curve(self) -> BoundaryCurve:

@@ -325,7 +325,7 @@ class _JointSearch:
             if place not in self.plants:
                 self.plants[place] = build_loop(*self.case(place), self.template, self.feedback, self.sample_time)
             loops.append(replace(self.plants[place], control=control, parts=None))
-        if any(one.excluded(needed) is None for one, needed in self.requirements.asked_for):  # which may be of any margin there is
+        if not all(one.in_closed_form(needed) for one, needed in self.requirements.asked_for):  # it may be of any margin there is
             controller = self.template.from_plane(kp, kd)
             return [margins(build_loop(*self.case(place), controller, self.feedback, self.sample_time)) for place in places]
         return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]

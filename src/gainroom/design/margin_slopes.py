@@ -151,6 +151,11 @@ class GainCase:
         """Slopes predicted from the samples at the anchor, see `slopes`; curves that have come near −1 since then are missing."""
         return _Curves(self, gains, self._anchor[0][1], NEAR, followed=True).slopes()
 
+    @property
+    def anchored(self) -> Gains:
+        """Gains of the anchor."""
+        return self._anchor[0][0]
+
     def anchor(self, gains: Gains) -> None:
         """Set the samples of the loop with these gains, which is stable, as those from which curves are predicted from now on."""
         self._anchor[:] = [(gains, self._samples_at(gains))]
@@ -257,6 +262,9 @@ class _Asked:
     def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[PlacedSlopes]:
         return self._wider(Reach(peaks=((slope, offset, ceiling * math.exp(-NEAR)),)))
 
+    def at_measured(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:
+        return []
+
     def by_differences(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:
         self.curves = False
         return []
@@ -344,9 +352,8 @@ class _Curves:
         return [(PEAKS, Slopes(np.log(height / ceiling), moves, (name,) * len(height)))]
 
     def by_differences(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:
-        """Shortfall of a margin without a curve here, its slopes by differences at gains a little larger, one after the other."""
-        case, gains = self.case, self.gains
-        size = case.torque.shape[1]
+        """Shortfall of a margin without a curve here, which only new samples tell."""
+        case = self.case
         if self.followed:
             return []
 
@@ -354,15 +361,32 @@ class _Curves:
             found = case.margins(gains)
             return requirement.shortfall(needed, requirement.value(found)) if found.stable else math.inf
 
-        here, slope = missed(gains), np.zeros((1, 2, size))
+        return self._by_differences(missed, requirement.name)
+
+    def at_measured(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:
+        """Shortfall of a quantity measured of the loop, its slopes by differences of what is measured about the samples' loop."""
+        case = self.case
+        known = case.margins(case.anchored if self.followed else self.gains).loops
+
+        def missed(gains: Gains) -> float:
+            with suppress(GainroomError):
+                return requirement.shortfall(needed, requirement.measured_about(known[0], case.loop(gains)))
+            return math.inf
+
+        return self._by_differences(missed, requirement.name) if known else []
+
+    def _by_differences(self, missed: Callable[[Gains], float], name: str) -> list[PlacedSlopes]:
+        """Shortfall at the gains, and its slopes by differences at gains a little larger, one after the other."""
+        size = self.case.torque.shape[1]
+        here, slope = missed(self.gains), np.zeros((1, 2, size))
         if here < -self.near:
             return []
-        for place in np.ndindex(2, size):
+        for place in np.ndindex(2, size) if not self.broken else ():
             step = np.zeros((2, size))
             step[place] = DIFFERENCE
-            there = missed(moved(gains, step, case.cascade))
+            there = missed(moved(self.gains, step, self.case.cascade))
             slope[0][place] = (there - here) / DIFFERENCE if math.isfinite(there) else BELIEVED
-        return [(PEAKS, _believed(np.array([here]), slope, requirement.name))]
+        return [(PEAKS, _believed(np.array([here]), slope, name))]
 
 
 def _broken(part: Slopes) -> bool:

@@ -28,6 +28,7 @@ from ..robot.tasks import Task
 from ..system.actuator_entry import ActuatorEntry
 from ..system.linear.arrays import Floats
 from ..system.plausibility import DEGREES, TURN
+from ..system.requirements import Requirements
 from ..system.system import Control, System
 from .file_types import parse_as
 from .joint_references import with_ranges
@@ -71,7 +72,7 @@ def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool =
             raise GainroomError("control.kp: must be > 0 on some joint")
     if file.limits is not None:
         return system
-    usual = f"the usual limits are asked for, as the file names none: {system.requirements}"
+    usual = f"the usual limits are asked for, as the file names none: {system.requirements.only(*Requirements.usual().asked)}"
     return replace(system, assumptions=(*system.assumptions, usual))
 
 

@@ -98,6 +98,7 @@ class DriveSection(Section):
     delay_ticks: DelayTicks | None = None
     sample_rate_hz: SampleRate | None = None
     delay_includes_sampling: bool = Field(False, description="true: the delay contains the loop's hold and velocity difference")
+    jitter_ms: Annotated[float, number(least=0, most=1000, unit="ms")] = 0.0
     command_delay_ms: DelayMs = 0.0
     clock: Literal["continuous"] | None = Field(None, description="continuous: the loop has no rate, on purpose")
 
@@ -460,11 +461,13 @@ class SystemFile(Section, Generic[Control, Ranges]):
             raise GainroomError("drive.clock: must be left out with control.sample_rate_hz: a loop with a rate is not continuous")
 
     def requirements(self) -> Requirements:
-        """Requirements of the file, or the usual ones if it has none."""
-        if self.limits is None:
-            return Requirements.usual()
-        given = {one.name: (one, getattr(self.limits, one.key)) for one in REQUIREMENTS.values()}
-        return Requirements(**{name: one.in_si(value) for name, (one, value) in given.items() if value is not None})
+        """Requirements of the file, or the usual ones if it has none; a drive's jitter asks for a jitter margin of at least as much."""
+        given = {one.name: (one, getattr(self.limits, one.key)) for one in REQUIREMENTS.values()} if self.limits is not None else {}
+        needed = {name: one.in_si(value) for name, (one, value) in given.items() if value is not None}
+        needed = dict(Requirements.usual().needed) if self.limits is None else needed
+        if self.drive.jitter_ms > 0:
+            needed["jitter_margin"] = max(1e-3 * self.drive.jitter_ms, needed.get("jitter_margin", 0.0))
+        return Requirements(**needed)
 
 
 def refuse_two_paths(control: ControlSection, two_paths: bool) -> None:

@@ -95,7 +95,7 @@ def _levels(asked: Requirements) -> list[tuple[Requirements, str, str, str, bool
     result = []
     for one, (color, dash) in zip(REQUIREMENTS.values(), itertools.cycle(LINES), strict=False):
         value = asked.needed.get(one.name, one.usual)
-        if value is None or one.excluded(value) is None:  # not asked for, or not known as a line
+        if value is None or not one.in_closed_form(value):  # not asked for, or not known as a line
             continue
         for level in (value, one.stricter(value)):
             text = f"{one.heading} {margin_value(asked, one.name, level, None, 3)}"

@@ -30,8 +30,9 @@ any constant diagonal U > 0: the delays act joint by joint, so that U changes no
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -57,6 +58,8 @@ BALANCED = 10  # sweeps over all joints
 LARGEST_RISE, LEAST_DISTANCE = 0.05, 1e-6  # of several loops: largest relative step between samples, least distance of two
 MOST_SAMPLES = 20_000
 FINER, FLAT = 9, 1e-5  # points of a grid about a peak, and its relative width at last: a maximum is flat, its height good to 1e-10
+ROUGHLY = 1e-3  # likewise of several loops: good to 1e-6
+RAISED = 10.0  # bound of these times
 ROUNDS = 3  # times that the scaling of several loops is balanced anew
 
 
@@ -66,12 +69,15 @@ class JitterMargin:
 
     width       δ [s], the width of the range of delays up to which stability is proved; inf: any
     frequency   of the peak that bounds it [rad/s]; inf can be, NaN where δ is inf
-    certified   True: between the frequencies evaluated the peak is proved not to be exceeded by more than TOLERANCE of it
+    certified   True: between the frequencies evaluated the peak is proved not to be exceeded by more than TOLERANCE of it. Of several
+                loops it is sampled
+    units       (n,) U of several loops
     """
 
     width: float
     frequency: float
     certified: bool
+    units: Floats = field(default_factory=lambda: np.ones(1), repr=False, compare=False)
 
 
 def jitter_margin(loop: Loop) -> JitterMargin:
@@ -81,9 +87,18 @@ def jitter_margin(loop: Loop) -> JitterMargin:
     """
     loop.require_one_path("the jitter margin")
     if "jitter" not in loop.measurements:
-        height, omega, certified = (*sampled_peak(loop), False) if loop.scalar is None else _ScalarPeak.of(loop).found()
-        loop.measurements["jitter"] = JitterMargin(width_below(height, loop.sample_time), omega if height > 0 else math.nan, certified)
+        peak = _sampled_peak(loop) if loop.scalar is None else _ScalarPeak.of(loop).found()
+        place = peak.omega if peak.height > 0 else math.nan
+        loop.measurements["jitter"] = JitterMargin(width_below(peak.height, loop.sample_time), place, peak.certified, peak.units)
     return loop.measurements["jitter"]
+
+
+def width_about(loop: Loop, known: JitterMargin) -> float:
+    """Width δ [s] that the peak of a loop near the one of `known` allows, to first order in their distance: at the same frequency."""
+    if not math.isfinite(known.frequency):
+        return jitter_margin(loop).width
+    heights = _Heights(loop, known.units) if loop.scalar is None else _ScalarPeak.of(loop)
+    return width_below(float(heights.at(np.array([known.frequency]))[0]), loop.sample_time)
 
 
 def width_below(height: float, sample_time: float | None) -> float:
@@ -104,6 +119,15 @@ def height_at(width: float, sample_time: float | None) -> float:
     whole = math.floor(width / sample_time)
     part = width / sample_time - whole
     return 1 / (sample_time * math.sqrt(whole**2 + (2 * whole + 1) * part))
+
+
+class _Peak(NamedTuple):
+    """Peak of the weighted complementary sensitivity: height [1/s], frequency [rad/s], and as in JitterMargin."""
+
+    height: float
+    omega: float
+    certified: bool
+    units: Floats
 
 
 @dataclass(frozen=True)
@@ -216,6 +240,13 @@ def _reach(points: Complexes, half: Floats, system: Factored) -> tuple[Floats, F
     return near, far
 
 
+def weight(sampled: Factored, unsampled: Factored | None, omega: Floats) -> Floats:
+    """Weight (k,) [1/s] of |T| at omega (k,), one joint: |v|, times P_e/|P_sampled| where the continuous plant is known."""
+    time = sampled.sample_time
+    known = 1.0 if time is None or unsampled is None else Aliases(unsampled, sampled, time).ratio(omega)
+    return speed(omega, time) * known
+
+
 def speed(omega: Floats, sample_time: float | None) -> Floats:
     """|v| (k,) [1/s] at omega (k,): ω, and sampled |e^{jωT_s} − 1|/T_s."""
     return omega if sample_time is None else 2 * np.sin(0.5 * omega * sample_time) / sample_time
@@ -240,19 +271,20 @@ class _ScalarPeak:
         assert loop.control is not None
         return cls(loop.scalar.reduced, loop.control.scaled(loop.gain), aliases_of(loop))
 
-    def found(self) -> tuple[float, float, bool]:
-        """Height [1/s] and frequency [rad/s] of the peak, and whether no higher one is proved to be between."""
+    def found(self) -> _Peak:
+        """The peak, with a proof that no higher one is between, or without."""
+        units = np.ones(1)
         if self.loop.gain == 0:
-            return 0.0, math.nan, True
+            return _Peak(0.0, math.nan, True, units)
         first, last, best = self._ends()
         low, high = _split(first, last)
         certified, spent = True, 0
         while len(low) and math.isfinite(best[0]):
             spent += len(low)
-            value = self.height(0.5 * (low + high))
+            value = self.at(0.5 * (low + high))
             top = int(np.argmax(value))
             if value[top] > best[0]:
-                best = _polished(self.height, float(low[top]), float(high[top]))
+                best = _polished(self.at, float(low[top]), float(high[top]))
             bound, limit = self._bound(low, high), best[0] * (1 + TOLERANCE)
             left = ~(bound <= limit)
             certified = spent <= MOST_INTERVALS and bool(np.all(high[left] - low[left] > FINEST * high[left]))
@@ -260,13 +292,13 @@ class _ScalarPeak:
                 break
             low, high = _divided(low[left], high[left], value[left], bound[left], limit)
         outside = max(self._below(first), self._above(last))
-        return *best, certified and outside <= best[0] * (1 + TOLERANCE)
+        return _Peak(*best, certified and outside <= best[0] * (1 + TOLERANCE), units)
 
     @property
     def _time(self) -> float | None:
         return self.loop.sample_time
 
-    def height(self, omega: Floats) -> Floats:
+    def at(self, omega: Floats) -> Floats:
         """H (k,) [1/s] at omega (k,); 0 where it is not a number."""
         with np.errstate(divide="ignore", invalid="ignore"):
             value = self.loop.at(1j * omega)
@@ -349,7 +381,7 @@ class _ScalarPeak:
         sizes = np.append(sizes[sizes > 0], 1 / loop.delay if loop.delay > 0 else [])
         sizes = np.append(sizes, abs(loop.gain) ** (1 / loop.relative_degree) if loop.relative_degree > 0 else 1.0)
         if time is not None:
-            last, best = math.pi / time, (float(self.height(np.array([math.pi / time]))[0]), math.pi / time)
+            last, best = math.pi / time, (float(self.at(np.array([math.pi / time]))[0]), math.pi / time)
         else:
             last, most = LAST * float(sizes.max()), {0: math.inf, 1: abs(loop.gain)}.get(loop.relative_degree, 0.0)
             best = (most, math.inf)
@@ -438,22 +470,27 @@ class _Heights:
 
     def at(self, omega: Floats) -> Floats:
         """σ_max (k,) [1/s] at omega (k,)."""
-        loop = self.loop
+        return self.scaled(omega, self.without_aliases(omega) if self._unsampled is None else self.matrices(omega))
+
+    def without_aliases(self, omega: Floats) -> Complexes:
+        """T at the torques (k, n, n) at omega (k,), or of a callable (k, 1, 1)."""
+        loop, s = self.loop, 1j * omega
         if loop.size == 1:
             value = loop.response(omega)
-            return speed(omega, loop.sample_time) * np.abs(value / (1 + value))
-        return self.scaled(omega, self.matrices(omega))
+            return (value / (1 + value))[:, None, None]
+        returned = loop.control_at(s) @ loop.actuated_at(s)
+        return np.linalg.solve(np.eye(loop.size) + returned, returned)
 
     def matrices(self, omega: Floats) -> Complexes:
-        """(I + D P)⁻¹ D [P …] (k, n, n·aliases) at omega (k,), each alias weighted so that all together are P_e.
+        """(I + D P)⁻¹ D [P …] (k, n, n·aliases) at omega (k,), sampled, each alias weighted so that all together are P_e.
 
         Any β > 0 with Σ β = 1 bounds the sum of parts with unknown phases by that of their squares over β.
         """
-        loop, s = self.loop, 1j * omega
+        loop, s, plant = self.loop, 1j * omega, self._unsampled
         actuated, control = loop.actuated_at(s), loop.control_at(s)
-        back, plant = np.linalg.solve(np.eye(loop.size) + control @ actuated, control), self._unsampled
-        if plant is None or loop.sample_time is None:
-            return back @ actuated
+        back = np.linalg.solve(np.eye(loop.size) + control @ actuated, control)
+        assert plant is not None
+        assert loop.sample_time is not None
         points = omega[:, None] + 2 * math.pi / loop.sample_time * np.arange(-ALIASES, ALIASES + 1)
         parts = plant.actuated_at(1j * np.abs(points.ravel())).reshape(len(omega), -1, loop.size, loop.size)
         parts = np.where(points[:, :, None, None] < 0, parts.conj(), parts)
@@ -485,24 +522,27 @@ class _Heights:
         return replace(self, units=units)
 
 
-def sampled_peak(loop: Loop) -> tuple[float, float]:
-    """Height [1/s] and frequency [rad/s] of the peak of several loops, or of a callable, from samples that are refined; not proved."""
+def _sampled_peak(loop: Loop) -> _Peak:
+    """Peak of several loops, or of a callable, from samples that are refined. The units are balanced anew at the peak that was found."""
     heights, omega = _Heights.of(loop), _first_samples(loop)
-    if loop.size == 1:
-        return _peak(heights, omega, heights.at(omega))
-    matrices = heights.matrices(omega)
+    matrices = heights.without_aliases(omega)
     height, place = _peak(heights, omega, heights.scaled(omega, matrices))
-    for _ in range(ROUNDS):
-        heights = heights.balanced(place)
-        lower, other = _peak(heights, omega, heights.scaled(omega, matrices))
-        if not lower < 0.99 * height:
-            return min((height, place), (lower, other))
-        height, place = lower, other
-    return height, place
+    for _ in range(ROUNDS if loop.size > 1 else 0):
+        other = heights.balanced(place)
+        lower, there = _peak(other, omega, other.scaled(omega, matrices))
+        little = lower > 0.99 * height
+        if lower < height:
+            heights, height, place = other, lower, there
+        if little:
+            break
+    return _Peak(height, place, False, heights.units)
 
 
 def _peak(heights: _Heights, omega: Floats, value: Floats) -> tuple[float, float]:
-    """Height and frequency of the peak, from samples `value` (k,) at omega (k,) that are refined where they rise."""
+    """Height and frequency of the peak, from samples `value` (k,) at omega (k,) without aliases, which are refined where they rise.
+
+    Aliases raise a sample by some times the square of the share that ω is of the sample rate; what may so be the highest is polished.
+    """
     while len(omega) < MOST_SAMPLES:
         high = np.maximum(value[1:], value[:-1]) > 0.5 * value.max()
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -511,22 +551,25 @@ def _peak(heights: _Heights, omega: Floats, value: Floats) -> tuple[float, float
         if not rough.any():
             break
         more = 0.5 * (omega[1:] + omega[:-1])[rough]
-        omega, value = np.append(omega, more), np.append(value, heights.at(more))
+        omega, value = np.append(omega, more), np.append(value, heights.scaled(more, heights.without_aliases(more)))
         order = np.argsort(omega)
         omega, value = omega[order], value[order]
-    top = int(np.argmax(value))
-    return _polished(heights.at, float(omega[max(top - 1, 0)]), float(omega[min(top + 1, len(omega) - 1)]))
+    beside = np.concatenate([[-math.inf], value, [-math.inf]])
+    raised = value * (1 + RAISED * (omega * (heights.loop.sample_time or 0.0) / (2 * math.pi)) ** 2)
+    tops = np.flatnonzero((value >= beside[:-2]) & (value >= beside[2:]) & (raised >= 0.99 * value.max()))
+    last = len(omega) - 1
+    return max(_polished(heights.at, float(omega[max(top - 1, 0)]), float(omega[min(top + 1, last)]), ROUGHLY) for top in tops.tolist())
 
 
-def _polished(height: Callable[[Floats], Floats], low: float, high: float) -> tuple[float, float]:
-    """Highest value on [low, high], on ever finer grids, and its frequency."""
+def _polished(height: Callable[[Floats], Floats], low: float, high: float, flat: float = FLAT) -> tuple[float, float]:
+    """Highest value on [low, high], on ever finer grids up to a relative width `flat`, and its frequency."""
     best = (-math.inf, low)
     while True:
         omega = np.linspace(low, high, FINER)
         value = height(omega)
         top = int(np.argmax(value))
         best = max(best, (float(value[top]), float(omega[top])))
-        if high - low <= FLAT * high:
+        if high - low <= flat * high:
             return best
         low, high = float(omega[max(top - 1, 0)]), float(omega[min(top + 1, FINER - 1)])
 

@@ -34,6 +34,10 @@ class LoopCurves(Protocol):
         """Peaks of |slope S_ii + offset| of about `ceiling`."""
         ...
 
+    def at_measured(self, requirement: Any, needed: float) -> Any:
+        """Quantity that `requirement` measures of the loop, near gains with which it is known (Requirement.measured_about)."""
+        ...
+
     def by_differences(self, requirement: Any, needed: float) -> Any:
         """Margin by finite differences, at gains that are a little larger."""
         ...

@@ -103,6 +103,15 @@ class Requirement:
         """
         raise NotImplementedError(f"{self.name} is no field of Margins, and {type(self).__name__} does not measure it")
 
+    @property
+    def is_measured(self) -> bool:
+        """True if the quantity is no field of Margins."""
+        return type(self).measured is not Requirement.measured
+
+    def measured_about(self, loop: Any, near: Any) -> float:
+        """`measured` of the Loop `near`, which differs from `loop` by small changes of its gains, exact to first order in these."""
+        return self.measured(near)
+
     def value(self, found: MarginRecord) -> float:
         """Quantity compared with the requirement: the worst over all loops together and one at a time; NaN where it is not known."""
         known = getattr(found, self.bounds or self.name, None)
@@ -172,6 +181,17 @@ class Requirement:
         """
         return None
 
+    def ceiling(self, needed: float, sample_time: float | None) -> float | None:
+        """Ceiling of the weighted complementary sensitivity of one joint (jitter_margin.py) that meets `needed`, exactly; None: none does.
+
+        Of one joint the gains that meet it are then known in closed form, as those of an excluded set are.
+        """
+        return None
+
+    def in_closed_form(self, needed: float) -> bool:
+        """True if gains of one joint that meet `needed` are known in closed form, by an excluded set or a ceiling."""
+        return self.excluded(needed) is not None or self.ceiling(needed, None) is not None
+
     def reach(self, needed: float) -> float:
         """Factor on all gains up to which coupled loops have to be sampled finely."""
         return 1.0
@@ -182,4 +202,4 @@ class Requirement:
 
     def slopes(self, curves: LoopCurves, needed: float) -> Any:
         """Shortfall of coupled loops at every place where it may occur, and its derivative by every gain."""
-        return curves.by_differences(self, needed)
+        return curves.at_measured(self, needed) if self.is_measured else curves.by_differences(self, needed)

@@ -11,6 +11,7 @@ from typing import Any
 
 from ..errors import GainroomError
 from .excluded_sets import ROUND_OFF, Arc, Disk, ExcludedSet, Segment
+from .jitter_margin import height_at, jitter_margin, width_about
 from .linear.arrays import Floats
 from .loop_protocols import LoopCurves, MarginRecord, SampledLoops
 from .margin_units import from_db, to_db
@@ -125,6 +126,28 @@ class DelayMargin(Requirement):
         return curves.at_delays(self.name, needed * (1 + TICKS))
 
 
+@dataclass(frozen=True)
+class VaryingDelays(Requirement):
+    """Jitter margin δ [s] > 0: the loop is stable for delays of single commands that vary within a range of that width (jitter_margin.py).
+
+    It is measured of the loop, and proved by small gain: delays may vary more, but nobody knows that.
+    """
+
+    def measured(self, loop: Any) -> float:
+        return jitter_margin(loop).width
+
+    def measured_about(self, loop: Any, near: Any) -> float:
+        return width_about(near, jitter_margin(loop))
+
+    def frequency(self, found: MarginRecord) -> float:
+        """Frequency of the peak that bounds it [rad/s], in the loop where it is least; NaN where it is not known."""
+        value, loops = self.value(found), found.loops if found.stable else ()
+        return next((jitter_margin(loop).frequency for loop in loops if self._measured_once(loop) == value), math.nan)
+
+    def ceiling(self, needed: float, sample_time: float | None) -> float | None:
+        return height_at(needed, sample_time)
+
+
 TICKS = 0.01
 """Search beyond a required delay margin, relative to it, because a fraction of a tick is not exactly a phase."""
 
@@ -179,9 +202,19 @@ REQUIREMENTS: dict[str, Requirement] = {
             most=1000.0,
             meaning="the smallest extra delay, in all loops at once, at which the robot starts to vibrate.",
         ),
+        VaryingDelays(
+            "jitter_margin",
+            "jitter margin",
+            "jitter_margin_ms",
+            "ms",
+            scale=1e3,
+            most=1000.0,
+            meaning="the width of the range within which the delay of every single command may vary, from joint to joint and tick to tick, "
+            "with a proof that the robot does not start to vibrate.",
+        ),
     )
 }
-"""All requirements, by name. Defaults: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), no delay margin."""
+"""All requirements, by name. Defaults: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), no delay and no jitter margin."""
 
 
 def title_of(name: str) -> str:
