@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import gainroom as gr
+from gainroom.design.margin_slopes import GainCase, moved
+from gainroom.files.joint_yaml import parse_joint
 from gainroom.system.jitter_margin import TOLERANCE, height_at, width_below
 from independent.joint import PDJoint, polynomials
 from independent.varying_delay import PARTS, Sampled, adversaries, drawn, growth, random_loop
@@ -186,3 +188,66 @@ def test_delays_of_many_loops():
         own = gr.jitter_margin(built(loop.joint, loop.tick))
         assert own.certified
         assert trial(loop, own.width, 1000, number) < 1, loop
+
+
+@pytest.mark.parametrize("tick", [None, 1e-3])
+def test_gains_that_keep_it_are_known_in_closed_form(tick: float | None):
+    """The region of gains is that of the margin itself, on both sides of its edge: where |T|'s weight is above and below the ceiling."""
+    joint, drive, needed = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3), 4e-3
+    region = gr.pd_region(joint, drive, jitter_margin=needed, sample_time=tick)
+    met = []
+    for kp in np.geomspace(100.0, 6000.0, 5).tolist():
+        for low, high in region.columns(kp)[0].tolist():
+            for kd, inside in ((low * 1.001, True), (high * 0.999, True), (low * 0.999, False), (high * 1.001, False)):
+                loop = gr.build_loop(joint, drive, gr.PD(kp, kd), sample_time=tick)
+                assert (gr.is_stable(loop) and gr.jitter_margin(loop).width >= needed) is inside
+                met.append(inside)
+    assert len(met) >= 8
+
+
+def test_recommended_gains_keep_it_and_would_not_without():
+    joint, drive = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3)
+    usual = gr.Requirements.usual().needed
+    for asked, least, most in ((usual, 0.0, 3.5e-3), ({**usual, "jitter_margin": 4e-3}, 4e-3, 4.1e-3)):
+        found = gr.recommend_pd(joint, drive, gr.Requirements(**asked), sample_time=1e-3)
+        assert found is not None
+        width = gr.jitter_margin(gr.build_loop(joint, drive, found.controller, sample_time=1e-3)).width
+        assert least * (1 - 1e-6) <= width < most
+
+
+def test_a_file_s_jitter_asks_for_the_margin():
+    """And so do its limits; the larger of both is required."""
+    text = "joint: {motor_inertia: 1.0, link_inertia: 16.0, stiffness: 1e4, damping: 1.0}\n"
+    text += "drive: {bandwidth: .inf, delay_ms: 2%s}\ncontrol: {type: pd, feedback: motor, kp: 1600, kd: 64}\n%s"
+    usual = gr.Requirements.usual().needed
+    for jitter, limits, needed in (
+        ("", "", usual),
+        (", jitter_ms: 0.5", "", {**usual, "jitter_margin": 0.5e-3}),
+        (", jitter_ms: 0", "limits: {peak_sensitivity: 2}\n", {"peak_sensitivity": 2.0}),
+        (", jitter_ms: 0.5", "limits: {peak_sensitivity: 2, jitter_margin_ms: 0.8}\n", {"peak_sensitivity": 2.0, "jitter_margin": 0.8e-3}),
+        (", jitter_ms: 0.9", "limits: {peak_sensitivity: 2, jitter_margin_ms: 0.8}\n", {"peak_sensitivity": 2.0, "jitter_margin": 0.9e-3}),
+    ):
+        assert parse_joint(text % (jitter, limits), "joint.yaml").requirements.needed == pytest.approx(needed)
+
+
+def test_slopes_of_coupled_loops():
+    """What a search goes by: at the samples, and predicted a little away from them."""
+    plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
+    drive, eye = gr.Drive(4000.0, 0.9, 2e-3), np.eye(2)
+
+    def loop(gains):
+        return gr.build_loop(plant, drive, gr.PD(gains[0], gains[1]), sample_time=1e-3)
+
+    case = GainCase("bench", loop, eye, eye, np.zeros(2, dtype=bool), gr.Requirements(jitter_margin=5e-3))
+    gains, step = np.array([[900.0, 700.0], [40.0, 30.0], [0.0, 0.0]]), np.array([[0.02, -0.01], [-0.03, 0.01]])
+    after = moved(gains, step, case.cascade)
+    here, there = (np.log(5e-3 / gr.jitter_margin(loop(one)).width) for one in (gains, after))
+    slopes = case.slopes(gains)
+    assert slopes is not None
+    assert slopes.name == ("jitter_margin",)
+    assert slopes.missed[0] == pytest.approx(here, abs=1e-6)
+    assert there - here == pytest.approx(float((slopes.slope[0] * step).sum()), rel=0.05)  # the peak bends by its square
+    case.anchor(gains)
+    assert case.follows(after)
+    assert case.followed(after).missed[0] == pytest.approx(there, abs=0.02 * abs(there - here))
+    assert case.breaks(moved(gains, np.full((2, 2), 0.1), case.cascade)) == "jitter_margin"
