@@ -19,15 +19,12 @@ from ..system.loop import Loop
 
 PER_DECADE = 50  # frequencies per decade: a peak of damping ratio 0.1 is then known to 0.3 % by a parabola
 BESIDE = np.linspace(-0.25, 0.25, 81)  # relative frequencies about the resonances, where peaks of light damping are
-ACROSS = (
-    np.sin(np.linspace(0.02, 1.0, 13) * math.pi / 2) * 0.995
-)  # places of the first kd tried within what is allowed, denser near its end
-POINTS, ROUNDS = 7, 4  # kd tried about the best, and how often: its place is then known to 0.1 % of the allowed interval
+ACROSS = 0.5 - 0.5 * np.cos(np.linspace(0.0, math.pi, 17))  # places of the first kd tried within what is allowed, denser at its ends
+POINTS, ROUNDS = 7, 7  # kd tried about the best, and how often: each narrows the bracket to a third
 LINES = 9  # values of kp tried at a time in a bracket
 NARROW = 1e-3  # width of a bracket of kp at which a search ends
 FEW = 3  # every so many lines of the ladder are tried first
-POLISHED = 0.1  # width of a bracket of kp below which the allowed kd are worked out to the last digit
-EDGE = 0.005  # share of an allowed interval of kd left free at its ends
+EDGE = 0.005  # share of an allowed interval of kd left free at its ends, below of kd where that is less
 CLOSER = 0.2  # width of the frequencies about a peak that was missed, times BESIDE
 STARTS = 3  # local maxima on the ladder from which the search goes on
 ALIKE = 2e-3  # share of the dynamic stiffness that counts as equal: of equal gains those with the least kd, as encoder noise goes with it
@@ -106,8 +103,8 @@ def _parabola(x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Floats, F
     return y1 / x1 - bend * x1, bend
 
 
-Allowed = Callable[[Floats, bool], list[Floats]]
-"""kp (m,), and whether to the last digit → intervals of kd (p, 2) per kp."""
+Allowed = Callable[[Floats], list[Floats]]
+"""kp (m,) → intervals of kd (p, 2) per kp."""
 
 
 def stiffest_link(cases: Sequence[LinkCase], allowed: Allowed, kps: Floats, inertia: float) -> Stiffest | None:
@@ -150,10 +147,9 @@ class _Search:
             low, high = float(self.kps[max(top - 1, 0)]), float(self.kps[min(top + 1, len(self.kps) - 1)])
             while high > low * (1 + NARROW):
                 trials = np.geomspace(low, high, LINES)
-                lines = self.on_lines(trials, polish=high < low * (1 + POLISHED))
+                lines = self.on_lines(trials)
+                tried += lines
                 best = int(np.argmax([line.best for line in lines]))
-                if high < low * (1 + POLISHED):
-                    tried += lines
                 low, high = float(trials[max(best - 1, 0)]), float(trials[min(best + 1, LINES - 1)])
         kp, kd, value = (np.concatenate([getattr(one, name) for one in tried]) for name in ("kp", "kd", "value"))
         if not len(kp):
@@ -172,22 +168,23 @@ class _Search:
         first = np.arange(len(self.kps)) % FEW == 0
         for lines in (first, ~first):
             some = np.flatnonzero(lines & ((self.kps > best) | integral))
-            for k, line in zip(some.tolist(), self.on_lines(self.kps[some], polish=False), strict=True):
+            for k, line in zip(some.tolist(), self.on_lines(self.kps[some]), strict=True):
                 found[k], best = line, max(best, line.best)
         return found
 
-    def on_lines(self, kps: Floats, polish: bool) -> "list[_Tried]":
+    def on_lines(self, kps: Floats) -> "list[_Tried]":
         """Gains tried on each line of `kps` (m,), the best kd among them; none where none are allowed."""
         rows = [
             (m, max(low, 0.0), min(high, max(WIDEST * 2 * math.sqrt(kps[m] * self.inertia), 4 * low)))
-            for m, intervals in enumerate(self.allowed(kps, polish))
+            for m, intervals in enumerate(self.allowed(kps))
             for low, high in intervals.tolist()
         ]
         rows = [row for row in rows if row[2] > row[1]]
         if not rows:
             return [_Tried(*(np.zeros(0),) * 3) for _ in kps]
         at, low, high = np.array([row[0] for row in rows]), *(np.array([row[k] for row in rows]) for k in (1, 2))
-        first, last = low + EDGE * (high - low), high - EDGE * (high - low)
+        width = high - low
+        first, last = low + EDGE * np.minimum(width, np.maximum(low, 1e-3 * width)), high - EDGE * width
         every, tried, shares = np.arange(len(rows)), [], ACROSS
         for _ in range(ROUNDS):
             kd = np.clip(low[:, None] + (high - low)[:, None] * shares, first[:, None], last[:, None])
