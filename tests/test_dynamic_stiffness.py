@@ -7,7 +7,6 @@ import pytest
 from scipy.linalg import block_diag, expm
 
 import gainroom as gr
-from gainroom.analysis.dynamic_stiffness import dynamic_stiffness
 from gainroom.analysis.link_compliance import LinkCompliance
 from gainroom.robot.linearize import linearize
 from robot_truths import actuators, biped_posture, feet
@@ -55,7 +54,7 @@ def held(s, step):
 def test_designs_computed_elsewhere(joint, delay, rate, kp, kd, milliradians, damping):
     """Peak compliance [mrad/(N m)] and least damping ratio of two designs each, worked out by another program that takes hold and
     difference as one sample of delay; its gains have three digits, which move a sharp peak by up to 2 %."""
-    found = dynamic_stiffness(one_joint(joint, delay, rate, kp, kd))
+    found = gr.dynamic_stiffness(one_joint(joint, delay, rate, kp, kd))
     assert 1e3 / found.stiffness[0] == pytest.approx(milliradians, rel=0.02)
     assert found.damping_ratio == pytest.approx(damping, abs=0.012)
 
@@ -177,7 +176,7 @@ def test_exact_sampling():
         step, ticks = rng.choice([1e-3, 2e-3]), int(rng.integers(1, 5))
         mode = math.sqrt(joint["stiffness"])
         kp, kd = rng.uniform(0.1, 1.0) * joint["stiffness"], rng.uniform(0.1, 0.5) * mode
-        found = dynamic_stiffness(one_joint(joint, ticks * step, 1 / step, kp, kd))
+        found = gr.dynamic_stiffness(one_joint(joint, ticks * step, 1 / step, kp, kd))
         if math.isnan(found.stiffness[0]):
             continue
         seen += 1
@@ -205,7 +204,7 @@ def test_peaks_on_random_joints_against_fine_grids():
         if not gr.is_stable(loop):
             continue
         seen += 1
-        found = dynamic_stiffness(loop, True)
+        found = gr.dynamic_stiffness(loop)
         s = 1j * (omega if step is None else omega[omega < math.pi / step])
         spring = joint["stiffness"] + s * joint["damping"]
         motor = joint["motor_inertia"] * s * s + torque_per_position(s, kp, kd, delay, step) + spring
@@ -221,7 +220,7 @@ def test_peaks_of_coupled_machines_against_fine_grids():
         _, plant = machine(rng, size)
         plant = gr.Plant(plant.link_inverse_inertia, plant.motor_inertia, plant.stiffness, plant.damping)
         loop = gr.build_loop(plant, gr.Drive(*WIDE, delay=1e-3), gr.PD(np.full(size, 150.0), np.full(size, 6.0)))
-        found = dynamic_stiffness(loop)
+        found = gr.dynamic_stiffness(loop)
         links = LinkCompliance.of(loop)
         samples = np.abs(np.diagonal(links.at(1j * omega, links.feedback(1j * omega, loop.parts.controller)), axis1=1, axis2=2))
         assert 1 / found.stiffness == pytest.approx(samples.max(axis=0), rel=1e-4)  # spacing 6e-4 and damping ratios above 0.03
@@ -229,7 +228,7 @@ def test_peaks_of_coupled_machines_against_fine_grids():
 
 
 def test_static_stiffness_is_that_of_two_springs_in_series():
-    found = dynamic_stiffness(one_joint(TESTBED, 1e-4, None, 50.0, 30.0))
+    found = gr.dynamic_stiffness(one_joint(TESTBED, 1e-4, None, 50.0, 30.0))
     assert found.static[0] == pytest.approx(1 / (1 / 50 + 1 / 1e4), rel=1e-5)  # read at a thousandth of the slowest root
     assert found.omega[0] == 0
     assert found.stiffness[0] == pytest.approx(found.static[0], rel=1e-5)
@@ -238,26 +237,28 @@ def test_static_stiffness_is_that_of_two_springs_in_series():
 def test_integral_action_leaves_the_gearbox_alone_at_rest():
     joint = gr.ElasticJoint(**TESTBED)
     loop = gr.build_loop(joint, gr.Drive(*WIDE, delay=1e-3), gr.PID(kp=300.0, ki=300.0, kd=20.0))
-    assert dynamic_stiffness(loop).static[0] == pytest.approx(1e4, rel=0.2)  # K, which ki/s exceeds a hundredfold at the lowest frequency
+    assert gr.dynamic_stiffness(loop).static[0] == pytest.approx(
+        1e4, rel=0.2
+    )  # K, which ki/s exceeds a hundredfold at the lowest frequency
 
 
 def test_edges():
     """Unstable: unknown. Nothing holds the joint: 0. A link that nothing moves: no end."""
-    assert math.isnan(dynamic_stiffness(one_joint(TESTBED, 2.5e-3, None, 1e4, 300.0)).stiffness[0])
-    loose = dynamic_stiffness(one_joint(TESTBED, 2.5e-3, None, 0.0, 10.0))
+    assert math.isnan(gr.dynamic_stiffness(one_joint(TESTBED, 2.5e-3, None, 1e4, 300.0)).stiffness[0])
+    loose = gr.dynamic_stiffness(one_joint(TESTBED, 2.5e-3, None, 0.0, 10.0))
     assert loose.stiffness[0] == 0 == loose.static[0]
     locked = gr.build_loop(gr.ElasticJoint(0.2, math.inf, 1e4, 1.0), gr.Drive(), gr.PD(100.0, 10.0))
-    assert dynamic_stiffness(locked).stiffness[0] == math.inf
+    assert gr.dynamic_stiffness(locked).stiffness[0] == math.inf
     with pytest.raises(gr.GainroomError, match="has no link"):
-        dynamic_stiffness(gr.loop_from(lambda s: 1 / (s + 1)))
+        gr.dynamic_stiffness(gr.loop_from(lambda s: 1 / (s + 1)))
 
 
 def test_kd_on_the_drive():
     """With equal rates and delays of both paths the loop is that of one path; with kd closed early, the link is damped more."""
     joint, drive, gains = gr.ElasticJoint(**FIG9), gr.Drive(*WIDE, delay=2e-3), gr.PD(2758.0, 219.0)
-    one = dynamic_stiffness(gr.build_loop(joint, drive, gains, sample_time=5e-4))
-    same = dynamic_stiffness(gr.build_loop(joint, drive, gains, sample_time=5e-4, kd_path=gr.GainPath(2e-3, 5e-4)))
-    early = dynamic_stiffness(gr.build_loop(joint, drive, gains, sample_time=5e-4, kd_path=gr.GainPath(1e-4, 5e-5)))
+    one = gr.dynamic_stiffness(gr.build_loop(joint, drive, gains, sample_time=5e-4))
+    same = gr.dynamic_stiffness(gr.build_loop(joint, drive, gains, sample_time=5e-4, kd_path=gr.GainPath(2e-3, 5e-4)))
+    early = gr.dynamic_stiffness(gr.build_loop(joint, drive, gains, sample_time=5e-4, kd_path=gr.GainPath(1e-4, 5e-5)))
     assert same.stiffness == pytest.approx(one.stiffness, rel=1e-9)
     assert same.damping_ratio == pytest.approx(one.damping_ratio, rel=1e-6)
     assert early.damping_ratio > one.damping_ratio
@@ -270,7 +271,7 @@ def test_least_damping_of_coupled_machines_by_eigenvalues():
     inertia, plant = machine(rng, size)
     plant = gr.Plant(plant.link_inverse_inertia, plant.motor_inertia, plant.stiffness, plant.damping)
     kp, kd = np.full(size, 150.0), np.full(size, 6.0)
-    found = dynamic_stiffness(gr.build_loop(plant, gr.Drive(delay=ticks * step), gr.PD(kp, kd), sample_time=step))
+    found = gr.dynamic_stiffness(gr.build_loop(plant, gr.Drive(delay=ticks * step), gr.PD(kp, kd), sample_time=step))
     k, b = np.diag(plant.stiffness), np.diag(plant.damping)
     inverse = block_diag(np.diag(1 / plant.motor_inertia), np.linalg.inv(inertia))
     springs, dampers = np.block([[k, -k], [-k, k]]), np.block([[b, -b], [-b, b]])

@@ -67,7 +67,7 @@ def check(joint, delay, step):
     for k in better[np.argsort(-stiffness[better])].tolist():
         one = loop(kp[k], kd[k])
         if gr.is_stable(one) and asked.met_by(gr.margins(one)):
-            assert gr.dynamic_stiffness(one, True).least <= 1.01 * own, (joint, delay, step, found.kp, found.kd, kp[k], kd[k])
+            assert gr.dynamic_stiffness(one).least <= 1.01 * own, (joint, delay, step, found.kp, found.kd, kp[k], kd[k])
 
 
 def nothing_meets(joint, delay, step):

@@ -10,8 +10,9 @@ from pytest import approx
 from scipy.optimize import minimize_scalar
 
 import gainroom as gr
+from gainroom.analysis.lifted import Lifted
 from gainroom.analysis.margin_record import worst_of
-from gainroom.analysis.multirate import COARSE_DOWN, Lifted, Multirate, first_stable
+from gainroom.analysis.multirate import COARSE_DOWN, Multirate, first_stable
 from independent.machine import Machine
 from independent.multirate import TwoRates, first_loss
 from machines import between, limbs

@@ -95,7 +95,7 @@ def test_gains_of_what_is_known_exactly_hold_there_and_hardly_more_would(study):
         assert met(one.kp, one.kd)
 
         def least(kp: float, kd: float, cases=cases) -> float:
-            return min(gr.dynamic_stiffness(case.loop(controller=gr.PD(kp, kd)), True).least for case in cases)
+            return min(gr.dynamic_stiffness(case.loop(controller=gr.PD(kp, kd))).least for case in cases)
 
         assert least(one.kp, one.kd) == pytest.approx(one.value, rel=5e-3)  # to which peaks between samples are known
         around = [(kp, kd) for kp in np.linspace(0.8, 1.3, 6) * one.kp for kd in np.linspace(0.8, 1.3, 6) * one.kd]

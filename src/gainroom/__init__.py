@@ -9,9 +9,10 @@ TYPE_CHECKING = False  # as typing has it, which takes a third of the way to `ga
 if TYPE_CHECKING:
     from typing import Any
 
-    from .analysis.dynamic_stiffness import DynamicStiffness as DynamicStiffness, dynamic_stiffness as dynamic_stiffness
+    from .analysis.dynamic_stiffness import DynamicStiffness as DynamicStiffness
     from .analysis.gain_limit import gain_limit as gain_limit
     from .analysis.gain_region import PDRegion as PDRegion, pd_region as pd_region
+    from .analysis.links import dynamic_stiffness as dynamic_stiffness
     from .analysis.margin_record import GainLimit as GainLimit, Margins as Margins
     from .analysis.margins import joint_margins as joint_margins, margins as margins
     from .analysis.stability import Roots as Roots, is_stable as is_stable, rightmost_roots as rightmost_roots
@@ -56,7 +57,8 @@ _HOME = {
     "system.jitter_margin": ("jitter_margin", "JitterMargin"),
     "analysis.gain_region": ("pd_region", "PDRegion"),
     "analysis.gain_limit": ("gain_limit",),
-    "analysis.dynamic_stiffness": ("dynamic_stiffness", "DynamicStiffness"),
+    "analysis.dynamic_stiffness": ("DynamicStiffness",),
+    "analysis.links": ("dynamic_stiffness",),
     "analysis.margin_record": ("Margins", "GainLimit"),
     "design.joint_gains": ("recommend_pd", "Recommendation"),
     "system.requirements": ("Requirements",),

@@ -5,17 +5,17 @@ k_dyn = 1 / max_ω |q/τ_L|, the least stiffness that a load torque on a joint's
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..system.linear.arrays import Complexes, Floats, Integers, distinct
-from ..system.loop import Loop, require_loop
+from ..system.loop import Loop
 from ..system.modes import undamped
+from .characteristic import roots_within
+from .lifted import Lifted
 from .link_compliance import LinkCompliance
-from .multirate import Multirate
-from .stability import is_stable, roots_within
 
 PER_DECADE = 40  # frequencies per decade from which peaks are looked for, beside those near the closed loop's roots
 BESIDE = np.sinh(np.linspace(-3.0, 3.0, 25)) / 2  # in units of a root's decay rate: a peak is within one of its root's frequency
@@ -81,22 +81,34 @@ class DynamicStiffness:
         nothing = np.full(size, math.nan)
         return cls(nothing, nothing, nothing, math.nan, math.nan)
 
+    @classmethod
+    def least_of(cls, found: "Sequence[DynamicStiffness]") -> "DynamicStiffness":
+        """Of each joint the least of several records, with its frequency, and of all the least damping ratio."""
+        joints = np.arange(len(found[0].stiffness))
+        softest = np.argmin([one.stiffness for one in found], axis=0)
+        stiffness, omega = (np.array([getattr(one, name) for one in found])[softest, joints] for name in ("stiffness", "omega"))
+        calmest = min(found, key=lambda one: one.damping_ratio)
+        static = np.min([one.static for one in found], axis=0)
+        return cls(stiffness, omega, static, calmest.damping_ratio, calmest.damping_frequency)
+
     @property
     def least(self) -> float:
         """Least stiffness of a joint that a load moves [N m/rad]; inf where there is none."""
         return float(self.stiffness.min(initial=math.inf))
 
+    @property
+    def least_frequency(self) -> float:
+        """Its frequency [rad/s]; 0 where it is that at rest."""
+        return float(self.omega[int(np.argmin(self.stiffness))])
 
-def dynamic_stiffness(loop: Loop, stable: bool | None = None) -> DynamicStiffness:
-    """Dynamic stiffness of the links of `loop`, from build_loop, and its least damping ratio.
 
-    stable   verdict on the loop, where it is known; None: it is judged here
+def stiffness_of(loop: Loop, stable: bool) -> DynamicStiffness:
+    """Dynamic stiffness of the links of `loop`, from build_loop, and its least damping ratio; `stable`: its verdict.
 
     Raises GainroomError for a loop given as a transfer function: it has no link.
     """
-    require_loop("dynamic_stiffness", loop)
     links = LinkCompliance.of(loop)
-    if not (is_stable(loop) if stable is None else stable):
+    if not stable:
         return DynamicStiffness.unknown(loop.size)
     roots = vibrations(loop)
     grid = frequencies(links, roots)
@@ -145,9 +157,9 @@ def vibrations(loop: Loop) -> Complexes:
     """Closed-loop roots s, Im s > 0, up to ELASTIC times the highest mode of the plant."""
     most = ELASTIC * highest_mode(loop)
     if loop.kd_path is not None:
-        period = Multirate(loop)
-        values = period.values()
-        roots = np.log(values[np.abs(values) > 0]) / period.lifted.period
+        lifted = Lifted(loop)
+        values = np.linalg.eigvals(lifted.matrix()).astype(complex)
+        roots = np.log(values[np.abs(values) > 0]) / lifted.period
     else:
         roots = roots_within(loop, most)
     return roots[(roots.imag > 0) & (np.abs(roots) <= most)]
@@ -155,8 +167,9 @@ def vibrations(loop: Loop) -> Complexes:
 
 def least_damping(loop: Loop, roots: Complexes | None = None) -> tuple[float, float]:
     """Least damping ratio −Re s/|s| of `vibrations`, and |s| [rad/s] there; 1 and NaN where nothing vibrates."""
+    fastest = LinkCompliance.of(loop).fastest
     found = vibrations(loop) if roots is None else roots
-    found = found[np.abs(found.imag) < (1 - 1e-9) * LinkCompliance.of(loop).fastest]  # real and negative in z: no pair
+    found = found[np.abs(found.imag) < (1 - 1e-9) * fastest]  # real and negative in z: no pair
     if not len(found):
         return 1.0, math.nan
     k = int(np.argmin(_damping(found)))

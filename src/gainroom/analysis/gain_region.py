@@ -7,7 +7,7 @@ across each crossing by the direction in which its root moves, once per cell, no
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,14 +15,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_finite
-from ..system.assembly import Feedback
+from ..system.assembly import Feedback, Parts
 from ..system.controller import PD, Controller
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
 from ..system.jitter_margin import weight
 from ..system.linear.arrays import Booleans, Floats, Integers
+from ..system.linear.state_space import StateSpace
 from ..system.linear.transfer_function import Factored
 from ..system.loop import Loop, build_loop
+from ..system.measured_response import measured_signals
 from ..system.plant import Plant
 from ..system.requirements import Requirements
 from .crossings import scan
@@ -32,7 +34,7 @@ from .margin_record import Margins
 from .margins import margins_from_scan
 
 SAMPLED = 24  # gains tried in each interval of kd for a requirement without an excluded set
-HALVED, FEW_HALVED = 40, 10  # halvings between neighbouring samples: polished, and for a first search
+HALVED, FEW_HALVED = 20, 10  # halvings between neighbouring samples: polished, to 1e-6 of their distance, and for a first search
 RUNGS, RUNGS_PER_DECADE = 121, 5  # values of kp: at least, and per decade of a boundary that slow poles spread over many
 FEW_TURNS = 10.0  # [rad] largest phase ωT of the delay at gains chosen for a root count
 
@@ -59,7 +61,9 @@ def pd_region(
     loop = build_loop(joint, drive, template, feedback, sample_time)
     if loop.actuated is None:
         raise GainroomError(f"pd_region is for one joint, not for {loop.size}")
-    return PDRegion(loop.actuated, template, Requirements(gain_margin, phase_margin, peak_sensitivity, **others), loop.unsampled)
+    return PDRegion(
+        loop.actuated, template, Requirements(gain_margin, phase_margin, peak_sensitivity, **others), loop.unsampled, loop.parts
+    )
 
 
 @dataclass(frozen=True)
@@ -67,12 +71,14 @@ class PDRegion:
     """See pd_region. `actuated` is the loop without its controller, `template` gives the controller at each (kp, kd).
 
     unsampled   `actuated` in continuous time; None where it is not known
+    parts       components of the loop, by which its link is known; None where they are not
     """
 
     actuated: Factored
     template: Controller
     required: Requirements
     unsampled: Factored | None = None
+    parts: Parts | None = None
 
     def scalar(self, kp: float, kd: float) -> Factored:
         """L at one pair of gains."""
@@ -133,8 +139,16 @@ class PDRegion:
         for gains in zip(kps, kds, strict=True):
             control = self.template.in_plane(*gains, step)
             unstable = (self.actuated * control).unstable_poles
-            loops.append(Loop(1, step, self.actuated, control, unstable_poles=unstable, unsampled=self.unsampled))
+            parts = None if self.parts is None else replace(self.parts, controller=self.template.from_plane(*gains))
+            loop = Loop(1, step, self.actuated, control, unstable_poles=unstable, unsampled=self.unsampled, parts=parts)
+            loops.append(loop if parts is None else loop.with_signals(self._signals))
         return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
+
+    @cached_property
+    def _signals(self) -> StateSpace:
+        """What the controller gets from a torque command; worked out once for all gains."""
+        assert self.parts is not None
+        return measured_signals(self.parts)
 
     def stable_columns(self, kps: Floats, polish: bool = True) -> list[Floats]:
         """Intervals of kd (p, 2) with which the loop is stable, one array per kp of `kps` (m,), sorted; no margin is required."""

@@ -3,14 +3,16 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import at_frequency
+from ..errors import GainroomError, at_frequency
 from ..system.linear.arrays import Booleans, Complexes, Floats
 from ..system.loop import Loop
 from ..system.margin_units import to_db
+from .dynamic_stiffness import DynamicStiffness, least_damping, stiffness_of
 
 NUDGE = 1e-6
 """Relative distance from a limit, to both sides, at which its certificate counts roots."""
@@ -231,6 +233,45 @@ class Margins:
             one_loop = level(float(np.min(self.one_loop_gain_margins)))
             texts.append(f"one loop at a time {one_loop} dB and {math.degrees(self.one_loop_phase_margin):.4g}°")
         return f"Margins({joints}stable, {', '.join(filter(None, texts))})"
+
+    @cached_property
+    def links(self) -> DynamicStiffness:
+        """Links of `loops`: of each joint the least dynamic stiffness of all, and the least damping ratio; NaN where it is not known."""
+        size = len(self.one_loop.gain_margin)
+        try:
+            found = [stiffness_of(loop, self.stable) for loop in self.loops]
+        except GainroomError:  # of a transfer function, or of gains without their joint
+            found = []
+        return DynamicStiffness.least_of(found) if found and self.stable else DynamicStiffness.unknown(size)
+
+    @property
+    def dynamic_stiffness(self) -> float:
+        """The least of all joints that a load moves [N m/rad]."""
+        return self.links.least
+
+    @property
+    def dynamic_stiffness_frequency(self) -> float:
+        """Its frequency [rad/s]; 0 where it is that at rest."""
+        return self.links.least_frequency
+
+    @cached_property
+    def _least_damped(self) -> tuple[float, float]:
+        """Damping ratio and frequency [rad/s] of the least damped vibration of `loops`; NaN where it is not known."""
+        try:
+            found = [least_damping(loop) for loop in self.loops] if self.stable else []
+        except GainroomError:  # of a transfer function, or of gains without their joint
+            found = []
+        return min(found, default=(math.nan, math.nan))
+
+    @property
+    def least_damping_ratio(self) -> float:
+        """Of the vibrations of motors and links, all loops closed."""
+        return self._least_damped[0]
+
+    @property
+    def least_damping_frequency(self) -> float:
+        """The frequency of the least damped vibration [rad/s]."""
+        return self._least_damped[1]
 
     @property
     def stable(self) -> bool:

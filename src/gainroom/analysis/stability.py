@@ -16,19 +16,14 @@ from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.transfer_function import growth
 from ..system.loop import Loop, require_loop
 from .callable_scan import scan_callable
+from .characteristic import RESOLUTION, Characteristic, characteristic, growth_rate
 from .core_loop import CoreLoop
 from .crossings import Scan, scan
 from .multirate import Multirate
 
 SPARE = 10  # candidates for roots that are polished beside twice as many as are asked for
-RESOLUTION = 1e-13  # error of a root, relative to the largest element of the state matrix
 MOST_STATES = 1000  # with discretised delay lines, for a proof of instability, which other means may give as well
 INFINITELY_MANY = 10**9
-SINGULAR = 1e-13  # relative to the largest singular value: smaller ones are 0
-AT_REST = 1e-3  # [1/s] largest size of a root that may be 0, where all else is fast
-NODES, NODES_PER_RADIAN = 12, 1.0
-"""Chebyshev points of a delay line for roots within |s| T: interpolation of e^{−sT} errs by (e|s|T/4n)ⁿ, below 1e-10."""
-SILENT = 1e-10  # coupling between controller and motion, relative to the gains, below which no gain acts on it
 
 
 @dataclass(frozen=True)
@@ -119,13 +114,13 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
     loop.require_one_path("a root in s")
     if loop.open_loop is None:
         raise GainroomError("rightmost_roots needs a loop built with build_loop or from an LTI system, not a callable")
-    system = _characteristic(loop)
+    system = characteristic(loop)
     unmoved = system.unmoved(loop.sample_time)
     apart = _rightmost(unmoved, np.zeros(len(unmoved)), 0, 2 * len(unmoved), loop.sample_time)
     if loop.sample_time is not None or not np.any(system.delays > 0):
         starts = system.without(unmoved, np.linalg.eigvals(system.collocated(0)))
         starts = starts[starts.imag >= 0]
-        starts = starts[np.argsort(-_rate(starts, loop.sample_time), kind="stable")][: 2 * count + SPARE]
+        starts = starts[np.argsort(-growth_rate(starts, loop.sample_time), kind="stable")][: 2 * count + SPARE]
         return replace(_rightmost(*_newton(system, starts, math.inf), count, loop.sample_time), unmoved=apart.roots)
     best: Complexes | None = None
     for nodes in (12, 20, 32, 48, 72, 108):
@@ -137,144 +132,31 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
     return found
 
 
-def roots_within(loop: Loop, most: float) -> Complexes:
-    """Closed-loop roots s (m,) [1/s], all with |s| ≤ `most` and others; sampled loops: ln(z)/T_s, all.
-
-    Eigenvalues; of continuous loops with the delay lines on enough Chebyshev points for e^{−sT} to ten digits as far as `most`.
-    """
-    loop.require_one_path("a root in s")
-    system = _characteristic(loop)
-    turns = most * float(system.delays.max(initial=0.0))
-    nodes = 0 if loop.sample_time is not None or not turns else math.ceil(NODES + NODES_PER_RADIAN * turns)
-    found: Complexes = np.linalg.eigvals(system.collocated(nodes)).astype(complex)
-    if loop.sample_time is None:
-        return found
-    z = 1 + loop.sample_time * found
-    return np.log(z[z != 0]) / loop.sample_time
-
-
 def has_growing_root(loop: Loop) -> bool:
     """True where a polished closed-loop root proves a loop of several joints unstable; False proves nothing."""
     if loop.kd_path is not None:
         return Multirate(loop).unstable() > 0
-    system = _characteristic(loop)
+    system = characteristic(loop)
     plain = loop.sample_time is not None or not np.any(system.delays > 0)
     for nodes in (0,) if plain else (12, 20, 32):
         starts = np.linalg.eigvals(system.collocated(0)) if plain else _candidates(system, nodes, loop.size + 4)
-        likely = starts[np.argsort(-_rate(starts, loop.sample_time))][: loop.size + 4]
+        likely = starts[np.argsort(-growth_rate(starts, loop.sample_time))][: loop.size + 4]
         roots = _newton(system, likely, math.inf if plain else 0.3)[0]
-        if np.any(_rate(roots, loop.sample_time) > 10 * RESOLUTION * np.abs(system.a).max(initial=1.0)):
+        if np.any(growth_rate(roots, loop.sample_time) > 10 * RESOLUTION * np.abs(system.a).max(initial=1.0)):
             return True
         if len(system.a) + 2 * nodes * loop.size > MOST_STATES:
             break
     return False
 
 
-def _rate(roots: Complexes, sample_time: float | None) -> Floats:
-    """Growth rate [1/s] of roots in v."""
-    with np.errstate(divide="ignore"):
-        return roots.real if sample_time is None else np.log(np.abs(1 + sample_time * roots)) / sample_time
-
-
-def _characteristic(loop: Loop) -> "_Characteristic":
-    assert loop.open_loop is not None
-    delays = np.zeros(loop.size) if loop.delays is None else loop.delays
-    return _Characteristic(loop.open_loop.a, loop.open_loop.b, loop.gain * loop.open_loop.c, loop.gain * loop.open_loop.d, delays)
-
-
-@dataclass(frozen=True)
-class _Characteristic:
-    """Closed loop x' = a x + b u(t − T), u = −(c x + d u(t − T))."""
-
-    a: Floats
-    b: Floats
-    c: Floats
-    d: Floats
-    delays: Floats
-
-    def matrix(self, s: complex) -> tuple[Complexes, Complexes]:
-        """M(s) and dM/ds; det M = 0 at the roots."""
-        lag = np.exp(-s * self.delays)
-        inner = np.linalg.inv(np.eye(len(lag)) + self.d * lag)  # columns of d scaled: d E
-        passed = lag[:, None] * inner
-        change = -(self.delays * lag)[:, None] * inner + passed @ (self.d * (self.delays * lag)) @ inner
-        eye = np.eye(len(self.a))
-        return s * eye - self.a + self.b @ passed @ self.c, eye + self.b @ change @ self.c
-
-    @property
-    def at_rest(self) -> float:
-        """Roots smaller than this may be 0: they come in pairs, which are known to the root of round-off."""
-        return min(math.sqrt(RESOLUTION) * float(np.abs(self.a).max(initial=1.0)), AT_REST)
-
-    def unmoved(self, sample_time: float | None) -> Complexes:
-        """Roots on the boundary, upper half plane, that no gain moves: open-loop poles that the controller does not see, or not act on."""
-        poles: Complexes = np.linalg.eigvals(self.a).astype(complex)
-        poles[np.abs(poles) <= self.at_rest] = 0.0
-        ringing = np.abs(_rate(poles, sample_time)) <= 1e-9 * np.abs(poles)
-        found = [pole for pole in set(poles[ringing & (poles.imag >= 0)].tolist()) if self._is_unmoved(pole)]
-        return np.array(found, dtype=complex)
-
-    def _is_unmoved(self, pole: complex) -> bool:
-        """True if some motion of this open-loop pole is unobservable or uncontrollable for the controller (Hautus test)."""
-        left, sizes, right = np.linalg.svd(self.a - pole * np.eye(len(self.a)))
-        null = sizes <= SINGULAR * sizes[0]
-        return bool(null.any()) and (_loses(self.c, right[null].conj().T) or _loses(self.b.T, left[:, null].conj()))
-
-    def without(self, unmoved: Complexes, starts: Complexes) -> Complexes:
-        """`starts` but for those that lead to roots that no gain moves."""
-        reach = np.maximum(self.at_rest, 1e-9 * np.abs(unmoved))
-        return starts[np.all(np.abs(starts[:, None] - unmoved) > reach, axis=1)]
-
-    def collocated(self, nodes: int) -> Floats:
-        """The generator with every delay line on `nodes` + 1 Chebyshev points; without delays, the closed-loop matrix."""
-        states, lines = len(self.a), np.flatnonzero(self.delays > 0)
-        direct = np.flatnonzero(self.delays == 0)
-        size = states + nodes * len(lines)
-        # Rows over [x, lines]: the signal of each channel that arrives at the plant.
-        arriving = np.zeros((len(self.delays), size))
-        for place, line in enumerate(lines):
-            arriving[line, states + (place + 1) * nodes - 1] = 1.0
-        sent = -np.hstack([self.c, np.zeros((len(self.delays), size - states))]) - self.d[:, lines] @ arriving[lines]
-        if len(direct):
-            block = self.d[np.ix_(direct, direct)]
-            arriving[direct] = np.linalg.solve(np.eye(len(direct)) + block, sent[direct])
-            sent = sent - self.d[:, direct] @ arriving[direct]
-        result = np.zeros((size, size))
-        result[:states] = self.b @ arriving
-        result[:states, :states] += self.a
-        if len(lines):
-            differentiation = _chebyshev(nodes)
-            for place, line in enumerate(lines):
-                rows = slice(states + place * nodes, states + (place + 1) * nodes)
-                scaled = differentiation * (2 / self.delays[line])
-                result[rows, rows] = scaled[1:, 1:]
-                result[rows] += np.outer(scaled[1:, 0], sent[line])
-        return result
-
-
-def _loses(matrix: Floats, motions: Complexes) -> bool:
-    """True where `matrix` maps some combination of the motions, orthonormal columns, to nothing."""
-    sizes = np.linalg.svd(matrix @ motions, compute_uv=False)
-    return motions.shape[1] > len(sizes) or bool(sizes[-1] <= SILENT * np.linalg.norm(matrix))
-
-
-def _chebyshev(nodes: int) -> Floats:
-    """Differentiation matrix (nodes+1)² on cos(πj/nodes), from 1 (now) to −1 (one delay ago). Trefethen, Spectral Methods, ch. 6."""
-    points = np.cos(np.pi * np.arange(nodes + 1) / nodes)
-    weights = np.append(2.0, np.append(np.ones(nodes - 1), 2.0)) * (-1.0) ** np.arange(nodes + 1)
-    gaps = points[:, None] - points[None, :] + np.eye(nodes + 1)
-    matrix = np.outer(weights, 1 / weights) / gaps
-    return matrix - np.diag(matrix.sum(axis=1))
-
-
-def _candidates(system: _Characteristic, nodes: int, count: int) -> Complexes:
+def _candidates(system: Characteristic, nodes: int, count: int) -> Complexes:
     """Eigenvalues of the discretised delay lines, rightmost first, upper half plane; more than requested, as some are spurious."""
     values = np.linalg.eigvals(system.collocated(nodes))
     values = values[values.imag >= 0]
     return values[np.argsort(-values.real)][: 2 * count + SPARE]
 
 
-def _newton(system: _Characteristic, starts: Complexes, reach: float) -> tuple[Complexes, Floats, int]:
+def _newton(system: Characteristic, starts: Complexes, reach: float) -> tuple[Complexes, Floats, int]:
     """Roots of det M reached from `starts` without leaving their neighbourhood (`reach`, relative), and their last steps.
 
     Also the number of starts near or right of the boundary from which none was reached: a verdict may not pass over them.

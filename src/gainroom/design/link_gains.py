@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..analysis.dynamic_stiffness import FASTEST, dynamic_stiffness
+from ..analysis.dynamic_stiffness import FASTEST, stiffness_of
 from ..analysis.link_compliance import LinkCompliance
 from ..system.controller import Controller, Terms
 from ..system.linear.arrays import Floats, distinct
@@ -76,7 +76,7 @@ class LinkCase:
 
     def misses_a_peak(self, found: Stiffest) -> bool:
         """True if the frequencies miss a peak at these gains, by the loop's roots; frequencies about it are then added."""
-        exact = dynamic_stiffness(self.loop_of(found.kp, found.kd), stable=True)
+        exact = stiffness_of(self.loop_of(found.kp, found.kd), stable=True)
         omega, stiffness = float(exact.omega[0]), float(exact.stiffness[0])
         if not omega > 0 or stiffness > (1 - MISSED) * self.stiffness(np.array([found.kp]), np.array([found.kd]))[0]:
             return False

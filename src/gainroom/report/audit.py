@@ -237,7 +237,7 @@ def _certificate(result: Audit) -> Html:
 
 def shown_requirements(result: Audit) -> list[Requirement]:
     """All requirements, required ones first."""
-    return sorted(REQUIREMENTS.values(), key=lambda one: one.name not in result.required.asked)
+    return sorted((REQUIREMENTS[name] for name in result.worst), key=lambda one: one.name not in result.required.asked)
 
 
 def audited_margins(result: Audit) -> list[Column]:

@@ -419,9 +419,8 @@ class AuditPresentation(Presentation):
 
     def facts(self) -> dict[str, Any]:
         result, system, control = self.result, self.result.system, self.result.system.control
-        least = {
-            one.key: one.in_unit(one.value(result.worst[one.name].counted)) for one in REQUIREMENTS.values() if one.name not in ELSEWHERE
-        }
+        every = (REQUIREMENTS[name] for name in result.worst if name not in ELSEWHERE)
+        least = {one.key: one.in_unit(one.value(result.worst[one.name].counted)) for one in every}
         return {
             "robot": system.source.name,
             "gainroom": __version__,

@@ -9,7 +9,7 @@ from ..errors import apart
 from ..io.as_typed import as_typed
 from ..system.margin_units import to_db
 from ..system.requirement import Requirement
-from ..system.requirements import REQUIREMENTS, Requirements
+from ..system.requirements import REQUIREMENTS, Requirements, reported
 from .columns import Column, yes
 from .number_format import MISSED, digits, frequency
 
@@ -80,7 +80,8 @@ def bounded_columns() -> list[Column]:
 
 def margin_facts(margins: Margins) -> dict[str, Any]:
     """JSON of the margins that requirements bound."""
-    return {key: value for one in REQUIREMENTS.values() for key, value in one.facts(margins).items()}
+    several = len(margins.one_loop.gain_margin) > 1
+    return {key: value for one in reported(None, several) for key, value in one.facts(margins).items()}
 
 
 def required_facts(required: Requirements) -> dict[str, Any]:
@@ -92,7 +93,7 @@ def required_facts(required: Requirements) -> dict[str, Any]:
 def margins_text(margins: Margins) -> str:
     """Margins that requirements bound, as text: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
     several = len(margins.one_loop.gain_margin) > 1
-    named = ((one, one.titled(margins, several)) for one in REQUIREMENTS.values())
+    named = ((one, one.titled(margins, several)) for one in reported(None, several))
     return ", ".join(f"{name} {digits(one.in_unit(one.value(margins)), one.unit, 3)}" for one, name in named)
 
 

@@ -13,7 +13,7 @@ from ..design.robot_gains import EVERYWHERE
 from ..errors import listed
 from ..system.linear.arrays import Floats
 from ..system.requirement import Requirement
-from ..system.requirements import REQUIREMENTS, Requirements, title_of
+from ..system.requirements import Requirements, reported, title_of
 from .columns import Column, facts
 from .margin_columns import margin_facts, margins_text, requirement
 from .number_format import digits
@@ -178,8 +178,8 @@ SET = [
 def set_columns(required: Requirements) -> list[Column]:
     """Columns SET, bounded margins with their requirement, the limit of the gains, and the number of cases."""
     margins = []
-    for name, one in REQUIREMENTS.items():
-        needed = requirement(required, name, 3)
+    for one in reported(required, several=True):
+        needed = requirement(required, one.name, 3)
         margins.append(Column(f"{one.heading} ({needed})" if needed else one.heading, "", lambda row, one=one: row.margin_text(one)))
     cases = Column("cases", "", lambda row: row.gain_set.cases if row.acts else None)
     return [*SET, *margins, Column("limited by", "", lambda row: row.limit), cases]

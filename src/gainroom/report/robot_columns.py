@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import listed
 from ..system.margin_units import to_db
-from ..system.requirements import REQUIREMENTS
+from ..system.requirements import REQUIREMENTS, reported
 from .columns import Column, definitions, facts, units_of, yes
 from .margin_columns import judged_columns, judged_legend, margin_facts
 from .number_format import digits, hertz
@@ -125,7 +125,7 @@ STATE = [
 def state_columns() -> list[Column]:
     """Columns STATE, and further margins that a requirement bounds."""
     known = {column.margin for column in STATE}
-    further = [one for one in REQUIREMENTS.values() if one.name not in known]
+    further = [one for one in reported(None, several=True) if one.name not in known]
     return STATE + [
         Column(
             one.heading,

@@ -12,7 +12,7 @@ from typing import Self
 from ..analysis.margin_record import Margins
 from ..design.gain_cases import bounded_margins
 from ..errors import GainroomError
-from ..system.requirements import REQUIREMENTS
+from ..system.requirements import REQUIREMENTS, reported
 from ..system.system import Balance, System
 from ..system.uncertainty import Uncertainty
 from .critical_joints import critical_joints_in
@@ -168,7 +168,8 @@ class Analysis:
             value = one.value(state.counted) if math.isnan(value) and name not in self.system.requirements.asked else value
             return unknown_first(-value if one.at_most else value)
 
-        return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in REQUIREMENTS}
+        names = [one.name for one in reported(self.system.requirements, self.states[0].model.size > 1)]
+        return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in names}
 
     @cached_property
     def unmet(self) -> dict[str, State]:

@@ -9,7 +9,7 @@ from functools import cached_property
 
 from ..analysis.margin_record import GainLimit, Margins
 from ..errors import GainroomError, computable
-from ..system.requirements import REQUIREMENTS
+from ..system.requirements import REQUIREMENTS, reported
 from ..system.system import System
 from .analysis import KEYS, read_as, unstable
 from .critical_joints import critical_joints_in
@@ -87,7 +87,9 @@ class PathStudy:
             unknown = next((pair for pair in found if math.isnan(pair[0])), None)
             return unknown or (max if one.at_most else min)(found, key=lambda pair: pair[0])
 
-        return {name: least(name) for name in REQUIREMENTS}
+        return {
+            one.name: least(one.name) for one in reported(self.system.requirements, self.cases[0].margins.one_loop.gain_margin.size > 1)
+        }
 
     def met(self, name: str) -> bool | None:
         """True if a requirement is met in every case; None if it is not required or not known."""
@@ -97,7 +99,7 @@ class PathStudy:
     @property
     def unmet(self) -> tuple[str, ...]:
         """Names of requirements known to be missed in some case."""
-        return tuple(name for name in REQUIREMENTS if self.met(name) is False)
+        return tuple(name for name in self.worst if self.met(name) is False)
 
     @property
     def unknown(self) -> tuple[str, ...]:

@@ -233,7 +233,7 @@ class JointStudy(Analysis):
         return self._looked_at(cases, proof.holds, None if asked.met_by(worst_of([one for _, one in cases])) else False)
 
     def _looked_at(self, cases: list[tuple[str, Margins]], proved: bool, met: bool | None) -> InRange:
-        worst = Worst.of(cases)
+        worst = Worst.of(cases, self.system.requirements)
         return InRange({}, worst.margins, proved, met, worst.at)
 
     def _proof(self, required: Requirements, most: int) -> Proof:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from ..analysis.margin_record import Margins, worst_of
 from ..system.linear.arrays import rank
 from ..system.requirement import Requirement
-from ..system.requirements import REQUIREMENTS
+from ..system.requirements import Requirements, reported
 from ..system.system import StateCase, System
 from ..system.uncertainty import Place, share_of
 from .loop_numbers import extra_delay
@@ -30,15 +30,16 @@ class Worst:
     unstable_at: str = ""
 
     @classmethod
-    def of(cls, cases: Sequence[tuple[str, Margins]]) -> "Worst":
-        """Worst of `cases`, given as text and margins, the nominal one ("") first."""
+    def of(cls, cases: Sequence[tuple[str, Margins]], asked: Requirements) -> "Worst":
+        """Worst of `cases`, given as text and margins, the nominal one ("") first; `asked`: what is required."""
         (_, nominal), *others = cases
         unstable = next((name for name, found in others if not found.stable), "") if nominal.stable else ""
 
         def least(requirement: Requirement) -> str:
             return min(cases, key=lambda case: unknown_first((-1 if requirement.at_most else 1) * requirement.value(case[1])))[0]
 
-        return cls(worst_of([found for _, found in cases]), {name: least(one) for name, one in REQUIREMENTS.items()}, unstable)
+        every = reported(asked, len(nominal.one_loop.gain_margin) > 1)
+        return cls(worst_of([found for _, found in cases]), {one.name: least(one) for one in every}, unstable)
 
     def with_delay_margin(self, value: float, place: str) -> "Worst":
         """Worst with the delay margin [s] of the corners, `value` at `place` (text); unchanged if `value` is NaN."""

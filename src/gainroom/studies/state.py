@@ -203,9 +203,11 @@ class State:
         """Worst margins over the nominal values and every examined case of the uncertainty."""
         nominal = [("", self.counted)]
         if not (self.system.uncertainty.names and self.moves and self.margins.stable):
-            return Worst.of(nominal)
+            return Worst.of(nominal, self.system.requirements)
         place, extra = (self.posture, self.contact), self._extra_delays
-        found = Worst.of(nominal + [(case.place, without_sway(case, bounded_margins(case))) for case in self.uncertain_cases])
+        found = Worst.of(
+            nominal + [(case.place, without_sway(case, bounded_margins(case))) for case in self.uncertain_cases], self.system.requirements
+        )
         if found.unstable_at or not math.isnan(found.margins.delay_margin) or self.system.control.kd_path is not None:
             return found
         extra = ExtraDelays.of(self.system, *place) if extra is None else extra

@@ -34,6 +34,7 @@ class Requirement:
     most     largest bound that a file may ask for, in `unit`
     usual    default bound; None: not required by default
     meaning  explanation for several coupled loops, one sentence
+    of_one   True: reported of a single joint, and of several only where it is asked for
     of_several   title for several loops, where the margin is by definition of all loops together, or of each; "": the title says it
     """
 
@@ -52,6 +53,7 @@ class Requirement:
     usual: float | None = None
     meaning: str = ""
     of_several: str = ""
+    of_one: bool = False
 
     def titled(self, found: MarginRecord, several: bool, short: bool = False) -> str:
         """Title of the margin in `found`, with the loops it belongs to where there are several; `short`: as table heading."""

@@ -212,9 +212,32 @@ REQUIREMENTS: dict[str, Requirement] = {
             meaning="the width of the range within which the delay of every single command may vary, from joint to joint and tick to tick, "
             "with a proof that the robot does not start to vibrate.",
         ),
+        Requirement(
+            "dynamic_stiffness",
+            "dynamic stiffness",
+            "dynamic_stiffness",
+            "N·m/rad",
+            at_frequency="dynamic_stiffness_frequency",
+            of_one=True,
+            meaning="the least stiffness that a load torque on a joint's link meets at any frequency, the least of all joints.",
+        ),
+        Requirement(
+            "least_damping_ratio",
+            "least damping ratio",
+            "least_damping_ratio",
+            at_frequency="least_damping_frequency",
+            high=1.0,
+            of_one=True,
+            meaning="the damping ratio of the least damped vibration of motors and links, with all loops closed.",
+        ),
     )
 }
 """All requirements, by name. Defaults: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), no delay and no jitter margin."""
+
+
+def reported(asked: "Requirements | None", several: bool) -> list[Requirement]:
+    """Requirements whose margins are reported: of `several` joints those of single ones only where they are `asked` for."""
+    return [one for name, one in REQUIREMENTS.items() if not (several and one.of_one) or (asked is not None and name in asked.needed)]
 
 
 def title_of(name: str) -> str:
