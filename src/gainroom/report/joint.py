@@ -24,6 +24,11 @@ from .page_parts import assumptions, margin_card, unstable_card
 from .words import tone
 
 
+CARDS = ("gain_margin", "phase_margin", "peak_sensitivity", "delay_margin", "dynamic_stiffness")
+"""Margins with a card of their own, beside those that are required."""
+MOST_CARDS = 5  # but that every required margin has one
+
+
 def joint_page(shown: JointPresentation, command: str) -> str:
     """HTML page of a joint study; `command`: the command that makes it."""
     study, found = shown.study, shown.study.margins
@@ -62,7 +67,10 @@ def _cards(study: JointStudy) -> list[Card]:
     found, asked = study.margins, study.system.requirements
     worst = study.in_range.margins if study.system.uncertainty.names else None
     time = "continuous time" if study.system.rate_is_missing else ""
-    cards = [_margin_card(column, found, worst, asked, time) for column in bounded_columns()]
+    required = [column for column in bounded_columns() if column.requirement in asked.asked]
+    others = [column for column in bounded_columns() if column.requirement in CARDS and column not in required]
+    shown = required + others[max(0, len(required) + len(others) - MOST_CARDS) :]
+    cards = [_margin_card(column, found, worst, asked, time) for column in shown]
     if not found.stable:
         cards[0] = unstable_card(asked, study.limit, f"; vibration there {at_frequency(study.limit.frequency, 'at ', hertz)}", "it")
     return cards
