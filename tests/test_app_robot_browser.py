@@ -171,7 +171,7 @@ def test_the_step_of_a_task_direction_has_its_unit(browser: Any, tmp_path: Path)
         tab = open_tab(browser, own.address)
         for name, unit in (("com z", "1 m/s²"), ("pelvis x", "1 rad/s²")):
             tab.page.locator("#joint").select_option(name)
-            tab.page.get_by_text(f"Position under {unit} added to the commanded acceleration").wait_for()
+            tab.page.get_by_text(f"Position under a load: what would move the links by {unit}").wait_for()
         assert [field.get_attribute("id") for field in tab.page.locator("#gains input").all()] == ["gain-kp", "gain-kd"]  # of a PD task
         assert not tab.said
 

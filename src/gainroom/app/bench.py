@@ -177,11 +177,13 @@ def drawn_response(omega: Floats, value: Complexes, phase: Floats, marks: Mappin
 
 
 def drawn_step(found: StepResponse, pick: slice, scale: float) -> dict[str, Any]:
-    """Responses to a step of the reference and to a disturbance, the latter multiplied by `scale`; `pick`: the points drawn."""
+    """Link and motor after a step of the reference and under a load, the latter times `scale`; `pick`: the points drawn."""
     return {
         "ms": rounded(1e3 * found.time[pick]),
-        "reference": rounded(found.reference[pick]),
-        "disturbance": rounded(scale * found.disturbance[pick]),
+        "reference": rounded(found.reference.link[pick]),
+        "reference_motor": rounded(found.reference.motor[pick]),
+        "disturbance": rounded(scale * found.load.link[pick]),
+        "disturbance_motor": rounded(scale * found.load.motor[pick]),
     }
 
 

@@ -69,15 +69,13 @@ class Channels:
         }
 
     def disturbance(self, system: System, k: int) -> tuple[str, str, float]:
-        """Step added in the second response: its text, the unit of the response, and the number of these units per m or rad."""
+        """Load on the links in the second response: its text, the unit of the response, and the number of these units per m or rad."""
         if not self.of_tasks:
-            load, unit = (
-                ("1 N added to the force command", "µm") if system.source.prismatic[k] else ("1 N·m added to the torque command", "µrad")
-            )
+            load, unit = ("1 N on the link", "µm") if system.source.prismatic[k] else ("1 N·m on the link", "µrad")
             return load, unit, 1e6
         task = system.source.stack[next(place for place, rows in enumerate(self._rows) if rows.start <= k < rows.stop)]
         unit = "m" if task.kind in ("com", "position") else "rad"
-        return f"1 {unit}/s² added to the commanded acceleration", f"m{unit}", 1e3
+        return f"what would move the links by 1 {unit}/s²", f"m{unit}", 1e3
 
     def points(self, own: Sequence[Controller]) -> dict[str, tuple[float, float]]:
         """Point of each channel in its map; empty for no controllers."""

@@ -25,7 +25,7 @@ from ..report.joint_text import sentence, warnings
 from ..report.map_lines import MapView as Window, opened, outlines, required_lines
 from ..report.margin_columns import margin_columns, margins_text
 from ..report.number_format import own_gains
-from ..simulation.step_response import step_response
+from ..report.over_time import LOAD, drawn_until
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
 from ..studies.progress import Progress, quiet
@@ -283,7 +283,13 @@ def limits(study: JointStudy, window: tuple[float, float]) -> dict[str, Any]:
 
 
 def step(study: JointStudy) -> dict[str, Any]:
-    """Measured position after a step of its reference, and under 1 N m added to the command."""
-    found = step_response(study.loop)
-    pick = slice(None, None, max(1, len(found.time) // STEP_POINTS))
-    return drawn_step(found, pick, 1e6) | {"growth": found.growth, "hz": found.frequency / (2 * math.pi)}
+    """Link and motor after a step of the reference, and under a load on the link."""
+    found = study.response
+    shown = int(np.searchsorted(found.time, drawn_until(found), side="right"))
+    pick = slice(None, shown, max(1, shown // STEP_POINTS))
+    return drawn_step(found, pick, 1e3 * LOAD) | {
+        "growth": found.growth,
+        "hz": found.frequency / (2 * math.pi),
+        "added": f"{LOAD:g} N·m on the link",
+        "unit": "mrad",
+    }

@@ -242,7 +242,7 @@ def settling(plane: PartRegion, channel: Channel) -> float:
 
 
 def step(state: State, channel: Channel, duration: float, scale: float) -> dict[str, Any]:
-    """Channel after a step of its reference and under a unit of its output, with the other loops closed; cut beyond GROWN steps.
+    """Channel after a step of its reference and under a load of a unit of its output on the links, others closed; cut beyond GROWN steps.
 
     scale   of what is shown of the second
     """
@@ -250,7 +250,7 @@ def step(state: State, channel: Channel, duration: float, scale: float) -> dict[
         found = step_response(state.loop, duration, part_of(state, channel))
     except GainroomError as error:
         return {"note": str(error)}
-    reference = found.reference
+    reference = found.reference.link
     large = np.flatnonzero(~(np.abs(reference) < GROWN))
     pick = slice(None, int(large[0]) if len(large) else None, max(1, len(reference) // 500))
     return drawn_step(found, pick, scale) | {"growth": None, "hz": None}

@@ -1,16 +1,10 @@
 """Page of one joint: verdict, numbers, gain map, figures, step response, tables, certification."""
 
-import math
-
-import numpy as np
-
 from ..analysis.margin_record import Margins
 from ..errors import at_frequency, case_text
-from ..simulation.step_response import StepResponse, step_response
 from ..studies.joint import JointStudy
 from ..system.controller import type_of
 from ..system.requirements import REQUIREMENTS, Requirements
-from . import style
 from .bode import bode, cases, nyquist
 from .columns import Column
 from .gain_advice import gains_box
@@ -19,7 +13,8 @@ from .joint_tables import JointPresentation, case_table, crossing_table, inputs,
 from .joint_text import cause, notes, recommended_text, sentence, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, typed_gains
-from .page import Card, Html, Lead, Section, facts, figure, page, paragraph
+from .over_time import motion_figure
+from .page import Card, Html, Lead, Section, facts, page, paragraph
 from .page_parts import assumptions, margin_card, unstable_card
 from .words import tone
 
@@ -35,9 +30,9 @@ def joint_page(shown: JointPresentation, command: str) -> str:
     pictured = cases(study)
     sections = [
         Section("Gain map", [gain_map(study)]),
+        Section("Over time: the link", [motion_figure(study)]),
         Section("Why: the open loop", [*map(paragraph, filter(None, [cause(study)])), bode(study, pictured)]),
         Section("Nyquist plot", [nyquist(study, pictured)], "the open loop beside −1, and the disk about −1 that it stays out of"),
-        Section("Over time", [time_response(study)], "responses to a step and to a disturbance"),
         Section("Margins", [margin_table(study), *_recommended(study)], "this file's gains, the recommended ones, and the 10 Hz rule's"),
         None
         if study.uncertainty_cost is None
@@ -128,74 +123,3 @@ def _certificate(study: JointStudy) -> Html:
 def _verdict(found: Margins) -> str:
     count = "no closed-loop root is" if found.stable else f"{found.unstable_roots} closed-loop roots are"
     return f"{count} unstable, counted by Nyquist's criterion on the certified crossings"
-
-
-CURVE_POINTS = 1200  # drawn per curve
-
-
-def time_response(study: JointStudy) -> Html:
-    """Figure of the step responses: two panels over one time axis."""
-    own = step_response(study.loop)
-    shown = [("this file", own, style.BLACK, "solid", 2.6)]
-    recommended = study.recommended
-    if recommended is not None:
-        loop = study.system.loop(controller=recommended.controller)
-        shown.append(("recommended", step_response(loop, float(own.time[-1])), style.BLUE, "dash", 2.0))
-    traces, notes = [], []
-    for name, response, color, dash, width in shown:
-        pick = slice(None, None, max(1, len(response.time) // CURVE_POINTS))
-        time = 1e3 * response.time[pick]
-        shape = "hv" if study.system.control.sample_time is not None and len(time) < 150 else "linear"
-        parts = {"dash": dash, "width": width, "name": name, "hoverinfo": "x+y+name"}
-        for values, axis in ((response.reference, "y"), (1e6 * response.disturbance, "y2")):
-            trace = style.line(time, values[pick], color, **parts, yaxis=axis, legendgroup=name, showlegend=axis == "y")
-            trace["line"]["shape"] = shape
-            traces.append(trace)
-    end = 1e3 * float(own.time[-1])
-    traces.insert(0, style.line([0, 0, end], [0, 1, 1], style.SOFT, dash="dot", width=1.4, name="commanded", showlegend=True))
-    if own.growth > 0:
-        notes.append(_vibration(own))
-    place = {"xref": "paper", "yref": "paper", "xanchor": "right", "yanchor": "bottom", "name": "wide"}
-    for height, words in ((1.0, "unit step of the reference"), (0.45, "1 N·m added to the torque command")):
-        notes.append(style.label(0.995, height, words, style.SOFT, **place))
-    picture = style.layout(
-        xaxis=style.axis("time [ms]", anchor="y2", range=[-0.01 * end, end]),
-        yaxis=style.axis("position / reference step [–]", domain=[0.55, 1]),
-        yaxis2=style.axis("position for 1 N·m [µrad]", domain=[0, 0.45]),
-        annotations=notes,
-        showlegend=True,
-        legend=style.switches(1.03),
-        margin={"l": 78, "r": 24, "t": 40, "b": 52},
-    )
-    narrow = {**style.NARROW, "yaxis.title.text": "position [–]", "yaxis2.title.text": "position [µrad]"}
-    return figure(
-        {"data": traces, "layout": picture}, "Step of the reference, and step of a disturbance torque", _caption(study, own), 560, narrow
-    )
-
-
-def _vibration(response: StepResponse) -> style.Annotation:
-    """Label of a growing vibration's frequency, at the top of the figure."""
-    words = f"vibrates at {hertz(response.frequency)}" if response.frequency > 0 else "diverges"
-    doubling = math.log(2) / response.growth
-    text = f"<b>{words}</b>, doubling every {digits(1e3 * doubling, 'ms', 3)}"
-    return style.label(0.01, 0.99, text, style.VERMILION, xref="paper", yref="paper", xanchor="left", yanchor="top")
-
-
-def _caption(study: JointStudy, own: StepResponse) -> str:
-    side = study.system.control.feedback
-    text = f"Position of the {side} side. "
-    if own.growth > 0:
-        rate = f"{digits(own.growth, '1/s', 3)}"
-        text += f"The response grows at {rate}, at {hertz(own.frequency)}: do not run these gains. "
-    else:
-        overshoot = 100 * (float(own.reference.max()) - 1)
-        last = 1e6 * float(np.abs(own.disturbance[-1]))
-        text += f"These gains overshoot by {digits(max(overshoot, 0.0), '%', 3)}; the controller differentiates the step, "
-        text += "as in eq. (4) of the paper. "
-        text += f"A constant torque of 1 N·m deflects the joint by {digits(last, 'µrad', 3)} at the end of the figure. "
-    if study.system.control.sample_time is not None:
-        return text + "Stepped exactly from tick to tick; torque is held between ticks."
-    if study.system.delay == 0:
-        return text + "Stepped exactly (matrix exponential)."
-    share = f"{digits(100 * own.change, '', 1)} %" if own.change >= 1e-5 else "less than 0.001 %"
-    return text + f"Stepped with the exact delay; halving the step changes the curve by {share}."

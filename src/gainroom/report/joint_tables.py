@@ -16,6 +16,7 @@ from .gain_advice import ToUse, joint_to_use, verdict_lines
 from .joint_text import RULE, cause, made_largest, notes, recommended_text, rise_text, sentence, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns, compared_rows, margin_columns, margin_rows, required_facts
 from .number_format import digits, frequency, model_facts, model_text, own_gains, typed_gains
+from .over_time import motion_facts, motion_text
 from .page import Html, facts, table
 from .page_parts import filters, uncertainty_text
 from .presentation import Part, Presentation, TextTable, closing, folded, warned_first
@@ -60,6 +61,7 @@ class JointPresentation(Presentation):
             "worst": _margins(study.in_range.margins),
             "worst_case": {name: study.case_of(name) or None for name in study.worst},
             "required": required_facts(study.system.requirements),
+            **motion_facts(study.response),
             "recommended": None if best is None else _recommended_facts(study, best),
             "at_usual_rate": None if usual is None else _rate_facts(usual),
             "uncertainty_cost": None if study.uncertainty_cost is None else _cost_facts(study.uncertainty_cost),
@@ -91,6 +93,7 @@ def _recommended_facts(study: JointStudy, recommended: "Recommendation") -> dict
         "plane": {"kp": recommended.kp, "kd": recommended.kd},
         "objective": recommended.objective,
         "dynamic_stiffness": recommended.stiffness,
+        **motion_facts(study.recommended_response or study.response),
         "margins": _margins(recommended.worst),
         "nominal": _margins(recommended.nominal),
         "worst_case": recommended.worst_case,
@@ -137,7 +140,7 @@ def _all_there_is(study: JointStudy) -> list[Part]:
         if len(controller.gain_names()) > 2:  # the table has two columns of gains
             parts.append(f"Recommended controller: {typed_gains(controller)}.")
         parts.append(recommended_text(study.recommended))
-    return [*parts, *filter(None, [uncertainty_cost_text(study, ranked=True)]), RULE]
+    return [*parts, *filter(None, [motion_text(study), uncertainty_cost_text(study, ranked=True)]), RULE]
 
 
 def _margin_rows(study: JointStudy) -> list[tuple[str, ...]]:

@@ -68,9 +68,8 @@ def _arrival(response: TrackedRun, joint: int, rows: int) -> tuple[float, float]
         return math.nan, math.nan
     beyond = (position - reference[-1]) / way  # −1 at the start, 0 at the final reference
     overshoot = max(0.0, float(beyond.max()))
-    outside = np.flatnonzero(np.abs(beyond) > SETTLED)
-    arrived = int(outside[-1]) + 1 if len(outside) else 0
-    if len(beyond) - arrived < STEADY_SHARE * len(beyond):  # too few rows to be sure that it has settled
+    arrived = _settled(beyond)
+    if arrived is None:
         return overshoot, math.nan if rows < len(response.time) else math.inf
     begin = response.time[_departure(reference)]
     return overshoot, max(0.0, float(response.time[arrived] - begin))
@@ -85,3 +84,39 @@ def _departure(reference: Floats) -> int:
     way = np.abs(reference[first : first + 2] - reference[first - 1])
     jumps = len(way) < 2 or way[1] - way[0] < way[0]
     return first if jumps else first - 1
+
+
+def _settled(beyond: Floats) -> int | None:
+    """Row from which `beyond` (k,) stays within 2 %; None where too few rows are left to be sure of it."""
+    outside = np.flatnonzero(~(np.abs(beyond) <= SETTLED))
+    arrived = int(outside[-1]) + 1 if len(outside) else 0
+    return arrived if len(beyond) - arrived >= STEADY_SHARE * len(beyond) else None
+
+
+@dataclass(frozen=True)
+class Swing:
+    """How a position comes to rest after a step at t = 0.
+
+    peak            largest distance from the start, in the position's unit
+    rest            where it rests, in the position's unit; nan where it does not
+    overshoot       largest excess over the rest, relative to it; nan where there is none to speak of
+    settling_time   until it stays within 2 % [s]: of its rest, or of its peak where there is no overshoot; inf where it does not in
+                    the record, nan of what does not come to rest
+    """
+
+    peak: float
+    rest: float
+    overshoot: float
+    settling_time: float
+
+
+def swing(time: Floats, position: Floats, rest: float, returns: bool = False) -> Swing:
+    """Swing of `position` (k,) over `time` (k,) to its `rest`; `returns`: it comes back so far that an overshoot says nothing."""
+    peak = float(np.abs(position).max())
+    way = peak if returns else rest
+    if not math.isfinite(way) or way == 0:
+        return Swing(peak, rest, math.nan, math.nan)
+    beyond = (position - rest) / way
+    arrived = _settled(beyond)
+    overshoot = math.nan if returns else max(0.0, float(beyond.max()))
+    return Swing(peak, rest, overshoot, math.inf if arrived is None else float(time[arrived]))

@@ -17,6 +17,7 @@ from ..analysis.range_proof import Proof, prove
 from ..design.joint_gains import FILLING, MOST_BOXES, QUICK_BOXES, Recommendation, recommend_pd
 from ..design.uncertainty_cost import UncertaintyCost, cost_of, uncertainty_cost
 from ..errors import case_text
+from ..simulation.step_response import StepResponse, step_response
 from ..system.loop import Loop
 from ..system.requirements import Requirements
 from ..system.system import System
@@ -133,6 +134,19 @@ class JointStudy(Analysis):
             return None
         nominal = margins(self.system.loop(controller=found.controller))  # as the file with these gains has them, to the last bit
         return replace(found, nominal=nominal) if self.system.uncertainty.names else replace(found, nominal=nominal, worst=nominal)
+
+    @cached_property
+    def response(self) -> StepResponse:
+        """Motion of motor and link after steps of reference and load, with the given gains at the nominal values."""
+        return step_response(self.loop)
+
+    @cached_property
+    def recommended_response(self) -> StepResponse | None:
+        """The same with the recommended gains; None where there are none, or the given ones are these."""
+        best = self.recommended
+        if best is None or best.controller == self.system.control.controller:
+            return None
+        return step_response(self.system.loop(controller=best.controller))
 
     @cached_property
     def at_usual_rate(self) -> "JointStudy | None":

@@ -172,7 +172,7 @@ function robot() {
   const [side, last] = [by("side"), by("step")], captions = [side, last].map((figure) => figure.querySelector("figcaption"));
   const more = /** @type {HTMLElement} */ (last.cloneNode(true));
   more.id = "joint-step";
-  /** @type {HTMLElement} */ (more.querySelector("small")).textContent = `of the chosen ${what}, all others closed, after the dot is let go; dashed: the file's gains`;
+  /** @type {HTMLElement} */ (more.querySelector("small")).textContent = `of the chosen ${what}, all others closed, after the dot is let go; thick: link, thin: motor; dashed: link with the file's gains`;
   last.after(more);
   step = new Step(/** @type {HTMLElement} */ (more.querySelector(".plot")));
   last.querySelector(".plot").replaceChildren(...side.querySelector(".plot").children);

@@ -153,18 +153,18 @@ export class Step {
   constructor(place) {
     /** @type {any} */ this.before = null;
     this.note = made("p", { className: "legend" });
-    const lines = [{}, { stroke: "#999", width: 2, dash: [6, 5], points: { show: false } }, { stroke: "#000", width: 2.4, points: { show: false } }];
+    const lines = [{}, { stroke: "#999", width: 2, dash: [6, 5], points: { show: false } }, { stroke: "#000", width: 1, points: { show: false } }, { stroke: "#000", width: 3, points: { show: false } }]; // before, motor, link
     const axes = (/** @type {string} */ label) => [{ ...AXIS, size: 32, label: "time [ms]", labelSize: 18, labelFont: "12px system-ui", values: plain }, { ...AXIS, label, labelSize: 18, labelFont: "12px system-ui", size: 62, values: plain }];
     const [first, second] = [made("div"), made("div")];
     this.place = place;
     place.classList.add("pair");
     place.append(first, second);
-    this.reference = plot(first, { height: 190, series: lines, axes: axes("position / step [–]"), scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
+    this.reference = plot(first, { height: 190, series: lines, axes: axes("position / step [–]"), scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null], [null, null]]);
     this.added = made("p", { className: "legend" });
     second.append(this.added);
-    this.unit = "µrad";
+    this.unit = "mrad";
     const [time, moved] = axes("");
-    this.disturbance = plot(second, { height: 170, series: lines.map((line) => ({ ...line })), axes: [time, { ...moved, label: () => `position [${this.unit}]` }], scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
+    this.disturbance = plot(second, { height: 170, series: lines.map((line) => ({ ...line })), axes: [time, { ...moved, label: () => `position [${this.unit}]` }], scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null], [null, null]]);
     place.append(this.note);
   }
 
@@ -175,12 +175,12 @@ export class Step {
   take(part) {
     this.place.classList.toggle("empty", Boolean(part.note));
     if (part.note) { this.note.textContent = part.note; return; }
-    this.added.textContent = `Position under ${part.added || "1 N·m added to the torque command"}`;
-    this.unit = part.unit || "µrad";
+    this.added.textContent = `Position under a load: ${part.added}`;
+    this.unit = part.unit;
     const end = part.ms[part.ms.length - 1], old = this.before || part;
     for (const [chart, key] of /** @type {[any, string][]} */ ([[this.reference, "reference"], [this.disturbance, "disturbance"]])) {
       const count = old.ms.findIndex((/** @type {number} */ t) => t > end), shown = count < 0 ? old.ms.length : count;
-      chart.setData(/** @type {any} */ (uPlot).join([[old.ms.slice(0, shown), old[key].slice(0, shown)], [part.ms, part[key]]], [[2], [2]]));
+      chart.setData(/** @type {any} */ (uPlot).join([[old.ms.slice(0, shown), old[key].slice(0, shown)], [part.ms, part[`${key}_motor`], part[key]]], [[2], [2, 2]]));
     }
     this.note.textContent = part.growth > 0 ? `Grows at ${number(part.growth, 3)} 1/s, at ${number(part.hz, 3)} Hz: do not run these gains.` : "";
   }
