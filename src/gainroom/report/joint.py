@@ -18,7 +18,6 @@ from .page import Card, Html, Lead, Section, facts, page, paragraph
 from .page_parts import assumptions, margin_card, unstable_card
 from .words import tone
 
-
 CARDS = ("gain_margin", "phase_margin", "peak_sensitivity", "delay_margin", "dynamic_stiffness")
 """Margins with a card of their own, beside those that are required."""
 MOST_CARDS = 5  # but that every required margin has one
