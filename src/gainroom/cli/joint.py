@@ -19,7 +19,7 @@ def joint(
     exit_zero: ExitZero = False,
     report: Report = None,
 ) -> int:
-    """Stability of a joint, its margins, what limits its gains, and recommended gains.
+    """Stability of a joint, its margins, what limits its gains, and recommended gains. A file without gains asks which may be used.
 
     \b
     Example:
@@ -30,18 +30,22 @@ def joint(
     """
     from ..files.joint_yaml import load_joint
 
-    system = load_joint(file, two_paths=True)
+    system = load_joint(file, two_paths=True, may_ask=True)
     if system.control.kd_path is not None:
         from .gain_paths import study_paths
 
         return exit_status(study_paths(system, as_json, report), exit_zero)
     with report_stream(report) as page:
-        from ..report.joint_tables import JointPresentation
-        from ..studies.joint import study_joint
+        from ..report.joint_tables import JointPresentation, NoGains
+        from ..studies.joint import NoGainsError, study_joint
 
-        with progress_bar("joint:") as progress:
-            progress(0, 0, "margins and gains")
-            study = study_joint(system)
+        try:
+            with progress_bar("joint:") as progress:
+                progress(0, 0, "margins and gains")
+                study = study_joint(system)
+        except NoGainsError as nothing:
+            present(NoGains(nothing), as_json, verbose)
+            return 0 if exit_zero else 1
         shown = JointPresentation(study, call=typed_command(context, "report"), files={"Report": report})
         present(shown, as_json, verbose)
         if page is not None:

@@ -15,7 +15,7 @@ from ..errors import GainroomError, Together, named
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, made_when_read, partly
 from ..io.yaml_text import read_text
 from ..system.actuator_entry import ActuatorEntry
-from ..system.controller import GainKey
+from ..system.controller import CONTROLLERS, GainKey
 from ..system.elastic_joint import ElasticJoint
 from ..system.system import System
 from .file_types import parse_as
@@ -27,6 +27,7 @@ from .system_sections import (
     SystemFile,
     UncertaintySection,
     control_section,
+    known_gains,
     refuse_long_delay,
     refuse_two_paths,
 )
@@ -42,18 +43,18 @@ MOST_DAMPED = 1e4
 """Damping ratio of motor and spring above which the spring has no effect."""
 
 
-def load_joint(path: Path, two_paths: bool = False) -> System:
-    """System of the joint that a joint.yaml describes; `two_paths`: kd may have a path of its own.
+def load_joint(path: Path, two_paths: bool = False, may_ask: bool = False) -> System:
+    """System of the joint that a joint.yaml describes; `two_paths`: kd may have a path of its own; `may_ask`: gains may be left out.
 
     Raises GainroomError, one line that names the file, the key, the value and what is allowed.
     """
-    return parse_joint(read_text(path), str(path), two_paths)
+    return parse_joint(read_text(path), str(path), two_paths, may_ask)
 
 
-def parse_joint(text: str, source: str, two_paths: bool = False) -> System:
+def parse_joint(text: str, source: str, two_paths: bool = False, may_ask: bool = False) -> System:
     """System in the text of a joint.yaml, which messages call `source`; otherwise as load_joint."""
     with named(source), Together() as together:
-        return _file(text, source, two_paths, together).spec()
+        return _file(text, source, two_paths, together, may_ask).spec()
 
 
 def load_simulation(path: Path, feedforward: Path | None = None) -> "JointSimulation":
@@ -79,11 +80,20 @@ def parse_simulation(text: str, source: str, feedforward: Path | None = None) ->
         return simulation if file.identified is None else replace(simulation, identified=file.identified.coulomb)
 
 
-def _file(text: str, source: str, two_paths: bool, together: Together) -> "JointFile":
+def _file(text: str, source: str, two_paths: bool, together: Together, may_ask: bool = False) -> "JointFile":
     """Joint file as far as it is valid; the problems are added to `together`."""
     file = partly(JointFile, parse_as("joint", text, source, "testbed", together), source, together)
     together.step(lambda: refuse_two_paths(file.control, two_paths))
+    if not may_ask:
+        together.step(lambda: _refuse_to_ask(file.control))
     return file
+
+
+def _refuse_to_ask(control: "JointControlSection") -> None:
+    """Raise GainroomError for a file without gains, where they are needed."""
+    if control.asks:
+        missing = [f"control.{key.name} is missing: {control.described(key)}" for key in CONTROLLERS[control.type].gain_keys()]
+        raise GainroomError(*(f"{one}; `gainroom joint FILE` tells which gains may be used" for one in missing))
 
 
 def _identified_section() -> "type[IdentifiedSection]":
@@ -123,6 +133,11 @@ class JointSection(GearboxSection):
 class JointControlSection(ControlSection):
     """Section `control` of one joint."""
 
+    @property
+    def asks(self) -> bool:
+        """True if no gain is given, of a type whose gains can all be recommended."""
+        return not any(map(self.is_given, known_gains())) and CONTROLLERS[self.type].can_be_asked_for()
+
     @classmethod
     def gain_type(cls, keys: Sequence[GainKey]) -> Any:
         return Positive if all(key.positive for key in keys) else NotNegative
@@ -161,7 +176,8 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
             for name in ("stiffness", "damping", "link_inertia"):
                 step(lambda name=name: nominal.update({name: getattr(self.joint, name)}))
             uncertainty = step(lambda: self.uncertainty.uncertainty(nominal, tick))
-            controller = step(lambda: self.control.controller({name: getattr(self.control, name) for name in self.control.gain_names}))
+            gains = {name: 1.0 if self.control.asks else getattr(self.control, name) for name in self.control.gain_names}
+            controller = step(lambda: self.control.controller(gains))
             path = step(lambda: self.control.gain_path())
             self.require_right()
             found = System.of_joint(
@@ -173,6 +189,7 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
                 requirements=self.requirements(),
                 uncertainty=uncertainty(),
                 objective=self.objective,
+                asks=self.control.asks,
                 entered=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
             )
             paths = {"kd_path": path(), "command_delay": 1e-3 * self.drive.command_delay_ms}

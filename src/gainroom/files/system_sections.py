@@ -229,9 +229,14 @@ class ControlSection(Section):
         """Gains of the type."""
         return CONTROLLERS[self.type].gain_names()
 
+    @property
+    def asks(self) -> bool:
+        """True if gains are left out on purpose, where they are what is asked for."""
+        return False
+
     @relation
     def _gains_of_the_type(self) -> Refusals:
-        if not self.gain_names:  # of tasks
+        if not self.gain_names or self.asks:  # of tasks, or none
             return
         names = ", ".join(self.gain_names)
         given = [name for name in known_gains() if self.is_given(name)]

@@ -133,7 +133,7 @@ def _joint_gains(study: "JointStudy", call: str) -> ToUse:
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual.in_range.margins, asked)}. {STATE_RATE}")
     remarks += _clock(study)
-    return ToUse(_heading(study, _place(call, "control")), lines, remarks, margins=best.worst)
+    return ToUse(_heading(study, _place(call, "control")), lines, remarks, margins=None if study.system.asks else best.worst)
 
 
 def _over_ranges(found: "Recommendation") -> list[str]:
@@ -165,7 +165,7 @@ def other_type(controller: Any, present: Any) -> list[str]:
 
 def _beside(controller: Any, present: Any) -> list[str]:
     """Lines of gains with units and present values, preceded by the type if it changes."""
-    now = {name: value for name, value, _ in own_gains(present)} if type(present) is type(controller) else {}
+    now = {name: value for name, value, _ in own_gains(present)} if type(present) is type(controller) and present != controller else {}
     lines, units = joint_gains(controller), [unit for _, _, unit in own_gains(controller)]
     width = max(map(len, lines))
     present_values = [f"now {typed(now[name])}" if name in now else "" for name, _, _ in own_gains(controller)]
@@ -279,6 +279,8 @@ def _heading(study: Analysis, place: str, only: str = "") -> str:
 
     only   condition under which they may be used, with a trailing blank
     """
+    if study.system.asks:
+        return f"Write {place}:"
     if study.requirements_met is False:
         return f"{only}{'u' if only else 'U'}se instead, {place}:"
     return f"The present gains may stay. {only}{'t' if only else 'T'}he stiffest that meet the requirements, {place}:"

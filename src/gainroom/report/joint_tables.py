@@ -6,14 +6,26 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..analysis.margin_record import Margins
-from ..studies.joint import JointStudy
+from ..studies.joint import JointStudy, NoGainsError
 from ..system.controller import type_of
 from ..system.margin_units import to_db
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .columns import Column, facts as row_facts, yes
 from .gain_advice import ToUse, joint_to_use, verdict_lines
-from .joint_text import RULE, cause, made_largest, notes, recommended_text, rise_text, sentence, uncertainty_cost_text, warnings
+from .joint_text import (
+    RULE,
+    cause,
+    made_largest,
+    no_gains,
+    notes,
+    nothing_limits,
+    recommended_text,
+    rise_text,
+    sentence,
+    uncertainty_cost_text,
+    warnings,
+)
 from .margin_columns import bounded_columns, compared_rows, margin_columns, margin_rows, required_facts
 from .number_format import digits, frequency, model_facts, model_text, own_gains, typed_gains
 from .over_time import motion_facts, motion_text
@@ -75,6 +87,24 @@ class JointPresentation(Presentation):
         parts = [*doubts, sentence(study), *verdict_lines(study, use)]
         parts += [*folded(use), "", *_all_there_is(study)] if verbose else []
         yield [*parts, *closing(self.files, others, notes=notes(study) if verbose else ())]
+
+
+@dataclass(frozen=True)
+class NoGains(Presentation):
+    """Answer to a file without gains where none are recommended."""
+
+    nothing: NoGainsError
+
+    def facts(self) -> dict[str, Any]:
+        return {"verdict": "unsafe", "findings": [{"code": "no_gains"}], "sentence": self._sentence, "recommended": None}
+
+    def screens(self, verbose: bool) -> Iterator[list[Part]]:
+        yield [self._sentence]
+
+    @property
+    def _sentence(self) -> str:
+        text = nothing_limits() if self.nothing.unlimited else no_gains(self.nothing.system)
+        return f"{text[:1].upper()}{text[1:]}."
 
 
 def _margins(margins: Margins) -> dict[str, Any]:

@@ -204,9 +204,9 @@ def warnings(study: "JointStudy") -> tuple[str, ...]:
     if control.feedback == "link" and joint.damping == 0 and not math.isinf(joint.stiffness):
         texts.append(undamped_link_feedback(study, "this joint"))
     if study.recommended is None and math.isinf(study.max_kp):
-        texts.append("nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth")
+        texts.append(nothing_limits())
     elif study.recommended is None and system.requirements.asked:
-        texts.append(_no_gains(system))
+        texts.append(no_gains(system))
     return tuple(texts)
 
 
@@ -253,7 +253,12 @@ def _drifts(system: System) -> bool:
     return control.gain == 0 or bool(np.any(control.zeros == 0))
 
 
-def _no_gains(system: System) -> str:
+def nothing_limits() -> str:
+    """Warning without recommended gains, as the model has no delay."""
+    return "nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth"
+
+
+def no_gains(system: System) -> str:
     """Warning without recommended gains, with remedies."""
     controller, uncertain = system.control.controller, bool(system.uncertainty.names)
     kind, remedies = controller.kind if controller.has_plane else "PD", ["relax limits", "shorten the delay"]

@@ -16,7 +16,7 @@ from ..analysis.margins import margins, margins_from_scan
 from ..analysis.range_proof import Proof, prove
 from ..design.joint_gains import FILLING, MOST_BOXES, QUICK_BOXES, Recommendation, recommend_pd
 from ..design.uncertainty_cost import UncertaintyCost, cost_of, uncertainty_cost
-from ..errors import case_text
+from ..errors import GainroomError, case_text
 from ..simulation.step_response import StepResponse, step_response
 from ..system.loop import Loop
 from ..system.requirements import Requirements
@@ -29,6 +29,14 @@ from .state import USUAL_RATE, State
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
 RULE_DAMPING = 2.0
 RIGID, AT_ONCE = {"stiffness": math.inf, "damping": 0.0}, {"delay": 0.0}
+
+
+class NoGainsError(GainroomError):
+    """A joint's file asks which gains may be used, and none meet the requirements, or, if `unlimited`, nothing limits them."""
+
+    def __init__(self, system: System, unlimited: bool) -> None:
+        super().__init__("no gains are recommended")
+        self.system, self.unlimited = system, unlimited
 
 
 @dataclass(frozen=True)
@@ -127,9 +135,14 @@ class JointStudy(Analysis):
         return self.region.max_kd(controller.plane_gains()[0]) if controller.has_plane else None
 
     @cached_property
+    def found(self) -> Recommendation | None:
+        """Gains that the search found, see `recommended`."""
+        return self._recommend(self.system.uncertainty)
+
+    @cached_property
     def recommended(self) -> Recommendation | None:
         """Recommended gains; None if nothing is required, or no gains meet it."""
-        found = self._recommend(self.system.uncertainty)
+        found = self.found
         if found is None:
             return None
         nominal = margins(self.system.loop(controller=found.controller))  # as the file with these gains has them, to the last bit
@@ -295,5 +308,17 @@ def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
 
 
 def study_joint(system: System) -> JointStudy:
-    """Study of one joint; regions, largest gains and recommended gains are computed on demand."""
-    return JointStudy(system, analyze(system).every)
+    """Study of one joint; regions, largest gains and recommended gains are computed on demand.
+
+    Of a system that asks which gains may be used it is the study of the recommended ones. Raises NoGainsError where there are none.
+    """
+    if not system.asks:
+        return JointStudy(system, analyze(system).every)
+    asking = JointStudy(system, ())
+    found = asking.found
+    if found is None:
+        raise NoGainsError(system, math.isinf(asking.max_kp))
+    system = system.with_controller(found.controller)
+    study = JointStudy(system, analyze(system).every)
+    vars(study)["found"] = found
+    return study

@@ -231,6 +231,11 @@ class Controller:
         """True if arg D(jω) rises with ω on every joint in continuous time: gains >= 0 without filters, no zero in the right half plane."""
         return self.has_plane and self.velocity_filter is None and not self.notches
 
+    @classmethod
+    def can_be_asked_for(cls) -> bool:
+        """True if every gain of it can be recommended: kp and kd of its plane, and no other whose ratio to them would have to be known."""
+        return cls.has_plane and not cls.held_ratio and cls.gain_names() == cls.plane_names
+
     def on_joint(self, k: int, size: int) -> "Controller":
         """Controller of joint `k` of `size` alone: the diagonal of its gains."""
         return replace(self, **{name: own_gain(getattr(self, name), k, size) for name in self.gain_names()})

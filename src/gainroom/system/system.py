@@ -115,6 +115,7 @@ class System(Generic[Source]):
     drives        one per joint
     balance       which controller damps sway of a floating base: "joints", the joint gains; "controller", one above them; "": not stated
     objective     what recommended gains make largest
+    asks          True: the file has no gains, and asks which may be used; those of `control` are placeholders
     scenario      motion that `gainroom simulate` runs; None where the file has none, or it was not asked for
     entered       values given in place of a source's quantities, by key: rotor_inertia, gear_ratio
     assumptions   assumptions made where the file gives no value
@@ -128,6 +129,7 @@ class System(Generic[Source]):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     balance: Balance = ""
     objective: Objective = "dynamic_stiffness"
+    asks: bool = False
     scenario: Any = None
     entered: Mapping[str, float] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
