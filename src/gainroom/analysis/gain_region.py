@@ -8,7 +8,7 @@ across each crossing by the direction in which its root moves, once per cell, no
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from ..system.linear.transfer_function import Factored
 from ..system.loop import Loop, build_loop
 from ..system.measured_response import measured_signals
 from ..system.plant import Plant
+from ..system.requirement import Requirement
 from ..system.requirements import Requirements
 from .crossings import scan
 from .excluded_region import Lines
@@ -97,7 +98,7 @@ class PDRegion:
             filled = [m for m, intervals in enumerate(free) if len(intervals)]
             if not one.in_closed_form(needed):
                 for m in filled:
-                    free[m] = self._where(lambda found, one=one, needed=needed: one.met(needed, one.value(found)), kps[m], free[m], polish)
+                    free[m] = self._where(partial(self._meets, one, needed, kps[m]), free[m], polish)
             elif filled:
                 window = np.array([[free[m][0, 0], free[m][-1, 1]] for m in filled])
                 lines = Lines(self._plane, self._curve.omega, kps[filled], window, polish)
@@ -107,20 +108,31 @@ class PDRegion:
                     free[m] = without(free[m], wall)
         return free
 
-    def _where(self, met: Callable[[Margins], bool], kp: float, free: Floats, polish: bool) -> Floats:
-        """The parts of `free` (p, 2), stable intervals of kd at one kp, in which margins are `met`.
+    def _meets(self, one: Requirement, needed: float, kp: float, kds: Floats) -> Booleans:
+        """True (m,) where stable gains kp and kds (m,) meet `one`."""
+        if one.is_measured:
+            if one.name not in self._measures:
+                (loop,), step = self.loops(1.0, 1.0), self.actuated.sample_time
+                parts = (self.template.combine(terms, step) for terms in self.template.plane())
+                self._measures[one.name] = one.in_plane(loop, *parts)
+            if (together := self._measures[one.name]) is not None:
+                return np.array([one.met(needed, value) for value in together(kp, kds).tolist()], dtype=bool)
+        return np.array([one.met(needed, one.value(found)) for found in self.margins(kp, kds)], dtype=bool)
+
+    def _where(self, met: Callable[[Floats], Booleans], free: Floats, polish: bool) -> Floats:
+        """The parts of `free` (p, 2), stable intervals of kd at one kp, in which gains kd (m,) have `met` what is required.
 
         Judged at SAMPLED gains in each interval; where neighbours differ, the end between them is halved to. What is met, or is not, only
         between two neighbours is not seen.
         """
         kds = np.concatenate([self._samples(*interval) for interval in free.tolist()])
-        inside = np.array([met(found) for found in self.margins(kp, kds)], dtype=bool)
+        inside = met(kds)
         apart = np.repeat(np.arange(len(free)), SAMPLED)
         k = np.flatnonzero((inside[1:] != inside[:-1]) & (apart[1:] == apart[:-1]))
         good, bad = np.where(inside[k], kds[k], kds[k + 1]), np.where(inside[k], kds[k + 1], kds[k])
         for _ in range((HALVED if polish else FEW_HALVED) if len(k) else 0):
             middle = 0.5 * (good + bad)
-            still = np.array([met(found) for found in self.margins(kp, middle)], dtype=bool)
+            still = met(middle)
             good, bad = np.where(still, middle, good), np.where(still, bad, middle)
         ends = np.sort(np.concatenate([good, free[:, 0][inside[::SAMPLED]], free[:, 1][inside[SAMPLED - 1 :: SAMPLED]]]))
         return ends.reshape(-1, 2)
@@ -134,15 +146,25 @@ class PDRegion:
 
     def margins(self, kp: ArrayLike, kd: ArrayLike) -> list[Margins]:
         """The margins at each pair of gains; kp and kd broadcast."""
+        return [margins_from_scan(loop, scan(loop.scalar)) for loop in self.loops(kp, kd) if loop.scalar is not None]
+
+    def loops(self, kp: ArrayLike, kd: ArrayLike) -> list[Loop]:
+        """The loop at each pair of gains; kp and kd broadcast."""
         kps, kds = (part.ravel().tolist() for part in np.broadcast_arrays(kp, kd))
         step, loops = self.actuated.sample_time, []
         for gains in zip(kps, kds, strict=True):
             control = self.template.in_plane(*gains, step)
             unstable = (self.actuated * control).unstable_poles
             parts = None if self.parts is None else replace(self.parts, controller=self.template.from_plane(*gains))
-            loop = Loop(1, step, self.actuated, control, unstable_poles=unstable, unsampled=self.unsampled, parts=parts)
+            known = {"unsampled": self.unsampled, "parts": parts, "resolution": None if parts is None else parts.resolution}
+            loop = Loop(1, step, self.actuated, control, unstable_poles=unstable, **known)
             loops.append(loop if parts is None else loop.with_signals(self._signals))
-        return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
+        return loops
+
+    @cached_property
+    def _measures(self) -> dict[str, Callable[[float, Floats], Floats] | None]:
+        """Functions of gains that tell what requirements measure, by name."""
+        return {}
 
     @cached_property
     def _signals(self) -> StateSpace:

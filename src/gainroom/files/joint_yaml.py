@@ -17,6 +17,7 @@ from ..io.yaml_text import read_text
 from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import CONTROLLERS, GainKey
 from ..system.elastic_joint import ElasticJoint
+from ..system.requirements import NOISE_SHARE, Requirements
 from ..system.system import System
 from .file_types import parse_as
 from .system_sections import (
@@ -182,11 +183,11 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
             self.require_right()
             found = System.of_joint(
                 joint=joint(),
-                drive=drive(),
+                drive=replace(drive(), resolution=self._resolution),
                 controller=controller(),
                 feedback=self.control.feedback,
                 sample_time=sample_time(),
-                requirements=self.requirements(),
+                requirements=self._requirements(),
                 uncertainty=uncertainty(),
                 objective=self.objective,
                 asks=self.control.asks,
@@ -195,6 +196,22 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
             paths = {"kd_path": path(), "command_delay": 1e-3 * self.drive.command_delay_ms}
             clock = {"sampling_in_delay": self.drive.delay_includes_sampling, "continuous": self.drive.clock == "continuous"}
             return replace(found, control=replace(found.control, **clock, **paths))
+
+    @property
+    def _resolution(self) -> float:
+        """Step of the encoder that the loop is closed with [rad]: the drive's, else the scenario's; 0: not known."""
+        if self.drive.encoder_resolution or self.scenario is None:
+            return self.drive.encoder_resolution
+        return self.scenario.motor_resolution if self.control.feedback == "motor" else self.scenario.link_resolution
+
+    def _requirements(self) -> Requirements:
+        """Requirements of the file; without limits also on torque noise, where resolution, rate and peak torque are known."""
+        found = self.requirements()
+        peak = math.inf if self.scenario is None else self.scenario.torque_limit
+        sampled = self.control.sample_rate_hz is not None and self.control.kd_path is None
+        if self.limits is not None or not (sampled and self._resolution > 0 and math.isfinite(peak)):
+            return found
+        return Requirements(**{**found.needed, "torque_noise": NOISE_SHARE * peak})
 
 
 def _refuse_seized_gearbox(joint: ElasticJoint) -> None:

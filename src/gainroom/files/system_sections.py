@@ -99,6 +99,7 @@ class DriveSection(Section):
     sample_rate_hz: SampleRate | None = None
     delay_includes_sampling: bool = Field(False, description="true: the delay contains the loop's hold and velocity difference")
     jitter_ms: Annotated[float, number(least=0, most=1000, unit="ms")] = 0.0
+    encoder_resolution: Annotated[float, number(least=0, most=1, unit="rad")] = 0.0
     command_delay_ms: DelayMs = 0.0
     clock: Literal["continuous"] | None = Field(None, description="continuous: the loop has no rate, on purpose")
 
@@ -119,7 +120,7 @@ class DriveSection(Section):
     def drive(self, tick: float | None) -> Drive:
         """Drive in SI; `tick` [s]. Raises GainroomError as `delay`."""
         self.require_right()
-        return Drive(bandwidth=self.bandwidth, damping_ratio=self.damping_ratio, delay=self.delay(tick))
+        return Drive(self.bandwidth, self.damping_ratio, self.delay(tick), self.encoder_resolution)
 
     def delay(self, tick: float | None) -> float:
         """Delay [s]; `tick` [s]. Raises GainroomError for a delay in ticks without a tick."""

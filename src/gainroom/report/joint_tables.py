@@ -63,6 +63,7 @@ class JointPresentation(Presentation):
             **model_facts(study.system.control.sample_time),
             "unstable_roots": margins.unstable_roots,
             **_margins(margins),
+            "torque_per_count": study.torque_per_count,
             "max_kp": study.max_kp,
             "max_kd": study.max_kd,
             "gain_limit": study.limit.gain,

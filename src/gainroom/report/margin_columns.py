@@ -81,7 +81,7 @@ def bounded_columns() -> list[Column]:
 def margin_facts(margins: Margins) -> dict[str, Any]:
     """JSON of the margins that requirements bound."""
     several = len(margins.one_loop.gain_margin) > 1
-    return {key: value for one in reported(None, several) for key, value in one.facts(margins).items()}
+    return {key: value for one in reported(None, several, margins) for key, value in one.facts(margins).items()}
 
 
 def required_facts(required: Requirements) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def required_facts(required: Requirements) -> dict[str, Any]:
 def margins_text(margins: Margins) -> str:
     """Margins that requirements bound, as text: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
     several = len(margins.one_loop.gain_margin) > 1
-    named = ((one, one.titled(margins, several)) for one in reported(None, several))
+    named = ((one, one.titled(margins, several)) for one in reported(None, several, margins))
     return ", ".join(f"{name} {digits(one.in_unit(one.value(margins)), one.unit, 3)}" for one, name in named)
 
 
@@ -155,9 +155,9 @@ def lacking(asked: Requirements, margins: Margins) -> str:
 
 def margin_rows(margins: Margins, worst: Margins, required: Requirements) -> list[tuple[str, ...]]:
     """Table rows of every margin: name, value, frequency, requirement, and whether it is met at the `worst` of the uncertainty."""
-    rows = []
+    rows, known = [], {"", *(one.name for one in reported(required, False, margins, worst))}
     for column in margin_columns():
-        if column.title:
+        if column.title and column.requirement in known:
             name = column.requirement
             met = required.met(name, REQUIREMENTS[name].value(worst)) if name else None
             text = margin_value(required, name, _own(REQUIREMENTS[name], margins), met) if name else column.text(margins)
@@ -169,9 +169,9 @@ def margin_rows(margins: Margins, worst: Margins, required: Requirements) -> lis
 
 def compared_rows(found: Sequence[Margins]) -> list[tuple[str, ...]]:
     """Table rows of every margin of several loops, each with its frequency below it."""
-    rows = []
+    rows, known = [], {"", *(one.name for one in reported(None, False, *found))}
     for column in margin_columns():
-        if column.title:
+        if column.title and column.requirement in known:
             rows.append((column.title, *(column.text(one) for one in found)))
             if column.at is not None:
                 rows.append(("… at", *(frequency(column.at(one)) for one in found)))

@@ -168,7 +168,8 @@ class Analysis:
             value = one.value(state.counted) if math.isnan(value) and name not in self.system.requirements.asked else value
             return unknown_first(-value if one.at_most else value)
 
-        names = [one.name for one in reported(self.system.requirements, self.states[0].model.size > 1)]
+        found = (state.counted for state in self.states)
+        names = [one.name for one in reported(self.system.requirements, self.states[0].model.size > 1, *found)]
         return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in names}
 
     @cached_property

@@ -5,6 +5,7 @@ Gain regions, largest gains, causes of the limit, and ranges.
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -21,6 +22,7 @@ from ..simulation.step_response import StepResponse, step_response
 from ..system.loop import Loop
 from ..system.requirements import Requirements
 from ..system.system import System
+from ..system.torque_noise import torque_per_count
 from ..system.uncertainty import Uncertainty
 from .analysis import Analysis, analyze
 from .over_uncertainty import Worst
@@ -119,6 +121,13 @@ class JointStudy(Analysis):
     def max_kp(self) -> float:
         """Largest stable kp over all kd."""
         return self.region.max_kp()
+
+    @property
+    def torque_per_count(self) -> float:
+        """Torque that one count of the encoder commands at once [N m]; NaN where the loop is not sampled or the resolution not known."""
+        with suppress(GainroomError):
+            return float(torque_per_count(self.every[0].loop)[0])
+        return math.nan
 
     @property
     def kd_at_max_kp(self) -> float:

@@ -38,7 +38,7 @@ class Worst:
         def least(requirement: Requirement) -> str:
             return min(cases, key=lambda case: unknown_first((-1 if requirement.at_most else 1) * requirement.value(case[1])))[0]
 
-        every = reported(asked, len(nominal.one_loop.gain_margin) > 1)
+        every = reported(asked, len(nominal.one_loop.gain_margin) > 1, nominal)
         return cls(worst_of([found for _, found in cases]), {one.name: least(one) for one in every}, unstable)
 
     def with_delay_margin(self, value: float, place: str) -> "Worst":

@@ -37,6 +37,12 @@ class Parts:
         """Drive delays (n,) [s]."""
         return np.array([drive.delay for drive in self.drives])
 
+    @property
+    def resolution(self) -> Floats | None:
+        """Steps of the encoders (n,) [rad]; None where one is not known."""
+        found = np.array([drive.resolution for drive in self.drives])
+        return found if np.all(found > 0) else None
+
     def topples(self, factor: float) -> bool:
         """True if PD gains times `factor` are proved too soft to hold the weight; False proves nothing."""
         count = self._toppled(factor) or 0

@@ -52,6 +52,7 @@ class Loop:
     parts         components that build_loop joined; None for other loops
     gain          common factor on all controller gains
     unsampled     `actuated` in continuous time, for one joint built from parts
+    resolution    (n,) steps of the encoders [rad]; None where one is not known
     """
 
     size: int
@@ -65,6 +66,7 @@ class Loop:
     given: StateSpace | None = None
     gain: float = 1.0
     unsampled: Factored | None = None
+    resolution: Floats | None = None
 
     def __repr__(self) -> str:
         time = "continuous" if self.sample_time is None else f"sample_time {self.sample_time:g} s"
@@ -370,8 +372,9 @@ def build_loop(
     if kd_path is not None:
         return _split_loop(parts)
     delays = parts.delays if sample_time is None else np.zeros(plant.size)
+    resolution = parts.resolution
     if plant.size > 1:
-        loop = Loop(plant.size, sample_time, delays=delays, parts=parts)
+        loop = Loop(plant.size, sample_time, delays=delays, parts=parts, resolution=resolution)
         if plant.toppling is not None and controller.shaping(sample_time).unstable_poles == 0:
             return replace(loop, unstable_poles=plant.toppling)  # springs, dampers and masses alone are passive
         assert loop.open_loop is not None
@@ -379,7 +382,7 @@ def build_loop(
     unsampled, control = unsampled_scalar(parts), controller.transfer(sample_time)
     actuated = sampled_scalar(unsampled, sample_time)
     unstable = (actuated * control).unstable_poles
-    return Loop(1, sample_time, actuated, control, delays, unstable_poles=unstable, parts=parts, unsampled=unsampled)
+    return Loop(1, sample_time, actuated, control, delays, unstable_poles=unstable, parts=parts, unsampled=unsampled, resolution=resolution)
 
 
 def _require_alike(plant: Plant, controller: Controller) -> None:

@@ -1,6 +1,7 @@
 """Requirement: one object with its key in files, unit, comparison, and excluded set of L(jω)."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +35,7 @@ class Requirement:
     most     largest bound that a file may ask for, in `unit`
     usual    default bound; None: not required by default
     meaning  explanation for several coupled loops, one sentence
+    always   False: reported only where it is asked for or known
     of_one   True: reported of a single joint, and of several only where it is asked for
     of_several   title for several loops, where the margin is by definition of all loops together, or of each; "": the title says it
     """
@@ -54,6 +56,7 @@ class Requirement:
     meaning: str = ""
     of_several: str = ""
     of_one: bool = False
+    always: bool = True
 
     def titled(self, found: MarginRecord, several: bool, short: bool = False) -> str:
         """Title of the margin in `found`, with the loops it belongs to where there are several; `short`: as table heading."""
@@ -110,6 +113,13 @@ class Requirement:
         """True if the quantity is no field of Margins."""
         return type(self).measured is not Requirement.measured
 
+    def in_plane(self, loop: Any, first: Any, second: Any) -> Callable[[float, Floats], Floats] | None:
+        """Function (kp, kds (m,)) → `measured` (m,) of one joint at many stable gains, with D = kp D_a + kd D_b; None: one by one.
+
+        loop             of the joint, whatever its gains; first, second: D_a and D_b as transfer functions
+        """
+        return None
+
     def measured_about(self, loop: Any, near: Any) -> float:
         """`measured` of the Loop `near`, which differs from `loop` by small changes of its gains, exact to first order in these."""
         return self.measured(near)
@@ -119,11 +129,11 @@ class Requirement:
         known = getattr(found, self.bounds or self.name, None)
         if known is not None:
             return known
-        values = [self._measured_once(loop) for loop in found.loops] if found.stable else []
+        values = [self.measured_once(loop) for loop in found.loops] if found.stable else []
         worst = max if self.at_most else min
         return math.nan if not values or any(map(math.isnan, values)) else worst(values)
 
-    def _measured_once(self, loop: Any) -> float:
+    def measured_once(self, loop: Any) -> float:
         """`measured`, cached on the loop; NaN where it raises GainroomError."""
         measured: dict[Requirement, float] = loop.measurements
         if self not in measured:

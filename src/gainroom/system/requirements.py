@@ -5,7 +5,7 @@ pages know it from there (CONTRIBUTING.md, tests/test_extensions.py).
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from .linear.arrays import Floats
 from .loop_protocols import LoopCurves, MarginRecord, SampledLoops
 from .margin_units import from_db, to_db
 from .requirement import Requirement
+from .torque_noise import NoisePlane, torque_noise
 
 
 @dataclass(frozen=True)
@@ -142,10 +143,26 @@ class VaryingDelays(Requirement):
     def frequency(self, found: MarginRecord) -> float:
         """Frequency of the peak that bounds it [rad/s], in the loop where it is least; NaN where it is not known."""
         value, loops = self.value(found), found.loops if found.stable else ()
-        return next((jitter_margin(loop).frequency for loop in loops if self._measured_once(loop) == value), math.nan)
+        return next((jitter_margin(loop).frequency for loop in loops if self.measured_once(loop) == value), math.nan)
 
     def ceiling(self, needed: float, sample_time: float | None) -> float | None:
         return height_at(needed, sample_time)
+
+
+@dataclass(frozen=True)
+class TorqueNoise(Requirement):
+    """Bound [N m] > 0 on the standard deviation of every joint's torque command that the steps of its encoder make (torque_noise.py)."""
+
+    at_most: bool = True
+    always: bool = False
+
+    def measured(self, loop: Any) -> float:
+        return float(torque_noise(loop).max())
+
+    def in_plane(self, loop: Any, first: Any, second: Any) -> Callable[[float, Floats], Floats] | None:
+        if loop.sample_time is None or loop.resolution is None:
+            return None
+        return NoisePlane.of(loop.actuated, first, second, float(loop.resolution[0])).at
 
 
 TICKS = 0.01
@@ -212,6 +229,14 @@ REQUIREMENTS: dict[str, Requirement] = {
             meaning="the width of the range within which the delay of every single command may vary, from joint to joint and tick to tick, "
             "with a proof that the robot does not start to vibrate.",
         ),
+        TorqueNoise(
+            "torque_noise",
+            "torque noise",
+            "torque_noise",
+            "N·m",
+            most=1e9,
+            meaning="the largest standard deviation of a joint's torque command that the steps of its encoder make, all loops closed.",
+        ),
         Requirement(
             "dynamic_stiffness",
             "dynamic stiffness",
@@ -232,12 +257,25 @@ REQUIREMENTS: dict[str, Requirement] = {
         ),
     )
 }
-"""All requirements, by name. Defaults: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), no delay and no jitter margin."""
+"""All requirements, by name. Defaults: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), no delay or jitter margin, nor noise."""
 
 
-def reported(asked: "Requirements | None", several: bool) -> list[Requirement]:
-    """Requirements whose margins are reported: of `several` joints those of single ones only where they are `asked` for."""
-    return [one for name, one in REQUIREMENTS.items() if not (several and one.of_one) or (asked is not None and name in asked.needed)]
+NOISE_SHARE = 0.02
+"""Torque noise of a joint that is allowed by default, as a share of the peak torque."""
+
+
+def reported(asked: "Requirements | None", several: bool, *found: MarginRecord) -> list[Requirement]:
+    """Requirements whose margins are reported: of `several` joints those of single ones only where they are `asked` for.
+
+    Those that are not always reported have to be asked for, or known in one of `found`.
+    """
+
+    def is_reported(one: Requirement) -> bool:
+        if asked is not None and one.name in asked.needed:
+            return True
+        return not (several and one.of_one) and (one.always or not all(math.isnan(one.value(margins)) for margins in found))
+
+    return list(filter(is_reported, REQUIREMENTS.values()))
 
 
 def title_of(name: str) -> str:
