@@ -105,7 +105,7 @@ class NoisePlane:
         time = actuated.sample_time
         assert time is not None
         split = StateSpace.gain(np.ones((2, 1)))
-        return cls(_realized(actuated, time), realize(first).beside(realize(second)) @ split, step, time)
+        return cls(_realized(actuated, time), realize(first.reduced).beside(realize(second.reduced)) @ split, step, time)
 
     def at(self, kp: float, kds: Floats) -> Floats:
         """Torque noise (m,) [N m] at stable gains kp and kds (m,)."""
