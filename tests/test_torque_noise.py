@@ -105,8 +105,9 @@ def test_coupled_joints_with_an_encoder_each():
 )
 def test_what_is_not_known(change: dict, message: str):
     loop = built(ELBOW, **{"tick": 1e-3, **change})
-    with pytest.raises(gr.GainroomError, match=message):
-        torque_noise(loop)
+    for ask in (torque_noise, torque_per_count):
+        with pytest.raises(gr.GainroomError, match=message):
+            ask(loop)
     found = gr.margins(loop)
     assert math.isnan(REQUIREMENTS["torque_noise"].value(found))
 

@@ -26,7 +26,7 @@ from .joint_text import (
     uncertainty_cost_text,
     warnings,
 )
-from .margin_columns import bounded_columns, compared_rows, margin_columns, margin_rows, required_facts
+from .margin_columns import bounded_columns, compared_rows, margin_rows, reported_columns, required_facts
 from .number_format import digits, frequency, model_facts, model_text, own_gains, typed_gains
 from .over_time import motion_facts, motion_text
 from .page import Html, facts, table
@@ -109,7 +109,7 @@ class NoGains(Presentation):
 
 
 def _margins(margins: Margins) -> dict[str, Any]:
-    return row_facts(margin_columns(), margins)
+    return row_facts(reported_columns(None, margins), margins)
 
 
 def _own_gains(controller: Any) -> dict[str, float]:

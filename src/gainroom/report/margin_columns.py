@@ -73,6 +73,12 @@ def margin_columns() -> list[Column]:
     ]
 
 
+def reported_columns(required: Requirements | None, *found: Margins) -> list[Column]:
+    """Margin columns of one joint without those that are neither required nor known in any of `found`."""
+    known = {"", *(one.name for one in reported(required, False, *found))}
+    return [column for column in margin_columns() if column.requirement in known]
+
+
 def bounded_columns() -> list[Column]:
     """Margin columns that requirements bound."""
     return [column for column in margin_columns() if column.title and column.requirement]
@@ -155,9 +161,9 @@ def lacking(asked: Requirements, margins: Margins) -> str:
 
 def margin_rows(margins: Margins, worst: Margins, required: Requirements) -> list[tuple[str, ...]]:
     """Table rows of every margin: name, value, frequency, requirement, and whether it is met at the `worst` of the uncertainty."""
-    rows, known = [], {"", *(one.name for one in reported(required, False, margins, worst))}
-    for column in margin_columns():
-        if column.title and column.requirement in known:
+    rows = []
+    for column in reported_columns(required, margins, worst):
+        if column.title:
             name = column.requirement
             met = required.met(name, REQUIREMENTS[name].value(worst)) if name else None
             text = margin_value(required, name, _own(REQUIREMENTS[name], margins), met) if name else column.text(margins)
@@ -169,9 +175,9 @@ def margin_rows(margins: Margins, worst: Margins, required: Requirements) -> lis
 
 def compared_rows(found: Sequence[Margins]) -> list[tuple[str, ...]]:
     """Table rows of every margin of several loops, each with its frequency below it."""
-    rows, known = [], {"", *(one.name for one in reported(None, False, *found))}
-    for column in margin_columns():
-        if column.title and column.requirement in known:
+    rows = []
+    for column in reported_columns(None, *found):
+        if column.title:
             rows.append((column.title, *(column.text(one) for one in found)))
             if column.at is not None:
                 rows.append(("… at", *(frequency(column.at(one)) for one in found)))

@@ -44,7 +44,8 @@ def torque_per_count(loop: Loop) -> Floats:
 
     Raises GainroomError as `torque_noise`.
     """
-    return np.abs(np.diagonal(_closed(loop)[3])) * _resolution(loop)
+    step = _resolution(loop)
+    return np.abs(np.diagonal(_closed(loop)[3])) * step
 
 
 def _resolution(loop: Loop) -> Floats:
