@@ -52,6 +52,7 @@ def test_fig_6_is_read_from_its_log():
     assert found.delay.value == pytest.approx(found.ticks.value * TICK)
     assert list(found.jitter.ticks) == [4, 5, 6]
     assert np.allclose(found.jitter.probability, [0.25, 0.5, 0.25], atol=0.1)  # 250 steps: two standard errors are 0.06
+    assert TICK * 2 <= found.jitter_width < TICK * 2.7  # 4 to 6 ticks; of an even law with that deviation √(12/2) ticks
     assert found.bandwidth is not None
     assert found.bandwidth.value == pytest.approx(4000, rel=0.02)
 

@@ -40,6 +40,7 @@ SHARP, EDGE = 0.04, 0.1  # ticks: a fit that tells the delay to half of this, an
 JITTER = 0.25  # ticks: with a larger deviation commands may overtake each other, which the law without a demand torque does not know
 SPEEDS = (1.0, 2.0)  # ω_c T_s from which the search starts again
 DECODED = 1.0  # what decoding must gain per row in squared errors and log variance, as it may choose among histories
+RARE = 0.01  # probability of a delay below which it does not count in the range of delays
 FLOOR = 0.004  # ticks: no log is better than its clock, and no current loop is of second order to the last
 LOOP_FLOOR = 0.01  # of bandwidth and damping ratio, likewise
 WITHIN = 0.25  # of the deviation within a tick: error of a mean whose law is not even
@@ -90,6 +91,16 @@ class TorqueDelay:
     noise: float | None
     channels: tuple[str, ...]
     warnings: tuple[str, ...] = ()
+
+    @property
+    def jitter_width(self) -> float:
+        """Width of the range of the delays of single commands [s], as `drive.jitter_ms` has it; NaN where the log does not say.
+
+        That of an even law with the same deviation, or from the first to the last tick that is not RARE, whichever is wider.
+        """
+        law = self.jitter
+        usual = law.ticks[law.probability >= RARE]
+        return max(math.sqrt(12) * law.deviation, self.sample_time * float(np.ptp(usual)) if len(usual) else 0.0)
 
 
 def identify_delay(record: Record, longest: float = LONGEST) -> TorqueDelay:
