@@ -34,7 +34,7 @@ def on_grid(joint, delay, step, kp, kd):
     """Dynamic stiffness and least distance of L from −1 at gains (g,), from frequencies alone."""
     k, b = joint["stiffness"], joint["damping"]
     held, free = math.sqrt(k / joint["link_inertia"]), math.sqrt(k * (1 / joint["link_inertia"] + 1 / joint["motor_inertia"]))
-    fine = np.concatenate([np.linspace(-0.08, 0.08, 81), -np.geomspace(1e-7, 0.01, 40), np.geomspace(1e-7, 0.01, 40)])
+    fine = np.concatenate([np.linspace(-0.08, 0.08, 80), -np.geomspace(1e-7, 0.01, 40), np.geomspace(1e-7, 0.01, 40)])
     omega = np.concatenate([np.geomspace(1e-3 * held, max(30 * free, 30 / delay), 700), held * (1 + fine), free * (1 + fine)])
     omega = np.sort(omega if step is None else omega[omega < math.pi / step])
     s = 1j * omega
@@ -64,10 +64,12 @@ def check(joint, delay, step):
     kp, kd = (part.ravel() for part in np.meshgrid(found.kp * np.geomspace(0.02, 20, 70), found.kd * np.geomspace(0.05, 8, 70)))
     stiffness, distance = on_grid(joint, delay, step, kp, kd)  # of a peak narrower than its frequencies too large
     better = np.flatnonzero((stiffness > 1.01 * own) & (distance > 0.999 / MS))
-    for k in better[np.argsort(-stiffness[better])].tolist():
+    drive = gr.Drive(BANDWIDTH, CURRENT_DAMPING, delay)
+    allowed = gr.pd_region(gr.ElasticJoint(**joint), drive, GM, PM, MS, sample_time=step).contains(kp[better], kd[better])
+    for k in better[allowed][np.argsort(-stiffness[better[allowed]])].tolist():
         one = loop(kp[k], kd[k])
-        if gr.is_stable(one) and asked.met_by(gr.margins(one)):
-            assert gr.dynamic_stiffness(one).least <= 1.01 * own, (joint, delay, step, found.kp, found.kd, kp[k], kd[k])
+        assert asked.met_by(gr.margins(one))  # which the region says
+        assert gr.dynamic_stiffness(one).least <= 1.01 * own, (joint, delay, step, found.kp, found.kd, kp[k], kd[k])
 
 
 def nothing_meets(joint, delay, step):
@@ -80,6 +82,6 @@ def nothing_meets(joint, delay, step):
         assert not (gr.is_stable(loop) and gr.Requirements.usual().met_by(gr.margins(loop)))
 
 
-@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 300))])
+@pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 300))])
 def test_no_gains_on_a_grid_have_a_stiffer_link(seed):
     check(*random_joint(np.random.default_rng(seed)))

@@ -319,14 +319,16 @@ class _JointSearch:
 
     def margins(self, places: Sequence[Place], kp: float, kd: float) -> list[Margins]:
         """Margins with these gains at each place; a place's plant is worked out once."""
-        control = self.template.from_plane(kp, kd).transfer(self.sample_time)
+        controller = self.template.from_plane(kp, kd)
+        control = controller.transfer(self.sample_time)
         loops = []
         for place in places:
             if place not in self.plants:
                 self.plants[place] = build_loop(*self.case(place), self.template, self.feedback, self.sample_time)
-            loops.append(replace(self.plants[place], control=control, parts=None))
+            plant = self.plants[place]
+            assert plant.parts is not None
+            loops.append(replace(plant, control=control, parts=replace(plant.parts, controller=controller)))
         if not all(one.in_closed_form(needed) for one, needed in self.requirements.asked_for):  # it may be of any margin there is
-            controller = self.template.from_plane(kp, kd)
             return [margins(build_loop(*self.case(place), controller, self.feedback, self.sample_time)) for place in places]
         return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
 
