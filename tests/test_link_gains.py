@@ -73,9 +73,9 @@ def check(joint, delay, step):
 
 
 def nothing_meets(joint, delay, step):
-    """No gains over ten orders of magnitude keep |1 + L| ≥ 1/Ms and are stable: an undamped gearbox that the delay turns the wrong way."""
+    """No gains down to 1e-4 of J/T² meet the requirements: an undamped gearbox that the delay turns the wrong way. Less is as good as none."""
     scale = joint["motor_inertia"] / delay
-    kp, kd = (part.ravel() for part in np.meshgrid(scale / delay * np.geomspace(1e-9, 10, 81), scale * np.geomspace(1e-9, 10, 81)))
+    kp, kd = (part.ravel() for part in np.meshgrid(scale / delay * np.geomspace(1e-4, 10, 61), scale * np.geomspace(1e-4, 10, 61)))
     _, distance = on_grid(joint, delay, step, kp, kd)
     for k in np.flatnonzero(distance > 1 / MS).tolist():
         loop = gr.build_loop(gr.ElasticJoint(**joint), gr.Drive(BANDWIDTH, CURRENT_DAMPING, delay), gr.PD(kp[k], kd[k]), sample_time=step)
