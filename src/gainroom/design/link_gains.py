@@ -13,7 +13,7 @@ import numpy as np
 
 from ..analysis.dynamic_stiffness import FASTEST, stiffness_of
 from ..analysis.link_compliance import LinkCompliance
-from ..system.controller import Controller, Terms
+from ..system.controller import Controller
 from ..system.linear.arrays import Floats, distinct
 from ..system.loop import Loop
 
@@ -70,9 +70,9 @@ class LinkCase:
         self._fed = self.links.delivered(self._s, parts.delays, step) * self._template.plane_at(self._s, v, step)
 
     @property
-    def plane(self) -> tuple[Terms, Terms]:
-        """Terms of the controller that kp and kd multiply."""
-        return self._template.plane()
+    def integral(self) -> bool:
+        """True if the controller integrates: at rest the link is then as stiff as its gearbox, not at most kp."""
+        return any(powers[1] for terms in self._template.plane() for powers in terms)
 
     def misses_a_peak(self, found: Stiffest) -> bool:
         """True if the frequencies miss a peak at these gains, by the loop's roots; frequencies about it are then added."""
@@ -94,7 +94,8 @@ class LinkCase:
         x0, x1 = (np.log(self._omega[at + shift] / self._omega[at]) for shift in (-1, 1))
         slope, bend = _parabola(x0, a - b, x1, c - b)
         rise = np.where(inner & (bend < 0), -(slope**2) / (4 * np.minimum(bend, -1e-300)), 0.0)
-        return 1 / (heights[rows, top] * np.exp(np.clip(rise, 0.0, 1.0)))
+        found = 1 / (heights[rows, top] * np.exp(np.clip(rise, 0.0, 1.0)))
+        return found if self.integral else np.minimum(found, kp)  # at rest, which may be slower than every frequency here
 
 
 def _parabola(x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Floats, Floats]:
@@ -164,7 +165,7 @@ class _Search:
         At rest the link is no stiffer than kp, so that a line has no more than its kp (more with integral action, up to the gearbox).
         """
         found = [_Tried(*(np.zeros(0),) * 3) for _ in self.kps]
-        best, integral = -math.inf, any(powers[1] for terms in self.cases[0].plane for powers in terms)
+        best, integral = -math.inf, self.cases[0].integral
         first = np.arange(len(self.kps)) % FEW == 0
         for lines in (first, ~first):
             some = np.flatnonzero(lines & ((self.kps > best) | integral))
