@@ -14,7 +14,7 @@ from gainroom.report.gain_map import GainPoint, _marks, gain_map
 from gainroom.report.joint import joint_page
 from gainroom.report.joint_tables import JointPresentation
 from gainroom.report.joint_text import _change, sentence, warnings as warnings_of
-from gainroom.report.map_lines import MapView
+from gainroom.report.map_lines import MapView, level_line
 from gainroom.report.number_format import digits
 from gainroom.report.page import Card, Html, Lead, Section, figure, page, table
 from gainroom.simulation.step_response import step_response
@@ -157,6 +157,23 @@ def test_gain_map_draws_the_exact_boundary(stable, stable_page):
     assert marks["x"] == approx((stable.rule.kp, stable.rule.kd), rel=1e-5)
 
 
+PICTURE = np.array([700.0, 480.0])  # [px]
+
+
+def in_pixels(notes: list[dict], wide: tuple[float, float]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Middle and half size of labels: 7.5 per letter, a line of 18."""
+    boxes = []
+    for note in notes:
+        x, y = np.array([note["x"], note["y"]]) / wide * PICTURE + [note.get("xshift", 0), note.get("yshift", 0)]
+        half = 0.5 * np.array([7.5 * len(note["text"].replace("<b>", "").replace("</b>", "")), 18])
+        middle = [
+            x + {"left": 1, "right": -1}.get(note.get("xanchor"), 0) * half[0],
+            y + {"bottom": 1, "top": -1}.get(note.get("yanchor"), 0) * half[1],
+        ]
+        boxes.append((np.array(middle), half))
+    return boxes
+
+
 @pytest.mark.parametrize("place", [(0.40, 0.26), (0.36, 0.25), (0.335, 0.252), (0.33, 0.22), (0.97, 0.25), (0.30, 0.25)])
 def test_names_on_the_gain_map_cover_no_mark_and_no_name(place: tuple[float, float]):
     """Of gains nearly alike, in pixels: 7.5 per letter, a line of 18, marks of 16."""
@@ -164,22 +181,57 @@ def test_names_on_the_gain_map_cover_no_mark_and_no_name(place: tuple[float, flo
     for name, (x, y) in {"this file": place, "recommended": (0.33, 0.25), "10 Hz rule": (0.34, 0.30)}.items():
         spots.append(GainPoint(name, 10 * x, 100 * y, "circle", "#000000"))
     _, notes = _marks(spots, view, ("kp", "kd"))
-    size, boxes = np.array([700.0, 480.0]), []
-    for note in notes:
-        x, y = np.array([note["x"] / 10, note["y"] / 100]) * size + [note.get("xshift", 0), note.get("yshift", 0)]
-        half = 0.5 * np.array([7.5 * len(note["text"].replace("<b>", "").replace("</b>", "")), 18])
-        middle = [
-            x + {"left": 1, "right": -1}.get(note.get("xanchor"), 0) * half[0],
-            y + {"bottom": 1, "top": -1}.get(note.get("yanchor"), 0) * half[1],
-        ]
-        boxes.append((np.array(middle), half))
+    boxes = in_pixels(notes, (10.0, 100.0))
     assert len(boxes) == 3
-    marks = [(np.array([spot.kp / 10, spot.kd / 100]) * size, np.array([8.0, 8.0])) for spot in spots]
+    marks = [(np.array([spot.kp / 10, spot.kd / 100]) * PICTURE, np.array([8.0, 8.0])) for spot in spots]
     for k, (middle, half) in enumerate(boxes):
         assert np.all(middle - half > 0)
-        assert np.all(middle + half < size)
+        assert np.all(middle + half < PICTURE)
         for other, width in (*marks, *boxes[:k]):
             assert np.any(np.abs(middle - other) >= half + width), (notes[k]["text"], middle, other)
+
+
+def test_the_gain_map_has_lines_of_equal_dynamic_stiffness(stable, stable_page):
+    """Each is where the joint's own record says so, and its text has the number."""
+    gain_map = figures(stable_page)[0]
+    lines = {trace["text"]: trace for trace in gain_map["data"] if str(trace.get("text")).startswith("dynamic stiffness")}
+    assert len(lines) == 3
+    found = []
+    for text, line in lines.items():
+        kp, kd = (np.array([value for value in line[axis] if value is not None]) for axis in ("x", "y"))
+        inside = np.flatnonzero(stable.region.contains(kp, 1.02 * kd) & stable.region.contains(kp, 0.98 * kd))
+        some = inside[:: max(1, len(inside) // 7)]
+        stiffness = [gr.dynamic_stiffness(stable.system.loop(controller=gr.PD(kp[k], kd[k]))).stiffness[0] for k in some]
+        found.append(float(np.median(stiffness)))
+        assert np.array(stiffness) == approx(found[-1], rel=0.03)  # straight between lines 1 % of the picture apart, where stiffness bends
+        assert float(re.sub(r"[^\d.]", "", text)) == approx(found[-1], rel=0.03)  # the label
+    assert [one / found[0] for one in found] == approx([1.0, 0.8 / 0.95, 0.5 / 0.95], rel=0.02)
+
+
+def test_no_label_of_the_gain_map_covers_a_mark_or_a_label(stable_page):
+    """In the picture as it opens."""
+    drawn = figures(stable_page)[0]
+    wide = tuple(drawn["layout"][axis]["range"][1] for axis in ("xaxis", "yaxis"))
+    boxes = in_pixels([note for note in drawn["layout"]["annotations"] if "xref" not in note], wide)
+    assert len(boxes) > 8
+    marks = [trace for trace in drawn["data"] if trace.get("mode") == "markers"]
+    spots = [(np.array([mark["x"][0], mark["y"][0]]) / wide * PICTURE, np.array([8.0, 8.0])) for mark in marks]
+    for k, (middle, half) in enumerate(boxes):
+        for other, width in (*spots, *boxes[:k]):
+            assert np.any(np.abs(middle - other) >= half + width), (middle, other)
+
+
+def test_a_line_of_one_level_is_where_the_values_have_it():
+    """Of a paraboloid: a circle, to the sagitta of a grid's cell, h²/8 times its bend."""
+    x, y = np.linspace(-1.5, 1.5, 61), np.linspace(-1.2, 1.2, 49)
+    line = level_line(x, y, x[None, :] ** 2 + y[:, None] ** 2, 1.0)
+    assert np.isnan(line[2::3]).all()
+    points = line[np.isfinite(line[:, 0])]
+    assert np.hypot(*points.T) == approx(1.0, abs=0.05**2)
+    angles = np.sort(np.arctan2(points[:, 1], points[:, 0]))
+    assert np.diff(angles).max() < 0.1  # closed
+    pieces = line.reshape(-1, 3, 2)[:, :2]
+    assert np.hypot(*(pieces[:, 1] - pieces[:, 0]).T).max() < 0.05 * 1.5  # none runs across a cell's half
 
 
 def test_the_legend_of_the_gain_map_says_of_which_joint_its_areas_are(stable_page):

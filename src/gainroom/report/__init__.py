@@ -4,7 +4,7 @@
 XPresentation holds all of it, in one record for command, page and app; it is in `X_tables.py` for a joint and a robot, otherwise in
 `X_text.py`.
 
-joint        joint, joint_text, joint_tables; gain_map and map_lines; bode; over_time
+joint        joint, joint_text, joint_tables; gain_map, map_lines and map_labels; bode; over_time
 robot        robot, robot_text, robot_columns, robot_tables (states, joints, tasks), recommended_gains; robot_units;
              pictures: robot_drawing, robot_skeleton, robot_headroom
 audit        audit, audit_text; gearboxes, simulator_text

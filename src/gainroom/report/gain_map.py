@@ -14,7 +14,9 @@ from ..studies.joint import JointStudy
 from ..system.linear.arrays import Floats
 from ..system.margin_units import to_db
 from . import style
-from .map_lines import MapView, contours, opened, outlines
+from .joint_text import made_largest
+from .map_labels import MARK, Box, free_side, label_box, overlap
+from .map_lines import MapView, contours, opened, outlines, stiffness_lines
 from .number_format import digits, frequency, hertz
 from .page import Html, figure
 
@@ -22,7 +24,7 @@ BINS = 12  # colours along the boundary
 
 
 def vibration_edge(
-    region: PDRegion, stable: list[Floats], view: MapView, taken: list[style.Annotation]
+    region: PDRegion, stable: list[Floats], view: MapView, taken: list[Box]
 ) -> tuple[list[style.Trace], list[style.Annotation]]:
     """Boundary of stability, coloured by the frequency at which the joint vibrates there."""
     pieces = [opened(outline) for outline in stable]
@@ -60,8 +62,8 @@ def edge_frequencies(region: PDRegion, piece: Floats) -> Floats:
     return omega
 
 
-def _frequency_labels(points: list[tuple[float, float, float]], view: MapView, taken: list[style.Annotation]) -> list[style.Annotation]:
-    """Frequency labels along the visible boundary, clear of the labels in `taken`."""
+def _frequency_labels(points: list[tuple[float, float, float]], view: MapView, taken: list[Box]) -> list[style.Annotation]:
+    """Frequency labels along the visible boundary, clear of `taken`."""
     notes = []
     for share, lower in ((0.12, False), (0.35, False), (0.6, False), (0.85, False), (0.66, True)):
         near = [p for p in points if abs(p[0] / view.kp - share) < 0.06 and p[1] < 0.97 * view.kd]
@@ -70,10 +72,13 @@ def _frequency_labels(points: list[tuple[float, float, float]], view: MapView, t
         x, y, omega = min(near, key=lambda p: p[1]) if lower else max(near, key=lambda p: p[1])
         if lower and not 0.07 * view.kd < y < 0.5 * view.kd:
             continue
-        if any(-0.12 < (x - note["x"]) / view.kp < 0.24 and abs(y - note["y"]) < 0.08 * view.kd for note in taken):
-            continue
         side = {"yanchor": "top", "yshift": -5} if lower else {"yanchor": "bottom", "yshift": 5}
-        notes.append(style.label(x, y, hertz(omega), style.INK, **side))
+        note = style.label(x, y, hertz(omega), style.INK, **side)
+        box = label_box(note, view.shown)
+        if any(overlap(box, other) > 0 for other in taken):
+            continue
+        taken = [*taken, box]
+        notes.append(note)
     return notes
 
 
@@ -85,11 +90,6 @@ def _shade(height: float) -> str:
 
 HOVER = (15, 11)  # points of the map that show their margins
 REQUIRED = "rgba(86,180,233,0.38)"
-PLOT = (700.0, 480.0)  # [px] that the picture has, about; on wider ones names are farther from others
-LETTER, LINE = 8.0, 20.0  # [px] of a name's bold letter, and of its line
-MARK = (24 / PLOT[0], 24 / PLOT[1])  # width and height of a mark, in shares of the picture
-Box = tuple[float, float, float, float]
-"""Box as centre x, y, width and height, in shares of the picture."""
 
 
 @dataclass(frozen=True)
@@ -114,22 +114,25 @@ def gain_map(study: JointStudy) -> Html:
         traces += _areas(outlines(study.required_region, view), REQUIRED, f"every requirement met{of}")
     names = study.system.control.controller.plane_names
     marks, mark_notes = _marks(spots, view, names)
-    lines, line_notes = contours(study, view, mark_notes)
-    edge, edge_notes = vibration_edge(study.region, stable, view, mark_notes)
-    traces += [_hover(study, view), *lines, *edge, *marks]
+    taken = [*_mark_boxes(spots, view), *(label_box(note, view.shown) for note in mark_notes)]
+    heights, height_notes, height_words = stiffness_lines(study, view, taken)
+    taken += [label_box(note, view.shown) for note in height_notes]
+    lines, line_notes = contours(study, view, taken)
+    taken += [label_box(note, view.shown) for note in line_notes]
+    edge, edge_notes = vibration_edge(study.region, stable, view, taken)
+    traces += [_hover(study, view), *heights, *lines, *edge, *marks]
     picture = style.layout(
         xaxis=style.axis(f"{names[0]} [N·m/rad]", range=[0, view.kp], constrain="domain"),
         yaxis=style.axis(f"{names[1]} [N·m·s/rad]", range=[0, view.kd]),
-        annotations=[*edge_notes, *line_notes, *mark_notes, *notes],
+        annotations=[*edge_notes, *height_notes, *line_notes, *mark_notes, *notes],
         margin={"l": 72, "r": 24, "t": 44, "b": 84},
         showlegend=True,
         legend=style.switches(-0.12, yanchor="top", itemclick=False, itemdoubleclick=False),
         updatemenus=[_zoom(view)] if view.whole_kp > 1.2 * view.kp else [],
     )
-    title = "Stable gains and their margins"
-    return figure(
-        {"data": [{"showlegend": False} | trace for trace in traces], "layout": picture}, title, _caption(study), 620, style.NARROW
-    )
+    title, caption = "Stable gains and their margins", _caption(study, height_words)
+    drawn = {"data": [{"showlegend": False} | trace for trace in traces], "layout": picture}
+    return figure(drawn, title, caption, 620, style.NARROW)
 
 
 def gain_points(study: JointStudy) -> list[GainPoint]:
@@ -184,10 +187,14 @@ def _area(outline: Floats, color: str) -> style.Trace:
     return style.line(outline[:, 0], outline[:, 1], color, width=0, fill="toself", fillcolor=color, hoveron="points")
 
 
+def _mark_boxes(spots: list[GainPoint], view: MapView) -> list[Box]:
+    return [(spot.kp / view.kp, spot.kd / view.kd, *MARK) for spot in spots]
+
+
 def _marks(spots: list[GainPoint], view: MapView, names: tuple[str, str]) -> tuple[list[style.Trace], list[style.Annotation]]:
     """Marks (dot, star, cross) with labels that cover no mark or other label; coinciding gains share one label."""
     traces, notes, named = [], [], set()
-    taken: list[Box] = [(spot.kp / view.kp, spot.kd / view.kd, *MARK) for spot in spots]
+    taken = _mark_boxes(spots, view)
     for place, spot in enumerate(spots):
         text = f"<b>{spot.name}</b><br>{names[0]} {digits(spot.kp, 'N·m/rad')}<br>{names[1]} {digits(spot.kd, 'N·m·s/rad')}"
         size = 18 - 4 * place if spot.symbol != "star" else 17
@@ -198,34 +205,10 @@ def _marks(spots: list[GainPoint], view: MapView, names: tuple[str, str]) -> tup
             continue
         named.add(name)
         others = [box for box, other in zip(taken, spots, strict=False) if other not in same] + taken[len(spots) :]
-        box, side = _free_side(spot.kp / view.kp, spot.kd / view.kd, len(name), others)
+        box, side = free_side(spot.kp / view.kp, spot.kd / view.kd, len(name), others)
         taken.append(box)
         notes.append(style.label(spot.kp, spot.kd, f"<b>{name}</b>", spot.color, **side))
     return traces, notes
-
-
-def _free_side(x: float, y: float, letters: int, taken: list[Box]) -> tuple[Box, dict[str, Any]]:
-    """Position of a label beside its mark at (x, y), in shares of the picture: right, or where it covers least of `taken`."""
-    width, height = letters * LETTER / PLOT[0], LINE / PLOT[1]
-    beside, over = 11 / PLOT[0] + width / 2, 12 / PLOT[1] + height / 2
-    sides = [
-        ((x + beside, y, width, height), {"xanchor": "left", "xshift": 11}),
-        ((x - beside, y, width, height), {"xanchor": "right", "xshift": -11}),
-        ((x, y + over, width, height), {"yanchor": "bottom", "yshift": 12}),
-        ((x, y - over, width, height), {"yanchor": "top", "yshift": -12}),
-    ]
-    return min(sides, key=lambda side: round(_outside(side[0]) + sum(_overlap(side[0], other) for other in taken), 6))
-
-
-def _overlap(one: Box, other: Box) -> float:
-    """Common area of two boxes."""
-    low, high = (np.array([box[:2] for box in (one, other)]) + sign * np.array([box[2:] for box in (one, other)]) for sign in (-0.5, 0.5))
-    return float(np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0.0)))
-
-
-def _outside(box: Box) -> float:
-    """Area of a box outside the picture."""
-    return box[2] * box[3] - _overlap(box, (0.5, 0.5, 1.0, 1.0))
 
 
 def _hover(study: JointStudy, view: MapView) -> style.Trace:
@@ -235,8 +218,9 @@ def _hover(study: JointStudy, view: MapView) -> style.Trace:
     stable = study.region.contains(grid_kp, grid_kd)
     texts = np.full(len(grid_kp), "unstable", dtype=object)
     index = np.flatnonzero(stable)
-    for k, found in zip(index, study.region.margins(grid_kp[index], grid_kd[index]), strict=True):
-        texts[k] = _margins_text(found)
+    felt = [math.inf] * len(index) if study.link is None else study.link.stiffness(grid_kp[index], grid_kd[index]).tolist()
+    for k, found, stiffness in zip(index, study.region.margins(grid_kp[index], grid_kd[index]), felt, strict=True):
+        texts[k] = _margins_text(found, stiffness)
     kp_name, kd_name = study.system.control.controller.plane_names
     words = [
         f"{kp_name} {digits(x, '', 3)}, {kd_name} {digits(y, '', 3)}<br>{text}" for x, y, text in zip(grid_kp, grid_kd, texts, strict=True)
@@ -255,24 +239,25 @@ def _hover(study: JointStudy, view: MapView) -> style.Trace:
     }
 
 
-def _margins_text(found: Margins) -> str:
+def _margins_text(found: Margins, stiffness: float) -> str:
     if not found.stable:
         return "unstable"
     vibration = at_frequency(found.phase_crossover, ", vibration at ", hertz)
     return (
         f"gain margin {digits(to_db(found.gain_margin), 'dB', 3)}{vibration}"
         f"<br>phase margin {digits(math.degrees(found.phase_margin), '°', 3)}<br>Ms {digits(found.peak_sensitivity, '', 3)}"
+        f"<br>dynamic stiffness of the link {digits(stiffness, 'N·m/rad', 3)}"
     )
 
 
-def _caption(study: JointStudy) -> str:
+def _caption(study: JointStudy, heights: str) -> str:
     text = "Hatched: unstable. The thick edge is coloured, and labelled, by the frequency at which the joint vibrates there."
     if study.required_region.required.asked:
         text += " Inside the blue area every requirement is met"
         text += " for the nominal joint, not over the uncertainty." if study.system.uncertainty.names else " for the nominal joint."
     kp_name, kd_name = study.system.control.controller.plane_names
     if study.recommended is not None:
-        text += f" The star has the largest {kp_name} that meets them"
+        text += f" The star has the largest {made_largest(study.recommended).removeprefix('largest ')} that meets them"
         within = (
             " everywhere in the uncertain ranges (proved)."
             if study.recommended.proved
@@ -282,5 +267,5 @@ def _caption(study: JointStudy) -> str:
     if study.max_kd is not None and math.isfinite(study.max_kd):
         text += f" At this {kp_name}, {kd_name} may reach {digits(study.max_kd, 'N·m·s/rad', 3)}."
     if study.system.requirements.asked:
-        text += " Thick lines are the required margins, thin ones stricter levels."
-    return text + " Hover over the map for the margins at any point."
+        text += " Coloured lines: the required margins."
+    return f"{text}{heights} Hover over the map for the margins at any point."

@@ -1,4 +1,4 @@
-"""Outlines of the allowed region in the gain map, and lines of equal margin, exact on every drawn line kp = const."""
+"""Outlines of the allowed region in the gain map and lines of equal margin, exact on every drawn line kp = const; equal stiffness."""
 
 import itertools
 import math
@@ -7,15 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..analysis.gain_region import PDRegion, traced
+from ..design.link_gains import LinkCase
+from ..errors import listed
 from ..studies.joint import JointStudy
 from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS, Requirements
 from . import style
+from .map_labels import Box, free_spot, label_box
 from .margin_columns import margin_value
+from .number_format import digits
 
 COLUMNS = 40  # lines kp = const on which a boundary is computed
 LINES = ((style.GREEN, "solid"), (style.BLUE, "dash"), (style.PURPLE, "dot"), (style.VERMILION, "dashdot"))
 """Colour and dash of the requirements, in order."""
+HEIGHT = "#8a8a8a"  # of lines of equal stiffness, as of equal height on a map
+SHARES = (0.5, 0.8, 0.95)  # of the largest stiffness, at which lines are drawn
+GRID = (80, 80)  # values of kp and kd at which the stiffness is worked out
+AT_A_TIME = 512  # gains: all frequencies of more would leave the processor's cache
 
 
 @dataclass(frozen=True)
@@ -26,6 +34,11 @@ class MapView:
     kd: float
     whole_kp: float
     whole_kd: float
+
+    @property
+    def shown(self) -> tuple[float, float]:
+        """Displayed range (kp, kd)."""
+        return self.kp, self.kd
 
 
 def outlines(region: PDRegion, view: MapView) -> list[Floats]:
@@ -68,9 +81,9 @@ def _tip(region: PDRegion, widest: float) -> float:
     return inside
 
 
-def contours(study: JointStudy, view: MapView, taken: list[style.Annotation]) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """Lines of equal gain margin, phase margin and Ms; required levels are thicker."""
-    traces, notes = [], []
+def contours(study: JointStudy, view: MapView, taken: list[Box]) -> tuple[list[style.Trace], list[style.Annotation]]:
+    """Lines of equal gain margin, phase margin and Ms: the required ones, or thinner the usual ones; labels are clear of `taken`."""
+    traces, notes, taken = [], [], list(taken)
     for place, (level, text, color, dash, asked) in enumerate(_levels(study.system.requirements)):
         drawn = []
         for outline in outlines(replace(study.region, required=level), view):
@@ -78,10 +91,71 @@ def contours(study: JointStudy, view: MapView, taken: list[style.Annotation]) ->
             drawn.append(line)
             hover = {"hoverinfo": "text", "text": text + (" (required)" if asked else "")}
             traces.append(style.line(line[:, 0], line[:, 1], color, dash=dash, width=2.6 if asked else 1.4, **hover))
-        spot = _label_spot(drawn, view, place, taken + notes)
+        points = np.vstack(drawn) if drawn else np.zeros((0, 2))
+        spot = free_spot(points, len(text), view.shown, taken, 0.3 + 0.1 * place)
         if spot is not None:
             notes.append(style.label(*spot, text, color, name="" if asked else "wide"))
+            taken.append(label_box(notes[-1], view.shown))
     return traces, notes
+
+
+def stiffness_lines(study: JointStudy, view: MapView, taken: list[Box]) -> tuple[list[style.Trace], list[style.Annotation], str]:
+    """Lines of equal dynamic stiffness of the link at SHARES of the largest on the map, labels clear of `taken`, and what they are."""
+    if study.link is None:
+        return [], [], ""
+    kps, kds = _spread(view.kp, view.whole_kp, GRID[0]), _spread(view.kd, view.whole_kd, GRID[1])
+    stiffness = stiffness_on(study.region, study.link, kps, kds)
+    best = float(stiffness.max(initial=0.0))
+    if study.recommended is not None:  # a top between the grid's lines
+        best = max(best, float(study.link.stiffness(np.array([study.recommended.kp]), np.array([study.recommended.kd]))[0]))
+    if not best > 0:
+        return [], [], ""
+    traces, notes, taken = [], [], list(taken)
+    for share in SHARES[::-1]:
+        text = digits(share * best, "N·m/rad", 3)
+        line = level_line(kps, kds, stiffness, share * best)
+        traces.append(style.line(line[:, 0], line[:, 1], HEIGHT, width=1.2, text=f"dynamic stiffness of the link {text}", hoverinfo="text"))
+        spot = free_spot(line[np.isfinite(line[:, 0])], len(text), view.shown, taken, 0.5 * share)
+        if spot is not None:
+            notes.append(style.label(*spot, text, style.SOFT, name="wide"))
+            taken.append(label_box(notes[-1], view.shown))
+    shares = listed([f"{100 * share:.0f}" for share in SHARES])
+    words = f" Grey lines: dynamic stiffness of the link, {shares} % of the largest, {digits(best, 'N·m/rad', 3)}."
+    return traces, notes, words
+
+
+def _spread(shown: float, whole: float, count: int) -> Floats:
+    """Grid (m,) over what is shown and a little beyond, and coarser up to `whole`."""
+    near = shown * np.linspace(0.002, 1.02, count)
+    return near if whole < 1.05 * shown else np.concatenate([near, np.linspace(1.02 * shown, 1.02 * whole, count // 3)[1:]])
+
+
+def stiffness_on(region: PDRegion, link: LinkCase, kps: Floats, kds: Floats) -> Floats:
+    """Dynamic stiffness of the link [N m/rad] on a grid (kd, kp); 0 where the loop is unstable."""
+    kp, kd = (part.ravel() for part in np.meshgrid(kps, kds))
+    found, stable = np.zeros(len(kp)), np.flatnonzero(region.contains(kp, kd))
+    for k in range(0, len(stable), AT_A_TIME):
+        some = stable[k : k + AT_A_TIME]
+        found[some] = link.stiffness(kp[some], kd[some])
+    return found.reshape(len(kds), len(kps))
+
+
+def level_line(kps: Floats, kds: Floats, values: Floats, level: float) -> Floats:
+    """Line (m, 2) on which `values` (kd, kp), straight in each half of a grid's cell, have a level: pieces with NaN between them."""
+    spots = np.stack(np.broadcast_arrays(kps[None, :], kds[:, None], values), axis=2)
+    low_left, low_right, high_left, high_right = spots[:-1, :-1], spots[:-1, 1:], spots[1:, :-1], spots[1:, 1:]
+    halves = np.concatenate([np.stack([low_left, other, high_right], axis=2).reshape(-1, 3, 3) for other in (low_right, high_left)])
+    above = halves[:, :, 2] >= level
+    halves, above = halves[above.any(axis=1) & ~above.all(axis=1)], above[above.any(axis=1) & ~above.all(axis=1)]
+    # The corner that is on its own side; the line runs from one of its edges to the other.
+    alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
+    every = np.arange(len(halves))
+    line = np.full((len(halves), 3, 2), np.nan)
+    for end in (0, 1):
+        start, stop = halves[every, alone], halves[every, (alone + 1 + end) % 3]
+        part = (level - start[:, 2]) / (stop[:, 2] - start[:, 2])
+        line[:, end] = start[:, :2] + part[:, None] * (stop - start)[:, :2]
+    return line.reshape(-1, 2)
 
 
 def required_lines(study: JointStudy, view: MapView) -> list[tuple[str, list[Floats]]]:
@@ -91,15 +165,14 @@ def required_lines(study: JointStudy, view: MapView) -> list[tuple[str, list[Flo
 
 
 def _levels(asked: Requirements) -> list[tuple[Requirements, str, str, str, bool]]:
-    """Contours to draw: (one requirement, label, colour, dash, True if asked for), each default or required level and a stricter one."""
+    """Contours to draw: (one requirement, label, colour, dash, True if asked for), at the required or the default level."""
     result = []
     for one, (color, dash) in zip(REQUIREMENTS.values(), itertools.cycle(LINES), strict=False):
         value = asked.needed.get(one.name, one.usual)
         if value is None or not one.in_closed_form(value):  # not asked for, or not known as a line
             continue
-        for level in (value, one.stricter(value)):
-            text = f"{one.heading} {margin_value(asked, one.name, level, None, 3)}"
-            result.append((Requirements(**{one.name: level}), text, color, dash, level == asked.needed.get(one.name)))
+        text = f"{one.heading} {margin_value(asked, one.name, value, None, 3)}"
+        result.append((Requirements(**{one.name: value}), text, color, dash, one.name in asked.needed))
     return result
 
 
@@ -109,18 +182,3 @@ def opened(outline: Floats) -> Floats:
     first = line[:, 0] == line[:, 0].min()
     line[(line[:, 1] <= 0) | (first & np.roll(first, 1) & np.roll(first, -1))] = np.nan
     return line[:-1] if first[0] and first[-1] else line
-
-
-def _label_spot(lines: list[Floats], view: MapView, place: int, taken: list[style.Annotation]) -> tuple[float, float] | None:
-    """Point of a line farthest from existing labels, and not too near the frame; None: none."""
-    points = np.vstack(lines) if lines else np.zeros((0, 2))
-    scaled = points / [view.kp, view.kd]
-    good = np.flatnonzero(np.all((scaled > [0.1, 0.04]) & (scaled < [0.9, 0.95]), axis=1))
-    if not len(good):
-        return None
-    others = np.array([[note["x"] / view.kp, note["y"] / view.kd] for note in taken] or [[0.0, 2.0]])
-    # A label is about three times as wide as it is high: distance across counts a third
-    gap = np.abs(scaled[good][:, None] - others) * [1 / 0.3, 1 / 0.06]
-    clear = np.minimum(gap.max(axis=2).min(axis=1), 1.6)
-    best = good[int(np.argmax(clear + 0.6 * scaled[good, 1] - 0.2 * np.abs(scaled[good, 0] - (0.3 + 0.1 * place))))]
-    return float(points[best, 0]), float(points[best, 1])

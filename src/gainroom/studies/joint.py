@@ -16,6 +16,7 @@ from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..analysis.margins import margins, margins_from_scan
 from ..analysis.range_proof import Proof, prove
 from ..design.joint_gains import FILLING, MOST_BOXES, QUICK_BOXES, Recommendation, recommend_pd
+from ..design.link_gains import LinkCase
 from ..design.uncertainty_cost import UncertaintyCost, cost_of, uncertainty_cost
 from ..errors import GainroomError, case_text
 from ..simulation.step_response import StepResponse, step_response
@@ -102,6 +103,17 @@ class JointStudy(Analysis):
     def region(self) -> PDRegion:
         """Region of stable PD gains."""
         return self._region(Requirements())
+
+    @cached_property
+    def link(self) -> LinkCase | None:
+        """Dynamic stiffness of the link with any gains on the controller's plane, at the nominal values; None where it is locked."""
+        if math.isinf(self.system.source.link_inertia):
+            return None
+
+        def loop(kp: float, kd: float) -> Loop:
+            return self.system.loop(controller=self.template.from_plane(kp, kd))
+
+        return LinkCase(loop, self.template)
 
     @cached_property
     def required_region(self) -> PDRegion:

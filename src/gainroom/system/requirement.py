@@ -182,10 +182,6 @@ class Requirement:
             return max(needed / (1 + share), 0.5 * (self.low + needed))
         return min(needed * (1 + share), 0.5 * (needed + self.high))
 
-    def stricter(self, needed: float) -> float:
-        """Stricter level to draw beside the bound `needed`."""
-        return self.low + (needed - self.low) / 2 if self.at_most else min(1.5 * needed, 0.5 * (needed + self.high))
-
     def excluded(self, needed: float) -> ExcludedSet | None:
         """Set that L(jω) of one loop must avoid to meet `needed`, exactly.
 

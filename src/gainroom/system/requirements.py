@@ -39,9 +39,6 @@ class GainMargin(Requirement):
             return found.phase_crossover
         return found.lower_phase_crossover if least * found.lower_gain_margin >= 1 else math.nan
 
-    def stricter(self, needed: float) -> float:
-        return needed**2
-
     def reach(self, needed: float) -> float:
         return 2 * needed
 
