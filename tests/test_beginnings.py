@@ -7,11 +7,11 @@ import pytest
 
 import gainroom as gr
 from gainroom.analysis.margin_record import GainLimit, Margins
-from gainroom.design.gain_sets import GainSet
+from gainroom.design.gain_sets import GainSet, StateStiffness
 from gainroom.design.robot_gains import _Searches
 from gainroom.design.starting_gains import SHARES, WEIGHED, Beginning, stable_starts
 
-BEGINNING = Beginning(np.array([[1.0], [1.0], [0.0]]), np.ones(1), [], np.zeros(1, dtype=bool))
+BEGINNING = Beginning(np.array([[1.0], [1.0], [0.0]]), np.ones(1), [], np.zeros(1, dtype=bool), np.ones(1))
 
 
 class Holds:
@@ -59,7 +59,8 @@ def test_loops_are_known_to_hold_up_the_weight_only_where_stiffness_tells(feedba
 
 def gain_set(kp: float, without_weight: bool) -> GainSet:
     unknown = Margins.unknown(GainLimit.unknown(1))
-    return GainSet("", np.array([kp]), np.ones(1), None, unknown, "", 1, np.array([1 / kp]), without_weight=without_weight)
+    links = StateStiffness("there/here", "here", np.array([0.5 * kp]), np.ones(1), np.zeros(1, dtype=bool))
+    return GainSet("", np.array([kp]), np.ones(1), None, unknown, "", 1, (links,), without_weight=without_weight)
 
 
 class Weighed:
@@ -71,7 +72,7 @@ class Weighed:
 def test_a_set_is_behind_one_that_counts_the_weight_or_is_stiffer(weighed):
     """In the air no set counts a weight: there stiffness decides, although the set for all leaves out the weight of others."""
     states: Any = {"here": [Weighed(weighed)]}
-    searches = _Searches(states, lambda state: state, None, BEGINNING, {})  # pyright: ignore[reportArgumentType]
+    searches = _Searches(states, lambda state: state, None, "dynamic_stiffness", BEGINNING, (), {})  # pyright: ignore[reportArgumentType]
     soft, stiff, light = gain_set(1.0, False), gain_set(2.0, False), gain_set(2.0, True)
     assert searches._behind("here", None, soft)
     assert searches._behind("here", soft, stiff)

@@ -8,7 +8,7 @@ import pytest
 
 from gainroom.analysis.stability import unstable_roots
 from gainroom.design.gain_cases import case_of, joint_state
-from gainroom.design.gain_sets import GainSet
+from gainroom.design.gain_sets import GainSet, StateStiffness
 from gainroom.design.mirror import mirror_image, mirror_of
 from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.robot_yaml import parse_robot
@@ -81,7 +81,8 @@ def test_an_image_without_the_weight_says_where_it_topples(biped: System):
     margins = left[0].without.all_margins(soft)
     near = "gain margin 2 dB of 6 dB in stand/left"
     stand = ("stand/left",)
-    found = GainSet("left", kp, kd, None, margins, "stand/left", 1, 1 / kp, none, 12 * stand, 3, True, near, stand)
+    links = StateStiffness("stand/left", "left", 0.5 * kp, 1 / kp, np.arange(12) == 4)
+    found = GainSet("left", kp, kd, None, margins, "stand/left", 1, (links,), none, 12 * stand, 3, True, near, stand)
     image = mirror_image(found, left, right, Requirements(gain_margin=1.05))
     assert image is not None
     assert image.without_weight
@@ -90,3 +91,7 @@ def test_an_image_without_the_weight_says_where_it_topples(biped: System):
     assert unstable_roots(right[0].with_weight.loop(np.array([image.kp, image.kd, np.zeros(12)]))) > 0
     assert image.softest == 9
     np.testing.assert_array_equal(image.kp, [*kp[6:], *kp[:6]])
+    (turned,) = image.links
+    assert (turned.title, turned.contact) == ("stand/right", "right")
+    np.testing.assert_array_equal(turned.stiffness, 0.5 * image.kp)
+    assert np.flatnonzero(turned.gear_limited).tolist() == [10]

@@ -288,7 +288,7 @@ def test_the_command_on_files(told: list[dict[str, Any]]):
     names = [row["name"] for row in plain["states"][0]["joints"]]
     sentence = re.sub("|".join(names), lambda found: biped.label(found[0]), plain["sentence"])
     assert other["sentence"] == sentence
-    units: dict[str, float] = dict.fromkeys(("link_inertia", "kp", "kd", "kp_max", "kd_max"), square)
+    units: dict[str, float] = dict.fromkeys(("link_inertia", "kp", "kd", "kp_max", "kd_max", "dynamic_stiffness"), square)
     for first, second in zip(plain["states"], other["states"], strict=True):
         assert second["limiting_joints"] == [biped.label(name) for name in first["limiting_joints"]]
         assert_same(second, first, {}, 1e-5)  # margins at crossings of the unit circle move with the phase: some digits less

@@ -22,8 +22,11 @@ BESIDE = np.sinh(np.linspace(-3.0, 3.0, 25)) / 2  # in units of a root's decay r
 SLOWEST = 1e-3  # lowest frequency, times the slowest corner's
 FASTEST = 10.0  # highest frequency, times the highest elastic mode's
 ELASTIC = 1.5  # roots up to this times the highest elastic mode count as vibrations; above, delays have roots of their own without end
-POINTS = 7  # frequencies between neighbours of a peak's sample, of which the highest is next
-ROUNDS = 7  # each narrows the bracket to a third: the height is then off by less than 1e-7 of it, a parabola's (3⁻⁷)²
+ROUNDS = 4  # samples taken at a peak; each parabola of 1/C through the nearest three leaves less than a tenth of the last one's error
+NEAR = 1.5  # factor of frequency around an undamped mode within which its root lies
+CLOSE = 1e-3  # relative difference of a sample from its parabola, below which a peak is not sampled again
+MOST_ABOVE = 1.01  # height of a last parabola above its samples, relative: more is the doing of a zero beside the peak
+TRIED = np.linspace(0.0, 1.0, 9)  # places between three samples where their parabola is looked at
 UNHELD = 3.0  # growth of compliance from a low frequency to a tenth of it above which nothing holds the joint: 100 where its link drifts
 
 
@@ -36,26 +39,78 @@ class Peaks:
     height: Floats
 
 
-def peaks(height: Callable[[Floats], Floats], grid: Floats, share: float = 0.5, rounds: int = ROUNDS) -> Peaks:
-    """Local peaks of `height`, omega (k,) → (k, n), that reach `share` of each column's highest, between samples on `grid` (k,).
+def peaks(response: Callable[[Floats], Complexes], grid: Floats, share: float = 0.5, rounds: int = ROUNDS) -> Peaks:
+    """Local peaks of |C|, C = `response`, omega (k,) → (k, n), that reach `share` of each column's highest, between samples on `grid` (k,).
 
-    The first sample counts where heights fall from it: compliance at rest.
+    The first sample counts where C falls from it: compliance at rest. Between samples 1/C is taken as a parabola, as near a resonance it
+    is, however sharp: it passes 0 beside the axis. It is drawn `rounds` more times, through a sample at the peak of the last. Frequencies
+    are those of the highest samples, heights those of the last parabola.
     """
-    samples = height(grid)
-    padded = np.vstack([np.full(samples.shape[1], -np.inf), samples, np.full(samples.shape[1], -np.inf)])
-    tops = (samples >= padded[:-2]) & (samples >= padded[2:]) & (samples >= share * samples.max(axis=0)) & (samples > 0)
+    samples = response(grid)
+    heights = np.abs(samples)
+    padded = np.vstack([np.full(heights.shape[1], -np.inf), heights, np.full(heights.shape[1], -np.inf)])
+    tops = (heights >= padded[:-2]) & (heights >= padded[2:]) & (heights > 0)
     rows, joints = np.nonzero(tops)
-    low, high = grid[np.maximum(rows - 1, 0)], grid[np.minimum(rows + 1, len(grid) - 1)]
-    best, found = grid[rows].copy(), samples[rows, joints]
-    every, split = np.arange(len(rows)), np.linspace(0.0, 1.0, POINTS)
-    for _ in range(rounds if len(rows) else 0):
-        tried = low[:, None] + (high - low)[:, None] * split
-        heights = height(tried.ravel()).reshape(len(rows), POINTS, -1)[every, :, joints]
-        k = heights.argmax(axis=1)
-        better = heights[every, k] > found
-        best, found = np.where(better, tried[every, k], best), np.maximum(found, heights[every, k])
-        low, high = tried[every, np.maximum(k - 1, 0)], tried[every, np.minimum(k + 1, POINTS - 1)]
-    return Peaks(joints, best, found)
+    inner = np.clip(rows, 1, max(len(grid) - 2, 1))[:, None] + np.array([-1, 0, 1])
+    at, softness = grid[inner], samples[inner, joints[:, None]]
+    best, found = grid[rows].copy(), heights[rows, joints]
+    still = rows == 0
+    guess, height = _between(at, softness)
+    most = np.zeros(heights.shape[1])
+    np.maximum.at(most, joints, found)
+    high = np.where(still, found, np.fmax(height, found)) >= share * most[joints]
+    joints, at, softness, guess, height = joints[high], at[high], softness[high], guess[high], height[high]
+    best, found, still = best[high], found[high], still[high]
+    for _ in range(rounds):
+        moving = np.flatnonzero(~still & np.isfinite(guess))
+        if not len(moving):
+            break
+        value = np.abs(sampled := response(guess[moving])[np.arange(len(moving)), joints[moving]])
+        still[moving] = np.abs(height[moving] - value) < CLOSE * value
+        best[moving] = np.where(value >= found[moving], guess[moving], best[moving])
+        found[moving] = np.maximum(found[moving], value)
+        at[moving], softness[moving] = _nearest_three(at[moving], softness[moving], guess[moving], sampled, best[moving])
+        guess[moving], height[moving] = _between(at[moving], softness[moving])
+    found = np.where((height > found) & (height < MOST_ABOVE * found) & (best > grid[0]), height, found)
+    most = np.zeros(heights.shape[1])
+    np.maximum.at(most, joints, found)
+    high = found >= share * most[joints]
+    return Peaks(joints[high], best[high], found[high])
+
+
+def _between(at: Floats, softness: Complexes) -> tuple[Floats, Floats]:
+    """Frequencies (p,) within `at` (p, 3) where the parabola through 1/softness (p, 3) is smallest, and 1 over its size there."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _least_parabola(at, 1 / softness)
+
+
+def _least_parabola(at: Floats, stiffness: Complexes) -> tuple[Floats, Floats]:
+    middle, width = at[:, 1], at[:, 2] - at[:, 0]
+    before, after = (at[:, 0] - middle) / width, (at[:, 2] - middle) / width
+    low, high = (stiffness[:, 0] - stiffness[:, 1]) / before, (stiffness[:, 2] - stiffness[:, 1]) / after
+    bend = (high - low) / (after - before)
+    slope = high - bend * after
+    x = before[:, None] + (after - before)[:, None] * TRIED
+    sizes = np.abs(stiffness[:, 1:2] + x * (slope[:, None] + x * bend[:, None]))
+    x = x[np.arange(len(x)), np.argmin(np.where(np.isfinite(sizes), sizes, np.inf), axis=1)]
+    for _ in range(3):  # Newton's steps on the square of the size
+        value, change = stiffness[:, 1] + x * (slope + x * bend), slope + 2 * x * bend
+        rise = (value.conj() * change).real
+        curve = np.abs(change) ** 2 + 2 * (value.conj() * bend).real
+        step = np.where(curve > 0, -rise / curve, 0.0)
+        x = np.clip(x + np.clip(step, -TRIED[1] * (after - before), TRIED[1] * (after - before)), before, after)
+    return middle + x * width, 1 / np.abs(stiffness[:, 1] + x * (slope + x * bend))
+
+
+def _nearest_three(at: Floats, softness: Complexes, more: Floats, value: Complexes, best: Floats) -> tuple[Floats, Complexes]:
+    """The highest of four samples, `at` (p, 3) and `more` (p,), with its neighbours, or the first or last three."""
+    every, values = np.column_stack([at, more]), np.column_stack([softness, value])
+    order = np.argsort(every, axis=1, kind="stable")
+    every, values = (np.take_along_axis(each, order, axis=1) for each in (every, values))
+    first = np.where(np.argmin(np.abs(every - best[:, None]), axis=1) <= 1, 0, 1)[:, None] + np.arange(3)
+    again = np.any(np.diff(every, axis=1) == 0, axis=1)  # the same frequency twice tells no parabola
+    kept = np.where(again[:, None], at, np.take_along_axis(every, first, axis=1))
+    return kept, np.where(again[:, None], softness, np.take_along_axis(values, first, axis=1))
 
 
 @dataclass(frozen=True)
@@ -114,15 +169,15 @@ def stiffness_of(loop: Loop, stable: bool) -> DynamicStiffness:
     grid = frequencies(links, roots)
     controller = links.parts.controller
 
-    def height(omega: Floats) -> Floats:
+    def response(omega: Floats) -> Complexes:
         s = 1j * omega
         fed = links.feedback(s, controller, loop.gain)
         if loop.size == 1:
-            return np.abs(links.of_one(s, fed[:, 0, 0]))[:, None]
-        return np.abs(np.diagonal(links.at(s, fed), axis1=1, axis2=2))
+            return links.of_one(s, fed[:, 0, 0])[:, None]
+        return np.diagonal(links.at(s, fed), axis1=1, axis2=2)
 
-    found = peaks(height, grid)
-    low = height(np.array([grid[0], 0.1 * grid[0]]))
+    found = peaks(response, grid)
+    low = np.abs(response(np.array([grid[0], 0.1 * grid[0]])))
     stiffness, omega = np.full(loop.size, math.inf), np.full(loop.size, math.nan)
     for joint, at, top in zip(found.joint.tolist(), found.omega.tolist(), found.height.tolist(), strict=True):
         if 1 / top < stiffness[joint]:
@@ -174,6 +229,28 @@ def least_damping(loop: Loop, roots: Complexes | None = None) -> tuple[float, fl
         return 1.0, math.nan
     k = int(np.argmin(_damping(found)))
     return float(_damping(found)[k]), float(abs(found[k]))
+
+
+def damping_by_kind(loop: Loop, sway: Floats, gears: Floats) -> dict[str, tuple[float, float]]:
+    """Least damping ratio of each kind of vibration, and |s| [rad/s] there: "sway", "gearbox" and "loop", those that there are.
+
+    sway    frequencies (k,) [rad/s] of sway; a root within NEAR of one is its
+    gears   frequencies (k,) [rad/s] of peaks that the gearboxes limit: the root nearest to each is theirs
+    """
+    roots = vibrations(loop)
+    roots = roots[np.abs(roots.imag) < (1 - 1e-9) * LinkCompliance.of(loop).fastest]
+    kinds = np.full(len(roots), "loop", dtype=object)
+    for omega in gears.tolist() if len(roots) else ():
+        kinds[int(np.argmin(np.abs(roots - 1j * omega)))] = "gearbox"
+    for omega in sway.tolist():
+        kinds[np.abs(np.log(np.abs(roots) / omega)) < math.log(NEAR)] = "sway"
+    found = {}
+    for kind in ("sway", "loop", "gearbox"):
+        own = roots[kinds == kind]
+        if len(own):
+            k = int(np.argmin(_damping(own)))
+            found[kind] = float(_damping(own)[k]), float(abs(own[k]))
+    return found
 
 
 def _damping(roots: Complexes) -> Floats:

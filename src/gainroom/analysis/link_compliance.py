@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import GainroomError
+from ..native import _core
 from ..system.assembly import Parts
 from ..system.controller import Controller
 from ..system.drive import Drive
@@ -58,21 +59,36 @@ class LinkCompliance:
 
     def delivered(self, s: Complexes, delay: Floats | float, step: float | None) -> Complexes:
         """Torque on the motors per torque command (k, n) at s (k,), by `delay` [s], current loops and a hold of `step` [s]."""
-        currents = np.stack([current(drive, s) for drive in self.parts.drives], axis=1)
+        lags = {(drive.bandwidth, drive.damping_ratio): current(drive, s) for drive in self._kinds}
+        currents = np.stack([lags[drive.bandwidth, drive.damping_ratio] for drive in self.parts.drives], axis=1)
         return currents * held(s, step)[:, None] * np.exp(-s[:, None] * delay)
+
+    @cached_property
+    def _kinds(self) -> list[Drive]:
+        """One drive of each bandwidth and damping ratio."""
+        return list({(drive.bandwidth, drive.damping_ratio): drive for drive in self.parts.drives}.values())
+
+    def signals(self, s: Complexes, controller: Controller) -> dict[tuple[int, int], Complexes]:
+        """Torque on the motors per measured position (k, n) at s (k,), by a gain of 1, for each term of `controller`, with its filters."""
+        parts, path = self.parts, self.parts.kd_path
+        ways = [(controller, parts.sample_time, parts.delays)]
+        if path is not None:
+            ways = [(controller.without_kd(), *ways[0][1:]), (controller.kd_alone(), path.sample_time, path.delay)]
+        found = {}
+        for one, step, delay in ways:
+            v = s if step is None else np.expm1(s * step) / step
+            sent = self.delivered(s, delay, step)
+            found |= {powers: sent * one.signal(powers, s, v, step)[:, None] for powers in one.terms()}
+        return found
 
     def feedback(self, s: Complexes, controller: Controller, gain: float = 1.0) -> Complexes:
         """Torque on the motors per measured position (k, n, n) at s (k,), by `controller` times `gain`."""
-        parts, path = self.parts, self.parts.kd_path
-
-        def sent(one: Controller, step: float | None, delay: Floats | float) -> Complexes:
-            law = one.matrix(s, s if step is None else np.expm1(s * step) / step, parts.plant.size, step)
-            return self.delivered(s, delay, step)[:, :, None] * law
-
-        if path is None:
-            return gain * sent(controller, parts.sample_time, parts.delays)
-        others = sent(controller.without_kd(), parts.sample_time, parts.delays)
-        return gain * (others + sent(controller.kd_alone(), path.sample_time, path.delay))
+        size = self.parts.plant.size
+        terms = controller.matrices(size)
+        found = np.zeros((len(s), size, size), dtype=complex)
+        for powers, signal in self.signals(s, controller).items():
+            found += signal[:, :, None] * terms.get(powers, 0.0)
+        return gain * found
 
     @cached_property
     def _hung(self) -> tuple[Floats, Floats]:
@@ -90,6 +106,21 @@ class LinkCompliance:
         if self.parts.feedback == "link":
             return (motor + fed) / (1 + soft * motor)
         return (motor + fed) / (1 + soft * (motor + fed))
+
+    def passed(self, s: Complexes, fed: Complexes) -> Complexes:
+        """Change of each joint's stiffness per change of its feedback, dY/dE (k, n) at s (k,); `fed` (k, n) as `stiffness` takes it."""
+        motor, soft = self._motors(s)
+        return 1 / (1 + soft * motor) if self.parts.feedback == "link" else 1 / (1 + soft * (motor + fed)) ** 2
+
+    def open(self, s: Complexes) -> tuple[Complexes, Complexes, Complexes]:
+        """Motions of the links without gains, at s (k,): C₀ (k, n, n) by loads and ρ, σ (k, n) with which torques τ of the motors act.
+
+        q = C₀ (τ_L + ρ τ) and θ = ρ q + σ τ.
+        """
+        motor, soft = self._motors(s)
+        share = 1 / (1 + soft * motor)
+        size = self.parts.plant.size
+        return self.on(s, share * motor).reshape(len(s), size, size), share, soft * share
 
     def coupled_stiffness(self, s: Complexes, fed: Complexes) -> Complexes:
         """Stiffness Y (k, n, n) at s (k,) with `fed` (k, n, n) of `feedback`, whose gains may couple joints."""
@@ -111,16 +142,39 @@ class LinkCompliance:
         return root[0, 0] ** 2 / (s * s + root[0, 0] ** 2 * load) * np.abs(held(s, self.parts.sample_time))
 
     def at(self, s: Complexes, fed: Complexes) -> Complexes:
-        """Compliance C (k, n, n) [rad/(N m)] at s (k,), with `fed` (k, n, n) of `feedback`."""
+        """Compliance C (k, n, n) [rad/(N m)] at s = jω (k,), with `fed` (k, n, n) of `feedback`."""
+        size = fed.shape[1]
+        if np.count_nonzero(fed) == np.count_nonzero(own := np.diagonal(fed, axis1=1, axis2=2)):
+            return self.on(s, self.stiffness(s, own)).reshape(len(s), size, size)
         plant, (root, rest) = self.parts.plant, self._hung
-        loads = self.coupled_stiffness(s, fed)
-        diagonals(loads)[:] += s[:, None] * plant.link_viscous
-        if plant.gravity_stiffness is not None:
-            loads = loads + plant.gravity_stiffness
-        inner = root.T @ loads @ root
-        diagonals(inner)[:] += (s * s)[:, None]
+        inner = (
+            self._inner + root.T @ self.coupled_stiffness(s, fed) @ root + root.T @ ((s[:, None] * plant.link_viscous)[:, :, None] * root)
+        )
         if plant.compliance is not None:
             springs = plant.compliance.stiffness + s[:, None] * plant.compliance.damping
             inner = inner + rest.T @ (springs[:, :, None] * rest)
+        diagonals(inner)[:] += (s * s)[:, None]
         moved = root @ np.linalg.solve(inner, np.broadcast_to(root.T, (len(s), *root.T.shape)).astype(complex))
         return moved * np.abs(held(s, self.parts.sample_time))[:, None, None]
+
+    def on(self, s: Complexes, stiffness: Complexes, whole: bool = True) -> Complexes:
+        """Compliance C of links on joints of uncoupled `stiffness` Y (k, n), at s = jω (k,): all of it (k, n n), or its diagonal (k, n)."""
+        plant = self.parts.plant
+        loads = stiffness + s[:, None] * plant.link_viscous
+        if plant.compliance is not None:
+            loads = np.hstack([loads, plant.compliance.stiffness + s[:, None] * plant.compliance.damping])
+        found = _core.link_compliance(self._springs, plant.size, self._inner, s.imag, np.ascontiguousarray(loads), whole)
+        return found * np.abs(held(s, self.parts.sample_time))[:, None]
+
+    @cached_property
+    def _springs(self) -> Floats:
+        """Rows of R, and behind them those of springs under contacts."""
+        return (
+            np.ascontiguousarray(np.vstack(self._hung)) if self.parts.plant.compliance is not None else np.ascontiguousarray(self._hung[0])
+        )
+
+    @cached_property
+    def _inner(self) -> Floats:
+        """Stiffness Rᵀ G R (r, r) of gravity."""
+        root, gravity = self._hung[0], self.parts.plant.gravity_stiffness
+        return np.zeros((root.shape[1],) * 2) if gravity is None else root.T @ ((gravity + gravity.T) / 2) @ root

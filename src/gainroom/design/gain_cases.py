@@ -17,7 +17,7 @@ from .margin_slopes import GainCase, Gains
 from .starting_gains import joints_that_move, link_inertia
 
 
-def joint_case(title: str, system: System, model: Any) -> GainCase:
+def joint_case(title: str, system: System, model: Any, contact: str = "") -> GainCase:
     """Case of PD gains of the joints, with the system's filters."""
     size = model.size
     first = system.loop(model, system.filtered(PD(np.ones(size), np.ones(size))))
@@ -25,10 +25,10 @@ def joint_case(title: str, system: System, model: Any) -> GainCase:
     def loop(gains: Gains) -> Loop:
         return first.regained(system.filtered(PD(gains[0], gains[1])))
 
-    return GainCase(title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), system.requirements)
+    return GainCase(title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), system.requirements, contact)
 
 
-def task_case(title: str, system: System, model: Any, tasks: Any) -> GainCase:
+def task_case(title: str, system: System, model: Any, tasks: Any, contact: str = "") -> GainCase:
     """Case of gains of `tasks`, the operational space of the model with its weight or without."""
     first = system.loop(model, system.filtered(tasks.controller()))
 
@@ -36,7 +36,7 @@ def task_case(title: str, system: System, model: Any, tasks: Any) -> GainCase:
         kp, kd, ki = gains
         return first.regained(system.filtered(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
 
-    return GainCase(title, loop, tasks.torque, tasks.jacobian, tasks.cascade, system.requirements)
+    return GainCase(title, loop, tasks.torque, tasks.jacobian, tasks.cascade, system.requirements, contact)
 
 
 def case_of(state: StateCase, space: str) -> GainCase:
@@ -108,12 +108,22 @@ class SearchedState:
     def contact(self) -> str:
         return self.state.contact
 
+    def sway(self, loop: Loop) -> Floats:
+        """Frequencies (k,) [rad/s] of the base's sway with the gains of a loop; none where tasks hold the base."""
+        if self.state.system.source.body is None or not self.with_weight.joints:
+            return np.zeros(0)
+        from ..robot.sway import slow_modes, swaying  # the whole robot, which a joint does without
+
+        assert loop.parts is not None
+        modes = slow_modes(self.state.model, loop.parts.controller, self.state.system.control.feedback)
+        return np.array([one.frequency for one in swaying(modes, self.state.system.lag)])
+
 
 def joint_state(state: StateCase) -> SearchedState:
     """State of a search for gains of the joints."""
 
     def case(model: Any) -> GainCase:
-        return joint_case(state.title, state.system, model)
+        return joint_case(state.title, state.system, model, state.contact)
 
     return _both(state, case, joints_that_move(state.model, state.system.control.feedback), link_inertia(state.model))
 
@@ -123,7 +133,7 @@ def task_state(state: StateCase) -> SearchedState:
     tasks = state.system.source.tasks(state.model, state.system.control.rotors)
 
     def case(model: Any) -> GainCase:
-        return task_case(state.title, state.system, model, tasks)
+        return task_case(state.title, state.system, model, tasks, state.contact)
 
     return _both(state, case, tasks.movable, np.arange(1.0, len(tasks.kp) + 1))
 

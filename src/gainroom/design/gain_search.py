@@ -1,17 +1,14 @@
-"""The search for the stiffest gains of coupled loops that meet the requirements in every case.
+"""The search for the best gains of coupled loops that meet the requirements in every case.
 
-A direction is a joint, or one of a task. Of all gains that meet the requirements, those are sought that make
+A direction is a joint, or one of a task. Of all gains that meet the requirements those are sought that make a cost least (objectives.py):
+the links' dynamic softness, or Σ_j w_j u_j / k_j with k_j the stiffness of direction j, u_j the inertia it moves and w_j the weight that
+its user gives it. The search goes in ln of the gains: at every step all that may be missed (margin_slopes.py) and every peak of a link's
+compliance is replaced by its tangent, and the quadratic programme of that solved, within a radius that shrinks where the tangents mislead
+(sequential quadratic programming: Nocedal and Wright 2006, chapter 18). Gains that were tried and are not better leave their tangents as
+well, which say how what is missed bends (a bundle: Mäkelä 2002, Optimization Methods and Software 17). It begins anywhere that is stable,
+and makes what is missed smaller first. Nothing in it depends on the order of directions or on units.
 
-    Σ_j w_j u_j / k_j,   k_j the stiffness of direction j, u_j the inertia it moves, w_j the weight that its user gives it,
-
-smallest: the sum of the deflections under one common acceleration. It is steep in soft directions, so that all become equally stiff as far
-as they can, and what one cannot use others may; damping is whatever that takes. The search goes in ln of the gains: at every step all that
-may be missed is replaced by its tangent (margin_slopes.py), and the quadratic programme of that solved, within a radius that shrinks
-where the tangents mislead (sequential quadratic programming: Nocedal and Wright 2006, chapter 18). Gains that were tried and are not
-better leave their tangents as well, which say how what is missed bends (a bundle: Mäkelä 2002, Optimization Methods and Software 17). It
-begins anywhere that is stable, and makes what is missed smaller first. Nothing in it depends on the order of directions or on units.
-
-What is returned has been looked at in every case, and so has that no direction can be raised.
+What is returned has been looked at in every case; of the largest stiffness, also that no direction can be raised.
 """
 
 import math
@@ -24,9 +21,13 @@ from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..native import _core
 from ..system.linear.arrays import Booleans, Floats
-from .margin_slopes import NEAR, GainCase, Gains, Slopes, moved
+from ..system.system import Objective
+from .margin_slopes import NEAR, GainCase, Gains, Slopes, moved, stiffness
+from .objectives import Cost, LinkSoftness, StaticSoftness, acting, goal_of
 from .parallel import at_once
 
+LINK = "link"
+"""What limits a direction that could be raised by RAISE: its link would be dynamically softer."""
 RAISE = 1.05
 """No stiffness can be raised by this factor, whether its damping stays or rises as much."""
 DIGITS = 4
@@ -42,23 +43,24 @@ HOPELESS = 0.03  # shortfall at the end of a search above which a higher price w
 PULL = 0.02  # cost of any change of a gain: without it gains on which nothing depends would be arbitrary
 STALLED, LEFT = 8, 0.9  # steps that leave more than this share of the shortfall end a search: none of 858 that reached 0 paused so long
 STEPS = 150
-SLOW, LITTLE = 10, 2e-3  # steps that together lower ln of the sum of compliances by less than this end a search, too
+SLOW = 10  # steps that together lower the cost by less than a goal's LITTLE end a search, too
 NOTHING = 1e-4  # excess of the shortfall in new samples over the predicted one, above which something new has come near −1
 FOLLOWED = 4  # predicted steps between two samplings of the loops: if a crossing came near −1 unseen, all of them are taken back
 ANEW = 0.05  # least radius, in ln of a gain, where new samples have shown a crossing not known before
-COARSE = 3e-2  # LITTLE while some cases that decide may not be known yet
+COARSE = 3e-2  # the same while some cases that decide may not be known yet
 FEW = 3  # cases up to which all are searched over as soon as one of them is met
 
 
 @dataclass(frozen=True)
 class Raised:
-    """Result of a search: gains no direction of which can be made stiffer, or those that came nearest to the requirements.
+    """Result of a search: the best gains, or those that came nearest to the requirements.
 
     gains    (3, m)
     margins  of each case, in the order of the cases
     holds    False where no gains were found that meet the requirements
-    margin   per direction the requirement that breaks if it is raised: a field of Requirements, "stability", or "" where nothing limits it
-    case     per direction the index of the case in which it breaks; −1: none
+    margin   per direction what limits it: the requirement that breaks if it is raised, a field of Requirements, "stability", LINK where its
+             link would be softer, or "" where nothing does
+    case     per direction the index of the case in which that is so; −1: none
     failed   indices of the cases for which alone no gains were found; empty where `holds`
     """
 
@@ -70,15 +72,10 @@ class Raised:
     failed: tuple[int, ...] = ()
 
 
-def stiffness(gains: Gains, cascade: Booleans) -> Floats:
-    """Stiffness (m,) of each direction: kp, of a P/PI kp·kv."""
-    return gains[0] * np.where(cascade, gains[1], 1.0)
-
-
-def stiffer(gains: Gains, which: int, factor: float, power: float, cascade: Booleans) -> Gains:
-    """`gains` with the stiffness of one direction times `factor`, and its damping times factor^power."""
+def stiffer(gains: Gains, which: int | Sequence[int], factor: float, power: float, cascade: Booleans) -> Gains:
+    """`gains` with the stiffness of one direction, or some, times `factor`, and its damping times factor^power."""
     step = np.zeros((2, gains.shape[1]))
-    step[:, which] = math.log(factor) * np.array([1.0, power])
+    step[:, which] = math.log(factor) * (np.array([1.0, power]) if isinstance(which, int) else np.array([[1.0], [power]]))
     return moved(gains, step, cascade)
 
 
@@ -94,12 +91,15 @@ def raised_gains(
     groups: Sequence[Sequence[int]],
     most: float,
     progress: Callable[[], None] = lambda: None,
+    objective: Objective = "largest_kp",
+    weight: Floats | None = None,
 ) -> Raised:
-    """The stiffest gains that a search reaches from `start`, which is stable in every case.
+    """The best gains that a search reaches from `start`, which is stable in every case.
 
-    unit     (m,) unit of each direction's stiffness: its inertia over its weight
+    unit     (m,) unit of each direction's stiffness: its inertia times its weight
     groups   the directions that may be changed; those of one group (the legs of a biped) by the same factors
     most     largest stiffness in units of `unit`, above which nothing limits it
+    weight   (m,) of each direction's dynamic stiffness; None: 1
 
     Raises GainroomError without cases or requirements, and where `start` is not stable.
     """
@@ -109,18 +109,16 @@ def raised_gains(
         raise GainroomError("raised_gains needs gains to begin with that are stable in every case")
     if not np.any(stiffness(start, cases[0].cascade) > 0):
         raise GainroomError("raised_gains needs a direction that has stiffness")
-    return _GainSearch(cases, unit, groups, most, progress).raised(start)
+    goal = goal_of(objective, cases, unit, np.ones(len(unit)) if weight is None else weight, groups)
+    return _GainSearch(cases, unit, goal, most, progress).raised(start)
 
 
 class _GainSearch:
     def __init__(
-        self, cases: Sequence[GainCase], unit: Floats, groups: Sequence[Sequence[int]], most: float, progress: Callable[[], None]
+        self, cases: Sequence[GainCase], unit: Floats, goal: LinkSoftness | StaticSoftness, most: float, progress: Callable[[], None]
     ) -> None:
-        self._cases, self._unit, self._most, self._progress = cases, unit, most, progress
-        self._member = np.zeros((len(groups), len(unit)))  # (groups, m) 1 where a direction belongs to a group
-        for row, group in zip(self._member, groups, strict=True):
-            row[list(group)] = 1.0
-        self._cascade = cases[0].cascade
+        self._cases, self._unit, self._goal, self._most, self._progress = cases, unit, goal, most, progress
+        self._member, self._cascade = goal.member, goal.cascade
 
     def raised(self, start: Gains, careful: bool = False) -> Raised:
         """Result of the search from gains that are stable in every case; repeated with `careful` samples where quick ones miss some."""
@@ -130,7 +128,7 @@ class _GainSearch:
                 continue
             self._anchor(gains, self._cases)
             if careful or not any(case.breaks(gains) for case in self._cases):
-                found = self.proved(gains)
+                found = self.proved(gains) if isinstance(self._goal, StaticSoftness) else self.limited(gains)
                 kept = all(case.required.met_by(one) for case, one in zip(self._cases, found.margins, strict=True))
                 if careful or kept:
                     return replace(found, holds=kept, failed=() if kept else active)
@@ -141,9 +139,10 @@ class _GainSearch:
         return Raised(reached, tuple(at_once(lambda case: case.all_margins(reached), self._cases)), False, failed=active)
 
     def descended(self, start: Gains) -> tuple[Gains, tuple[int, ...]]:
-        """Gains and the cases searched over: one first, then also those that it breaks, until all are met or no case helps."""
+        """Gains and the cases searched over: one first, then also those that it breaks or in which links are softer, until all are met."""
         active, gains = [self._worst(start)], start
-        little = COARSE if len(self._cases) > 1 else LITTLE
+        little = COARSE if len(self._cases) > 1 else self._goal.LITTLE
+        self._goal.begin(active)
         while True:
             cases = [self._cases[k] for k in active]
             gains, missed = self._descended(gains, cases, PRICES[: 1 if len(active) > 1 else None], little)
@@ -151,13 +150,15 @@ class _GainSearch:
                 gains, missed = self._descended(start, cases, PRICES, little)
             worst = self._worst(gains)
             there = self._missed(gains, [self._cases[worst]])
+            whole = there == math.inf or self._goal.complete(gains)
             if missed > 0 or worst in active or there <= 0:
-                if missed > 0 or little == LITTLE:
+                if missed > 0 or (little == self._goal.LITTLE and whole):
                     return gains, tuple(active)
-                little = LITTLE
+                little, active = self._goal.LITTLE, sorted({*active, *self._goal.counted})
                 continue
             active += sorted(set(range(len(self._cases))) - set(active)) if len(self._cases) <= FEW else [worst]
-            little = LITTLE if len(active) == len(self._cases) else little
+            little = self._goal.LITTLE if len(active) == len(self._cases) else little
+            active = sorted({*active, *self._goal.counted})
             gains = start if there == math.inf else gains  # slopes are those of a loop that is stable
 
     def _worst(self, gains: Gains) -> int:
@@ -199,25 +200,27 @@ class _GainSearch:
         slopes = self._tangents(gains, cases)
         missed, radius, kept, way, seen, careful, followed = _most(slopes), RADIUS, [], [], True, False, 0
         last = gains, slopes, missed, 0  # at the gains of the last sampling
-        if slopes is not None:
-            self._anchor(gains, cases)
+        if slopes is None:
+            return gains, self._missed(gains, cases)
+        self._anchor(gains, cases)
+        model, highest = self._goal.at(gains)
         for _ in range(STEPS):
-            if slopes is None:
-                break
             way.append(min([missed, *way[-1:]]))
             if missed <= 0:
-                kept.append((math.log(self._compliance(gains).sum()), gains))
-            step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
-            tried = moved(gains, step, self._cascade)
+                kept.append((model.value, gains))
+            step, promised = self._step(gains, model, slopes, missed + reserve, radius, price, reserve)
+            tried = moved(gains, step.reshape(2, -1) @ self._member, self._cascade)
             slow = len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < little
             ending = slow or promised < LEAST_PROMISE or radius < LEAST_RADIUS or _hopeless(way)
-            close = not careful and followed < FOLLOWED and all(case.follows(tried) for case in cases)
+            close = self._goal.predicts and not careful and followed < FOLLOWED and all(case.follows(tried) for case in cases)
             if ending and seen:
                 break
             if not seen and (ending or not close):  # the loops are sampled again, and compared with their prediction
                 new, before = self._tangents(gains, cases), missed
-                if cost(gains, _most(new)) > cost(last[0], last[2]):
+                if new is None or cost(gains, _most(new)) > cost(last[0], last[2]):
                     gains, slopes, missed, held = last
+                    assert slopes is not None
+                    model, highest = self._goal.at(gains)
                     del kept[held:]
                     careful, radius = True, min(radius, RADIUS)
                 elif ending and _most(new) <= max(before, -reserve) + NOTHING:
@@ -234,8 +237,9 @@ class _GainSearch:
             there = self._tangents(tried, cases, close)
             after = _most(there)
             gained = cost(gains, missed) - cost(tried, after)
-            if gained > 0.1 * promised:
+            if there is not None and gained > 0.1 * promised:
                 gains, missed, slopes, seen = tried, after, there, not close
+                model, highest = self._goal.at(gains)
                 if seen:
                     careful, last = False, (gains, slopes, missed, len(kept))
                     self._anchor(gains, cases)
@@ -245,7 +249,10 @@ class _GainSearch:
                 misled = 0.6 if there else 0.4  # with the tangents from there it is misled less
                 radius = misled * min(radius, float(np.abs(step).max()))
                 if there:
-                    slopes = Slopes.of([slopes, there.seen_from(step, missed)])
+                    slopes = Slopes.of([slopes, there.seen_from(step.reshape(2, -1) @ self._member, missed)])
+                    other, others = self._goal.at(tried)
+                    if len(others) == len(highest):
+                        model = model.joined(other, others - highest, step)
         for _, best in sorted(kept, key=lambda each: each[0]):
             if (left := self._missed(best, cases)) <= 0:  # roots are counted there, too
                 return best, left
@@ -265,32 +272,59 @@ class _GainSearch:
         for case in cases:
             case.anchor(gains)
 
-    def _compliance(self, gains: Gains) -> Floats:
-        """Weighted compliance (m,), inertia over stiffness, whose sum is minimised; 0 where a direction is fixed or has damping alone."""
-        stiff = stiffness(gains, self._cascade)
-        return np.divide(self._unit, stiff, out=np.zeros(len(stiff)), where=self._member.any(axis=0) & (stiff > 0))
-
     def _cost(self, gains: Gains, missed: float, price: float) -> float:
-        """Cost that is minimised: ln of the sum of compliances, and `price` per shortfall `missed`."""
-        return math.inf if missed == math.inf else math.log(self._compliance(gains).sum()) + price * max(missed, 0.0)
+        """Cost that is minimised: that of the goal, and `price` per shortfall `missed`."""
+        return math.inf if missed == math.inf else self._goal.at(gains)[0].value + price * max(missed, 0.0)
 
-    def _step(self, gains: Gains, slopes: Slopes, missed: float, radius: float, price: float, reserve: float) -> tuple[Floats, float]:
-        """Best step (2, m) within `radius` according to the tangents, and the decrease of the cost that it promises."""
-        compliance, size = self._compliance(gains), len(self._member)
-        weight = self._member @ compliance / compliance.sum()
-        least = [compliance[member > 0].min() for member in self._member]
-        room = np.array([math.log(self._most * one) if one else 0.0 for one in least])
-        slope = (slopes.slope @ self._member.T).reshape(len(slopes.missed), 2 * size)
-        bend = np.concatenate([weight, np.zeros(size)]) + PULL
-        pull = -np.concatenate([weight, np.zeros(size)])
-        low, high = np.full(2 * size, -radius), np.full(2 * size, radius)
+    def _step(
+        self, gains: Gains, model: Cost, slopes: Slopes, missed: float, radius: float, price: float, reserve: float
+    ) -> tuple[Floats, float]:
+        """Best step (2g,) of the groups within `radius` according to the tangents, and the decrease of the cost that it promises.
+
+        Each term of the cost is a variable t of its own, above all its tangents; no price of a shortfall is so low that one would be
+        above t instead.
+        """
+        size, terms = len(self._member), len(model.share)
+        stiff = stiffness(gains, self._cascade)
+        share = np.divide(stiff, self._unit, out=np.zeros(len(stiff)), where=acting(gains, self._member))
+        most = np.array([share[member > 0].max() for member in self._member])
+        room = np.array([math.log(self._most / one) if one else 0.0 for one in most])
+        near = model.within(radius)
+        moves = (slopes.slope @ self._member.T).reshape(len(slopes.missed), 2 * size)
+        above = np.zeros((int(near.sum()), terms))
+        above[np.arange(len(above)), model.term[near]] = -1.0
+        rows = np.block([[moves, np.zeros((len(moves), terms))], [model.slope[near], above]])
+        values = np.concatenate([slopes.missed + reserve, model.height[near]])
+        bend = np.concatenate([model.bend + PULL, PULL * model.share])
+        farthest = 1.0 + radius * np.abs(model.slope).sum(axis=1).max(initial=0.0)
+        low, high = np.full(2 * size + terms, -farthest), np.full(2 * size + terms, farthest)
+        low[: 2 * size], high[: 2 * size] = -radius, radius
         high[:size] = np.clip(room, -radius, radius)
-        (step,), over = _core.quadratic_programme(bend, pull, slope, slopes.missed + reserve, price, low, high)
-        lower = float(pull @ step + 0.5 * (bend - PULL) @ step**2)
-        return step.reshape(2, size) @ self._member, price * (max(missed, 0.0) - over) - lower
+        (found,), over = _core.quadratic_programme(bend, np.concatenate([model.pull, model.share]), rows, values, price, low, high)
+        step = found[: 2 * size]
+        return step, price * (max(missed, 0.0) - over) - model.least(step)
+
+    def limited(self, gains: Gains) -> Raised:
+        """`gains` with what limits each direction: a requirement that breaks if its group is raised by RAISE, or its own link."""
+        cases, order = self._cases, list(range(len(self._cases)))
+        assert isinstance(self._goal, LinkSoftness)
+        self._anchor(gains, cases)
+        blind = [k for k, case in enumerate(cases) if case.breaks(gains)]
+        names, places = [""] * gains.shape[1], [-1] * gains.shape[1]
+        softest = self._goal.softest(gains)
+        for group in self._moving(gains):
+            broken = self._quickly_broken(stiffer(gains, group, RAISE, 0.0, self._cascade), order, blind)
+            for j in group:
+                names[j], places[j] = broken or ((LINK, int(softest[j])) if softest[j] >= 0 else ("", -1))
+        return Raised(gains, tuple(at_once(lambda case: case.all_margins(gains), cases)), True, tuple(names), tuple(places))
+
+    def _moving(self, gains: Gains) -> list[list[int]]:
+        """Groups of directions that have stiffness."""
+        moving = acting(gains, self._member) & (gains[0] > 0)
+        return [group for row in self._member if (group := np.flatnonzero((row > 0) & moving).tolist())]
 
     def proved(self, gains: Gains) -> Raised:
-        """Gains of which no direction can be raised by RAISE without breaking a requirement; directions that can are raised first.
+        """Gains of which no group of directions can be raised by RAISE without breaking a requirement; those that can are raised first.
 
         Loops are predicted until no direction is left to raise, or the gains are far from the last samples; then they are sampled. Where
         samples show a broken requirement that the prediction did not, the search goes back and checks the next raise by samples, then two,
@@ -299,7 +333,8 @@ class _GainSearch:
         cases, order = self._cases, list(range(len(self._cases)))
         self._anchor(gains, cases)
         blind = [k for k, case in enumerate(cases) if case.breaks(gains)]  # cases whose prediction errs
-        free = np.flatnonzero(self._compliance(gains)).tolist()
+        groups = {group[0]: group for group in self._moving(gains)}
+        free = list(groups)
         why: dict[int, tuple[str, int]] = {}
         known = set(free)  # directions tried with these gains; an entry of `why` may be of gains that were softer
         looked_at, to_look, careful = gains, math.inf if blind else 0, 1  # raises checked by samples before predictions are used again
@@ -322,7 +357,7 @@ class _GainSearch:
             if share[j] * RAISE > self._most:
                 why[j] = "", -1
                 continue
-            raised, broken = self._raised(gains, j, order, blind, to_look == 0)
+            raised, broken = self._raised(gains, groups[j], order, blind, to_look == 0)
             if raised is None:
                 why[j] = broken
                 continue
@@ -331,17 +366,20 @@ class _GainSearch:
             if to_look:
                 looked_at, to_look = gains, to_look - 1
                 self._anchor(gains, cases)
-        names, places = zip(*(why.get(j, ("", -1)) for j in range(gains.shape[1])), strict=True)
+        first = {j: group[0] for group in groups.values() for j in group}
+        names, places = zip(*(why.get(first.get(j, -1), ("", -1)) for j in range(gains.shape[1])), strict=True)
         return Raised(gains, tuple(at_once(lambda case: case.all_margins(gains), cases)), True, names, places)
 
-    def _raised(self, gains: Gains, j: int, order: list[int], blind: Sequence[int], follow: bool) -> tuple[Gains | None, tuple[str, int]]:
-        """Gains with direction `j` raised, or None with the requirement and case that break first.
+    def _raised(
+        self, gains: Gains, which: Sequence[int], order: list[int], blind: Sequence[int], follow: bool
+    ) -> tuple[Gains | None, tuple[str, int]]:
+        """Gains with the directions `which` raised, or None with the requirement and case that break first.
 
         order   cases, those that broke last first; it is updated
         """
         first: tuple[str, int] | None = None
         for power in (0.0, 1.0):
-            exact = stiffer(gains, j, RAISE, power, self._cascade)
+            exact = stiffer(gains, which, RAISE, power, self._cascade)
             broken = self._quickly_broken(exact, order, blind)
             for found in (rounded(exact), exact) if broken is None else ():
                 broken = self._quickly_broken(found, order, blind) if follow else self._broken(found, order)

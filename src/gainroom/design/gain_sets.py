@@ -1,13 +1,33 @@
 """Recommended gains of a robot: one set per contact state, and one for all of them."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..system.linear.arrays import Floats
+from ..system.linear.arrays import Booleans, Floats
+
+
+@dataclass(frozen=True)
+class StateStiffness:
+    """Dynamic stiffness of the links in one posture and contact state, at the worst of the uncertainty.
+
+    title, contact   of the state
+    stiffness        (m,) of each joint [N m/rad], or along each direction of a task [N/m, N m/rad]; NaN where no load moves it or no gain
+                     holds it
+    omega            (m,) its frequency [rad/s]
+    gear_limited     (m,) True where no gain changes it, but the gearbox alone
+    damping          least damping ratio of each kind of vibration, "sway", "loop" and "gearbox", and its frequency [rad/s]
+    """
+
+    title: str
+    contact: str
+    stiffness: Floats
+    omega: Floats
+    gear_limited: Booleans
+    damping: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -18,10 +38,11 @@ class GainSet:
               direction in any state of the set: its gains would do nothing
     ki        (m,) where a task is P/PI [1/s²]; None otherwise
     margins   every margin in the case in which it is smallest
-    compliance  (m,) weight × inertia / stiffness, whose sum is made small [s²]; NaN where nothing can move
+    links     dynamic stiffness of the links in each state of the set
     binding   posture, contact state and place in the uncertainty that keep the softest joint or direction from more, as text
     cases     number of cases in which the requirements were checked
-    margin    (m,) what breaks if that joint or direction is raised by 5 %: the name of a requirement, "stability", or "" where nothing does
+    margin    (m,) what limits that joint or direction: the requirement that breaks if it is raised by 5 %, "stability", "link" where its
+              link would then be softer, or "" where nothing does
     case      (m,) and where, as text
     softest   the joint or direction that `binding` speaks of, by its place
     without_weight  True where the weight of a robot that stands was left out, as no gains were found that meet the requirements with it
@@ -36,7 +57,7 @@ class GainSet:
     margins: Margins
     binding: str
     cases: int
-    compliance: Floats
+    links: tuple[StateStiffness, ...] = ()
     margin: tuple[str, ...] = ()
     case: tuple[str, ...] = ()
     softest: int = 0
@@ -49,10 +70,37 @@ class GainSet:
         """False where nothing moves in any state of the set, so that there are no gains to report."""
         return self.cases > 0
 
+    @property
+    def stiffness(self) -> Floats:
+        """Dynamic stiffness (m,) of each joint or direction in the state where it is least; NaN where it has none."""
+        return _least(self.links, len(self.kp))
+
+    @property
+    def softest_in(self) -> tuple[int, ...]:
+        """Index (m,) in `links` of the state in which each joint or direction is softest; −1 where it has no stiffness."""
+        every = np.array([one.stiffness for one in self.links]).reshape(len(self.links), len(self.kp))
+        return tuple(int(np.nanargmin(column)) if np.isfinite(column).any() else -1 for column in every.T)
+
     def times_stiffer(self, other: "GainSet") -> float:
-        """Ratio of another set's sum of compliances to this one's, over what both move; NaN where that is nothing."""
-        both = np.isfinite(self.compliance) & np.isfinite(other.compliance)
-        return float(other.compliance[both].sum() / self.compliance[both].sum()) if both.any() else math.nan
+        """Ratio of dynamic stiffness to that with another set in the same states; NaN where no link has one in both.
+
+        It is a geometric mean over contact states and joints, of the least over postures.
+        """
+        ratios = []
+        for contact in dict.fromkeys(one.contact for one in self.links):
+            own, beside = (_least([one for one in each.links if one.contact == contact], len(self.kp)) for each in (self, other))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratios.append(np.log(own / beside))
+        both = np.concatenate(ratios) if ratios else np.zeros(0)
+        both = both[np.isfinite(both)]
+        return math.exp(float(both.mean())) if len(both) else math.nan
+
+
+def _least(links: Sequence[StateStiffness], size: int) -> Floats:
+    """Least dynamic stiffness (m,) over states; NaN where there is none."""
+    every = np.array([one.stiffness for one in links]).reshape(len(links), size)
+    found = np.where(np.isnan(every), math.inf, every).min(axis=0, initial=math.inf)
+    return np.where(np.isinf(found), math.nan, found)
 
 
 @dataclass(frozen=True)
@@ -87,7 +135,7 @@ class RobotGains:
 
     @property
     def cost(self) -> dict[str, float]:
-        """Ratio, per contact state, of its own set's stiffness to that of the set for all states; NaN where either is missing."""
+        """Ratio, per contact state, of dynamic stiffness with its own set to that with the common set; NaN where either is missing."""
         return {
             name: math.nan if own is None or self.everywhere is None else own.times_stiffer(self.everywhere)
             for name, own in self.per_contact.items()

@@ -22,6 +22,7 @@ from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirement import Requirement
 from ..system.requirements import Requirements
+from .compliance_slopes import DirectedCompliance
 
 Gains = Floats
 """(3, m): kp, kd and ki of every direction; of a P/PI one kp, kv and ki."""
@@ -43,6 +44,7 @@ class GainCase:
     torque, jacobian   X (n, m), E (m, n)
     cascade    (m,) True for directions that are P/PI
     required   the requirements; none: stability alone
+    contact    contact state
     """
 
     title: str
@@ -51,6 +53,7 @@ class GainCase:
     jacobian: Floats
     cascade: Booleans
     required: Requirements
+    contact: str = ""
     _known: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _whole: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _stable: dict[bytes, bool | None] = field(default_factory=dict, repr=False, compare=False)
@@ -71,6 +74,11 @@ class GainCase:
         assert loop.parts is not None
         apart = self.joints and type(loop.parts.controller) is PD
         return joint_loops(loop) if apart else directed_loop(loop, self.torque, self.jacobian, self.cascade)
+
+    @cached_property
+    def compliance(self) -> DirectedCompliance:
+        """Compliance of the links along the directions."""
+        return DirectedCompliance(self.loop(np.ones((3, len(self.cascade)))), self.torque, self.jacobian, self.cascade)
 
     @cached_property
     def _asked(self) -> "_Asked":
@@ -223,6 +231,11 @@ def moved(gains: Gains, step: Floats, cascade: Booleans) -> Gains:
     """
     stiffer, damped = np.exp(step)
     return gains * np.array([np.where(cascade, stiffer / damped, stiffer), damped, stiffer])
+
+
+def stiffness(gains: Gains, cascade: Booleans) -> Floats:
+    """Stiffness (m,) of each direction: kp, of a P/PI kp·kv."""
+    return gains[0] * np.where(cascade, gains[1], 1.0)
 
 
 PlacedSlopes = tuple[int, Slopes]

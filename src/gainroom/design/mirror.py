@@ -15,7 +15,7 @@ from ..system.plant import Plant
 from ..system.requirements import Requirements
 from ..system.system import StateCase
 from .gain_cases import SearchedState
-from .gain_sets import GainSet
+from .gain_sets import GainSet, StateStiffness
 from .margin_slopes import GainCase
 from .starting_gains import Beginning
 
@@ -73,13 +73,19 @@ def mirror_image(
         ki=ki,
         margins=worst_of(margins),
         binding=where[softest],
-        compliance=found.compliance[order],
+        links=tuple(_turned_links(one, order, others[0].contact) for one in found.links),
         margin=tuple(found.margin[j] for j in order),
         case=where,
         softest=softest,
         nearest=_of_mirrored(found.nearest, titles),
         topples=tuple(topples),
     )
+
+
+def _turned_links(one: StateStiffness, order: Integers, contact: str) -> StateStiffness:
+    """Links of a mirrored state: each joint has what its image has."""
+    title = one.title.removesuffix(one.contact) + contact
+    return StateStiffness(title, contact, one.stiffness[order], one.omega[order], one.gear_limited[order], one.damping)
 
 
 def _of_mirrored(nearest: str, titles: Mapping[str, str]) -> str:

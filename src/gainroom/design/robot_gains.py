@@ -14,7 +14,7 @@ from ..analysis.boundary import coupled_delay_margin
 from ..analysis.margin_record import Margins, worst_of
 from ..errors import GainroomError
 from ..system.requirements import Requirements
-from ..system.system import StateCase, System
+from ..system.system import Objective, StateCase, System
 from ..system.uncertainty import Place
 from .gain_cases import SearchedState, case_of, joint_state, task_state
 from .gain_sets import GainSet, RobotGains
@@ -65,7 +65,8 @@ def recommend_robot(
         beginning = tasks_alike(tasks, beginning)
     own = {contact: [one for one in every if one.contact == contact] for contact in system.source.contacts}
     known = {} if start is None else {EVERYWHERE: start.everywhere, **start.per_contact}
-    searches = _Searches({**own, EVERYWHERE: every}, searched, required, beginning, known)
+    images = _images(system) if space == "joint" else ()
+    searches = _Searches({**own, EVERYWHERE: every}, searched, required, system.objective, beginning, images, known)
     some = [contact for contact in own if by_contact and len(own[contact]) < len(states)]
     sets, missed = searches.sets(mirrored(some, own, beginning), progress)
     everywhere = sets.pop(EVERYWHERE)
@@ -92,7 +93,9 @@ class _Searches:
     states: Mapping[str, Sequence[SearchedState]]
     searched: Callable[[StateCase], SearchedState]
     required: Requirements
+    objective: Objective
     beginning: Beginning
+    images: Sequence[Sequence[int]]
     known: Mapping[str, GainSet | None]
 
     def sets(self, groups: Sequence[Sequence[str]], progress: Callable[[], None]) -> _Sets:
@@ -139,11 +142,21 @@ class _Searches:
             for contact in group:
                 image = mirror_image(sets[first], states[first], states[contact], self.required) if sets else None
                 known = safe or self.known.get(contact)
-                search = SetSearch(contact, self.required, self.beginning, checkpoint, missed, known, safe is not None)
+                search = SetSearch(
+                    contact, self.required, self.objective, self.beginning, self.images, checkpoint, missed, known, safe is not None
+                )
                 sets[contact] = image or search.over(states[contact])
             return sets, missed
 
         return job
+
+
+def _images(system: System) -> tuple[tuple[int, ...], ...]:
+    """Groups of joints that are images of each other by name."""
+    from ..robot.mirror_names import image_groups  # loads what a single joint does not need
+
+    of = image_groups(system.source.joint_names)
+    return tuple(tuple(k for k, first in enumerate(of) if first == one) for one in dict.fromkeys(of))
 
 
 def margins_at_rate(system: System, found: GainSet, space: str, rate: float) -> Margins:

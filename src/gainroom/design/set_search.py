@@ -16,13 +16,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..analysis.dynamic_stiffness import damping_by_kind
 from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..system.linear.arrays import Floats, Integers
 from ..system.requirements import REQUIREMENTS, Requirements
+from ..system.system import Objective
 from .gain_cases import SearchedState
-from .gain_search import Raised, raised_gains, stiffness
-from .gain_sets import GainSet
-from .margin_slopes import GainCase, Gains
+from .gain_search import Raised, raised_gains
+from .gain_sets import GainSet, StateStiffness
+from .margin_slopes import GainCase, Gains, moved
+from .objectives import goal_of
 from .starting_gains import Beginning, stable_starts
 
 SEARCHES = 3
@@ -31,6 +34,8 @@ TRIED = 2
 """Most beginnings tried, where one leads to no gains that meet the requirements."""
 FAR = 0.5
 """Shortfall of one beginning above which no other was of use in 60 robots that were tried: seen, not proved."""
+SOFTER = 3.0
+"""Factor by which gains found are lowered to begin a second search: where costs have several minima, it often ends in another one."""
 ALIKE = 0.01
 """Relative difference of data and loads below which joints are raised together."""
 DIGITS = (4, 5, 6, 7)
@@ -58,11 +63,13 @@ class _Failed:
 
 @dataclass(frozen=True)
 class SetSearch:
-    """Search for one set of gains of which no stiffness can be raised.
+    """Search for one set of gains, the best of those that several beginnings lead to.
 
     contact     the contact state of the set
     required    the requirements, without the reserve that a search keeps
+    objective   what is made best
     beginning   the gains that it begins with
+    images      joints that are images of each other, or which the file puts together: they have equal gains
     progress    called at every sampling of a loop
     nearest     filled with the nearest result as text, by contact state, where no set is found
     known       a set that it begins from, too, where it would else end softer
@@ -71,7 +78,9 @@ class SetSearch:
 
     contact: str
     required: Requirements
+    objective: Objective
     beginning: Beginning
+    images: Sequence[Sequence[int]]
     progress: Callable[[], None]
     nearest: dict[str, str]
     known: GainSet | None = None
@@ -114,7 +123,7 @@ class SetSearch:
         if not acting:
             nothing = np.full(size, math.nan)
             unknown = Margins.unknown(GainLimit.unknown(size))
-            return GainSet(self.contact, nothing, nothing, nothing if cascade.any() else None, unknown, "", 0, nothing)
+            return GainSet(self.contact, nothing, nothing, nothing if cascade.any() else None, unknown, "", 0)
         free = np.flatnonzero(given & np.any([state.moves for state in acting], axis=0))
         weighed = any(state.weighed for state in acting)
         heavy = [state.with_weight for state in acting]
@@ -138,45 +147,47 @@ class SetSearch:
         immobile = np.setdiff1d(np.arange(size), free)
         gains, margins = _rounded(found, cases, self.required)
         gains[:, immobile[given[immobile]]] = math.nan
-        stiff = stiffness(gains, cascade)
-        compliance = np.divide(self.beginning.unit, stiff, out=np.full(size, math.nan), where=stiff > 0)
-        softest = max(free.tolist(), key=lambda j: np.nan_to_num(compliance[j]))
+        links = _links(acting, np.nan_to_num(gains), without)
         where = tuple("" if k < 0 else cases[k].title for k in found.case)
         topples = [state.with_weight.title for state in acting if without and not state.with_weight.margins(np.nan_to_num(gains)).stable]
-        return GainSet(
+        whole = GainSet(
             self.contact,
             gains[0],
             gains[1],
             gains[2] if cascade.any() else None,
             worst_of(margins),
-            where[softest],
+            "",
             len(acting),
-            compliance,
+            links,
             found.margin,
             where,
-            softest,
-            without,
-            near if without else "",
-            tuple(topples),
+            without_weight=without,
+            nearest=near if without else "",
+            topples=tuple(topples),
         )
+        least, geared = (
+            np.nan_to_num(whole.stiffness, nan=math.inf),
+            [k >= 0 and links[k].gear_limited[j] for j, k in enumerate(whole.softest_in)],
+        )
+        softest = min(free.tolist(), key=lambda j: (geared[j], least[j]))  # a gearbox's limit is not the gains'
+        return replace(whole, binding=where[softest], softest=softest)
 
     def _from_beginnings(self, states: Sequence[SearchedState], cases: Sequence[GainCase], weighed: bool, free: Integers) -> Raised:
-        """Result from the first beginning that leads to gains that meet the requirements; else the nearest one.
+        """Best result of several beginnings that meets the requirements; else the nearest one.
 
-        Where they are softer than `known`, the next beginning is tried, too: the search is a local one. A beginning that failed for some of
-        these cases alone would fail again: its result then counts as the nearest. After TRIED failures no further beginning is tried.
+        With the largest kp as objective the first that does is taken, unless it is softer than `known`; then the next beginning is tried,
+        too: the search is a local one. With dynamic stiffness of joints in all states, a third of the gains found so far is a beginning as
+        well. A beginning that failed for some of these cases alone would fail again: its result then counts as the nearest. After TRIED
+        failures no further beginning is tried.
         """
-        beginning = self.beginning
-        groups, best = _groups(states, beginning, free), None
+        groups, best = _groups(states, self.beginning, free, self.images), None
+        beginning = replace(self.beginning, gains=_equal(self.beginning.gains, groups))
+        goal = goal_of(self.objective, cases, beginning.unit, beginning.weight, groups)
         reached: list[_Failed] = []
         known = None if self.known is not None and self.known.without_weight and weighed else self.known
 
-        def softer(gains: Gains, other: Gains) -> bool:
-            """True if `gains` have the larger sum of compliances, over the directions that both hold."""
-            stiff, beside = (stiffness(each, beginning.cascade)[free] for each in (gains, other))
-            both = (stiff > 0) & (beside > 0)
-            unit = beginning.unit[free][both]
-            return float((unit / stiff[both]).sum()) > float((unit / beside[both]).sum())
+        def search(start: Gains) -> Raised:
+            return raised_gains(cases, start, beginning.unit, groups, beginning.most, self.progress, self.objective, beginning.weight)
 
         before = [one for one in self._failed if one.weighed == weighed and one.cases <= set(cases)]
         if len(before) >= TRIED or (known is None and any(one.far for one in before)):
@@ -184,10 +195,10 @@ class SetSearch:
         whole = None if known is None else gains_of(known, math.nan)
         for start in itertools.islice(stable_starts(cases, beginning, weighed, self.progress, whole, self.only), TRIED):
             again = next((one for one in before if np.array_equal(one.start, start)), None)
-            found = again.over(cases) if again else raised_gains(cases, start, beginning.unit, groups, beginning.most, self.progress)
-            if best is None or _better(cases, found, best, softer):
+            found = again.over(cases) if again else search(start)
+            if best is None or _better(cases, found, best, goal.softer):
                 best = found
-            if found.holds and (known is None or not softer(found.gains, gains_of(known))):
+            if found.holds and (known is None or not goal.softer(found.gains, gains_of(known))):
                 break
             if not found.holds and not again:
                 short = max(cases[k].required.shortfall(found.margins[k]) for k in found.failed)
@@ -195,6 +206,11 @@ class SetSearch:
                 if short > FAR and known is None:
                     break
         if best is not None and best.holds:
+            if self.objective == "largest_kp" or self.contact or not cases[0].joints:
+                return best
+            third = moved(best.gains, np.full((2, best.gains.shape[1]), -math.log(SOFTER)), beginning.cascade)
+            if all(case.known(third) for case in cases) and _better(cases, found := search(third), best, goal.softer):
+                return found
             return best
         self._failed.extend(reached)
         first = beginning.first(weighed)
@@ -217,9 +233,46 @@ def _rounded(found: Raised, cases: Sequence[GainCase], required: Requirements) -
     return found.gains.copy(), found.margins
 
 
-def _groups(states: Sequence[SearchedState], beginning: Beginning, free: Integers) -> list[list[int]]:
-    """Groups of directions that are raised together: those with like data and loads, such as legs that take turns."""
-    return _alike([*beginning.data, *np.sort([state.load for state in states], axis=0)], free)
+def _links(states: Sequence[SearchedState], gains: Gains, without: bool) -> tuple[StateStiffness, ...]:
+    """Dynamic stiffness in each posture and contact state with these gains, in the worst case; `without` the weight, or also with it."""
+    found: dict[str, StateStiffness] = {}
+    for state in states:
+        title = f"{state.state.posture}/{state.state.contact}"
+        for case in dict.fromkeys([state.without] if without else [state.with_weight, state.without]):
+            peaks = case.compliance.peaks(gains)
+            worst = peaks.worst(gains.shape[1])
+            own = np.where(worst >= 0, np.exp(-peaks.height[worst]), math.nan)
+            omega, geared = np.where(worst >= 0, peaks.omega[worst], math.nan), (worst >= 0) & peaks.gear_limited[worst]
+            if title not in found:
+                loop = case.loop(gains)
+                damping = damping_by_kind(loop, state.sway(loop), np.unique(omega[geared]))
+                found[title] = StateStiffness(title, state.contact, own, omega, geared, damping)
+                continue
+            one = found[title]
+            softer = (own < one.stiffness) | np.isnan(one.stiffness)
+            found[title] = replace(
+                one,
+                stiffness=np.where(softer, own, one.stiffness),
+                omega=np.where(softer, omega, one.omega),
+                gear_limited=np.where(softer, geared, one.gear_limited),
+            )
+    return tuple(found.values())
+
+
+def _groups(states: Sequence[SearchedState], beginning: Beginning, free: Integers, images: Sequence[Sequence[int]]) -> list[list[int]]:
+    """Groups of directions with equal gains: images of each other with like data, and those with like data and loads in all states."""
+    apart = [sorted({*image} & {*free.tolist()}) for image in images]
+    found = [group for image in apart for group in _alike(beginning.data, np.array(image, dtype=int))] if len(beginning.data) else []
+    rest = np.setdiff1d(free, np.concatenate(apart).astype(int) if apart else free[:0])
+    return [*found, *_alike([*beginning.data, *np.sort([state.load for state in states], axis=0)], rest)]
+
+
+def _equal(gains: Gains, groups: Sequence[Sequence[int]]) -> Gains:
+    """Gains (3, m) with the least of each group in all of it."""
+    found = gains.copy()
+    for group in groups:
+        found[:, group] = gains[:, group].min(axis=1, keepdims=True)
+    return found
 
 
 def _alike(data: Sequence[Floats], free: Integers) -> list[list[int]]:

@@ -39,12 +39,16 @@ HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that 
 
 @dataclass(frozen=True)
 class Beginning:
-    """Gains (3, m) of a search's beginning at share 1, with the `unit` (m,) of stiffness and the `data` (m,) in which alike ones agree."""
+    """Gains (3, m) of a search's beginning at share 1, with the `unit` (m,) of stiffness and the `data` (m,) in which alike ones agree.
+
+    weight   (m,) of each direction, that its user gives it
+    """
 
     gains: Gains
     unit: Floats
     data: list[Floats]
     cascade: Booleans
+    weight: Floats
 
     @property
     def most(self) -> float:
@@ -111,9 +115,8 @@ def joints_alone(system: System, model: "RobotModel", lightest: Floats, known: J
         gains[:2, k] = unit[k] * np.array(known.of(key, partial(_alone, system, joint, drive)))
     data = [*(np.asarray(getattr(model, name), dtype=float) for name in _JOINT), np.array(latest)]
     data += [np.array([getattr(drive, name) for drive in system.drives]) for name in ("bandwidth", "damping_ratio")]
-    if system.control.weight is not None:
-        unit, data = unit * system.control.weight, [*data, system.control.weight]
-    return Beginning(gains, unit, data, np.zeros(size, dtype=bool))
+    weight = np.ones(size) if system.control.weight is None else system.control.weight
+    return Beginning(gains, unit * weight, [*data, weight], np.zeros(size, dtype=bool), weight)
 
 
 def tasks_alike(tasks: "Tasks", joints: Beginning) -> Beginning:
@@ -125,7 +128,7 @@ def tasks_alike(tasks: "Tasks", joints: Beginning) -> Beginning:
         inner = np.where(tasks.cascade & (tasks.kd > 0), tasks.ki / tasks.kd, 0.0)
     outer = np.where(tasks.cascade, quotient, rate * quotient * (tasks.kp != 0))
     gains = np.where(given, np.array([outer, np.full(len(outer), rate), rate * inner]), 0.0)
-    return Beginning(gains, tasks.weight, [], tasks.cascade)
+    return Beginning(gains, tasks.weight, [], tasks.cascade, tasks.weight)
 
 
 def stable_starts(

@@ -24,6 +24,12 @@ def quadratic_programme(
     slope (m, n); value (m,); the others (n,), bend > 0.
     """
 
+def link_compliance(springs: Floats, joints: int, inner: Floats, omega: Floats, stiffness: Complexes, whole: bool) -> Complexes:
+    """Compliance of link_compliance.hpp at s = jω (k,): its diagonal (k, n), or `whole` (k, n n).
+
+    springs H (c, r), its first n = `joints` rows R; inner G (r, r); stiffness Y (k, c).
+    """
+
 def response(zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, points: Complexes) -> Complexes:
     """Response at s = points (k,), of factors.hpp; sample_time 0: continuous."""
 

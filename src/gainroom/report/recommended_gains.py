@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..design.gain_sets import GainSet, RobotGains
+from ..design.gain_search import LINK
+from ..design.gain_sets import GainSet, RobotGains, StateStiffness
 from ..design.robot_gains import EVERYWHERE
 from ..errors import listed
 from ..system.linear.arrays import Floats
@@ -16,10 +17,11 @@ from ..system.requirement import Requirement
 from ..system.requirements import Requirements, reported, title_of
 from .columns import Column, facts
 from .margin_columns import margin_facts, margins_text, requirement
-from .number_format import digits
+from .number_format import digits, hertz
+from .robot_columns import damping_facts
 
 LEAST_COST = 1.02
-"""Least factor of stiffness that is worth a switch of gains."""
+"""Least factor of dynamic stiffness that is worth a switch of gains."""
 
 
 def gains_text(gains: RobotGains, first: tuple[str, str]) -> list[str]:
@@ -31,12 +33,27 @@ def gains_text(gains: RobotGains, first: tuple[str, str]) -> list[str]:
     if not found.moves:
         return [f"No recommended gains in {gains.space} space: nothing moves in any posture and contact state."]
     where = "Without the weight" if found.without_weight else "In every state"
-    text = (
-        f"{where} they have: {margins_text(found.margins)}; all loops together and one loop at a time with the other loops closed. "
-        f"None can be raised by 5 %: {_limits(found, gains.names)}."
-    )
+    text = f"{where} they have: {margins_text(found.margins)}; all loops together and one loop at a time with the other loops closed."
     more = [inertia_text(first)] if gains.inertia is not None else []
-    return [" ".join([text, *more]), *_immobile(gains), *filter(None, [cost_text(gains)])]
+    return [" ".join([text, *more]), stiffness_text(found, gains.names), *_immobile(gains), *filter(None, [cost_text(gains)])]
+
+
+def stiffness_text(found: GainSet, names: Sequence[str]) -> str:
+    """Sentences on the dynamic stiffness of the links with a set: the softest, what limits it, and what the gearboxes limit."""
+    j, state = found.softest, found.softest_in[found.softest]
+    if state < 0:
+        return f"What limits them: {_limits(found, names)}."
+    one = found.links[state]
+    at = f"at {hertz(one.omega[j])} in {one.title}" if one.omega[j] > 0 else f"in {one.title}"
+    unit = "" if found.ki is not None or np.isnan(one.stiffness[j]) else " N·m/rad"
+    text = (
+        f"Dynamic stiffness, the least that a load on a link meets at any frequency: {names[j]} has the least, "
+        f"{digits(float(one.stiffness[j]), significant=3)}{unit} {at}; what limits them: {_limits(found, names)}."
+    )
+    geared = list(dict.fromkeys(names[k] for link in found.links for k in np.flatnonzero(link.gear_limited).tolist()))
+    if geared:
+        text += f" The gearbox alone limits {listed(geared)} in some state: no gain damps that, more gearbox damping B does."
+    return text
 
 
 def inertia_text(first: tuple[str, str]) -> str:
@@ -51,19 +68,24 @@ def cost_text(gains: RobotGains) -> str:
         return ""
     most = max(costs, key=costs.__getitem__)
     if costs[most] < LEAST_COST:
-        return "One set for every state costs nothing: no contact state alone allows stiffer gains."
+        return "One set for every state costs nothing: no contact state alone allows stiffer links."
     each = ", ".join(f"{contact} {digits(cost, significant=3)}" for contact, cost in costs.items())
     return (
-        f"Gains for one contact state alone are stiffer: the sum of inertia over kp is smaller by these factors: {each}. Switching gains "
+        f"Gains for one contact state alone make its links stiffer, dynamic stiffness is larger by these factors: {each}. Switching gains "
         f"with the contacts gains most in {most}."
     )
 
 
 def limited_by(found: GainSet, names: Sequence[str]) -> str:
     """Limit of the softest joint or direction: its name, the margin, and the state."""
-    margin = title_of(found.margin[found.softest]) if found.margin else ""
+    margin = _limit_title(found.margin[found.softest]) if found.margin else ""
     weight = ", without the weight" if found.without_weight else ""
     return f"{names[found.softest]}: {margin}, {found.binding}{weight}" if margin else f"no requirement{weight}"
+
+
+def _limit_title(margin: str) -> str:
+    """What limits a gain, as text: a requirement, or the link, which stiffer gains damp less."""
+    return "its own link, which would be softer" if margin == LINK else title_of(margin)
 
 
 def weight_warnings(gains: RobotGains) -> list[str]:
@@ -90,9 +112,9 @@ def weight_warnings(gains: RobotGains) -> list[str]:
 
 def _limits(found: GainSet, names: Sequence[str]) -> str:
     """Limit of the softest joint or direction, and the number of joints limited by each margin."""
-    reasons = Counter(f"{title_of(margin)} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
+    reasons = Counter(f"{_limit_title(margin)} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
     counted = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(4))
-    return f"the softest is limited by {limited_by(found, names)}; of all, {counted}"
+    return f"{limited_by(found, names)}; of all, {counted}" if counted else limited_by(found, names)
 
 
 def _of_one_contact(gains: RobotGains) -> list[str]:
@@ -152,6 +174,17 @@ def rows(gains: RobotGains) -> list[GainSetRow]:
     ]
 
 
+def _link_facts(one: StateStiffness) -> dict[str, Any]:
+    """JSON of the dynamic stiffness of the links in one state."""
+    return {
+        "state": one.title,
+        "dynamic_stiffness": one.stiffness,
+        "frequency_rad_s": one.omega,
+        "gear_limited": one.gear_limited.tolist(),
+        "damping": damping_facts(one.damping),
+    }
+
+
 SET = [
     Column("set", "contact", lambda row: row.contact or "everywhere", shown=lambda row: row.title),
     Column("", "moves", lambda row: row.gain_set.moves),
@@ -168,6 +201,8 @@ SET = [
             {"margin": margin or None, "state": state or None} for margin, state in zip(row.gain_set.margin, row.gain_set.case, strict=True)
         ],
     ),
+    Column("", "dynamic_stiffness", lambda row: row.gain_set.stiffness),
+    Column("", "links", lambda row: [_link_facts(one) for one in row.gain_set.links]),
     Column("", "without_weight", lambda row: row.gain_set.without_weight),
     Column("", "nearest_with_weight", lambda row: row.gain_set.nearest or None),
     Column("", "topples", lambda row: list(row.gain_set.topples)),

@@ -1,7 +1,7 @@
 """Columns of states, joints and tasks of a robot, and of an audit."""
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..errors import listed
@@ -35,6 +35,20 @@ def _mainly(state: "State") -> str:
 
 def _frequency(state: "State") -> str:
     return hertz(state.limit.frequency) if state.moves and math.isfinite(state.limit.frequency) else "–"
+
+
+def _joint_facts(state: "State") -> list[dict[str, Any]]:
+    """JSON of the joints of one state, with the dynamic stiffness of their links and its frequency."""
+    found = state.margins.links
+    return [
+        {**facts(JOINT, row), "dynamic_stiffness": stiffness, "dynamic_stiffness_at_rad_s": omega}
+        for row, stiffness, omega in zip(state.joints, found.stiffness.tolist(), found.omega.tolist(), strict=True)
+    ]
+
+
+def damping_facts(found: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
+    """JSON of the least damping ratio of each kind of vibration, with its frequency."""
+    return {kind: {"damping_ratio": ratio, "frequency_rad_s": omega} for kind, (ratio, omega) in found.items()}
 
 
 STABLE = _if_moving(lambda state: state.limit.stable)
@@ -114,7 +128,8 @@ STATE = [
     Column("", "disk_margin_certified", _if_moving(lambda state: state.margins.disk_certified)),
     MAINLY,
     Column("", "kept", _if_moving(lambda state: margin_facts(state.margins))),
-    Column("", "joints", lambda state: [facts(JOINT, row) for row in state.joints]),
+    Column("", "joints", lambda state: _joint_facts(state)),
+    Column("", "damping", lambda state: damping_facts(state.damping)),
     Column("", "tasks", lambda state: [] if state.tasks is None else [facts(TASK, row) for row in state.tasks.rows]),
     Column("", "tasks_gain_limit", lambda state: state.tasks.limit.gain if state.moves and state.tasks else None),
     Column("", "tasks_limit_frequency_rad_s", lambda state: state.tasks.limit.frequency if state.moves and state.tasks else None),

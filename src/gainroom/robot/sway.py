@@ -18,6 +18,9 @@ from .model import RobotModel
 
 BASE = 6
 """Number of velocities of a floating base, the first of a body's."""
+LATE = 0.05
+"""Phase [rad], 3°, that drives, delay and sampling may take at a mode's frequency: with more, delay takes part in the oscillation, and that
+is a vibration."""
 OF_BASE = 0.5
 """Least share of the base in the kinetic energy of a sway mode."""
 NEAR = 1.5
@@ -67,6 +70,11 @@ def slow_modes(model: RobotModel, controller: Controller, feedback: Feedback) ->
         base = whole[:BASE]
         found.append(SlowMode(float(np.sqrt(square.real)), float(base @ model.inertia[:BASE, :BASE] @ base / energy), mode))
     return tuple(sorted(found, key=lambda one: one.frequency))
+
+
+def swaying(modes: Sequence[SlowMode], lag: float) -> tuple[SlowMode, ...]:
+    """Modes that sway, of loops with a lag [s] of drives, delay and sampling."""
+    return tuple(one for one in modes if one.sways and lag * one.frequency <= LATE)
 
 
 def bands(modes: Sequence[SlowMode], which: Sequence[SlowMode]) -> Floats:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..analysis.boundary import direction_limits
+from ..analysis.dynamic_stiffness import damping_by_kind
 from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import joint_margins
 from ..analysis.multirate import delay_of_others, path_margins
 from ..analysis.stability import is_stable
-from ..design.gain_cases import bounded_margins
+from ..design.gain_cases import bounded_margins, own_case
 from ..design.starting_gains import IMMOBILE, joints_that_move
 from ..errors import GainroomError, computable
 from ..system.controller import Controller, own_gain
@@ -308,6 +309,18 @@ class State:
     def _delay_limit_of_others(self) -> float:
         loop = self.loop if self.margins.stable else self.system.with_values(delay=0.0).loop(self.model, self.controller)
         return delay_of_others(loop) if self.margins.stable or is_stable(loop) else 0.0
+
+    @cached_property
+    def damping(self) -> dict[str, tuple[float, float]]:
+        """Least damping ratio of each kind of vibration and its frequency [rad/s] (dynamic_stiffness.py); empty for an unstable loop."""
+        if not (self.moves and self.limit.stable):
+            return {}
+        sway = np.zeros(0) if self.sway is None else np.array([one.frequency for one in self.sway.modes])
+        gears, own = np.zeros(0), own_case(self.title, self.system, self.model)
+        if own is not None:
+            found = own[0].compliance.peaks(own[1])
+            gears = np.unique(found.omega[found.gear_limited])
+        return damping_by_kind(self.loop, sway, gears)
 
     @cached_property
     def joints(self) -> tuple[JointRow, ...]:

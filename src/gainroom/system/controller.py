@@ -270,6 +270,10 @@ class Controller:
         """Responses (k, 2) that kp and kd of the plane multiply, at the points of `matrix`, with notches and filters."""
         return np.stack([self._sum(terms, (), s, v, sample_time) for terms in self.plane()], axis=1)
 
+    def signal(self, powers: tuple[int, int], s: Complexes, v: Complexes, sample_time: float | None) -> Complexes:
+        """Response (k,) that the gain of these powers of V and I multiplies, at the points of `matrix`, with notches and filters."""
+        return self._sum({powers: np.ones(())}, (), s, v, sample_time)
+
     def plane_gains(self) -> tuple[float, float]:
         """Coordinates (kp, kd) of this controller in its kp–kd plane."""
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")

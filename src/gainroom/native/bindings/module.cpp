@@ -13,6 +13,7 @@ void bind_disk(nb::module_& m);
 void bind_robot(nb::module_& m);
 void bind_boxes(nb::module_& m);
 void bind_programme(nb::module_& m);
+void bind_compliance(nb::module_& m);
 
 NB_MODULE(_core, m) {
     nb::set_leak_warnings(false);  // a command leaves all that it holds to the system as it ends (cli/__init__.py): that is no leak
@@ -27,4 +28,5 @@ NB_MODULE(_core, m) {
     bind_robot(m);
     bind_boxes(m);
     bind_programme(m);
+    bind_compliance(m);
 }
