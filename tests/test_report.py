@@ -15,7 +15,7 @@ from gainroom.report.joint import joint_page
 from gainroom.report.joint_tables import JointPresentation
 from gainroom.report.joint_text import _change, sentence, warnings as warnings_of
 from gainroom.report.map_lines import MapView, level_line
-from gainroom.report.number_format import digits
+from gainroom.report.number_format import digits, one_degree
 from gainroom.report.page import Card, Html, Lead, Section, figure, page, table
 from gainroom.simulation.step_response import step_response
 
@@ -374,3 +374,6 @@ def test_numbers_read_well():
     assert digits(float("inf"), "dB") == "∞"
     assert digits(2e-5, "kg·m²", 3) == "2·10⁻⁵ kg·m²"
     assert digits(None) == "–"
+    assert one_degree(360 / np.pi, 4 * np.pi, 900 / np.pi) == "5 N·m, swinging at 2 Hz 2 N·m"
+    assert one_degree(900 / np.pi, 0.0, 900 / np.pi) == "5 N·m"
+    assert [one_degree(nothing, 1.0, 1.0) for nothing in (0.0, np.inf, np.nan)] == ["", "", ""]

@@ -9,6 +9,9 @@ import pytest
 import scipy.linalg
 
 import gainroom as gr
+from gainroom.report.joint_tables import JointPresentation
+from gainroom.report.number_format import digits
+from gainroom.report.over_time import motion_text
 from gainroom.simulation.step_response import _delayed, _responding, step_response
 from gainroom.system.loop_part import LoopPart
 from refusals import assert_refused
@@ -158,12 +161,35 @@ def judged(curve: np.ndarray, rest: float) -> tuple[float, float]:
 
 
 @pytest.fixture(scope="module")
-def recommended() -> tuple[float, float]:
+def elbow() -> gr.JointStudy:
+    """Study of the elbow with the largest kp under the margins."""
     asked = gr.Requirements(gain_margin=2.0, phase_margin=math.pi / 6, peak_sensitivity=2.0)
     system = gr.System.of_joint(ELBOW, ELBOW_DRIVE, gr.PD(2544.0, 49.9), "motor", TICK, asked)
-    best = gr.study_joint(system).recommended
-    assert best is not None
-    return best.kp, best.kd
+    return gr.study_joint(system)
+
+
+@pytest.fixture(scope="module")
+def recommended(elbow: gr.JointStudy) -> tuple[float, float]:
+    assert elbow.recommended is not None
+    return elbow.recommended.kp, elbow.recommended.kd
+
+
+def test_a_joint_s_answer_has_the_motion_of_its_link(elbow: gr.JointStudy, recommended: tuple[float, float]):
+    """JSON and sentences, for present and recommended gains, against the simulation here."""
+    facts, words = JointPresentation(elbow).facts(), motion_text(elbow)
+    for said, (kp, kd) in ((facts, (2544.0, 49.9)), (facts["recommended"], recommended)):
+        stepped, loaded = pushed(kp, kd, 1.0, 0.0, 3000)[:, 1], pushed(kp, kd, 0.0, 5.0, 3000)[:, 1]
+        rest = 5.0 * (1 / kp + 1 / 900.0)
+        for found, (over, settled) in ((said["step"], judged(stepped, 1.0)), (said["disturbance"], judged(loaded, rest))):
+            assert found["of"] == "link"
+            assert found["overshoot_percent"] == pytest.approx(100 * over, rel=1e-6)
+            assert found["settling_s"] == pytest.approx(settled, abs=TICK / 2)
+            assert f"{100 * over:.0f} %" in words
+            assert digits(settled, "s", 3) in words
+        assert said["disturbance"]["peak_deflection"] == pytest.approx(loaded.max(), rel=1e-8)
+        assert said["disturbance"]["rest_deflection"] == pytest.approx(rest, rel=1e-8)
+        assert digits(1e3 * float(loaded.max()), "mrad", 3) in words
+        assert digits(math.radians(5.0 / rest), "N·m", 3) in words  # 1° at rest
 
 
 def test_recommended_gains_damp_the_link_of_an_elbow(recommended: tuple[float, float]):

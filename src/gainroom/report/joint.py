@@ -1,5 +1,7 @@
 """Page of one joint: verdict, numbers, gain map, figures, step response, tables, certification."""
 
+import math
+
 from ..analysis.margin_record import Margins
 from ..errors import at_frequency, case_text
 from ..studies.joint import JointStudy
@@ -75,6 +77,8 @@ def _margin_card(column: Column, found: Margins, worst: Margins | None, asked: R
     one = REQUIREMENTS[column.requirement]
     note = "" if column.at is None else at_frequency(column.at(found), "at ", hertz)
     nominal = getattr(found, one.name, one.value(found))
+    if one.name == "dynamic_stiffness" and 0 < one.value(worst or found) < math.inf:
+        time = ", ".join(filter(None, [f"{digits(math.radians(one.value(worst or found)), 'N·m', 3)} turn it by 1°", time]))
     if worst is None:
         return margin_card(asked, one.name, nominal, ", ".join(filter(None, [note, time])), one.value(found))
     note = "" if column.at is None or not found.stable else at_frequency(column.at(worst), "at ", hertz)

@@ -49,6 +49,17 @@ def hertz(omega: float) -> str:
     return digits(omega / (2 * math.pi), "Hz", 3)
 
 
+def one_degree(stiffness: float, omega: float, static: float) -> str:
+    """Load torque that turns a link by 1°, as text: at rest, and what is enough at the frequency [rad/s] of its dynamic stiffness.
+
+    "" where that is not known, 0 or infinite: nothing holds the link, or nothing moves it.
+    """
+    if not 0 < stiffness < math.inf:
+        return ""
+    at_rest = digits(math.radians(static), "N·m", 3)
+    return at_rest if omega == 0 else f"{at_rest}, swinging at {hertz(omega)} {digits(math.radians(stiffness), 'N·m', 3)}"
+
+
 def rate(hz: float) -> str:
     """Sample rate as text, in kHz from 1 kHz on."""
     return digits(1e-3 * hz, "kHz", 4) if hz >= 1e3 else digits(hz, "Hz", 4)

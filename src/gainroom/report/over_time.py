@@ -10,7 +10,7 @@ from ..simulation.tracking import Swing
 from ..studies.joint import JointStudy
 from ..system.linear.arrays import Floats
 from . import style
-from .number_format import digits, hertz
+from .number_format import digits, hertz, one_degree
 from .page import Html, figure
 
 LOAD = 5.0
@@ -47,7 +47,18 @@ def motion_text(study: JointStudy) -> str:
         return ""
     steps = "; ".join(f"with {name} {_step_text(found.link_step)}" for name, found in named)
     loads = "; ".join(f"with {name} {_load_text(found.link_load)}" for name, found in named)
-    return f"Link after a step of the reference: {steps}. Link under {digits(LOAD)} N·m: {loads}."
+    turns = "; ".join(f"with {name} {one_degree(*felt)}" for name, felt in _felt(study) if one_degree(*felt))
+    text = f"Link after a step of the reference: {steps}. Link under {digits(LOAD)} N·m: {loads}."
+    return f"{text} To turn the link by 1° takes {turns}." if turns else text
+
+
+def _felt(study: JointStudy) -> list[tuple[str, tuple[float, float, float]]]:
+    """Dynamic stiffness of the link, its frequency and the stiffness at rest, by the name of the gains."""
+    best = [] if study.recommended is None or study.recommended_response is None else [("the recommended ones", study.recommended.nominal)]
+    return [
+        (name, (found.dynamic_stiffness, found.dynamic_stiffness_frequency, float(found.links.static[0])))
+        for name, found in [("these gains", study.margins), *best]
+    ]
 
 
 def _responses(study: JointStudy) -> list[tuple[str, StepResponse]]:
