@@ -10,6 +10,7 @@ import gainroom as gr
 from gainroom.analysis.dynamic_stiffness import stiffness_of
 from gainroom.design.gain_cases import joint_case
 from gainroom.design.gain_search import raised_gains
+from gainroom.design.margin_slopes import GainCase
 from gainroom.design.objectives import goal_of
 from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.robot_yaml import parse_robot
@@ -115,15 +116,13 @@ def test_a_weight_makes_a_joint_stiffer():
     def loop(gains):
         return gr.build_loop(plant, drive, gr.PD(gains[0], gains[1]))
 
-    from gainroom.design.margin_slopes import GainCase
-
     case = GainCase("", loop, np.eye(2), np.eye(2), np.zeros(2, dtype=bool), gr.Requirements.usual())
     start = np.array([np.full(2, 1.0), np.full(2, 1.0), np.zeros(2)])
-    light, heavy = (
-        stiffness_of(
-            loop(raised_gains([case], start, np.ones(2), [[0], [1]], 1e9, objective="dynamic_stiffness", weight=np.array(weight)).gains)
-        ).stiffness
-        for weight in ((0.1, 1.0), (10.0, 1.0))
-    )
+
+    def stiffness(weight):
+        found = raised_gains([case], start, np.ones(2), [[0], [1]], 1e9, objective="dynamic_stiffness", weight=np.array(weight))
+        return stiffness_of(loop(found.gains), True).stiffness
+
+    light, heavy = stiffness((0.1, 1.0)), stiffness((10.0, 1.0))
     assert heavy[0] > light[0]
     assert heavy[1] < light[1]
