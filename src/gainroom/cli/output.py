@@ -190,7 +190,8 @@ def shared_widths(
     def total(widths: Sequence[int], gap: int) -> int:
         return sum(widths[k] for k in left) + gap * (len(left) - 1) + 2
 
-    while total(widest if across < NARROW else least, 2) > across and drops:
+    whole = [widest[0], *least[1:]]  # columns are left out before names are broken
+    while total(widest if across < NARROW else whole, 2) > across and drops:
         left.remove(drops.pop(0))
     if total(widest, 3) <= across:
         return left, [list(columns[k]) for k in left], 3
