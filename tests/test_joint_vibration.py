@@ -199,8 +199,11 @@ def test_a_limit_cycle_is_as_large_as_a_sine_fits():
 
 def test_a_later_disturbance_is_not_the_moves_overshoot():
     calm, pushed = simulated("duration: 3").tracking, simulated("duration: 3, disturbance: {torque: 30, start: 1.5}").tracking
-    assert pushed.overshoot[0] == calm.overshoot[0] < 0.1
-    assert pushed.settling_time[0] == calm.settling_time[0] < 1.0
+    # Of the link beyond its rest, the mean over the last tenth of what is judged: half a run is less at rest than all of it
+    assert pushed.overshoot[0] == pytest.approx(calm.overshoot[0], abs=1e-4)
+    assert calm.overshoot[0] < 0.1
+    assert pushed.settling_time[0] == pytest.approx(calm.settling_time[0], abs=5e-3)
+    assert calm.settling_time[0] < 1.0
     assert pushed.steady_state[0] == pytest.approx(-30 / 400, rel=1e-3)  # of the whole run, at rest against kp
     soon = simulated("duration: 3, disturbance: {torque: 30, start: 0.51}").tracking
     assert math.isnan(soon.settling_time[0])  # cut short

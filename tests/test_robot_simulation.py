@@ -104,11 +104,12 @@ def test_numbers_are_what_the_log_says(tmp_path: Path, capsys: pytest.CaptureFix
     log = tmp_path / "run.csv"
     _, facts = simulated(write_arm(tmp_path, JOINT), capsys, "--log", str(log))
     kept = read_log(log)
-    torque, seen = kept.signals["actual_torque"], kept.signals["motor_position"]
+    torque, seen, links = kept.signals["actual_torque"], kept.signals["motor_position"], kept.signals["link_position"]
     assert facts["torque_peak"] == {name: np.abs(torque[:, k]).max() for k, name in enumerate(kept.joint_names)}
-    beyond = (seen[:, 1].max() - seen[0, 1]) / 0.1 - 1
+    way = links[-round(0.1 * len(links)) :, 1].mean() - links[0, 1]  # of the link, to where it comes to rest
+    beyond = (links[:, 1].max() - links[0, 1]) / way - 1
     assert facts["tracking"]["elbow"]["overshoot"] == pytest.approx(max(beyond, 0.0), abs=1e-9)
-    outside = np.abs(seen[:, 1] - seen[0, 1] - 0.1) > 0.02 * 0.1
+    outside = (np.abs(seen[:, 1] - seen[0, 1] - 0.1) > 0.02 * 0.1) | (np.abs((links[:, 1] - links[0, 1]) / way - 1) > 0.02)
     settled = kept.time[np.flatnonzero(outside)[-1] + 1]
     assert facts["tracking"]["elbow"]["settling_time"] == pytest.approx(settled, abs=2 * 5e-4)  # from the first tick that moves
     assert facts["tracking"]["shoulder"]["overshoot"] is None

@@ -104,7 +104,11 @@ def test_tracking_is_what_the_log_says(tmp_path: Path, capsys: pytest.CaptureFix
     found = facts["tracking"]["joint"]
     assert found["rms"] == pytest.approx(math.sqrt(np.mean(error**2)), rel=1e-9)
     assert found["peak"] == pytest.approx(np.abs(error).max(), rel=1e-9)
-    assert found["overshoot"] == pytest.approx(max(kept.signals["motor_position"].max() / 0.1 - 1, 0), rel=1e-9)
+    link = kept.signals["link_position"][:, 0]
+    rest = link[-round(0.1 * len(link)) :].mean()  # of the link, where it comes to rest
+    assert link.max() > rest
+    assert found["overshoot"] == pytest.approx(link.max() / rest - 1, rel=1e-9)
+    assert (facts["error_of"], facts["overshoot_of"]) == ("motor", "link")
     assert facts["torque_peak"]["joint"] == np.abs(kept.signals["actual_torque"]).max()
 
 
@@ -365,8 +369,10 @@ def test_what_is_drawn_as_commanded_is_the_position_and_the_error(reference: str
     study = simulated(LINEAR + f"scenario: {{duration: 0.5, reference: {reference}}}\n", 0.5)
     (picture,) = figures(simulation_page(SimulationPresentation(study), ""))
     curves = {(one["name"], one["yaxis"]): np.array(one["y"]) for one in picture["data"]}
-    assert len(curves["motor", "y"]) == len(study.run.time)
-    assert curves["commanded", "y"] - curves["motor", "y"] == pytest.approx(curves["joint", "y2"], abs=2e-3)  # [mrad], of six digits each
+    for side in ("motor", "link"):
+        assert len(curves[side, "y"]) == len(study.run.time)
+        error = curves["commanded", "y"] - curves[side, "y"]
+        assert error == pytest.approx(curves[side, "y2"], abs=2e-3)  # [mrad], of six digits each
 
 
 def test_the_inputs_of_a_scenario_have_units():

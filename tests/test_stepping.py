@@ -345,6 +345,22 @@ def test_tracking_of_a_known_response():
     assert found.rms[0] == pytest.approx(math.sqrt(np.mean((position - 3) ** 2)))
 
 
+def test_overshoot_and_settling_are_of_the_link_where_it_is_known():
+    """The motor goes where it is sent within a tick; the link swings, and rests 0.1 short of it, as under a load on its gearbox."""
+    zeta, omega, tick = 0.2, 20.0, TICK
+    time = tick * np.arange(8001)
+    shaken = omega * math.sqrt(1 - zeta**2)
+    link = 1.9 * (1 - np.exp(-zeta * omega * time) * (np.cos(shaken * time) + zeta / math.sqrt(1 - zeta**2) * np.sin(shaken * time)))
+    motor = np.where(time > 0, 2.0, 0.0)
+    run = SimpleNamespace(time=time, reference=np.full((8001, 1), 2.0), error=2.0 - motor[:, None])
+    found, blind = track(run, links=link[:, None]), track(run)
+    assert found.overshoot[0] == pytest.approx(math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2)), rel=1e-4)
+    late = time[np.flatnonzero(np.abs(link / 1.9 - 1) > 0.02)[-1] + 1]
+    assert found.settling_time[0] == pytest.approx(late, abs=tick)
+    assert (blind.overshoot[0], blind.settling_time[0]) == (0.0, tick)
+    assert found.peak[0] == blind.peak[0]
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [

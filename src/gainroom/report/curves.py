@@ -21,13 +21,14 @@ LETTER, KEY = 7.0, 46  # [px] of a legend's entry: about that much per letter, a
 
 @dataclass(frozen=True)
 class Curve:
-    """Signal (k,) over time; `named`: True if it is in its panel's legend."""
+    """Signal (k,) over time; `named`: True if it is in its panel's legend; `width` [px]."""
 
     name: str
     values: Floats
     color: str
     dash: str = "solid"
     named: bool = True
+    width: float = 1.8
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def stacked(
         for curve in panel.curves:
             keep = thinned(curve.values, most)
             hover = f"%{{x:.4g}} s: %{{y:.4g}} {panel.unit}<extra>{style.shown(curve.name)}</extra>"
-            look = {"dash": curve.dash, "width": 1.8, "name": style.shown(curve.name), "hoverinfo": "all", "hovertemplate": hover}
+            look = {"dash": curve.dash, "width": curve.width, "name": style.shown(curve.name), "hoverinfo": "all", "hovertemplate": hover}
             place = {"yaxis": f"y{number}", "legend": f"legend{number}", "showlegend": curve.named}
             traces.append(style.line(time[keep], curve.values[keep], curve.color, **look, **place))
     wide, phone = (_domains(panels, height - MARGINS["t"] - MARGINS["b"], width) for width in (WIDE, PHONE))

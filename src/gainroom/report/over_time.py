@@ -18,7 +18,6 @@ LOAD = 5.0
 CURVE_POINTS = 1200  # drawn per curve
 BEYOND = 1.3  # times the longest settling time: so long is drawn
 FAR = 3.0  # times the reference's step: so far an unstable joint's vibration is drawn
-LINK, MOTOR = 3.0, 1.1  # widths of their lines [px]
 
 
 def motion_facts(found: StepResponse) -> dict[str, Any]:
@@ -100,7 +99,7 @@ def motion_figure(study: JointStudy) -> Html:
     for found, color, dash in zip(shown, (style.BLACK, style.BLUE), ("solid", "dash"), strict=False):
         short = "this file" if found is own else "recommended"
         for axis, unit, scale, sides in (("y", "", 1.0, found.reference), ("y2", " mrad", 1e3 * LOAD, found.load)):
-            for side, width in (("motor", MOTOR), ("link", LINK)):
+            for side, width in (("motor", style.MOTOR), ("link", style.LINK)):
                 if rigid and side == "motor":
                     continue
                 time, moved = _drawn(found.time, scale, sides, side, end)

@@ -28,15 +28,16 @@ from .robot_drawing import WIDTH, drawing_layout
 from .robot_skeleton import NAMES_BETWEEN, drawn, ghost, labels, path, view_of
 from .robot_tables import angles_text, contacts_text, machine
 from .simulation_text import (
-    TRACKING,
     SimulationPresentation,
     farthest_off,
     floor_of,
     left_short,
     not_counted,
+    overshoot_of,
     overshoots,
     sentence,
     tracking_cells,
+    tracking_headings,
     unsettled,
     warnings,
     whose,
@@ -308,7 +309,8 @@ def _settling_card(outcome: Outcome) -> list[Card]:
     names = outcome.run.channels
     notes = [_named(outcome, names[last]) + (f" and {len(missed) - 1} more" if len(missed) > 1 else "")]
     if over[most] > 0:
-        notes.append(", ".join(filter(None, [f"overshoot {digits(100 * float(over[most]), '%', 3)}", _named(outcome, names[most])])))
+        share = f"{overshoot_of(outcome)} {digits(100 * float(over[most]), '%', 3)}"
+        notes.append(", ".join(filter(None, [share, _named(outcome, names[most])])))
     # No requirement of the file, so neither met nor not: the verdict counts those alone
     return [Card("settles in" if unit == "s" else "settles", value, unit, note="; ".join(["within 2 % of the move", *filter(None, notes)]))]
 
@@ -361,7 +363,7 @@ def _by_channel(outcome: Outcome) -> list[Html]:
 
 def _tracking(outcome: Outcome) -> Html:
     run, floor = outcome.run, floor_of(outcome)
-    columns = ("channel", "unit", "move", *TRACKING)
+    columns = ("channel", "unit", "move", *tracking_headings(outcome))
     rows = [
         (name, f"m{run.units[k]}", milli(float(np.ptp(run.reference[:, k])), floor), *tracking_cells(outcome, k))
         for k, name in enumerate(run.channels)
@@ -369,7 +371,7 @@ def _tracking(outcome: Outcome) -> Html:
     caption = (
         f"Error: commanded minus true position on the {run.feedback} side; for tasks, minus the position that the encoders give. Steady "
         "state: mean of the last tenth, if the reference is at rest then. Settling time: from when the error stays within 2 % of the move, "
-        "for at least a tenth of the run. Overshoot and settling time are those of a move, before any later disturbance."
+        f"for at least a tenth of the run. {_of_links(outcome)}Both are those of a move, before any later disturbance."
     )
     return table(columns, rows, caption + ("" if outcome.completed else " The run ended early, without a steady state."))
 
@@ -402,6 +404,21 @@ def _joints(outcome: Outcome) -> Html:
     return table(columns, rows, caption)
 
 
+def _of_links(outcome: Outcome) -> str:
+    """Sentence on whose overshoot the table has."""
+    if outcome.run.links is None:
+        return f"Overshoot: of the {outcome.run.feedback} side. "
+    return "Overshoot: of the link over where it comes to rest, about which it also has to stay within 2 % to be settled. "
+
+
+def _whose_position(outcome: Outcome) -> str:
+    """Sentence on whose position the figure of all channels has."""
+    if len(outcome.run.joint_names) == 1:
+        return "Thick: the link; thin: the motor. "
+    side = "of the links" if outcome.run.links is not None else f"from the encoders on the {outcome.run.feedback} side"
+    return f"Position: {side}. "
+
+
 def _digits(value: float, significant: int) -> str:
     return digits(0.0 if value < SHOWN_AS_ZERO else value, "", significant)
 
@@ -428,16 +445,23 @@ def in_time(outcome: Outcome) -> Html:
     looks = list(zip(COLORS, chosen, strict=False))
     if len(run.joint_names) == 1:
         move = [
-            Curve(side, scale * _change(values[rows, 0]), *look) for side, values, look in zip(*_both_sides(outcome), COLORS, strict=False)
+            Curve(side, scale * _change(values[rows, 0]), color, dash, width=width)
+            for side, values, color, dash, width in _both_sides(outcome)
         ]
     else:
-        move = [Curve(run.channels[k], scale * _change(run.measured[rows, k]), color) for (color, _), k in looks]
+        seen = run.measured if run.links is None else run.links
+        move = [Curve(run.channels[k], scale * _change(seen[rows, k]), color, width=style.LINK) for (color, _), k in looks]
     dots = [style.BLACK] if len(looks) == 1 else [color for (color, _), _ in looks]  # of several its own, to be told apart
     move += [
         Curve("commanded", scale * _commanded(outcome, k)[rows], color, "dot", k == chosen[-1])
         for color, (_, k) in zip(dots, looks, strict=True)
     ]
     error = [Curve(run.channels[k], 1e3 * np.round(run.error[rows, k], ROUNDED), color, named=False) for (color, _), k in looks]
+    if len(run.joint_names) == 1:
+        error = [
+            Curve(side, 1e3 * np.round((run.reference - values)[rows, 0], ROUNDED), color, dash, False, width)
+            for side, values, color, dash, width in _both_sides(outcome)
+        ]
     hardest = np.argsort(-np.abs(run.actual_torque[rows]).max(axis=0), kind="stable")[:MOST_TOGETHER].tolist()
     moving = outcome.spec.moves_until > 0 or not np.isnan(outcome.tracking.settling_time).all()  # a step at once has moved by then
     panels = [
@@ -453,7 +477,8 @@ def in_time(outcome: Outcome) -> Html:
     most = f"{len(chosen)} of {len(outcome.leading)} channels, those with the largest errors"
     what = most if len(outcome.leading) > len(chosen) else "Moving channels" if moving else "All channels"
     caption = (
-        f"{what}; all curves start at 0. The {run.feedback} side is fed back. Error: commanded minus actual position there. Torque at "
+        f"{what}; all curves start at 0. {_whose_position(outcome)}Error: commanded minus actual position"
+        f"{'' if len(run.joint_names) == 1 else f' on the {run.feedback} side'}; the {run.feedback} side is fed back. Torque at "
         "the ticks, of the joints with the largest. "
         + (BAND if band else "")
         + (f"Cut at {digits(run.time[end - 1], 's', 3)}, beyond the range of the figure. " if end < len(run.time) else "")
@@ -476,8 +501,17 @@ def _settled_band(outcome: Outcome, channel: int) -> list[dict[str, Any]]:
     return [band] if wide > 0 else []
 
 
-def _both_sides(outcome: Outcome) -> tuple[tuple[str, ...], tuple[Floats, ...]]:
-    return ("motor", "link"), (outcome.run.motor_position, outcome.run.link_position)
+Side = tuple[str, Floats, str, str, float]
+"""Positions (k, 1) of motor or link with name, colour, dash and width."""
+
+
+def _both_sides(outcome: Outcome) -> list[Side]:
+    """Motor, thin, and link, thick, of a single joint."""
+    run = outcome.run
+    return [
+        ("motor", run.motor_position, style.BLUE, "solid", style.MOTOR),
+        ("link", run.link_position, style.VERMILION, "solid", style.LINK),
+    ]
 
 
 def _torques(outcome: Outcome, rows: slice, joints: list[int]) -> list[Curve]:
@@ -559,14 +593,17 @@ def close_up(outcome: Outcome) -> Html:
     rows = slice(max(first, end - ticks), end)
     time, single = run.time[rows], len(run.joint_names) == 1
     joints = [0] if single else [run.joint_names.index(name) for name in found.strongest[: len(COLORS)]]
-    names, sides = _both_sides(outcome) if single else ([run.joint_names[k] for k in joints], run.motor_position.T[joints][:, :, None])
-    swings = [Curve(name, 1e3 * detrend(values[rows, 0]), *look) for name, values, look in zip(names, sides, COLORS, strict=False)]
+    motors: list[Side] = [(run.joint_names[k], run.motor_position[:, [k]], *look, 1.8) for k, look in zip(joints, COLORS, strict=False)]
+    swings = [
+        Curve(name, 1e3 * detrend(values[rows, 0]), color, dash, width=width)
+        for name, values, color, dash, width in (_both_sides(outcome) if single else motors)
+    ]
     torques = [Curve(run.joint_names[k], run.actual_torque[rows, k], *look, named=False) for look, k in zip(COLORS, joints, strict=False)]
     panels = [Panel("swing", "mrad", swings, 0.55), Panel("torque", "N·m", torques, 0.45)]
     title = f"The last {CLOSE_PERIODS} periods: {frequency(found.vibration.frequency)}"
     if found.moving:
         title = f"The vibration about {digits(time[-1], 's', 3)}: {frequency(found.vibration.frequency)}"
-    caption = f"Mainly {', '.join(found.strongest[: len(COLORS)])}, without the slow motion. "
+    caption = f"Mainly {', '.join(found.strongest[: len(COLORS)])}, without the slow motion. {'' if single else 'Swing: of the motors. '}"
     caption += f"One period is {digits(2e3 * math.pi / found.vibration.frequency, 'ms', 3)}."
     if outcome.limit is not None and 0 < outcome.limit.gain < math.inf:
         caption += f" The linear loop predicts {hertz(outcome.limit.frequency)} where vibration starts; "
@@ -597,8 +634,8 @@ def channel(outcome: Outcome, k: int, looks: Run, height: int = 460, most: int =
     run, end, floor, found = outcome.run, _shown(outcome), floor_of(outcome), outcome.tracking
     time, scale, unit = run.time[:end], _scale(outcome, k), run.units[k]
     curves = (
-        Curve("links", scale * _change(np.interp(time, looks.time, looks.actual[:, k])), style.VERMILION, "dash"),
-        Curve("encoders", scale * _change(run.measured[:end, k]), style.BLUE),
+        Curve("links", scale * _change(np.interp(time, looks.time, looks.actual[:, k])), style.VERMILION, width=style.LINK),
+        Curve("encoders", scale * _change(run.measured[:end, k]), style.BLUE, width=style.MOTOR),
         Curve("commanded", scale * _commanded(outcome, k)[:end], style.BLACK, "dot"),
     )
     error = [Curve("error", 1e3 * np.round(run.error[:end, k], ROUNDED), style.BLUE, named=False)]

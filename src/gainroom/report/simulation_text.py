@@ -36,8 +36,18 @@ UNEVEN = 1e-3
 """Height difference [m] between feet above which it is reported."""
 
 
-TRACKING = ("RMS", "peak", "steady state", "overshoot", "settles in")
-"""Headings of tracking_cells."""
+def tracking_headings(outcome: Outcome) -> tuple[str, ...]:
+    """Headings of tracking_cells."""
+    return "RMS", "peak", "steady state", overshoot_of(outcome), "settles in"
+
+
+def overshoot_of(outcome: Outcome) -> str:
+    """Name of the overshoot: of the link, where it is known, or of the side that is fed back."""
+    return f"{_overshooting(outcome)} overshoot"
+
+
+def _overshooting(outcome: Outcome) -> str:
+    return outcome.run.feedback if outcome.run.links is None else "link"
 
 
 def floor_of(outcome: Outcome) -> float:
@@ -101,7 +111,8 @@ def _unsettled(outcome: Outcome) -> str:
     over = float(outcome.tracking.overshoot[most])
     do = "do" if len(missed) > 1 else "does"
     text = f", but {listed([printable(names[k]) for k in missed])} {do} not settle within 2 % of the move in this run"
-    return text + (f", and {printable(names[most])} overshoots by {100 * over:.3g} %" if over > 0 else "")
+    whose = "" if outcome.run.links is None else "'s link"
+    return text + (f", and {printable(names[most])}{whose} overshoots by {100 * over:.3g} %" if over > 0 else "")
 
 
 def growth_text(outcome: Outcome) -> str:
@@ -369,6 +380,8 @@ class SimulationPresentation(Presentation):
             "sample_rate_hz": 1 / run.sample_time,
             "gain": outcome.gain,
             "tracking": {channel: {name: getattr(found, name)[k] for name in NUMBERS} for k, channel in enumerate(run.channels)},
+            "error_of": run.feedback,
+            "overshoot_of": _overshooting(outcome),
             "at_torque_limit": dict(zip(run.joint_names, outcome.at_torque_limit.tolist(), strict=True)),
             "torque_peak": dict(zip(run.joint_names, outcome.torque_peak.tolist(), strict=True)),
             "slip": dict(zip(outcome.spec.contact_frames, outcome.slip.tolist(), strict=True)),
@@ -391,7 +404,7 @@ class SimulationPresentation(Presentation):
     def screens(self, verbose: bool) -> Iterator[list[Part]]:
         outcome, run = self.outcome, self.outcome.run
         rows = [(f"{channel} [m{run.units[k]}]", *tracking_cells(outcome, k)) for k, channel in enumerate(run.channels)]
-        columns = [Column(title, "", lambda row, k=k: row[k]) for k, title in enumerate(("", *TRACKING))]
+        columns = [Column(title, "", lambda row, k=k: row[k]) for k, title in enumerate(("", *tracking_headings(outcome)))]
         title = f"Tracking ({outcome.spec.kind}, {digits(1 / run.sample_time, 'Hz')}, encoders on the {run.feedback} side)"
         doubts, others = warned_first(warnings(outcome), verbose)
         yield [

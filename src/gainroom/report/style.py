@@ -12,6 +12,7 @@ INK, SOFT, GRID = "#1b1b1b", "#5a5a5a", "#e6e6e6"
 DARK = {PURPLE: "#96386f", GREEN: "#00704f", VERMILION: "#b34a00"}  # the same hues where they must be read as text
 UNSTABLE_GROUND = "#fdf1e9"
 TEXT = 13  # [px]
+LINK, MOTOR = 3.0, 1.1  # [px] widths of their lines: people see the link
 LONGEST = 26  # characters of a name in a picture
 ROUNDING = 1e-9  # relative: a tick at an axis's end is on it
 NARROW = {"margin.l": 58, "margin.r": 8}

@@ -94,6 +94,11 @@ class Run:
         """Channel values (k, m) computed from the true link positions."""
         return self.link_position
 
+    @property
+    def links(self) -> Floats | None:
+        """True positions (k, m) of the links where each channel is a joint; None for directions of tasks."""
+        return self.link_position if self.channels == self.joint_names else None
+
     @cached_property
     def slip(self) -> Floats:
         """Distance (k, c) of each contact frame from its start [m]."""

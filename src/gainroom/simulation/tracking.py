@@ -18,9 +18,10 @@ class Tracking:
 
     rms, peak       of x_d − x over the whole run
     steady_state    mean of x_d − x over the last tenth of the run
-    overshoot       largest excess over the final reference, relative to the move from the initial x; nan without a move
-    settling_time   from the reference's first change until x stays within 2 % of that move around the final reference, for at least
-                    a tenth of the rows judged [s]; inf where it does not settle, nan without a move
+    overshoot       largest excess over where it is sent, relative to the move from the initial x; nan without a move. Of the link, where
+                    it is known: over where it comes to rest, the mean over the last tenth, as a gearbox that carries a load stays turned
+    settling_time   from the reference's first change until x stays within 2 % of that move around the final reference, and the link
+                    around its rest, for at least a tenth of the rows judged [s]; inf where it does not settle, nan without a move
     """
 
     rms: Floats
@@ -41,15 +42,17 @@ class TrackedRun(Protocol):
     def error(self) -> Floats: ...
 
 
-def track(response: TrackedRun, until: float = math.inf) -> Tracking:
+def track(response: TrackedRun, until: float = math.inf, links: Floats | None = None) -> Tracking:
     """Tracking performance of a run, completed or not.
 
     until   start of a later disturbance [s]: overshoot and settling time are those before it; nan for a settling time that it cuts short
+    links   (k, m) positions of the links, where channels are joints
     """
     error = response.error
     last = max(1, round(STEADY_SHARE * len(error)))
     rows = max(1, int(np.searchsorted(response.time, until)))
-    over, settled = np.transpose([_arrival(response, joint, rows) for joint in range(error.shape[1])])
+    arrivals = [_arrival(response, joint, rows, None if links is None else links[:rows, joint]) for joint in range(error.shape[1])]
+    over, settled = np.transpose(arrivals)
     return Tracking(
         rms=np.sqrt(np.mean(error**2, axis=0)),
         peak=np.abs(error).max(axis=0),
@@ -59,20 +62,22 @@ def track(response: TrackedRun, until: float = math.inf) -> Tracking:
     )
 
 
-def _arrival(response: TrackedRun, joint: int, rows: int) -> tuple[float, float]:
-    """Overshoot and settling time of one joint within the first `rows`."""
+def _arrival(response: TrackedRun, joint: int, rows: int, link: Floats | None) -> tuple[float, float]:
+    """Overshoot and settling time of one joint within the first `rows`, with its `link` (rows,) where that is known."""
     reference = response.reference[:rows, joint]
     position = reference - response.error[:rows, joint]
-    way = reference[-1] - position[0]
-    if way == 0:
+    sides = [(position, float(reference[-1]))]
+    if link is not None:
+        sides.append((link, float(link[-max(1, round(STEADY_SHARE * rows)) :].mean())))
+    if any(target == side[0] for side, target in sides) or reference[-1] == position[0]:
         return math.nan, math.nan
-    beyond = (position - reference[-1]) / way  # −1 at the start, 0 at the final reference
-    overshoot = max(0.0, float(beyond.max()))
-    arrived = _settled(beyond)
-    if arrived is None:
+    beyond = [(side - target) / (target - side[0]) for side, target in sides]  # −1 at the start, 0 at the target
+    overshoot = max(0.0, float(beyond[-1].max()))
+    arrived = [_settled(one) for one in beyond]
+    if None in arrived:
         return overshoot, math.nan if rows < len(response.time) else math.inf
     begin = response.time[_departure(reference)]
-    return overshoot, max(0.0, float(response.time[arrived] - begin))
+    return overshoot, max(0.0, float(response.time[max(one for one in arrived if one is not None)] - begin))
 
 
 def _departure(reference: Floats) -> int:

@@ -52,7 +52,8 @@ class Outcome:
 
     gain            factor on all gains
     run             tick by tick
-    tracking        by channel; for a run that ended early only `rms` and `peak`, the others are NaN
+    tracking        by channel, overshoot and settling of links where channels are joints; for a run that ended early only `rms` and
+                    `peak`, the others are NaN
     torque_peak, torque_rms   (n,) of the actual torque [N m]
     at_torque_limit (n,) fraction of the ticks at which the demand torque is cut
     slip            (c,) largest displacement of each contact frame from its start [m]; (0,) without contacts
@@ -258,7 +259,7 @@ def simulate_study(
 def _tracking(spec: SimulationSpec, run: Run) -> Tracking:
     """Tracking performance of a run: of a move up to a later disturbance; an oscillating reference is no move."""
     found, nothing = (
-        track(run, spec.disturbed_from if spec.disturbed_from > spec.moves_until else np.inf),
+        track(run, spec.disturbed_from if spec.disturbed_from > spec.moves_until else np.inf, run.links),
         np.full(len(run.channels), np.nan),
     )
     if spec.fastest > 0 or run.ending != "completed":
