@@ -223,6 +223,7 @@ REQUIREMENTS: dict[str, Requirement] = {
             "ms",
             scale=1e3,
             most=1000.0,
+            of_one=True,
             meaning="the width of the range within which the delay of every single command may vary, from joint to joint and tick to tick, "
             "with a proof that the robot does not start to vibrate.",
         ),
