@@ -32,6 +32,7 @@ DIRECTIONS = "xyz"
 LAWS = {"pd": ("Fig. 12", "PD"), "ppi": ("Fig. 14", "P/PI")}
 PRINTED = {"pd": ("14.0", "5.1", "13.0"), "ppi": ("5.6", "2.9", "1.0")}  # [mm]
 TOLERANCE = 1.0  # [mm]
+LINK_TICKS = 20  # between those at which the centre of mass is worked out from the links
 EVERY = 10  # ticks between points that are drawn
 WHY = {
     "x": "The integrator's time constant Kv/Ki is 1 s: the remaining error depends on the time.",
@@ -56,6 +57,12 @@ class ComMotion:
     def steady(self) -> Floats:
         """Error (3,) at the end."""
         return self.run.steady_error(STEADY)[:3]
+
+    @property
+    def steady_of_links(self) -> Floats:
+        """Error (3,) at the end, from the true positions of the links."""
+        last = self.run.rows(slice(-round(STEADY / SAMPLE_TIME), None, LINK_TICKS))
+        return (last.reference - last.actual)[:, :3].mean(axis=0)
 
     def after(self, duration: float) -> Floats:
         """Error (3,) `duration` [s] after the end of the motion."""
@@ -97,15 +104,17 @@ def motion(controller: str) -> ComMotion:
 def pd_rows() -> Iterator[Row]:
     """Errors at rest beside the paper's."""
     friction = f"Friction set for it: {COULOMB:g} N·m, ankle pitch {ANKLE_COULOMB:g}, {VISCOUS:g} N·m·s/rad."
-    for direction, text, error in zip(DIRECTIONS, PRINTED["pd"], _left("pd"), strict=True):
-        yield compare(f"fig12.{direction}.steady_error_mm", float(text), error, "mm", TOLERANCE, friction, text)
+    links = _links_left("pd")
+    for direction, text, error, link in zip(DIRECTIONS, PRINTED["pd"], _left("pd"), links, strict=True):
+        note = f"{friction} By the motors' encoders; by the links {link:.1f} mm."
+        yield compare(f"fig12.{direction}.steady_error_mm", float(text), error, "mm", TOLERANCE, note, text)
 
 
 def ppi_rows() -> Iterator[Row]:
     """Errors at rest beside the paper's, and that they are smaller than PD's."""
     early = 1e3 * np.abs(motion("ppi").after(1.0))
-    for direction, text, error, before in zip(DIRECTIONS, PRINTED["ppi"], _left("ppi"), early, strict=True):
-        note = f"Predicted with PD's friction; {before:.1f} mm one second earlier. {WHY[direction]}"
+    for direction, text, error, before, link in zip(DIRECTIONS, PRINTED["ppi"], _left("ppi"), early, _links_left("ppi"), strict=True):
+        note = f"Predicted with PD's friction; {before:.1f} mm one second earlier, {link:.1f} mm by the links. {WHY[direction]}"
         yield compare(f"fig14.{direction}.steady_error_mm", float(text), error, "mm", TOLERANCE, note, text)
     for direction, pd, ppi in zip(DIRECTIONS, _left("pd"), _left("ppi"), strict=True):
         yield same(f"fig14.{direction}.below_pd", True, ppi < pd, "The error at rest is smaller under P/PI than under PD.")
@@ -130,3 +139,8 @@ def pictures(controller: str) -> Iterator[Picture]:
 def _left(controller: str) -> list[float]:
     """Errors at rest in x, y, z [mm]."""
     return (1e3 * np.abs(motion(controller).steady)).tolist()
+
+
+def _links_left(controller: str) -> list[float]:
+    """The same by the true positions of the links."""
+    return (1e3 * np.abs(motion(controller).steady_of_links)).tolist()

@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
+import numpy as np
+
 from ..analysis.gain_limit import gain_limit
 from ..simulation import Chirp, Run, Scenario, Start, Vibration, simulate, vibration
 from ..simulation.onset import Onset, find_onset, linear_vibration
-from .joints import SAMPLE_TIME, STABLE_KV, TESTBED_KP, VIBRATING_KV
+from .joints import SAMPLE_TIME, STABLE_KV, TESTBED, TESTBED_KP, VIBRATING_KV
 from .picture import Curve, Panel, Picture
 from .row import Row, compare, same, within
 from .virtual_testbed import BUS_DELAY, MOTOR_RESOLUTION, loop_of_testbed, virtual_testbed
@@ -35,12 +37,44 @@ class Trial:
         found = self.vibration
         return found is not None and found.amplitude > 10 * MOTOR_RESOLUTION and found.growth_rate > -1.0
 
+    @property
+    def last(self) -> Run:
+        """The run's last second."""
+        return self.response.rows(slice(-round(LAST / SAMPLE_TIME), None))
+
+    @property
+    def largest_errors(self) -> tuple[float, float]:
+        """Largest errors of link and motor in the last second [rad]."""
+        run = self.last
+        return float(np.abs(run.reference - run.link_position).max()), float(np.abs(run.reference - run.motor_position).max())
+
+    @property
+    def link_share(self) -> float:
+        """Swing of the link over that of the motor at the vibration's frequency, by least squares beside the sine that is followed."""
+        if self.vibration is None:
+            return math.nan
+        run = self.last
+        turns = np.outer(run.time, [self.vibration.frequency, RATE])
+        basis = np.hstack([np.cos(turns), np.sin(turns), np.ones((len(turns), 1)), run.time[:, None]])
+        parts = np.linalg.lstsq(basis, np.hstack([run.link_position, run.motor_position]), rcond=None)[0]
+        link, motor = np.hypot(parts[0], parts[2])
+        return float(link / motor)
+
+
+def link_over_motor(frequency: float) -> complex:
+    """Position of the testbed's link per position of its motor, moved at `frequency` [rad/s]."""
+    s = 1j * frequency
+    gearbox = TESTBED.stiffness + TESTBED.damping * s
+    return gearbox / (TESTBED.link_inertia * s * s + gearbox)
+
 
 def rows() -> Iterator[Row]:
     """The two trials, the vibration, and the limit between them."""
     hardware = "Virtual testbed: friction, gravity, encoders and torque limit (assumed), the inferred delay, a sine about −0.5 rad."
     for kv, stable in ((STABLE_KV, True), (VIBRATING_KV, False)):
-        yield same(f"fig11.kv_{kv:g}.stable", stable, not trial(kv).vibrates, f"Kp:Kv 1600:{kv:g}, simulated. {hardware}")
+        link, motor = (1e3 * error for error in trial(kv).largest_errors)
+        errors = f"Largest error in the last second: of the link {link:.1f} mrad, of the motor {motor:.1f}."
+        yield same(f"fig11.kv_{kv:g}.stable", stable, not trial(kv).vibrates, f"Kp:Kv 1600:{kv:g}, simulated. {hardware} {errors}")
     predicted, seen = gain_limit(loop_of_testbed(TESTBED_KP, VIBRATING_KV)).frequency, trial(VIBRATING_KV).vibration
     note = (
         "Not printed: the sampled linear loop's at its limit, against the vibration simulated at Kv 80. Tolerance: 3 %, as the torque "
@@ -48,6 +82,12 @@ def rows() -> Iterator[Row]:
     )
     frequency = math.nan if seen is None else seen.frequency
     yield compare("fig11.vibration_frequency_rad_s", predicted, frequency, "rad/s", 0.03 * predicted, note)
+    expected = abs(link_over_motor(frequency))
+    note = (
+        f"What the link does of the vibration at Kv {VIBRATING_KV:g}: its swing over the motor's, simulated. Not printed: two masses move "
+        "so at that frequency, |(B s + K)/(J_L s² + B s + K)|. Tolerance: 5 %, as dry friction acts on the link, too."
+    )
+    yield compare(f"fig11.kv_{VIBRATING_KV:g}.link_over_motor", expected, trial(VIBRATING_KV).link_share, "×", 0.05 * expected, note)
     limit = simulated_limit()
     note = f"The Kv at which the linear loop, simulated at 2 kHz, starts to vibrate at Kp 1600 ({limit.runs} runs). The paper: 70 to 80."
     yield within("fig11.kv_limit", STABLE_KV, VIBRATING_KV, limit.gain, "N·m·s/rad", note)
