@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -9,6 +10,9 @@ import pytest
 import scipy.linalg
 
 import gainroom as gr
+from gainroom.app.bench import Opened
+from gainroom.app.joint_bench import JointBench
+from gainroom.app.messages import View
 from gainroom.report.joint_tables import JointPresentation
 from gainroom.report.number_format import digits
 from gainroom.report.over_time import motion_text
@@ -239,3 +243,20 @@ def test_integral_action_turns_the_motor_back_under_a_load_and_kp_0_lets_it_drif
 def test_a_loop_with_kd_on_a_path_of_its_own_is_refused():
     loop = gr.build_loop(ELBOW, ELBOW_DRIVE, gr.PD(600.0, 30.0), sample_time=TICK, kd_path=gr.GainPath(delay=1e-3, sample_time=TICK / 2))
     assert_refused(lambda: step_response(loop), ["kd_path: a step response is not known"])
+
+
+def test_the_live_page_draws_link_and_motor(tmp_path: Path):
+    """Under 5 N·m on the link, in mrad, and after a step; at the ticks that are drawn, to five digits."""
+    text = (
+        "joint: {rotor_inertia: 7.0e-5, gear_ratio: 80, link_inertia: 0.35, stiffness: 900, damping: 0}\n"
+        "drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 3.0}\n"
+        "control: {type: pd, kp: 628, kd: 37.9, feedback: motor, sample_rate_hz: 1000}\n"
+    )
+    bench = JointBench(Opened(text, "elbow.yaml", tmp_path))
+    drawn = dict(bench.curves(View(), None, bench.plant(View()), True))["step"]
+    assert (drawn["unit"], drawn["added"]) == ("mrad", "5 N·m on the link")
+    ticks = np.rint(drawn["ms"]).astype(int)
+    assert len(ticks) > 100
+    for key, truth in (("reference", pushed(628.0, 37.9, 1.0, 0.0, 1000)), ("disturbance", 1e3 * pushed(628.0, 37.9, 0.0, 5.0, 1000))):
+        for name, side in ((f"{key}_motor", 0), (key, 1)):
+            assert drawn[name] == pytest.approx(truth[ticks, side], rel=1e-4, abs=1e-9)
