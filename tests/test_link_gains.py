@@ -85,3 +85,15 @@ def nothing_meets(joint, delay, step):
 @pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 300))])
 def test_no_gains_on_a_grid_have_a_stiffer_link(seed):
     check(*random_joint(np.random.default_rng(seed)))
+
+
+def test_a_region_beside_an_undamped_resonance():
+    """Between two samples the shadow of the disk breaks off and begins again, where the resonance turns L past it."""
+    parts = gr.ElasticJoint(2.3915386, 1.0, 191629.66, 0.0), gr.Drive(BANDWIDTH, CURRENT_DAMPING, 1.42622e-3)
+    region = gr.pd_region(*parts, peak_sensitivity=2.0)
+    omega = np.concatenate([np.linspace(300.0, 700.0, 15_000), np.geomspace(1.0, 3000.0, 5000)])
+    for kp in (3000.0, 3700.0, 4130.0):
+        for kd in np.linspace(150.0, 270.0, 25):
+            height = float((1 / np.abs(1 + gr.build_loop(*parts, gr.PD(kp, kd)).response(omega))).max())
+            if abs(height - 2) > 2e-4:  # what lies between the frequencies
+                assert region.contains(kp, kd) == (height < 2), (kp, kd, height)

@@ -134,6 +134,7 @@ class Lines:
         gap = np.minimum(upper[column, k], upper[column, k + 1]), np.maximum(lower[column, k], lower[column, k + 1])
         swept = exists & (above > gap[0]) & (below < gap[1])
         pieces.append((column[swept], start[swept], end[swept]))
+        pieces += self._towards_gaps(center, radius, column, k, lower, upper)
         if not self.polish:
             return pieces
         column, point = self._narrow_shadows(center, radius)
@@ -152,6 +153,28 @@ class Lines:
             low, middle, high = np.append(omega[k], omega[cell]), np.append(omega[k + 1], point), np.append(omega[k + 2], omega[cell + 1])
             _, height = self._maximum(farthest, kps[owner], low, middle, high)
             pieces.append((owner, np.append(kd[top, k + 1], low_end if sign < 0 else high_end), sign * height))
+        return pieces
+
+    def _towards_gaps(self, center: float, radius: float, column: Integers, k: Integers, lower: Floats, upper: Floats) -> list[Piece]:
+        """Intervals that the shadow sweeps from samples `k` and k + 1 to a gap between them, in which the line of all L misses the disk."""
+        kps, omega = self.kps[column], self.omega
+
+        def off(kp: Floats, a: Complexes, b: Complexes) -> Floats:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                return np.abs(((-center + kp * a) * b.conj()).imag) / np.abs(b)
+
+        farthest, height = self._maximum(off, kps, omega[k], 0.5 * (omega[k] + omega[k + 1]), omega[k + 1])
+        gap = height > radius
+        column, k, kps, farthest = column[gap], k[gap], kps[gap], farthest[gap]
+        pieces = []
+        for sample in (k, k + 1):
+            inner, outer = omega[sample].copy(), farthest.copy()
+            for _ in range((ROUNDS if self.polish else FEW_ROUNDS) if len(k) else 0):
+                middle = 0.5 * (inner + outer)
+                reached = off(kps, *self._at(middle)) < radius
+                inner, outer = np.where(reached, middle, inner), np.where(reached, outer, middle)
+            edge, _ = on_circle(kps, *self._at(inner), -center, radius, 1.0)
+            pieces.append((column, np.minimum(lower[column, sample], edge), np.maximum(upper[column, sample], edge)))
         return pieces
 
     def _narrow_shadows(self, center: float, radius: float) -> tuple[Integers, Floats]:
