@@ -45,7 +45,7 @@ def joint(
                 study = study_joint(system)
         except NoGainsError as nothing:
             present(NoGains(nothing), as_json, verbose)
-            return 0 if exit_zero else 1
+            return exit_status(nothing.verdict, exit_zero)
         shown = JointPresentation(study, call=typed_command(context, "report"), files={"Report": report})
         present(shown, as_json, verbose)
         if page is not None:

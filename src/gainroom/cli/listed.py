@@ -56,7 +56,12 @@ class ListingCommand(TyperCommand):
     """Command whose help has lists in the place of placeholders."""
 
     def get_help(self, ctx: Any) -> str:  # typer's own, which it does not publish
-        for parameter in self.params:
-            if isinstance(parameter, TyperArgument | TyperOption) and parameter.help:
-                parameter.help = with_lists(parameter.help)
-        return super().get_help(ctx)
+        listed = [one for one in self.params if isinstance(one, TyperArgument | TyperOption) and one.help]
+        texts = [one.help or "" for one in listed]
+        try:
+            for one, text in zip(listed, texts, strict=True):
+                one.help = with_lists(text)
+            return super().get_help(ctx)
+        finally:  # the next help may be of more entries
+            for one, text in zip(listed, texts, strict=True):
+                one.help = text

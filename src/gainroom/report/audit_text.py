@@ -35,7 +35,7 @@ from .page import Advice
 from .presentation import Legend, Part, Presentation, TextTable, closing, do_this, folded, warned_first
 from .robot_columns import AUDITED_JOINT, audited_joints, audited_states, joint_caption, legend
 from .robot_text import free_joints, unconfirmed
-from .words import SOFTER, UNSTABLE, headline, in_simulator, motor_inertias, unsafe_joints, without_motors
+from .words import SOFTER, UNSAFE_NOT_KNOWN, UNSTABLE, headline, in_simulator, motor_inertias, unsafe_joints, without_motors
 
 if TYPE_CHECKING:
     from ..studies.audited_workspace import AuditedWorkspace
@@ -86,7 +86,7 @@ def _unsafe(found: Audit) -> str:
     start = "nothing makes it vibrate" if math.isinf(limit.gain) else f"vibration starts at {digits(limit.gain, '×', 4)} these gains"
     joints = unsafe_joints(sum(joint.safe is False for joint in found.joints), len(found.joints)).rstrip(".")
     if all(joint.safe is not False for joint in found.joints) and any(joint.safe is None for joint in found.joints):
-        joints = "Which joints are unsafe is not known"
+        joints = UNSAFE_NOT_KNOWN
     joints = f"{joints[0].lower()}{joints[1:]}"
     return f"{joints}, {start if limit.gain > 0 else 'no lower gains are stable'}"
 

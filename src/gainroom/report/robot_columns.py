@@ -11,7 +11,7 @@ from .columns import Column, definitions, facts, units_of, yes
 from .margin_columns import judged_columns, judged_legend, margin_facts
 from .number_format import digits, hertz
 from .robot_units import joint_units
-from .words import safe_means
+from .words import DASH, safe_means
 
 if TYPE_CHECKING:
     from ..studies.analysis import Analysis
@@ -286,7 +286,7 @@ def _measured(result: "Audit") -> set[str]:
 def _left_open(result: "Audit") -> str:
     """Legend of a dash under "safe"; "" if there is none."""
     some = any(row.safe is None for row in result.joints)
-    return "; safe –: not known, as the robot misses what was not measured of this joint" if some else ""
+    return DASH if some else ""
 
 
 def legend(result: "Audit", shown: Collection[str]) -> str:

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 LEVELS: "Mapping[Level, str]" = {"safe": "Safe", "unsafe": "Not safe", "undecided": "Not decided"}
 NOT_SAFE = LEVELS["unsafe"]
 UNSTABLE = f"{NOT_SAFE}: unstable"
+UNSAFE_NOT_KNOWN = "Which joints are unsafe is not known"
+DASH = "; safe –: not known, as the robot misses what was not measured of this joint"
+"""Legend of a dash under "safe"."""
 AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
 SOFTER = "On softer gearboxes these gains may not be safe."
 MOST_NAMES = 3

@@ -28,6 +28,7 @@ from ..system.uncertainty import Uncertainty
 from .analysis import Analysis, analyze
 from .over_uncertainty import Worst
 from .state import USUAL_RATE, State
+from .verdict import Finding, Verdict
 
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
 RULE_DAMPING = 2.0
@@ -40,6 +41,11 @@ class NoGainsError(GainroomError):
     def __init__(self, system: System, unlimited: bool) -> None:
         super().__init__("no gains are recommended")
         self.system, self.unlimited = system, unlimited
+
+    @property
+    def verdict(self) -> Verdict:
+        """No gains to be had: not safe."""
+        return Verdict.of((Finding("no_gains", "unsafe"),))
 
 
 @dataclass(frozen=True)
