@@ -48,6 +48,7 @@ PER_DECADE = 24  # first intervals
 ALIASES = 3  # sampled: aliases to each side that are summed, at least; those beyond are bounded by a power of the frequency
 MOST_ALIASES = 60
 FIRST = 1e-4  # share of the lowest corner frequency below which a loop is little else than a power of the frequency
+DECADES = 12  # below that, in which a bound is looked for
 LAST = 1e5  # multiple of the highest one above which it is, too
 SHARP = 0.05  # damping ratio below which a resonance above half the sample rate is followed like one below it
 SAME = 1e-9  # relative: error of a sampled pole
@@ -386,7 +387,9 @@ class _ScalarPeak:
             last, most = LAST * float(sizes.max()), {0: math.inf, 1: abs(loop.gain)}.get(loop.relative_degree, 0.0)
             best = (most, math.inf)
         first = min(FIRST * float(sizes.min()), FIRST * last)
-        while not self._below(first) < math.inf:
+        for _ in range(DECADES):  # a loop that comes to rest at −1 has no such bound: its peak is then not certified
+            if self._below(first) < math.inf:
+                break
             first *= 0.1
         return first, last, best
 
