@@ -236,7 +236,7 @@ def polished(height: Callable[[float], float], known: list[tuple[float, float]])
     low, high = by_angle[max(at - 1, 0)][1], by_angle[min(at + 1, len(by_angle) - 1)][1]
     if not high > low:
         return by_angle[at]
-    found = minimize_scalar(lambda angle: -height(angle), bounds=(low, high), method="bounded", options={"xatol": 1e-7 * (high - low)})
+    found: Any = minimize_scalar(lambda angle: -height(angle), bounds=(low, high), method="bounded", options={"xatol": 1e-7 * (high - low)})
     return max(by_angle[at], (-float(found.fun), float(found.x)))
 
 
