@@ -410,7 +410,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("words", REFUSED)
-def test_what_is_not_carried_is_refused(biped, words: str):
+def test_what_cannot_be_tracked_is_refused(biped, words: str):
     with pytest.raises(gr.GainroomError, match=words):
         gr.GainTracker(biped, **REFUSED[words](biped))
 

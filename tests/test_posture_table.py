@@ -143,7 +143,7 @@ def test_postures_outside_where_no_factor_is_safe_are_counted(biped, monkeypatch
             raise gr.GainroomError("no factor")
         return 2.0, True
 
-    monkeypatch.setattr(posture_table._Looks, "limit", limit_of)
+    monkeypatch.setattr(posture_table._PostureLimits, "limit", limit_of)
     made = gr.PostureTable.computed(biped, (KNEES, SWAY), samples=30)
     assert made.never > 0
     assert made.looked_outside + made.never == 30 * len(made.contacts)

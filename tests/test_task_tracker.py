@@ -338,7 +338,7 @@ def refused(robot):
 
 
 @pytest.mark.parametrize("words", refused(gr.load_robot(files("gainroom") / "files" / "examples" / "biped.yaml")))
-def test_what_is_not_carried_is_refused(robots, words: str):
+def test_what_cannot_be_tracked_is_refused(robots, words: str):
     robot, control, contacts = refused(robots("stand"))[words]
     with pytest.raises(gr.GainroomError, match=words):
         gr.GainTracker(robot, control, contacts=contacts)

@@ -44,7 +44,7 @@ def coupled_margins(loop: Loop, largest: bool = False) -> Margins:
         return replace(
             Margins.unknown(limit), unstable_roots=max(samples.unstable, 1) if samples.followed else -1, certified=limit.certified
         )
-    phase, crossover = _told_apart(samples) if samples.followed and samples.unstable == 0 else (math.nan, math.nan)
+    phase, crossover = _phase_of_all(samples) if samples.followed and samples.unstable == 0 else (math.nan, math.nan)
     if not samples.followed or samples.unstable != 0:
         raise GainroomError(f"margins: {lost(loop)}")
     reach = min(math.pi, 1.2 * abs(phase) + NEAR_BY.phase)
@@ -129,11 +129,11 @@ def direction_limits(loop: Loop, torque: Floats, jacobian: Floats, gains: Floats
     return np.array([_factor(samples, counting, k, 1, up) for k, up in enumerate(samples.one_loop()[:, 0].tolist())])
 
 
-def _told_apart(samples: LoopSamples) -> tuple[float, float]:
+def _phase_of_all(samples: LoopSamples) -> tuple[float, float]:
     """Phase margin common to all loops [rad], with its sign, and its frequency [rad/s], after refining samples at nearly equal loci.
 
-    Loci of equal limbs, and curves that nearly turn back, may cross the unit circle between samples. Every phase is looked at, also a large
-    one: at a high frequency it is a short delay.
+    Loci of equal limbs, and curves that nearly turn back, may cross the unit circle between samples. Large phases are refined, too: at a
+    high frequency they are a short delay.
     """
     found = samples.common_phase()
     for _ in range(MOST_ROUNDS):
@@ -147,7 +147,10 @@ def _told_apart(samples: LoopSamples) -> tuple[float, float]:
 
 
 def _phase_counted(counting: LoopSamples, phase: float) -> Certificate | None:
-    """Roots that lags and leads up to a little less than `phase` make unstable, and those of a little more of its own sign."""
+    """Numbers of roots that a common phase makes unstable: NUDGE inside the phase margin `phase` [rad], either sign, and outside it.
+
+    None for an infinite phase; −1 for both if the loop is unstable or its loci cannot be followed.
+    """
     if math.isinf(phase):
         return None
     if not counting.followed or counting.unstable != 0:
@@ -205,7 +208,7 @@ def _first_delay(loop: Loop, samples: LoopSamples) -> _Delay:
 
 
 def _later(counted: Callable[[float], int], stable: float, unstable: float) -> float:
-    """Stable delay [s] between `stable` and `unstable`, nearer to the first crossing, by halving."""
+    """Longest delay [s] at which `counted` finds no unstable root, among HALVINGS midpoints from `unstable` down; else `stable`."""
     for _ in range(HALVINGS):
         middle = 0.5 * (stable + unstable)
         if counted(middle) == 0:
@@ -226,9 +229,11 @@ def _one_loop(loop: Loop, core: CoreLoop, samples: LoopSamples, counting: LoopSa
 
 
 def _factor(samples: LoopSamples, counting: LoopSamples, joint: int, way: int, first: float) -> float:
-    """The factor on one joint's gains, above 1 (`way` 1) or below it (−1), where it is lost; inf or 0: none; NaN where none is confirmed.
+    """Factor on one joint's gains at which the loop becomes unstable, above 1 (`way` 1) or below 1 (`way` −1).
 
-    first   |ln| of the nearest crossing that is seen: where no root passes there, others are tried by their distance
+    inf or 0 if there is none; NaN if no crossing is confirmed by counts of roots.
+
+    first   |ln| of the nearest crossing among the samples; if the counts do not confirm it, farther ones are tried in turn
     """
 
     def confirmed(size: float) -> float:
@@ -244,12 +249,12 @@ def _factor(samples: LoopSamples, counting: LoopSamples, joint: int, way: int, f
 
 
 def _is_end(counting: LoopSamples, joint: int, gain: int, change: float, scale: float, farthest: float) -> bool:
-    """A change of one joint's gains is where it is lost: no root is unstable a little before it, and one is a little behind.
+    """True if `change` of one joint's gains is a stability limit: no root is unstable just before it, at least one is just beyond.
 
-    True also where there is none, `scale` 0 or inf, and none is unstable at `farthest`.
+    For `scale` 0 or inf no limit is claimed; then True if no root is unstable at the change `farthest`.
 
-    gain    0: all gains of the joint, as a part of them; 1: kp; 2: kd
-    scale   of which the certificate's nudge is a part
+    gain    0: all gains of the joint, `change` relative to them; 1: kp; 2: kd
+    scale   size that the distances "just before" and "just beyond", NUDGE, are relative to
     """
     if not 0 < scale < math.inf:
         return counting.one_loop_count(joint, farthest, gain) == 0
@@ -283,11 +288,13 @@ def _with_largest(loop: Loop, core: CoreLoop, samples: LoopSamples, counting: Lo
 
 
 def exact_delay(lag: Callable[[float, float], tuple[float, float]], delay: float, omega: float) -> tuple[float, float] | None:
-    """The delay [s] more of a sampled loop, about `delay`, at which a locus passes −1 about `omega` [rad/s], and where; None: it is lost.
+    """Extra delay [s] near `delay` at which a locus of a sampled loop passes −1, and the frequency [rad/s] of that, near `omega`.
 
-    lag   (delay, ω) → the lag [rad] at which the locus about ω passes −1 with that delay, and its ω; NaN where it is lost
+    None if the locus cannot be followed.
 
-    A share of a tick is nearly, not quite, a phase; beside a resonance far from it: secants.
+    lag   (delay, ω) → further common phase lag [rad] with which the locus near ω passes −1 at that delay, and the frequency; NaN: not known
+
+    A fraction of a tick is not exactly a phase lag ωT, least of all near a resonance, so that the delay is found by secants.
     """
     before = None
     for _ in range(TRIES):
@@ -296,13 +303,13 @@ def exact_delay(lag: Callable[[float, float], tuple[float, float]], delay: float
             return delay + left / omega, omega
         slope = -omega if before is None or before[0] == delay else (left - before[1]) / (delay - before[0])
         before, delay = (delay, left), delay - left / slope if slope else math.nan
-        if not delay >= 0:  # NaN where the locus is lost
+        if not delay >= 0:  # NaN where the locus cannot be followed
             return None
     return None
 
 
 def disk_of(loop: Loop) -> MultiLoopDisk | None:
-    """Disk margin of the loop; None where integrators drown all else in round-off, so that I + L is singular to the last digit."""
+    """Disk margin of the loop; None if I + L is singular in floating point, as where integrators exceed all else by its precision."""
     try:
         return disk_margin(loop)
     except np.linalg.LinAlgError:

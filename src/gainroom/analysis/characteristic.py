@@ -21,9 +21,9 @@ NODES, NODES_PER_RADIAN = 12, 1.0
 
 
 def roots_within(loop: Loop, most: float) -> Complexes:
-    """Closed-loop roots s (m,) [1/s], all with |s| ≤ `most` and others; sampled loops: ln(z)/T_s, all.
+    """Closed-loop roots s (m,) [1/s], all with |s| ≤ `most` [1/s] and some beyond; sampled loops: ln(z)/T_s of every root.
 
-    Eigenvalues; of continuous loops with the delay lines on enough Chebyshev points for e^{−sT} to ten digits as far as `most`.
+    They are eigenvalues. Delays of continuous loops are on enough Chebyshev points for e^{−sT} to ten digits up to |s| = `most`.
     """
     loop.require_one_path("a root in s")
     system = characteristic(loop)
@@ -37,7 +37,7 @@ def roots_within(loop: Loop, most: float) -> Complexes:
 
 
 def growth_rate(roots: Complexes, sample_time: float | None) -> Floats:
-    """Growth rate [1/s] of roots in v."""
+    """Growth rate Re s [1/s] of roots (m,) in v: v itself is s in continuous time, (z − 1)/T_s in sampled time."""
     with np.errstate(divide="ignore"):
         return roots.real if sample_time is None else np.log(np.abs(1 + sample_time * roots)) / sample_time
 
@@ -51,7 +51,7 @@ def characteristic(loop: Loop) -> "Characteristic":
 
 @dataclass(frozen=True)
 class Characteristic:
-    """Closed loop x' = a x + b u(t − T), u = −(c x + d u(t − T))."""
+    """Closed loop x' = a x + b u(t − T), u = −(c x + d u(t − T)) of n channels with a delay T each; of a sampled loop v replaces s."""
 
     a: Floats
     b: Floats
@@ -70,11 +70,11 @@ class Characteristic:
 
     @property
     def at_rest(self) -> float:
-        """Roots smaller than this may be 0: they come in pairs, which are known to the root of round-off."""
+        """Size |s| [1/s] below which a root counts as 0: a double root at 0 is known to the square root of round-off alone."""
         return min(math.sqrt(RESOLUTION) * float(np.abs(self.a).max(initial=1.0)), AT_REST)
 
     def unmoved(self, sample_time: float | None) -> Complexes:
-        """Roots on the boundary, upper half plane, that no gain moves: open-loop poles that the controller does not see, or not act on."""
+        """Roots on the stability boundary, Im ≥ 0, that no gain moves: open-loop poles that are unobservable or uncontrollable."""
         poles: Complexes = np.linalg.eigvals(self.a).astype(complex)
         poles[np.abs(poles) <= self.at_rest] = 0.0
         ringing = np.abs(growth_rate(poles, sample_time)) <= 1e-9 * np.abs(poles)
@@ -88,12 +88,15 @@ class Characteristic:
         return bool(null.any()) and (_loses(self.c, right[null].conj().T) or _loses(self.b.T, left[:, null].conj()))
 
     def without(self, unmoved: Complexes, starts: Complexes) -> Complexes:
-        """`starts` but for those that lead to roots that no gain moves."""
+        """Those of `starts` that are not, within round-off, among the roots `unmoved`."""
         reach = np.maximum(self.at_rest, 1e-9 * np.abs(unmoved))
         return starts[np.all(np.abs(starts[:, None] - unmoved) > reach, axis=1)]
 
     def collocated(self, nodes: int) -> Floats:
-        """The generator with every delay line on `nodes` + 1 Chebyshev points; without delays, the closed-loop matrix."""
+        """Matrix whose eigenvalues approximate the closed-loop roots: every delay is discretised on `nodes` + 1 Chebyshev points.
+
+        Without delays it is the closed-loop matrix itself, and the eigenvalues are exact.
+        """
         states, lines = len(self.a), np.flatnonzero(self.delays > 0)
         direct = np.flatnonzero(self.delays == 0)
         size = states + nodes * len(lines)

@@ -23,7 +23,10 @@ SAME = 1e-11  # largest error of gains along directions, relative to the largest
 
 @dataclass(frozen=True)
 class CoreLoop:
-    """Loop in the core without its gains, and the gains (3, m) of its directions; `cascade` True for those of a P/PI."""
+    """Loop in the C++ core without its gains, and the gains (3, m) of its directions: kp, kd, ki.
+
+    cascade   True, for all directions or by direction (m,): the gains are kp, kv, ki of a P/PI
+    """
 
     loop: Directed
     gains: Floats
@@ -32,7 +35,7 @@ class CoreLoop:
 
     @classmethod
     def of(cls, loop: Loop) -> "CoreLoop | None":
-        """Loop in the core; None for one that was not built with build_loop, and for kd on a path of its own."""
+        """Loop in the core; None for a loop that was not built with build_loop, and if kd closes on a path of its own."""
         if loop.parts is None or loop.kd_path is not None:
             return None
         terms = _terms(loop)
@@ -48,9 +51,11 @@ class CoreLoop:
 
     @classmethod
     def of_matrices(cls, loop: Loop, with_joints: bool = False) -> "CoreLoop":
-        """Loop in the core with all gains as one law, on the subspace that they see: directions with gains of 1, for any gain matrices.
+        """Loop in the core for any gain matrices: they enter as one law, on the subspace of positions that they act on (Loop.seen).
 
-        with_joints   True: behind these a direction per joint whose gains are 0, each of them one loop at a time: they may grow
+        The directions span that subspace and have gains of 1, so that a factor on them is a factor on all gains.
+
+        with_joints   True: further directions follow, one per joint, with gains of 0: for changes of one joint's gains
         """
         seen, terms, joints = loop.seen, _terms(loop), np.eye(loop.size)[:, : loop.size if with_joints else 0]
         acting, idle = seen.shape[1], joints.shape[1]
@@ -82,23 +87,32 @@ class CoreLoop:
         return replace(self, gains=self.gains * np.where(self.cascade, [[1.0], [factor], [factor]], factor))
 
     def unstable(self) -> int:
-        """Number of unstable roots as far as the gains move them; negative where they cannot be counted."""
+        """Number of unstable roots among those that the gains move; −1 if they cannot be counted."""
         samples = self.samples(NEAR_BY, smooth=False)
         return samples.unstable if samples.followed else -1
 
     def lag_about(self, omega: float) -> tuple[float, float]:
-        """Lag [rad] at which the locus nearest to −1 at `omega` [rad/s] passes it, and its frequency; NaN where it cannot be followed."""
+        """Common phase lag [rad] with which the locus nearest to −1 at `omega` [rad/s] passes through −1, and its frequency [rad/s] there.
+
+        NaN, both, if the locus cannot be followed.
+        """
         return lag_about(self.loop, self.gains, omega)
 
 
 def _terms(loop: Loop) -> Terms:
-    """Gain matrices (n, n) of a loop built with build_loop, with its common factor, by powers of velocity and integral."""
+    """Gain matrices (n, n) of a loop built with build_loop, times its common factor on all gains.
+
+    The key is the pair of powers of velocity V and integral I (system/controller.py): (0, 0) kp, (1, 0) kd, (0, 1) ki.
+    """
     assert loop.parts is not None
     return {powers: loop.gain * gain for powers, gain in loop.parts.controller.matrices(loop.size).items()}
 
 
 def _of_directions(terms: Terms, size: int) -> tuple[Floats, bool] | None:
-    """Gains kp, kd, ki (3, m), or kp, kv, ki of a cascade (kv + ki/s)(kp + s), and True for a cascade; `terms` (m,) by powers of V, I."""
+    """Gains (3, m) with `terms` (m,) by powers of V and I, and True for a cascade (kv + ki/s)(kp + s): kp, kd, ki, or kp, kv, ki.
+
+    None if the terms belong to neither form.
+    """
     stiff, damped, slow, both = (terms.get(powers, np.zeros(size)) for powers in ((0, 0), (1, 0), (0, 1), (1, 1)))
     if not both.any():
         return np.array([stiff, damped, slow]), False

@@ -32,7 +32,7 @@ UNHELD = 3.0  # growth of compliance from a low frequency to a tenth of it above
 
 @dataclass(frozen=True)
 class Peaks:
-    """Local peaks of the links' compliance: p of them, by joint (p,), frequency (p,) [rad/s] and height (p,) [rad/(N m)]."""
+    """Local peaks of the links' compliance: joint (p,), frequency (p,) [rad/s] and height (p,) [rad/(N m)] of each of p peaks."""
 
     joint: Integers
     omega: Floats
@@ -40,11 +40,15 @@ class Peaks:
 
 
 def peaks(response: Callable[[Floats], Complexes], grid: Floats, share: float = 0.5, rounds: int = ROUNDS) -> Peaks:
-    """Local peaks of |C|, C = `response`, omega (k,) → (k, n), that reach `share` of each column's highest, between samples on `grid` (k,).
+    """Local peaks of |C| over frequency, joint by joint, that reach `share` of the joint's highest one.
 
-    The first sample counts where C falls from it: compliance at rest. Between samples 1/C is taken as a parabola, as near a resonance it
-    is, however sharp: it passes 0 beside the axis. It is drawn `rounds` more times, through a sample at the peak of the last. Frequencies
-    are those of the highest samples, heights those of the last parabola.
+    response   omega (k,) [rad/s] → compliance C (k, n)
+    grid       (k,) [rad/s] first samples, rising
+    rounds     number of further samples per peak at most
+
+    The first sample is a peak if |C| falls from it: compliance at rest. Near a peak 1/C is interpolated by a parabola in ω, as it is one
+    near a resonance, however sharp; each further sample is at the peak of the last parabola. The frequency is that of the highest sample,
+    the height that of the last parabola.
     """
     samples = response(grid)
     heights = np.abs(samples)
@@ -79,7 +83,7 @@ def peaks(response: Callable[[Floats], Complexes], grid: Floats, share: float = 
 
 
 def _between(at: Floats, softness: Complexes) -> tuple[Floats, Floats]:
-    """Frequencies (p,) within `at` (p, 3) where the parabola through 1/softness (p, 3) is smallest, and 1 over its size there."""
+    """Frequencies (p,) [rad/s] of peaks of |C|, and |C| there, if 1/C is a parabola through 1/softness (p, 3) at `at` (p, 3) [rad/s]."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return _least_parabola(at, 1 / softness)
 
@@ -103,7 +107,10 @@ def _least_parabola(at: Floats, stiffness: Complexes) -> tuple[Floats, Floats]:
 
 
 def _nearest_three(at: Floats, softness: Complexes, more: Floats, value: Complexes, best: Floats) -> tuple[Floats, Complexes]:
-    """The highest of four samples, `at` (p, 3) and `more` (p,), with its neighbours, or the first or last three."""
+    """Three neighbouring of four samples of C: frequencies (p, 3) and values (p, 3), around `best` (p,) [rad/s].
+
+    The four are `softness` at `at` (p, 3), and `value` at `more` (p,); if two have one frequency, the former three.
+    """
     every, values = np.column_stack([at, more]), np.column_stack([softness, value])
     order = np.argsort(every, axis=1, kind="stable")
     every, values = (np.take_along_axis(each, order, axis=1) for each in (every, values))
@@ -153,12 +160,12 @@ class DynamicStiffness:
 
     @property
     def least_frequency(self) -> float:
-        """Its frequency [rad/s]; 0 where it is that at rest."""
+        """Frequency [rad/s] of `least`; 0 if that is the static stiffness."""
         return float(self.omega[int(np.argmin(self.stiffness))])
 
 
 def stiffness_of(loop: Loop, stable: bool) -> DynamicStiffness:
-    """Dynamic stiffness of the links of `loop`, from build_loop, and its least damping ratio; `stable`: its verdict.
+    """Dynamic stiffness of the links of `loop`, from build_loop, and its least damping ratio; all NaN if it is not `stable`.
 
     Raises GainroomError for a loop given as a transfer function: it has no link.
     """
@@ -190,7 +197,7 @@ def stiffness_of(loop: Loop, stable: bool) -> DynamicStiffness:
 
 
 def highest_mode(loop: Loop) -> float:
-    """Highest frequency [rad/s] of the plant's modes on its springs, motors free; of a rigid one, that of its gains as springs."""
+    """Highest undamped natural frequency [rad/s] of the plant with free motors; for a rigid plant, with the position gains as springs."""
     assert loop.parts is not None
     form = loop.parts.plant.mechanism()
     elastic = _highest(form.mass, form.stiffness)
@@ -209,7 +216,7 @@ def _highest(mass: Floats, stiffness: Floats) -> float:
 
 
 def vibrations(loop: Loop) -> Complexes:
-    """Closed-loop roots s, Im s > 0, up to ELASTIC times the highest mode of the plant."""
+    """Closed-loop roots s (m,) [1/s] with Im s > 0 and |s| up to ELASTIC times `highest_mode`."""
     most = ELASTIC * highest_mode(loop)
     if loop.kd_path is not None:
         lifted = Lifted(loop)
@@ -258,7 +265,7 @@ def _damping(roots: Complexes) -> Floats:
 
 
 def frequencies(links: LinkCompliance, roots: Complexes) -> Floats:
-    """Frequencies (k,) [rad/s], ascending, from which peaks of the compliance are looked for: over all decades, and about each root."""
+    """Frequencies (k,) [rad/s], rising, at which peaks of the compliance are searched: over all decades, and near each closed-loop root."""
     plant, controller = links.parts.plant, links.parts.controller
     corners = np.abs(plant.corners().every)
     sizes = np.concatenate([np.abs(roots), corners[corners > 1e-6 * corners.max(initial=0.0)], [controller.slowest(plant.size)]])

@@ -40,20 +40,23 @@ class Lines:
     polish: bool = True
 
     def excluded(self, shape: ExcludedSet) -> list[Floats]:
-        """The kd that `shape` excludes on each line: disjoint sorted intervals (p, 2); everything: (−inf, inf)."""
+        """Intervals of kd (p, 2), disjoint and sorted, that `shape` excludes, one array per line; (−inf, inf) if all kd are excluded."""
         column, low, high = (np.concatenate(parts) for parts in zip(*shape.on(self), strict=True))
         return union_of(column.astype(int), np.minimum(low, high), np.maximum(low, high), len(self.kps))
 
     @cached_property
     def responses(self) -> tuple[Complexes, Complexes]:
-        """A and B (k,) at `omega`."""
+        """Responses A and B (k,) at `omega`, with L = kp A + kd B."""
         return self._at(self.omega)
 
     def _at(self, omega: Floats) -> tuple[Complexes, Complexes]:
         return self.plane.a.response(omega), self.plane.b.response(omega)
 
     def swept(self, branches: Sequence[Branch], ends: Sequence[complex]) -> list[Piece]:
-        """Intervals of kd that a curve in the plane of L sweeps, whose `ends` L may pass."""
+        """Intervals of kd for which L lies at some ω on a curve in the plane of L with the end points `ends`.
+
+        branches   solutions kd(ω) with L on the curve
+        """
         found = [BoundaryCurve.of(self.plane, end).crossings("kp", self.kps, self.polish) for end in ends]
         if any(branch.paired for branch in branches):
             found = [self._touching(), *found]
@@ -80,7 +83,7 @@ class Lines:
         return pieces
 
     def _around_events(self, branch: Branch, events: Events, place: Integers, cut: Booleans) -> Piece:
-        """The stretches between samples and events, and from event to event, on which L is in the set, however narrow in ω.
+        """Intervals of kd from the parts of cells of ω that events divide, however narrow in ω, in which L is in the set.
 
         With a small kp the crossing frequency hardly depends on kd: a whole segment is swept between two samples.
         """
@@ -100,7 +103,10 @@ class Lines:
         return columns[1:][held], kd[:-1][held], kd[1:][held]
 
     def _touching(self) -> Events:
-        """Events at which the line of all L at one kp is tangent to the unit circle, |kp Im(Ā B)| = |B|: beyond, no kd gives |L| = 1."""
+        """Events (line, ω, kd) at which the L of all kd, at one kp and ω, form a line tangent to the unit circle: |kp Im(Ā B)| = |B|.
+
+        On one side of such an ω no kd gives |L| = 1.
+        """
 
         def reach(a: Complexes, b: Complexes) -> Floats:
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -156,7 +162,7 @@ class Lines:
         return pieces
 
     def _towards_gaps(self, center: float, radius: float, column: Integers, k: Integers, lower: Floats, upper: Floats) -> list[Piece]:
-        """Intervals that the shadow sweeps from samples `k` and k + 1 to a gap between them, in which the line of all L misses the disk."""
+        """Intervals of kd that the disk excludes on either side of a gap between samples `k` and k + 1: in the gap no kd puts L into it."""
         kps, omega = self.kps[column], self.omega
 
         def off(kp: Floats, a: Complexes, b: Complexes) -> Floats:

@@ -30,9 +30,12 @@ MOST_STATES = 1500  # largest size of Φ, whose eigenvalues are computed many ti
 
 @dataclass(frozen=True)
 class _Path:
-    """One of the two paths of gains: its law in z of the measured position, samples per common period, and delays (n,).
+    """One of the two paths of gains: its law in z, from measured position to torque, its rate and its delays.
 
-    step   [s] between samples; late (n,): whole samples of delay; rest (n,) [s]: the remainder
+    step      [s] between samples
+    samples   per common period
+    late      (n,) whole samples of delay
+    rest      (n,) [s] what is left of the delay
     """
 
     law: StateSpace
@@ -43,7 +46,7 @@ class _Path:
 
     @property
     def kept(self) -> int:
-        """Number of samples whose torques are still on their way, each a row block of n."""
+        """Number of past samples whose torques have not yet arrived and are states: n states each."""
         return int(self.late.max()) + 1
 
     def delayed(self, delays: Floats) -> "_Path":
@@ -54,7 +57,10 @@ class _Path:
 
 @dataclass(frozen=True)
 class _Event:
-    """Event within the common period: a path samples, or its earlier torques arrive at `joints`; then `ticks` of ROUNDING of physics."""
+    """Event within the common period: the path `path` samples (`samples`), or torques that it sent earlier arrive at `joints`.
+
+    ticks   time to the next event, in units of ROUNDING
+    """
 
     path: int
     samples: bool
@@ -64,7 +70,10 @@ class _Event:
 
 @dataclass(frozen=True)
 class _Hold:
-    """Hold of one joint's torque: from the arrival at event number `event`, at tick `start`, for `ticks` of ROUNDING."""
+    """Interval in which one joint's torque is constant: from its arrival, event number `event` at time `start`, for `ticks`.
+
+    Times are in units of ROUNDING.
+    """
 
     joint: int
     event: int
@@ -73,9 +82,9 @@ class _Hold:
 
 
 class Lifted:
-    """Lifted sampled system of one common period, for any factors on its gains. Its paths are (other gains, kd).
+    """Lifted sampled system of one common period, for any factors on the gains of its two paths: first kp and ki, then kd.
 
-    Raises GainroomError where it has more than MOST_STATES states.
+    Raises GainroomError if it has more than MOST_STATES states.
     """
 
     def __init__(self, loop: Loop) -> None:
@@ -101,22 +110,22 @@ class Lifted:
         return [_of_position(controller_state(law, self.size, step), self.size, step) for law, step in zip(laws, self._steps, strict=True)]
 
     def regained(self, controller: Controller) -> "Lifted":
-        """The lifted system with other gains, none of which was 0 or is."""
+        """Lifted system with the gains of `controller`; none of the gains may be 0 before or after."""
         found = copy(self)
         found._paths = [replace(path, law=law) for path, law in zip(self._paths, self._laws(controller), strict=True)]
         return found
 
     def later(self, others: float, kd: float) -> "Lifted":
-        """The lifted system with more delay [s] on either path."""
+        """Lifted system with extra delays [s]: `others` on the path of kp and ki, `kd` on that of kd."""
         found = copy(self)
         found._lay_out([path.delayed(own + more) for path, own, more in zip(self._paths, self._delays, (others, kd), strict=True)])
         return found
 
     def _lay_out(self, paths: list[_Path]) -> None:
-        """Places of the parts of the state, and events from one sample of the faster path to the next.
+        """Sets the order of the states for `paths`, and the events between the samples of the faster path.
 
-        First what the faster path alone changes: the plant's state, torques at work, its memory, torques on their way; then the slower
-        path's memory and torques on their way.
+        The states are the plant's, the torques acting now (n per path), then, for the faster path first, the controller's states and the
+        torques that have not yet arrived. Those before the slower path's change alone while the slower path does nothing.
         """
         vars(self).pop("holds", None)
         self._paths, order = paths, (self._faster, 1 - self._faster)
@@ -160,7 +169,7 @@ class Lifted:
         return self._flows[ticks]
 
     def _pass(self, stride: tuple[_Event, ...], y: Any, factors: list[Any]) -> None:
-        """Brings states, the columns of y, from one sample of the faster path to the next."""
+        """Updates y, whose columns are states, over the events `stride` from one sample of the faster path to the next."""
         for event in stride:
             self._torques(event, y, factors)
             self._move(event, y, 0.0)
@@ -203,9 +212,10 @@ class Lifted:
 
     @cached_property
     def holds(self) -> list[_Hold]:
-        """Holds of every joint's torque within a period, joint by joint in the order of time: from one arrival on a path to the next.
+        """Intervals of a period in which each joint's torque is constant, joint by joint, rising in time.
 
-        A path without gains on the joint has no arrivals: where kp or kd is 0, the sampled loop of the other path is left.
+        An interval ends where the next torque of either path arrives. A path whose gains on the joint are 0 is left out: the intervals are
+        then those of the other path's sampled loop.
         """
         events = [event for stride in self._strides for event in stride]
         start, whole, found = np.cumsum([0, *(event.ticks for event in events)]), round(1 / ROUNDING), list[_Hold]()
@@ -217,10 +227,10 @@ class Lifted:
         return found
 
     def torques(self) -> StateSpace:
-        """Complementary sensitivity T: from disturbance torques (m,), one per hold of `holds`, to the torques (m,) that answer them.
+        """Complementary sensitivity T (m in, m out), from disturbance torques, one per interval of `holds`, to the controller's torques.
 
-        Its `a` is Φ. Inputs and outputs are in units in which the sum of squares is ∫ torque² dt of a period over its length. The
-        disturbances held when a period ends are states, too.
+        Inputs and outputs are scaled so that their sum of squares is the mean of torque² over a period. States are those of Φ and the
+        disturbances (n,) that act when a period ends.
         """
         count, size, factors = len(self.holds), self.size, self._factors(1.0, 1.0)[0]
         y = np.eye(self.states, self.states + size + count)
@@ -240,7 +250,10 @@ class Lifted:
         return StateSpace(after[:, :edge], after[:, edge:], taken[:, :edge], taken[:, edge:])
 
     def frequency(self, angle: float, disturbance: Complexes, rows: Integers) -> float:
-        """Strongest frequency [rad/s] of torques held in `rows` of `holds`, of all aliases of e^{j angle}."""
+        """Frequency [rad/s] of the strongest component of torques that repeat with e^{j angle} from period to period.
+
+        `disturbance` holds their values in the intervals `rows` of `holds`; the candidates are all aliases of `angle`.
+        """
         starts, lengths = (np.array([getattr(self.holds[row], name) for row in rows]) * ROUNDING for name in ("start", "ticks"))
         turns = np.arange(-len(rows), len(rows) + 1)
         phase = 1j * (angle + 2 * np.pi * turns)[:, None]
@@ -249,9 +262,10 @@ class Lifted:
         return abs(angle + 2 * np.pi * float(turns[strongest])) / self.period
 
     def vibration(self, others: Any = 1.0, kd: Any = 1.0) -> tuple[float, Complexes]:
-        """The frequency [rad/s], with its sign, at which the mode of the eigenvalue furthest out moves most, and that part of it (n,).
+        """Frequency [rad/s], with its sign, of the mode with the largest |eigenvalue|, and its complex amplitudes (n,) at that frequency.
 
-        A mode of a periodic system holds a frequency and its aliases; seen at the faster path's samples the largest one is told from them.
+        A mode of a periodic system contains a frequency and its aliases; of these the one with the largest motion is returned, found from
+        the positions at the samples of the faster path.
         """
         values, vectors = np.linalg.eig(self.matrix(others, kd))
         first = int(np.argmax(np.abs(values)))
@@ -270,6 +284,9 @@ class Lifted:
 
 
 def _of_position(law: StateSpace, size: int, step: float) -> StateSpace:
-    """Law as x ↦ a x + b u, where it was δ x = a x + b u, with the position as its only input, from which the velocity is made."""
+    """Law in z from the measured position alone to torque, from a law in δ = (z − 1)/T_s of position and velocity.
+
+    The velocity becomes the difference of successive positions over `step` [s].
+    """
     b, d = (one[:, :size] + one[:, size:] for one in (law.b, law.d))
     return StateSpace(np.eye(len(law.a)) + step * law.a, step * b, law.c, d)

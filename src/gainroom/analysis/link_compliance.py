@@ -41,7 +41,7 @@ def current(drive: Drive, s: Complexes) -> Complexes:
 
 @dataclass(frozen=True)
 class LinkCompliance:
-    """Links, gearboxes and motors of a loop that was built from joints and drives, without its gains."""
+    """Links, gearboxes, motors and drives of a loop from build_loop, without its gains: compliance C of the links for any gains."""
 
     parts: Parts
 
@@ -58,7 +58,7 @@ class LinkCompliance:
         return np.inf if self.parts.sample_time is None else np.pi / self.parts.sample_time
 
     def delivered(self, s: Complexes, delay: Floats | float, step: float | None) -> Complexes:
-        """Torque on the motors per torque command (k, n) at s (k,), by `delay` [s], current loops and a hold of `step` [s]."""
+        """Transfer function (k, n) at s (k,) from torque command to motor torque: `delay` [s], current loop, and hold of `step` [s]."""
         lags = {(drive.bandwidth, drive.damping_ratio): current(drive, s) for drive in self._kinds}
         currents = np.stack([lags[drive.bandwidth, drive.damping_ratio] for drive in self.parts.drives], axis=1)
         return currents * held(s, step)[:, None] * np.exp(-s[:, None] * delay)
@@ -69,7 +69,10 @@ class LinkCompliance:
         return list({(drive.bandwidth, drive.damping_ratio): drive for drive in self.parts.drives}.values())
 
     def signals(self, s: Complexes, controller: Controller) -> dict[tuple[int, int], Complexes]:
-        """Torque on the motors per measured position (k, n) at s (k,), by a gain of 1, for each term of `controller`, with its filters."""
+        """Transfer functions (k, n) at s (k,) from measured position to motor torque with a gain of 1, filters and delays included.
+
+        One for each gain term of `controller`; the key is its pair of powers of velocity and integral (system/controller.py).
+        """
         parts, path = self.parts, self.parts.kd_path
         ways = [(controller, parts.sample_time, parts.delays)]
         if path is not None:
@@ -82,7 +85,7 @@ class LinkCompliance:
         return found
 
     def feedback(self, s: Complexes, controller: Controller, gain: float = 1.0) -> Complexes:
-        """Torque on the motors per measured position (k, n, n) at s (k,), by `controller` times `gain`."""
+        """Transfer matrix (k, n, n) [N m/rad] at s (k,) from measured position to motor torque; `gain`: a factor on all gains."""
         size = self.parts.plant.size
         terms = controller.matrices(size)
         found = np.zeros((len(s), size, size), dtype=complex)
@@ -101,7 +104,7 @@ class LinkCompliance:
         return at * at * plant.motor_inertia + at * plant.motor_viscous, np.where(plant.elastic, 1 / spring, 0.0)
 
     def stiffness(self, s: Complexes, fed: Complexes) -> Complexes:
-        """Stiffness Y (…, k, n) of joints with gains of their own, at s (k,); `fed` (…, k, n): their diagonal of `feedback`."""
+        """Stiffness Y (…, k, n) [N m/rad] of joints whose gains do not couple them, at s (k,); `fed` (…, k, n): diagonal of `feedback`."""
         motor, soft = self._motors(s)
         if self.parts.feedback == "link":
             return (motor + fed) / (1 + soft * motor)
@@ -123,7 +126,7 @@ class LinkCompliance:
         return self.on(s, share * motor).reshape(len(s), size, size), share, soft * share
 
     def coupled_stiffness(self, s: Complexes, fed: Complexes) -> Complexes:
-        """Stiffness Y (k, n, n) at s (k,) with `fed` (k, n, n) of `feedback`, whose gains may couple joints."""
+        """Stiffness Y (k, n, n) [N m/rad] at s (k,) with `fed` (k, n, n) from `feedback`, whose gains may couple joints."""
         motor, soft = self._motors(s)
         whole = fed.astype(complex)
         diagonals(whole)[:] += motor
@@ -158,7 +161,10 @@ class LinkCompliance:
         return moved * np.abs(held(s, self.parts.sample_time))[:, None, None]
 
     def on(self, s: Complexes, stiffness: Complexes, whole: bool = True) -> Complexes:
-        """Compliance C of links on joints of uncoupled `stiffness` Y (k, n), at s = jω (k,): all of it (k, n n), or its diagonal (k, n)."""
+        """Compliance C [rad/(N m)] at s = jω (k,) of links on joints with the uncoupled `stiffness` Y (k, n) [N m/rad].
+
+        whole   True: all entries, (k, n·n) row by row; False: the diagonal, (k, n)
+        """
         plant = self.parts.plant
         loads = stiffness + s[:, None] * plant.link_viscous
         if plant.compliance is not None:
@@ -168,7 +174,7 @@ class LinkCompliance:
 
     @cached_property
     def _springs(self) -> Floats:
-        """Rows of R, and behind them those of springs under contacts."""
+        """Factor R, stacked on H, the rows of springs under contacts, if there are any."""
         return (
             np.ascontiguousarray(np.vstack(self._hung)) if self.parts.plant.compliance is not None else np.ascontiguousarray(self._hung[0])
         )

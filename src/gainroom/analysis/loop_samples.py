@@ -29,7 +29,7 @@ FAST = 1e-2
 
 @dataclass(frozen=True)
 class Reach:
-    """Reach of samples around −1: loci and return ratios are followed as far as this, margins beyond are reported as infinite.
+    """Distance from −1 up to which loci and return ratios are sampled; margins beyond it are reported as infinite.
 
     factor   > 1, on gains, up or down
     phase    [rad]
@@ -64,7 +64,7 @@ class LoopsApart:
 
 
 class SamplesApart:
-    """Samples of each group of `loops`, with gains (3, m) of all joints; the methods are those of the core's Look."""
+    """Samples of each group of `loops`, with gains (3, m) of all joints; the methods are those of the core's samples (_core.Look)."""
 
     def __init__(self, loops: LoopsApart, gains: Floats, reach: Reach, between: bool, smooth: bool) -> None:
         self._size = loops.size
@@ -127,7 +127,7 @@ class SamplesApart:
         return self._by_joint(lambda one: one.sensitivities())
 
     def _by_joint(self, of: "Callable[[_core.Look], Floats]") -> Floats:
-        """Rows (c, 3) of all groups, the first column changed from the number of a joint in its group to that in the robot."""
+        """Rows (c, 3) that `of` returns for each group, stacked; the first column, an index within the group, becomes one within all joints."""
         return np.vstack(
             [np.column_stack([joints[rows[:, 0].astype(int)], rows[:, 1:]]) for joints, one in self._groups for rows in [of(one)]]
         )
@@ -194,7 +194,10 @@ def _take(loop: "_core.DirectedLoop", gains: Floats, reach: Reach, between: bool
 
 
 def lag_about(loop: Directed, gains: Floats, omega: float) -> tuple[float, float]:
-    """Lag [rad] at which the locus nearest to −1 at `omega` [rad/s] passes it, and its frequency; NaN where it cannot be followed."""
+    """Common phase lag [rad] with which the locus nearest to −1 at `omega` [rad/s] passes through −1, and the frequency [rad/s] of that.
+
+    NaN, both, if the locus cannot be followed.
+    """
     if isinstance(loop, LoopsApart):
         found = [lag_about(one, gains[:, joints], omega) for joints, one in loop.loops]
         return min(found, key=lambda each: math.inf if math.isnan(each[0]) else abs(each[0]))
@@ -220,7 +223,10 @@ def margins_of_samples(samples: LoopSamples, size: int, apart: bool = True) -> M
 
 
 def joint_loops(loop: Loop, cascade: bool = False) -> Directed:
-    """Loop in the core with gains of the joints, one per uncoupled group where some joints do not feel the others; `cascade`: P/PI."""
+    """Loop in the core with the joints as directions, or one such loop per group of joints if groups are uncoupled.
+
+    cascade   True: the gains are those of a P/PI
+    """
 
     def directed(loop: Loop, by_modes: bool) -> "_core.DirectedLoop":
         return directed_loop(loop, np.eye(loop.size), np.eye(loop.size), np.full(loop.size, cascade), by_modes)
@@ -275,7 +281,7 @@ def directed_loop(
 
 
 def _core_form(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, float]:
-    """State space A, B, C; again in balanced Hessenberg form; and the size of v [1/s] above which that form is exact enough."""
+    """State space A, B, C, then the same in balanced Hessenberg form, then the least |v| [1/s] from which that form is exact enough."""
     from scipy.linalg import hessenberg, matrix_balance
 
     if not len(a):

@@ -142,7 +142,10 @@ def _lowest_corner(modal: ModalLoop) -> float:
 
 
 def _diagonal(give: Floats, spring: Floats) -> tuple[Floats, Floats, Floats] | None:
-    """Axes (n, n) in which both symmetric matrices are diagonal, and these; None where neither is definite, nor `spring` 0."""
+    """Axes X (n, n) and the diagonals (n,) of Xᵀ give X and Xᵀ spring X: both symmetric matrices are diagonal in them.
+
+    None if neither matrix is positive definite and `spring` is not 0.
+    """
     if not np.any(spring):
         values, axes = np.linalg.eigh(give) if len(give) else (np.zeros(0), give)
         return axes, values, np.zeros(len(give))

@@ -84,19 +84,22 @@ class PartRegion:
         return cls(omega, values[:, 0], values[:, 1], kp, kd, unstable_roots(loop), last)
 
     def ratio(self, kp: float, kd: float) -> Complexes:
-        """Return ratio (k,) of this part with gains (kp, kd), all other loops closed: f less 1, over f without any gain of the part."""
+        """Return ratio L_part (k,) at `omega` of the part with gains (kp, kd), all other loops closed: 1 + L_part = f/f(kp = kd = 0)."""
         return (kp * self.a + kd * self.b) / (1 - self.kp * self.a - self.kd * self.b)
 
     @cached_property
     def curve(self) -> tuple[Floats, Floats, Floats]:
-        """Stability boundary kp, kd (k,), f(jω) = 0, and the determinant of its two equations: its sign says which side has more roots."""
+        """Stability boundary kp, kd (k,), where f(jω) = 0, and the determinant (k,) of its two equations.
+
+        The sign of the determinant tells on which side of the curve there are more unstable roots.
+        """
         determinant = self.a.real * self.b.imag - self.a.imag * self.b.real
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.kp - self.b.imag / determinant, self.kd + self.a.imag / determinant, determinant
 
     @cached_property
     def static(self) -> float:
-        """Gain kp at which a root is at s = 0: below it the loop is unstable, as a single root has crossed there."""
+        """Gain kp with a root at s = 0: below it the loop is unstable, as one real root is then positive."""
         rest = float(self.a[0].real)
         return self.kp - 1 / rest if rest else -math.inf
 
@@ -142,7 +145,7 @@ class PartRegion:
         return kps[place[kept]], kd[kept], omega[kept]
 
     def _met(self, upright: bool, values: Floats) -> tuple[Integers, Floats, Integers, Floats]:
-        """Crossings of the curve with lines kp = value (upright) or kd = value.
+        """Crossings of the stability boundary with lines kp = value (`upright`), or kd = value.
 
         Returns index into values, the other gain, change of the root count as that gain grows, ω [rad/s].
         """

@@ -24,9 +24,9 @@ class CommonPhase:
     """Gains (kp, kd) of one part excluded by a common phase of up to ±`angle` [rad] in all loops, at the samples of `plane`.
 
     `loop` and `part` are those of the plane; gains up to `window` (kp, kd). A vibration on which the part does not act, such as that of
-    another leg in the air, fits no net: for all gains it is at almost one (ω, ψ). It shows as a zero of det(I + e^{jψ} L) with the present
-    gains: the determinant turns once around the cell of (ω, ψ) that holds it. Where the triangles of that cell do not hold the present
-    gains, all gains are excluded.
+    another leg in the air, belongs to no pair of gains: for all gains it is near one (ω, ψ). It is found as a zero of det(I + e^{jψ} L)
+    with the present gains: the argument of the determinant turns by 2π around the cell of (ω, ψ) that contains it. If the triangles of
+    that cell do not contain the present gains, all gains are excluded.
     """
 
     def __init__(self, loop: Loop, part: LoopPart, plane: PartRegion, angle: float, window: tuple[float, float]) -> None:
@@ -81,7 +81,7 @@ class CommonPhase:
 
 
 def _cells(*corners: Floats) -> Floats:
-    """Triangles (coordinates, 3 corners, count) from arrays of three corners."""
+    """Triangles (d, 3 corners, count) from three arrays (d, …) of corners, the same place in each making one triangle."""
     return np.stack([corner.reshape(len(corner), -1) for corner in corners], axis=1)
 
 

@@ -12,7 +12,10 @@ from ..system.plant import Plant
 
 
 def uncoupled_groups(loop: Loop) -> list[tuple[Integers, Loop]]:
-    """Joints (g,), rising, and loop of each uncoupled group; [] if all joints feel each other, or gains are not a PD's of joints."""
+    """Indices (g,) of the joints, rising, and the loop of each group of joints that W and gravity do not couple to others.
+
+    [] if all joints are one group, and if the gains are not one kp and kd per joint of a PD on one path.
+    """
     parts = loop.parts
     if parts is None or type(parts.controller) is not PD or parts.kd_path is not None or parts.plant.compliance is not None:
         return []
@@ -25,7 +28,7 @@ def uncoupled_groups(loop: Loop) -> list[tuple[Integers, Loop]]:
 
 
 def _alone(loop: Loop, joints: Integers) -> Loop:
-    """Loop of some joints that feel no other joint."""
+    """Loop of `joints` (g,) alone, which no other joint acts on."""
     assert loop.parts is not None
     parts, square, controller = loop.parts, np.ix_(joints, joints), loop.parts.controller
     assert isinstance(controller, PD)

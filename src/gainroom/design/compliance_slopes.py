@@ -6,7 +6,7 @@ with encoders at the links; G the torque delivered per command, Δ = diag(d_j) t
 
     c = A − B Δ (I + L Δ)⁻¹ D,   A = E C₀ Eᵀ,   B = E C₀ ρ G X,   L = E (ρ C₀ ρ + σ) G X,   D = E ρ C₀ Eᵀ
 
-(encoders at the links: L = B, D = A), of which only Δ depends on gains: the rest is computed once for the frequencies that are looked at.
+(encoders at the links: L = B, D = A), of which only Δ depends on gains: the rest is computed once for the frequencies that are evaluated.
 At a peak of |c_j| its shift in frequency changes nothing to first order, so that its slopes are
 
     d ln |c_j| = Re(dc_j/c_j),   dc_j = −Σ_m [B (I + Δ L)⁻¹]_jm [(I + L Δ)⁻¹ D]_mj dd_m
@@ -56,7 +56,7 @@ class SoftPeaks:
 
     @property
     def gear_limited(self) -> Booleans:
-        """True (p,) for peaks that no gain moves."""
+        """Mask (p,), True for peaks whose height no gain changes by more than GEAR: the gearbox alone limits them."""
         return np.abs(self.slope).sum(axis=(1, 2)) < GEAR
 
     def worst(self, size: int) -> Integers:
@@ -69,10 +69,11 @@ class SoftPeaks:
 
 @dataclass(frozen=True)
 class _Open:
-    """What does not depend on gains, at frequencies omega (k,), and the laws' signals (k,) by term.
+    """Responses at frequencies omega (k,) [rad/s] that do not depend on gains.
 
-    sent         (k, n) torque on the motors per torque command, of joints with gains of their own
-    a, b, loop, d   A, B, L and D (k, m, m) of other directions; None of joints
+    signals      (k,) response from position to torque command for a gain of 1, by powers of velocity and integral (controller.py)
+    sent         (k, n) motor torque per torque command; used if the directions are the joints
+    a, b, loop, d   (k, m, m) A, B, L and D of the module; None if the directions are the joints
     """
 
     omega: Floats
@@ -85,7 +86,7 @@ class _Open:
 
     @classmethod
     def at_each(cls, omega: Floats, parts: "Sequence[_Open]") -> "_Open":
-        """Samples at each of `omega` (p,), which are among those of the parts."""
+        """Responses at `omega` (p,) [rad/s], picked from `parts`, which contain each of these frequencies."""
         every = np.concatenate([one.omega for one in parts])
         order = np.argsort(every, kind="stable")
         rows = order[np.searchsorted(every, omega, sorter=order)]
@@ -123,8 +124,8 @@ class DirectedCompliance:
         mobility = ((self._jacobian @ self._root) ** 2).sum(axis=1)
         return mobility > IMMOBILE * mobility.max(initial=0.0)
 
-    def look_closer(self, omega: Floats) -> None:
-        """Add frequencies [rad/s] at which peaks are looked for from now on."""
+    def search_near(self, omega: Floats) -> None:
+        """Adds frequencies around `omega` [rad/s] to those at which peaks are searched from now on."""
         self._more = np.concatenate([self._more, *(omega * (1 + beside) for beside in BESIDE / 4)])
         self._grid.clear()
 
@@ -188,11 +189,11 @@ class DirectedCompliance:
         return slope
 
     def _law(self, at: _Open, terms: dict[tuple[int, int], Floats]) -> Complexes:
-        """Law d (k, m) of each direction, with gain terms (m,)."""
+        """Transfer function d_j (k, m) of each direction's controller, with gain `terms` (m,) by powers of velocity and integral."""
         return sum((at.signals[powers][:, None] * gain for powers, gain in terms.items()), np.zeros((1, len(self.cascade)), dtype=complex))
 
     def _power(self, powers: tuple[int, int], k: int) -> Floats:
-        """Power (m,) of the factor on stiffness (k 0) or damping (1) in one gain term of each direction."""
+        """Exponent (m,) with which a factor on the stiffness (k 0) or damping (k 1) enters the gain term `powers` of each direction."""
         of_pd, of_cascade = (table.get(powers, (0, 0))[k] for table in (PD_POWERS, CASCADE_POWERS))
         return np.where(self.cascade, of_cascade, of_pd)
 
@@ -230,7 +231,7 @@ class DirectedCompliance:
         return _Open(omega, signals, sent, a, b, loop, turned @ self._jacobian.T / hold)
 
     def _sampled(self, gains: Floats) -> _Open:
-        """Samples at frequencies for these gains, or for gains close by."""
+        """Responses at the frequencies of `_frequencies` for these gains, or for similar gains if these were sampled before."""
         if self._grid:
             before, moving = self._grid[0][0], gains > 0
             if np.array_equal(moving, before > 0) and np.abs(np.log(gains[moving] / before[moving])).max(initial=0.0) < SETTLED:
@@ -239,7 +240,10 @@ class DirectedCompliance:
         return self._grid[0][1]
 
     def _frequencies(self, gains: Floats) -> Floats:
-        """Frequencies [rad/s] at which peaks are looked for: from rest, and about the resonances."""
+        """Frequencies (k,) [rad/s], rising, at which peaks are searched: a wide grid from far below the slowest mode, denser at modes.
+
+        Modes are the undamped ones with the motors held by `gains`, and those on the gearboxes; frequencies of `search_near` are added.
+        """
         stiff = (self._torque * self._terms(gains)[0, 0]) @ self._jacobian
         plant = self._links.parts.plant
         springs = np.linalg.solve(np.eye(len(stiff)) + stiff * np.where(plant.elastic, 1 / plant.stiffness, 0.0), stiff)
@@ -259,13 +263,13 @@ class DirectedCompliance:
 
     @cached_property
     def _mass(self) -> Floats:
-        """Mass (r, r) of links and motors in the links' own motions."""
+        """Mass matrix (r, r) of links and motors in the coordinates ξ of the links, q = R ξ."""
         root = self._root
         return np.eye(root.shape[1]) + root.T @ (self._links.parts.plant.motor_inertia[:, None] * root)
 
     @cached_property
     def _beside(self) -> Floats:
-        """Stiffness (r, r) of gravity and of springs under contacts, in the links' own motions."""
+        """Stiffness matrix (r, r) of gravity and of springs under contacts, in the coordinates ξ of the links."""
         plant, (root, rest) = self._links.parts.plant, self._links.parts.plant.hung
         found = np.zeros((root.shape[1],) * 2)
         if plant.gravity_stiffness is not None:
@@ -276,7 +280,7 @@ class DirectedCompliance:
 
     @cached_property
     def _elastic(self) -> Floats:
-        """Modes [rad/s] of the links on their gearboxes, with the motors free and with what the gains act on at rest."""
+        """Undamped natural frequencies [rad/s] of links and motors on gearboxes: free, and with the positions that gains act on held."""
         plant = self._links.parts.plant
         if not plant.elastic.any():
             return np.zeros(0)
@@ -290,7 +294,7 @@ class DirectedCompliance:
 
     @cached_property
     def _highest(self) -> float:
-        """Frequency [rad/s] above which no peak is looked for: loops end with their lag, links swing no faster than on their gearboxes."""
+        """Frequency [rad/s] above which no peak is searched: the loops' lag ends them, and links on their gearboxes vibrate no faster."""
         parts = self._links.parts
         lag = max(drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in parts.drives) + (parts.sample_time or 0.0)
         return ABOVE * max(float(self._elastic.max(initial=0.0)), 1 / lag if lag else 1.0)

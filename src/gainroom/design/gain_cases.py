@@ -57,7 +57,7 @@ def own_case(title: str, system: System, model: Any) -> tuple[GainCase, Gains] |
 
 
 def bounded_margins(state: StateCase, factor: float = 1.0, near: bool = False) -> Margins:
-    """Margins that requirements bound, with `factor` on all of a robot's own gains, in one case; the others are NaN.
+    """Margins that requirements bound, in one case, with all of the robot's own gains times `factor`; other margins are NaN.
 
     near   True: only those that are near a requirement, which is quicker
 
@@ -139,7 +139,7 @@ def task_state(state: StateCase) -> SearchedState:
 
 
 def _both(state: StateCase, case: Callable[[Any], GainCase], moves: Booleans, load: Floats) -> SearchedState:
-    """With the weight, where it counts, and without."""
+    """State of a search with `case` of the model with the robot's weight, if it counts, and of the model without it."""
     weighed = state.model.gravity_stiffness is not None and bool(np.any(state.model.gravity_stiffness))
     whole = case(state.model)
     return SearchedState(state, whole, case(replace(state.model, gravity_stiffness=None)) if weighed else whole, weighed, moves, load)

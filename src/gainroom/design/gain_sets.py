@@ -44,9 +44,9 @@ class GainSet:
     margin    (m,) what limits that joint or direction: the requirement that breaks if it is raised by 5 %, "stability", "link" where its
               link would then be softer, or "" where nothing does
     case      (m,) and where, as text
-    softest   the joint or direction that `binding` speaks of, by its place
+    softest   index of the joint or direction that `binding` is about
     without_weight  True where the weight of a robot that stands was left out, as no gains were found that meet the requirements with it
-    nearest   what came nearest with the weight, as text; "" where it counted
+    nearest   shortfall of the best gains found with the weight, as text; "" where the weight counted
     topples   the states in which the weight makes these gains unstable
     """
 
@@ -111,7 +111,7 @@ class RobotGains:
     per_contact  one set per contact state, None where none was found that meets the requirements
     everywhere   the one set that is safe in all; None where there is none
     inertia      (n,) J_m + 1/W_ii in the first state: kp / inertia and kd / inertia are the gains in 1/s² and 1/s; None in task space
-    nearest      by contact state ("" for all), where no set was found: what came nearest, as text
+    nearest      by contact state ("" for all), where no set was found: shortfall of the best gains found, as text
     unweighed    states in which the weight of a robot that stands is left out, as the contacts leave its base free to move
     """
 

@@ -61,15 +61,15 @@ class Recommendation:
 
     objective     what was made largest: "dynamic_stiffness" of the link, or "largest_kp"
     kp, kd        [N m/rad], [N m s/rad]; for a P/PI controller kp·kv and kv
-    stiffness     dynamic stiffness of the link in the worst of the cases looked at [N m/rad]
+    stiffness     dynamic stiffness of the link in the worst of the examined cases [N m/rad]
     controller    with these gains, the given filters and integral ratio
-    margins       in the worst of the cases looked at; `worst_case` says where that is
-    worst         every margin in the case looked at where that margin is smallest: they may come from different cases
+    margins       in the worst of the examined cases; `worst_case` says where that is
+    worst         every margin in the examined case where that margin is smallest: they may come from different cases
     nominal       margins at the nominal values
     shortfalls    of each requirement, by its name: by how much it is missed in the worst case; below 0: met
     dropped       searches for `costs`, when they are asked for
     certificate   what has been checked, as text
-    proved        the requirements hold for every joint within the uncertainty; False: at those that were looked at
+    proved        the requirements hold for every joint within the uncertainty; False: for those that were examined
     reserve       share of each requirement that the search kept to spare, without which a proof over the uncertainty does not end
     """
 
@@ -276,7 +276,7 @@ class _JointSearch:
         return float(self.link(place).stiffness(np.array([kp]), np.array([kd]))[0])
 
     def softer_case(self, kp: float, kd: float) -> bool:
-        """True if one of the cases looked at has a softer link than the active ones; it becomes active, too."""
+        """True if one of the examined cases has a softer link than the active ones; it becomes active, too."""
         if self.objective == "largest_kp":
             return False
         softest = min(self.checked, key=lambda place: self.softness(place, kp, kd))

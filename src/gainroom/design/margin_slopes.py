@@ -82,7 +82,7 @@ class GainCase:
 
     @cached_property
     def _asked(self) -> "_Asked":
-        """Reach of samples that the requirements need, and whether all have slopes in closed form."""
+        """Reach that samples need to cover every requirement, and whether every requirement has slopes in closed form."""
         asked = _Asked()
         for one, needed in self.required.asked_for:
             one.slopes(asked, needed)
@@ -127,11 +127,11 @@ class GainCase:
         return found
 
     def known(self, gains: Gains) -> bool:
-        """True if the loop with these gains is stable, and its curves could be followed."""
+        """True if the loop with these gains is stable, and every requirement's value is known."""
         return self.required.shortfall(self.margins(gains)) < math.inf
 
     def stable(self, gains: Gains) -> bool:
-        """True if the loop with these gains is counted stable; a fraction of the time of `known`, as curves near −1 are not followed."""
+        """True if a count of roots finds the loop with these gains stable; False also if the count fails. Much quicker than `known`."""
         key = gains.tobytes()
         if key in self._known:
             return self._known[key].stable
@@ -144,7 +144,7 @@ class GainCase:
         return self._stable[key] is True
 
     def vibrates(self, gains: Gains) -> bool:
-        """True if `stable` has counted unstable roots with these gains, and the gains hold the weight up."""
+        """True if `stable` was asked for these gains and found unstable roots, though the robot does not topple under its weight."""
         return self._stable.get(gains.tobytes()) is False and self.loop(gains).stands
 
     def follows(self, gains: Gains) -> bool:
@@ -161,11 +161,11 @@ class GainCase:
 
     @property
     def anchored(self) -> Gains:
-        """Gains of the anchor."""
+        """Gains (3, m) of the anchor: those whose samples curves are predicted from."""
         return self._anchor[0][0]
 
     def anchor(self, gains: Gains) -> None:
-        """Set the samples of the loop with these gains, which is stable, as those from which curves are predicted from now on."""
+        """Samples the loop with these gains, which is stable; curves at other gains are predicted from these samples from now on."""
         self._anchor[:] = [(gains, self._samples_at(gains))]
 
     def slopes(self, gains: Gains) -> "Slopes | None":
@@ -204,9 +204,11 @@ class GainCase:
 
 @dataclass(frozen=True)
 class Slopes:
-    """Shortfalls, in ln of a gain or a sensitivity or as part of a phase, negative where a requirement is met, and their slopes.
+    """Shortfalls of c crossings and peaks, negative where a requirement is met, and their derivatives by the gains.
 
-    missed (c,)     slope (c, 2, m): by ln of each direction's stiffness, and of its damping     name (c) of the requirement
+    missed   (c,) the shortfall: ln of a ratio of gains or sensitivities, or a fraction of the required phase
+    slope    (c, 2, m) its derivatives by ln of each direction's stiffness, then by ln of its damping
+    name     (c,) of the requirement
     """
 
     missed: Floats
@@ -220,7 +222,7 @@ class Slopes:
         return cls(missed, slope, tuple(name for part in parts for name in part.name))
 
     def seen_from(self, step: Floats, most: float) -> "Slopes":
-        """Tangents at gains changed by `step` (2, m), moved back to the gains before; a shortfall above `most` is cut to it."""
+        """Tangents at gains changed by `step` (2, m), as functions of the change from the gains before; shortfalls are at most `most`."""
         return Slopes(np.minimum(self.missed - np.einsum("ijk,jk->i", self.slope, step), most), self.slope, self.name)
 
 
@@ -314,7 +316,7 @@ class _Curves:
         return Slopes(np.zeros(0), np.zeros((0, 2, self.case.torque.shape[1])), ())
 
     def _moving(self, found: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-        """Margins (c,), and their derivatives (c, 2, m)."""
+        """Margins (c,) and their derivatives (c, 2, m) from the core's arrays: (c, 1), and (c, 2 m)."""
         return found[0][:, 0], found[1].reshape(len(found[1]), 2, self.case.torque.shape[1])
 
     def at_axis(self, name: str, factor: float) -> list[PlacedSlopes]:
@@ -343,7 +345,7 @@ class _Curves:
         return self._as_far_as_asked(parts())
 
     def _as_far_as_asked(self, parts: Iterator[PlacedSlopes]) -> list[PlacedSlopes]:
-        """List of the parts; where a broken one is searched, up to the first that is broken."""
+        """List of the parts; if the visitor only checks for broken requirements (`broken`), up to the first broken one."""
         found = []
         for part in parts:
             found.append(part)
@@ -365,7 +367,7 @@ class _Curves:
         return [(PEAKS, Slopes(np.log(height / ceiling), moves, (name,) * len(height)))]
 
     def by_differences(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:
-        """Shortfall of a margin without a curve here, which only new samples tell."""
+        """Shortfall of a margin that no curve gives, and its slopes by finite differences: each needs new samples."""
         case = self.case
         if self.followed:
             return []
@@ -377,7 +379,7 @@ class _Curves:
         return self._by_differences(missed, requirement.name)
 
     def at_measured(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:
-        """Shortfall of a quantity measured of the loop, its slopes by differences of what is measured about the samples' loop."""
+        """Shortfall of a quantity that a requirement computes from the loop itself, and its slopes by finite differences."""
         case = self.case
         known = case.margins(case.anchored if self.followed else self.gains).loops
 
@@ -389,7 +391,7 @@ class _Curves:
         return self._by_differences(missed, requirement.name) if known else []
 
     def _by_differences(self, missed: Callable[[Gains], float], name: str) -> list[PlacedSlopes]:
-        """Shortfall at the gains, and its slopes by differences at gains a little larger, one after the other."""
+        """Shortfall `missed` at the gains, and its slopes by forward differences, one gain at a time."""
         size = self.case.torque.shape[1]
         here, slope = missed(self.gains), np.zeros((1, 2, size))
         if here < -self.near:

@@ -83,13 +83,13 @@ def mirror_image(
 
 
 def _turned_links(one: StateStiffness, order: Integers, contact: str) -> StateStiffness:
-    """Links of a mirrored state: each joint has what its image has."""
+    """Link stiffness of the mirrored state in `contact`: each joint has the value of its image, by `order` (m,)."""
     title = one.title.removesuffix(one.contact) + contact
     return StateStiffness(title, contact, one.stiffness[order], one.omega[order], one.gear_limited[order], one.damping)
 
 
 def _of_mirrored(nearest: str, titles: Mapping[str, str]) -> str:
-    """Text of `_nearest` with the titles of the mirrored states."""
+    """Text `nearest` (set_search.py) with the titles of states replaced by those of their mirror images."""
     shortage, between, title = nearest.rpartition(" in ")
     return shortage + between + titles.get(title, title)
 
@@ -172,7 +172,7 @@ def _turned(forms: Sequence[tuple[Floats, Floats]]) -> Floats:
 
 
 def _tasks_alike(case: GainCase, twin: GainCase, order: Integers, turned: Floats) -> bool:
-    """True if each direction of a task sees and moves the same joints in both cases, up to its sign."""
+    """True if each task direction measures and drives, up to its sign, the mirrored joints in both cases."""
     if case.torque.shape != twin.torque.shape or not np.array_equal(case.cascade, twin.cascade):
         return False
     if case.joints:

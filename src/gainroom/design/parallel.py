@@ -130,7 +130,7 @@ def _failed(found: Outcomes) -> bool:
 
 
 def _readable(ends: Iterable[int]) -> set[int]:
-    """Ends of pipes that hold data or have ended; waits until there is one."""
+    """Those of the pipe ends `ends` that can be read or are closed; waits until there is one."""
     every = select.poll()
     for end in ends:
         every.register(end, select.POLLIN)
@@ -138,7 +138,7 @@ def _readable(ends: Iterable[int]) -> set[int]:
 
 
 def _queue(numbers: Sequence[int]) -> int:
-    """Pipe from which `numbers` are read one by one, and then nothing more."""
+    """File descriptor of a pipe that holds `numbers` and then ends: several processes may read them, one at a time."""
     out, into = os.pipe()
     os.write(into, b"".join(map(NUMBER.pack, numbers)))
     os.close(into)
@@ -151,7 +151,7 @@ def _taken(numbers: int) -> Iterator[int]:
 
 
 def _do(jobs: Sequence[Job[Any]], numbers: Iterable[int], checkpoint: Callable[[], None], found: Outcomes) -> None:
-    """Jobs of these numbers into `found`, until one fails; one that is stopped has no outcome."""
+    """Does the jobs with these numbers and puts their outcomes into `found`, until one fails; a stopped job has no outcome."""
     for number in numbers:
         try:
             found[number] = True, jobs[number](checkpoint)
@@ -173,7 +173,7 @@ class _Child:
     working: bool = True
 
     def outcomes(self) -> Outcomes:
-        """Outcomes of all its jobs, at its end; none of one that was killed, or whose answer cannot be read."""
+        """Outcomes of all jobs that the process did, read when it ends; none if it was killed or its answer cannot be read."""
         self.working = False
         try:
             return pickle.load(self.answer)
@@ -181,7 +181,7 @@ class _Child:
             return {}
 
     def end(self) -> None:
-        """Kill the process, if it has not ended, and wait for it."""
+        """Kills the process, if it has not ended, and waits for its end."""
         self.answer.close()
         with suppress(ProcessLookupError, ChildProcessError):
             os.kill(self.number, signal.SIGKILL)
@@ -230,7 +230,7 @@ def _forked(jobs: Sequence[Job[Any]], numbers: int, tick: int) -> _Child:
 
 
 class _Handover:
-    """Short turns of threads in Python, for as long as any jobs are done in parallel."""
+    """Short switch interval of Python's threads for as long as jobs run in parallel; the former interval afterwards."""
 
     def __init__(self) -> None:
         self._lock, self._users, self._usual = threading.Lock(), 0, 0.0

@@ -39,8 +39,10 @@ HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that 
 
 @dataclass(frozen=True)
 class Beginning:
-    """Gains (3, m) of a search's beginning at share 1, with the `unit` (m,) of stiffness and the `data` (m,) in which alike ones agree.
+    """Gains (3, m) with which a search begins, before they are multiplied by a share.
 
+    unit     (m,) unit of stiffness of each direction
+    data     arrays (m,) of values that are equal for directions that are alike
     weight   (m,) of each direction, that its user gives it
     """
 
@@ -52,7 +54,7 @@ class Beginning:
 
     @property
     def most(self) -> float:
-        """Largest stiffness in units of `unit`: if nothing limits it up to there, nothing does."""
+        """Largest stiffness, in units of `unit`, that a search tries; gains that reach it are taken as unlimited."""
         return UNLIMITED * float((self.gains[0] * np.where(self.cascade, self.gains[1], 1.0) / self.unit).max())
 
     def at(self, share: float, softness: float) -> Gains:
@@ -66,7 +68,7 @@ class Beginning:
 
 
 def joints_that_move(model: Plant, feedback: str) -> Booleans:
-    """Mask (n,), False where contacts hold a joint, so that no gain on it is felt: rigid, or measured on the link's side."""
+    """Mask (n,), False for joints whose gains act on no motion: contacts hold the link, with a rigid gearbox or a link-side encoder."""
     own = np.diagonal(model.link_inverse_inertia)
     free = own > IMMOBILE * np.abs(model.link_inverse_inertia).max()
     return free if feedback == "link" else free | model.elastic
@@ -88,7 +90,7 @@ class JointsAlone:
         self._lock = threading.Lock()
 
     def of(self, key: tuple, found: Callable[[], tuple[float, float]]) -> tuple[float, float]:
-        """Gains kp and kd of `key`, computed by `found` where they are not known."""
+        """Gains kp and kd stored under `key`; if there are none, those that `found` computes, which are then stored."""
         with self._lock:
             if key not in self._known:
                 self._known[key] = found()

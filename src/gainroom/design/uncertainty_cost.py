@@ -40,9 +40,9 @@ class UncertaintyCost:
     """Cost of a joint's uncertainty in dynamic stiffness or kp, and the gains that knowing more would allow.
 
     exact   recommended gains if all were known exactly and nominal
-    cost    the part of its value which the uncertainty takes: 0 nothing, 1 all, as no gains meet the requirements in every case
-    known   one by one, the quantity first that brings most
-    half    that quantity half as uncertain
+    cost    share, 0 to 1, of the value of `exact` that the uncertainty costs; 1 if no gains meet the requirements in every case
+    known   for each uncertain quantity the gains if it alone were known exactly, the one with the largest value first
+    half    gains if the first of those quantities were half as uncertain
     """
 
     exact: Recommendation
@@ -74,7 +74,7 @@ def uncertainty_cost(
 
 
 def _known(name: str, one: Recommendation | None, found: Recommendation | None) -> KnownExactly:
-    """Gains if `name` is better known; at least those of `found`, which hold in every case and so in fewer, too."""
+    """Gains `one` for a better known quantity `name`, or those of `found` if these are larger: they hold in fewer cases, too."""
     best = max((gains for gains in (one, found) if gains is not None), key=lambda gains: gains.value, default=None)
     if best is None:
         return KnownExactly(name, math.nan, math.nan, math.nan, False)

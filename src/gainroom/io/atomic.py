@@ -50,7 +50,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def _refuse_unwritable(path: Path, target: Path) -> None:
-    """Refuses a path that cannot be written, as far as its name alone shows it."""
+    """Raises GainroomError if `target`, to which `path` resolves, is no regular file, is read-only, or has no directory."""
     if target.is_dir():
         raise GainroomError(f"{path}: cannot be written: it is a directory")
     if target.exists() and not target.is_file():

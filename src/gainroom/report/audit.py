@@ -273,7 +273,10 @@ def audited_margins(result: Audit) -> list[Column]:
 
 @dataclass(frozen=True)
 class HeadroomRow:
-    """Row of factors by state (k,), the least of joints that share it; NaN: none. `sides`: the prefixes of their names."""
+    """Row of the headroom figure: by state (k,) the factor on the gains at which vibration starts; NaN: none.
+
+    A row may stand for several joints that differ in their side ("left", "right") alone: `sides`. It then has their least factors.
+    """
 
     name: str
     sides: tuple[str, ...]

@@ -113,7 +113,7 @@ def assumptions(study: PathStudy) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class PathPresentation(Presentation):
-    """Presentation of such a study, which has no page."""
+    """Presentation of a PathStudy, a joint or robot whose kd has a separate path: terminal and JSON, no page."""
 
     study: PathStudy
 

@@ -85,7 +85,7 @@ def _percent(share: float) -> str:
 
 
 def _settled(found: Swing) -> str:
-    """When the link is within 2 % of its rest."""
+    """Text with the time from which the link stays within 2 % of its final position."""
     if math.isinf(found.settling_time):
         return "not settled in the time computed"
     return f"settled after {digits(found.settling_time, 's', 3)}"
@@ -130,7 +130,10 @@ def motion_figure(study: JointStudy) -> Html:
 
 
 def drawn_until(*responses: StepResponse) -> float:
-    """Time that is drawn [s]: until the links have settled, or all that was computed where one does not, or a side has vibrated far."""
+    """End [s] of the figure's time axis: BEYOND times the last settling time, or the end of the computation if no link settles.
+
+    If the first response is unstable, the axis ends where its motor or link has moved by FAR.
+    """
     far = [np.abs([one.reference.motor, one.reference.link]).max(axis=0) > FAR for one in responses if one.growth >= 0]
     if far and far[0].any():
         return float(responses[0].time[int(np.argmax(far[0]))])

@@ -196,7 +196,7 @@ def _lead(lead: Lead) -> str:
 
 
 def _headline(sentences: str) -> str:
-    """First sentence, the verdict, in large letters; the rest as text."""
+    """HTML of an answer: its first sentence, the verdict, in large letters, the rest as a paragraph."""
     verdict, *rest = SENTENCE_END.split(sentences, maxsplit=1)
     return escape(verdict) + "".join(f" <span>{escape(text)}</span>" for text in rest)
 

@@ -284,7 +284,7 @@ def _measured(result: "Audit") -> set[str]:
 
 
 def _left_open(result: "Audit") -> str:
-    """Legend of a dash under "safe"; "" if there is none."""
+    """Legend of a dash in the column "safe" of an audit's joints; "" if no joint has one."""
     some = any(row.safe is None for row in result.joints)
     return DASH if some else ""
 

@@ -271,7 +271,7 @@ def _cards(outcome: Outcome) -> list[Card]:
 
 
 def _at_end(outcome: Outcome, channel: int) -> str:
-    """Note with the largest steady-state error."""
+    """Note with the steady-state error of a channel, and its name if there are several joints."""
     value = " ".join(_distance(abs(float(outcome.tracking.steady_state[channel])), outcome.run.units[channel], floor_of(outcome)))
     return ", ".join(filter(None, [f"steady-state error {value}", _named(outcome, outcome.run.channels[channel])]))
 
@@ -322,7 +322,7 @@ def _distance(value: float, unit: str, floor: float = 1e-9) -> tuple[str, str]:
 
 
 def _beyond(outcome: Outcome) -> str:
-    """Note that the actual torque exceeds its limit; "" otherwise."""
+    """Note that the actual torque exceeds the limit of the demand torque; "" otherwise."""
     return "above the limit: the current loop overshoots the demand" if overshoots(outcome) else ""
 
 
@@ -405,14 +405,14 @@ def _joints(outcome: Outcome) -> Html:
 
 
 def _of_links(outcome: Outcome) -> str:
-    """Sentence on whose overshoot the table has."""
+    """Sentence that names the side, link or motor, of the overshoot in the table."""
     if outcome.run.links is None:
         return f"Overshoot: of the {outcome.run.feedback} side. "
     return "Overshoot: of the link over where it comes to rest, about which it also has to stay within 2 % to be settled. "
 
 
 def _whose_position(outcome: Outcome) -> str:
-    """Sentence on whose position the figure of all channels has."""
+    """Sentence that names the side, link or motor, whose position the figures of the channels show."""
     if len(outcome.run.joint_names) == 1:
         return "Thick: the link; thin: the motor. "
     side = "of the links" if outcome.run.links is not None else f"from the encoders on the {outcome.run.feedback} side"
@@ -535,7 +535,7 @@ def _change(values: Floats) -> Floats:
 
 
 def _scale(outcome: Outcome, channel: int) -> float:
-    """Factor from SI to the axis: rad for joints that move far, otherwise mm or mrad."""
+    """Factor from SI to the unit of the axis: 1 (rad) for a joint that moves by more than LARGE rad, 1e3 (mrad, mm) otherwise."""
     run = outcome.run
     extent = max(float(np.ptp(values[:, channel])) for values in (run.reference, run.measured))
     return motion_unit(extent)[0] if run.units[channel] == "rad" else 1e3

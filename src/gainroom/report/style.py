@@ -132,7 +132,7 @@ def label(x: float, y: float, text: str, color: str = INK, **parts: Any) -> Anno
 
 
 def stamp(word: str) -> Annotation:
-    """Large word at the lower right of a figure."""
+    """Label with one large word at the lower right of a figure, such as a verdict."""
     place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "bottom"}
     return label(1, 0, f"<b>{word}</b>", **place) | {"font": {"size": 18, "color": DARK[VERMILION]}}
 

@@ -136,7 +136,7 @@ def _missed(found: SweepSummary, worst: WorstStates, one: SampledRequirement, bo
 
 
 def share_missed(worst: WorstStates, one: SampledRequirement) -> str:
-    """Number of random postures that miss a requirement, as text."""
+    """Text "k of n" on the postures that miss a requirement: of the random ones, or of all if the sample is every posture."""
     if worst.everywhere:
         return f"{counted(one.missed)} of {counted(worst.count)}"
     return f"{one.random_missed} of {worst.random_count} random ones"

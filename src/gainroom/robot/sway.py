@@ -30,7 +30,7 @@ NEAR = 1.5
 
 @dataclass(frozen=True)
 class SlowMode:
-    """One slow mode.
+    """Slow mode of a robot whose joints' position gains act as springs.
 
     frequency   undamped [rad/s]
     of_base     the base's share of the kinetic energy, all bodies moving along with it
@@ -73,7 +73,7 @@ def slow_modes(model: RobotModel, controller: Controller, feedback: Feedback) ->
 
 
 def swaying(modes: Sequence[SlowMode], lag: float) -> tuple[SlowMode, ...]:
-    """Modes that sway, of loops with a lag [s] of drives, delay and sampling."""
+    """Those of `modes` that are sway, with a period long beside `lag` [s], the loop's lag by drives, delay and sampling."""
     return tuple(one for one in modes if one.sways and lag * one.frequency <= LATE)
 
 

@@ -150,7 +150,7 @@ class Audit(Analysis):
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Verdict of the analysis, with the effect of ranges and of ambiguous readings."""
+        """Verdict on the gains: safe, unsafe or undecided, with the effect of ranges and of ambiguous readings on it."""
         found = verdict_of(self)
         if self.over is not None and not self.over.safe and found.level != "unsafe":
             open_still = self.sway_is_open or any(one.readings for one in found.deciding)

@@ -107,7 +107,7 @@ class JointStudy(Analysis):
 
     @cached_property
     def region(self) -> PDRegion:
-        """Region of stable PD gains."""
+        """Region of the gains (kp, kd) on the controller's plane that are stable, at the nominal values."""
         return self._region(Requirements())
 
     @cached_property
@@ -123,7 +123,7 @@ class JointStudy(Analysis):
 
     @cached_property
     def required_region(self) -> PDRegion:
-        """Region of gains that meet the requirements."""
+        """Region of the gains (kp, kd) on the controller's plane that meet the requirements, at the nominal values."""
         return self._region(self.system.requirements)
 
     def _region(self, required: Requirements) -> PDRegion:
@@ -182,7 +182,7 @@ class JointStudy(Analysis):
 
     @cached_property
     def recommended_response(self) -> StepResponse | None:
-        """The same with the recommended gains; None where there are none, or the given ones are these."""
+        """Motion as in `response` with the recommended gains; None if there are none, or if they are the given ones."""
         best = self.recommended
         if best is None or best.controller == self.system.control.controller:
             return None
@@ -256,7 +256,7 @@ class JointStudy(Analysis):
 
     @property
     def without(self) -> dict[str, float]:
-        """Gain limits of `others`, by name."""
+        """Gain limits (factors) of the loops of `others`, by the name of what is left out."""
         return {name: found.limit.gain for name, (_, found) in self.others.items()}
 
     @cached_property

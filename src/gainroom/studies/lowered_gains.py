@@ -45,7 +45,7 @@ MOST_TRIED = 40
 
 
 class AuditOfGains(Protocol):
-    """Interface to an audit (audit.py) from which safe gains are derived."""
+    """Interface to an Audit (audit.py) as far as safe gains are derived from it."""
 
     @property
     def system(self) -> System: ...
@@ -197,13 +197,13 @@ def _lowered(result: AuditOfGains) -> Iterator[tuple[Booleans, float]]:
         if most > 0 and lowered.any() and not lowered.all() and lowered.tolist() not in tried:
             tried.append(lowered.tolist())
             factor = result.seen_factor(lowered, most)
-            yield from _without_carried(result, lowered, factor)
+            yield from _without_needless(result, lowered, factor)
             yield lowered, factor
     yield np.ones(len(names), dtype=bool), result.scale
 
 
-def _without_carried(result: AuditOfGains, lowered: Booleans, factor: float) -> Iterator[tuple[Booleans, float]]:
-    """Joints of `lowered` (n,) without those that need not be lowered, if there are any, with their own largest factor.
+def _without_needless(result: AuditOfGains, lowered: Booleans, factor: float) -> Iterator[tuple[Booleans, float]]:
+    """Mask (n,) of `lowered` without the joints that need not be lowered, and its largest safe factor; nothing if all must be.
 
     A joint need not be lowered if the others, lowered by slightly more than `factor`, meet the requirements while its gains stay. Mirror
     images keep their gains together or not at all.

@@ -159,7 +159,7 @@ class State:
 
     @cached_property
     def sway(self) -> Sway | None:
-        """Motion of the base on its contacts that the joint gains hold; None: there is none."""
+        """Sway of the base on its contacts, on the stiffness of the joints' position gains; None if there is none."""
         return sway_of(self.case, self.loop) if self.moves else None
 
     @cached_property

@@ -44,7 +44,7 @@ def _with_recommended(study: RobotStudy) -> System | None:
 
 
 def _with(system: System, found: SweepSummary) -> System:
-    """System with the worst posture of each contact state that is short of its margin added."""
+    """System with further postures: of each contact state the worst swept one, if it misses the gain margin."""
     short = [contact.worst[0].angles for contact in found.contacts if contact.short]
     robot: Robot = system.source  # type: ignore[assignment]
     return with_postures(system, {f"swept {k}": angles for k, angles in enumerate(short, len(robot.postures) + 1)})

@@ -102,7 +102,7 @@ def worst_states(found: SweepSummary, each: int | None = None, progress: Progres
     if each is None:
         each = MANY if all(plan.at(0, contact).quick for contact in range(len(plan.contacts))) else FEW
     sample = _Sample(found, each)
-    looked = list(_looked_at(sample, progress))
+    looked = list(_sampled(sample, progress))
     sampled = []
     for requirement, needed in others:
 
@@ -195,7 +195,7 @@ class _Sample:
         return list({**self.random, **tail}.values())
 
 
-def _looked_at(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPosture, Margins]]:
+def _sampled(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPosture, Margins]]:
     """Sampled margins of every posture that moves and can be linearised; the others count as not known, or need nothing."""
     plan, every = sample.summary.plan, sample.all
     for done, one in enumerate(every):

@@ -245,7 +245,7 @@ def _behind(loop: Loop, torque: str, s: Complexes) -> Complexes:
 
 
 def _moved(base: Prediction, record: Record, seen: RecordedOscillation, torque: str) -> float:
-    """Modelled motion by the torque, √2 RMS of the position around the vibration's frequency and above [rad]."""
+    """Amplitude [rad] of the position that the logged torque makes by the model: √2 times its RMS from the vibration's frequency up."""
     from scipy.signal import welch
 
     values = record.channels[torque][seen.rows]

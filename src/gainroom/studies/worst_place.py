@@ -154,7 +154,7 @@ class _Search:
         self.search()
 
     def at(self, place: Place) -> Tried:
-        """Judgement of one place, computed once."""
+        """Tried (margins judged in all states) of one place in the uncertainty, computed once."""
         if place not in self.tried:
             self.progress(min(len(self.tried), self.expected), self.expected, "ranges")
             together = not any(isinstance(share, tuple) and len(set(share)) > 1 for share in place)
@@ -270,7 +270,7 @@ def _peak(three: Sequence[tuple[float, float]], enough: float) -> float | None:
 
 
 def _judged(system: System, states: Sequence[PlacedState], place: Place, together: bool) -> Tried:
-    """Judgement of one place in all states."""
+    """Tried of one place in the uncertainty: safe and stable or not in each of `states`, and the largest shortfall."""
     values, safe, stable, worst = system.source.quantities, True, True, -math.inf
     for state in states:
         known = {name: value for name, value in values.items() if hasattr(state.model, name) and name != "link_inertia"}

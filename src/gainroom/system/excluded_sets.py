@@ -27,7 +27,10 @@ Gains placed exactly on a requirement return with round-off of the search and of
 
 @dataclass(frozen=True)
 class Branch:
-    """(kp, A, B) → (kd, inside): one solution kd of the set's equation for L = kp A + kd B, and whether L is then in the set."""
+    """Function (kp, A, B) → (kd, inside) for L = kp A + kd B: the kd that puts L on the curve (axis, circle) that the set is a part of.
+
+    inside   True where kd is finite and L is then in the set itself
+    """
 
     solve: Callable[[Floats, Complexes, Complexes], tuple[Floats, Booleans]]
     paired: bool = False  # the equation is quadratic and this is one of two solutions

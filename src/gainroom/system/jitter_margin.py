@@ -82,9 +82,9 @@ class JitterMargin:
 
 
 def jitter_margin(loop: Loop) -> JitterMargin:
-    """Jitter margin of a stable loop of n ≥ 1 joints; of an unstable one it means nothing.
+    """Jitter margin of a stable loop of n ≥ 1 joints, with its width δ in s; computed once per loop.
 
-    Raises GainroomError where kd closes on a path of its own.
+    Stability is not checked: for an unstable loop the result has no meaning. Raises GainroomError if kd closes on a path of its own.
     """
     loop.require_one_path("the jitter margin")
     if "jitter" not in loop.measurements:
@@ -95,7 +95,11 @@ def jitter_margin(loop: Loop) -> JitterMargin:
 
 
 def width_about(loop: Loop, known: JitterMargin) -> float:
-    """Width δ [s] that the peak of a loop near the one of `known` allows, to first order in their distance: at the same frequency."""
+    """Width δ [s] of a loop whose gains are close to those of the loop that `known` was computed for.
+
+    The weighted complementary sensitivity is evaluated at `known.frequency` alone, so δ is accurate to first order in the change of gains.
+    Where that frequency is not finite, the whole search is repeated.
+    """
     if not math.isfinite(known.frequency):
         return jitter_margin(loop).width
     heights = _Heights(loop, known.units) if loop.scalar is None else _ScalarPeak.of(loop)
@@ -103,7 +107,10 @@ def width_about(loop: Loop, known: JitterMargin) -> float:
 
 
 def width_below(height: float, sample_time: float | None) -> float:
-    """Width δ [s] at which the peak `height` [1/s] of the weighted complementary sensitivity reaches 1."""
+    """Width δ [s] that small gain allows for a weighted complementary sensitivity with the peak `height` [1/s].
+
+    inf for a height of 0, NaN for NaN.
+    """
     if not height > 0:
         return math.inf if height == 0 else math.nan
     if sample_time is None:
@@ -123,7 +130,7 @@ def height_at(width: float, sample_time: float | None) -> float:
 
 
 class _Peak(NamedTuple):
-    """Peak of the weighted complementary sensitivity: height [1/s], frequency [rad/s], and as in JitterMargin."""
+    """Peak of the weighted complementary sensitivity: height [1/s], frequency [rad/s]; `certified` and `units` as in JitterMargin."""
 
     height: float
     omega: float
@@ -133,7 +140,7 @@ class _Peak(NamedTuple):
 
 @dataclass(frozen=True)
 class Aliases:
-    """Plant with current loop P of one joint, `unsampled`, and as it is sampled every `sample_time` [s]."""
+    """Plant with current loop P of one joint in continuous time and sampled: its frequency response at all aliases of a frequency."""
 
     unsampled: Factored
     sampled: Factored
@@ -168,7 +175,7 @@ class Aliases:
         return 1j * (omega[:, None] + self.shifts)
 
     def size(self, omega: Floats) -> Floats:
-        """P_e (k,) at omega (k,) in [0, π/T_s], bounded from above."""
+        """Upper bound of P_e (k,) at omega (k,) in [0, π/T_s]: the sums of the module, with bounds for aliases that are left out."""
         points = self.points(omega)
         return self._sum(np.abs(self.unsampled.at(points)), np.abs(points), 1.0)
 
@@ -180,7 +187,7 @@ class Aliases:
             return np.sqrt((sizes.sum(axis=1) + every / unit) ** 2 + self.sample_time**2 / 32 * rest)
 
     def ratio(self, omega: Floats) -> Floats:
-        """P_e/|P_sampled| (k,)."""
+        """Ratio P_e/|P_sampled| (k,) at omega (k,) [rad/s], P_e bounded from above."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.size(omega) / np.abs(self.sampled.at(1j * omega))
 
@@ -213,7 +220,10 @@ class Aliases:
         return np.any([self.shifts == 0, *beside], axis=0)
 
     def _log_pairs(self, points: Complexes, v: Complexes, half: Floats) -> Floats:
-        """Logarithm (m, k) of the most that zeros of P and poles of P and of P_sampled make of P/P_sampled within `half` of `points`."""
+        """Upper bound (m, k), as a logarithm, of the factors of P/P_sampled that zeros of P and poles of P and P_sampled contribute.
+
+        It holds within `half` (m,) [1/s] of `points` (m, k); a pole of P and its image in P_sampled are bounded as a quotient.
+        """
         step, images = self.sample_time, self.sampled.poles.tolist()
         log, wide = _reach(points, half, self.unsampled)[1], half[:, None]
         for pole in self.unsampled.poles.tolist():
@@ -231,7 +241,7 @@ class Aliases:
 
 
 def _reach(points: Complexes, half: Floats, system: Factored) -> tuple[Floats, Floats]:
-    """Logarithms (m, k) of the least Π|v − pole| and the largest Π|v − zero| within `half` (m,) [1/s] of `points` (m, k)."""
+    """Logarithms (m, k) of the least Π|v − pole|, and of the largest Π|v − zero|, within `half` (m,) [1/s] of `points` (m, k)."""
     wide, near, far = half[:, None], np.zeros(points.shape), np.zeros(points.shape)
     with np.errstate(divide="ignore"):
         for pole in system.poles.tolist():
@@ -273,7 +283,7 @@ class _ScalarPeak:
         return cls(loop.scalar.reduced, loop.control.scaled(loop.gain), aliases_of(loop))
 
     def found(self) -> _Peak:
-        """The peak, with a proof that no higher one is between, or without."""
+        """Peak of H; `certified`: H is proved to exceed it nowhere by more than TOLERANCE. Height 0, frequency NaN if all gains are 0."""
         units = np.ones(1)
         if self.loop.gain == 0:
             return _Peak(0.0, math.nan, True, units)
@@ -300,7 +310,7 @@ class _ScalarPeak:
         return self.loop.sample_time
 
     def at(self, omega: Floats) -> Floats:
-        """H (k,) [1/s] at omega (k,); 0 where it is not a number."""
+        """H (k,) [1/s] at omega (k,) [rad/s]; 0 where it cannot be evaluated (NaN)."""
         with np.errstate(divide="ignore", invalid="ignore"):
             value = self.loop.at(1j * omega)
             if self.aliases is None:
@@ -335,7 +345,7 @@ class _ScalarPeak:
     def _slopes(
         self, low: Floats, middle: Floats, half: Floats, value: Complexes, sensitivity: Floats, complementary: Floats
     ) -> tuple[Floats, Floats]:
-        """Slope (m,) of ln|v T| by ω in the middle of intervals, and the largest of its own slope, |d²/dω²|, on them.
+        """First derivative (m,) of ln|v T| by ω in the middle of intervals, and an upper bound of |d²/dω²| on each whole interval.
 
         With λ = d ln L/dω: d ln T/dω = λ S and d²/dω² = λ' S − λ² T S; `sensitivity` and `complementary` bound |S| and |T|.
         """
@@ -360,7 +370,7 @@ class _ScalarPeak:
         return s if self._time is None else np.expm1(s * self._time) / self._time
 
     def _sizes(self, middle: Floats, half: Floats) -> tuple[Floats, Floats]:
-        """Bounds of ln|L| (m,) on intervals."""
+        """Lower and upper bound of ln|L|, each (m,), on intervals `middle` ± `half` (m,) [rad/s]."""
         v, size = self._points(middle), math.log(abs(self.loop.gain))
         near, far = _reach(v, half, self.loop)
         inverse = replace(self.loop, zeros=self.loop.poles, poles=self.loop.zeros)
@@ -368,7 +378,7 @@ class _ScalarPeak:
         return (size + least - most)[:, 0], (size + far - near)[:, 0]
 
     def _moves(self, middle: Floats, half: Floats) -> Floats:
-        """Largest |ln L − ln L(middle)| (m,) on intervals."""
+        """Upper bound (m,) of |ln L(ω) − ln L(middle)| over ω in each interval `middle` ± `half` (m,) [rad/s]."""
         v = self._points(middle)[:, 0]
         moved = half * self.loop.delay
         for root in [*self.loop.zeros.tolist(), *self.loop.poles.tolist()]:
@@ -422,12 +432,15 @@ class _ScalarPeak:
 
 
 def _over(above: Floats | float, below: Floats) -> Floats:
-    """above/below (m,); inf where `below` is not > 0."""
+    """Quotient above/below (m,); inf where `below` is 0, negative or NaN."""
     return np.where(below > 0, above / np.where(below > 0, below, 1.0), np.inf)
 
 
 def _divided(low: Floats, high: Floats, value: Floats, bound: Floats, limit: float) -> tuple[Floats, Floats]:
-    """Intervals in as many pieces as bring bounds below `limit`, if what they exceed `value` in the middle by shrinks with the length."""
+    """Ends (low, high) of the intervals divided into equal pieces, more the farther `bound` is above `limit`.
+
+    The number is that which suffices if the excess of the bound over `value` in the middle shrinks in proportion to the length.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = np.log(bound / value) / np.log(limit / value)
     pieces = np.clip(np.nan_to_num(np.ceil(needed), nan=2, posinf=MOST_PIECES), 2, MOST_PIECES).astype(int)
@@ -438,7 +451,7 @@ def _divided(low: Floats, high: Floats, value: Floats, bound: Floats, limit: flo
 
 
 def _split(first: float, last: float) -> tuple[Floats, Floats]:
-    """Ends of the first intervals (m,), (m,), from `first` to `last`."""
+    """Ends (low, high), each (m,) [rad/s], of the intervals with which the search begins, from `first` to `last`."""
     edges = np.geomspace(first, last, 2 + math.ceil(PER_DECADE * math.log10(last / first)))
     return edges[:-1], edges[1:]
 
@@ -453,7 +466,10 @@ def aliases_of(loop: Loop) -> Aliases | None:
 
 @dataclass(frozen=True)
 class _Heights:
-    """Weighted complementary sensitivity, σ_max at the torques in `units` (n,), of loops without a return ratio in zeros and poles."""
+    """Largest singular value of the weighted complementary sensitivity T of several loops, or of one loop given as a callable.
+
+    units   (n,) U of the module: T is U⁻¹ T U at the torques
+    """
 
     loop: Loop
     units: Floats
@@ -472,11 +488,11 @@ class _Heights:
         return Loop(self.loop.size, None, delays=parts.delays, parts=replace(parts, sample_time=None))
 
     def at(self, omega: Floats) -> Floats:
-        """σ_max (k,) [1/s] at omega (k,)."""
+        """Largest singular value (k,) [1/s] of the weighted T at omega (k,) [rad/s], aliases of a sampled loop included."""
         return self.scaled(omega, self.without_aliases(omega) if self._unsampled is None else self.matrices(omega))
 
     def without_aliases(self, omega: Floats) -> Complexes:
-        """T at the torques (k, n, n) at omega (k,), or of a callable (k, 1, 1)."""
+        """Complementary sensitivity T at the torques, (k, n, n) without weight, at omega (k,) [rad/s]; aliases are not included."""
         loop, s = self.loop, 1j * omega
         if loop.size == 1:
             value = loop.response(omega)
@@ -485,9 +501,10 @@ class _Heights:
         return np.linalg.solve(np.eye(loop.size) + returned, returned)
 
     def matrices(self, omega: Floats) -> Complexes:
-        """(I + D P)⁻¹ D [P …] (k, n, n·aliases) at omega (k,), sampled, each alias weighted so that all together are P_e.
+        """Matrices (I + D P)⁻¹ D [P_k w_k, for every alias k] (k, n, n·aliases) at omega (k,) [rad/s] of a sampled loop.
 
-        Any β > 0 with Σ β = 1 bounds the sum of parts with unknown phases by that of their squares over β.
+        The weights w_k make their largest singular value an upper bound of the gain with P_e in place of P:
+        |Σ_k P_k|² ≤ Σ_k |P_k|²/β_k for any β_k > 0 with Σ β_k = 1, whatever the phases.
         """
         loop, s, plant = self.loop, 1j * omega, self._unsampled
         actuated, control = loop.actuated_at(s), loop.control_at(s)
@@ -504,13 +521,13 @@ class _Heights:
         return back @ parts.swapaxes(1, 2).reshape(len(omega), loop.size, -1)
 
     def scaled(self, omega: Floats, matrices: Complexes) -> Floats:
-        """σ_max (k,) [1/s] of `matrices` in units of this object."""
+        """Largest singular value (k,) [1/s] of `matrices` (k, n, n or n·aliases) in the units of this object, times |v|."""
         scaled = matrices * np.tile(self.units, matrices.shape[2] // len(self.units)) / self.units[:, None]
         values = np.linalg.eigvalsh(scaled @ scaled.conj().swapaxes(1, 2))[:, -1]
         return speed(omega, self.loop.sample_time) * np.sqrt(np.maximum(values, 0.0))
 
     def balanced(self, omega: float) -> "_Heights":
-        """Heights in units in which T at `omega` has rows and columns of like size (Osborne 1960)."""
+        """Copy with other `units`: those that make row and column norms of T at `omega` [rad/s] equal (balancing, Osborne 1960)."""
         loop, s = self.loop, 1j * np.array([omega])
         actuated, control = loop.actuated_at(s), loop.control_at(s)
         size = np.abs(np.linalg.solve(np.eye(loop.size) + control @ actuated, control @ actuated))[0] ** 2
@@ -526,7 +543,10 @@ class _Heights:
 
 
 def _sampled_peak(loop: Loop) -> _Peak:
-    """Peak of several loops, or of a callable, from samples that are refined. The units are balanced anew at the peak that was found."""
+    """Peak for several loops, or one given as a callable, by refined samples: never certified.
+
+    For several loops the units are balanced at the peak, and the peak is searched again, as long as it falls.
+    """
     heights, omega = _Heights.of(loop), _first_samples(loop)
     matrices = heights.without_aliases(omega)
     height, place = _peak(heights, omega, heights.scaled(omega, matrices))
@@ -542,9 +562,10 @@ def _sampled_peak(loop: Loop) -> _Peak:
 
 
 def _peak(heights: _Heights, omega: Floats, value: Floats) -> tuple[float, float]:
-    """Height and frequency of the peak, from samples `value` (k,) at omega (k,) without aliases, which are refined where they rise.
+    """Height [1/s] and frequency [rad/s] of the highest peak, from samples `value` (k,) at omega (k,) that leave aliases out.
 
-    Aliases raise a sample by some times the square of the share that ω is of the sample rate; what may so be the highest is polished.
+    Samples are added where neighbours differ much. Every local maximum that could be the highest once aliases are included is polished
+    with them.
     """
     while len(omega) < MOST_SAMPLES:
         high = np.maximum(value[1:], value[:-1]) > 0.5 * value.max()
@@ -565,7 +586,7 @@ def _peak(heights: _Heights, omega: Floats, value: Floats) -> tuple[float, float
 
 
 def _polished(height: Callable[[Floats], Floats], low: float, high: float, flat: float = FLAT) -> tuple[float, float]:
-    """Highest value on [low, high], on ever finer grids up to a relative width `flat`, and its frequency."""
+    """Largest `height` on [low, high] [rad/s] and its frequency, by ever narrower grids, to a relative width `flat` in frequency."""
     best = (-math.inf, low)
     while True:
         omega = np.linspace(low, high, FINER)
@@ -578,7 +599,7 @@ def _polished(height: Callable[[Floats], Floats], low: float, high: float, flat:
 
 
 def _first_samples(loop: Loop) -> Floats:
-    """First frequencies [rad/s] (k,): all orders of magnitude, and every resonance on its own scale."""
+    """Frequencies (k,) [rad/s] at which the search begins: all orders of magnitude, and denser around every resonance."""
     if loop.function is not None:
         return np.geomspace(1e-3, 1e6, 9 * SAMPLES_PER_DECADE)
     roots = np.concatenate([loop.corner_frequencies.poles, loop.corner_frequencies.zeros])

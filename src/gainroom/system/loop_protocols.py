@@ -27,7 +27,7 @@ class LoopCurves(Protocol):
         ...
 
     def at_delays(self, name: str, longest: float) -> Any:
-        """Delay margins of about `longest` [s]: loci that pass −1 with so much delay more."""
+        """Delay margins of about `longest` [s]: loci that pass −1 with an extra delay of that size."""
         ...
 
     def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> Any:
@@ -35,7 +35,7 @@ class LoopCurves(Protocol):
         ...
 
     def at_measured(self, requirement: Any, needed: float) -> Any:
-        """Quantity that `requirement` measures of the loop, near gains with which it is known (Requirement.measured_about)."""
+        """Quantity that `requirement` computes from the loop itself, at gains near those for which it is known (measured_about)."""
         ...
 
     def by_differences(self, requirement: Any, needed: float) -> Any:
@@ -47,7 +47,7 @@ class SampledLoops(Protocol):
     """Coupled loops sampled along the stability boundary (analysis/loop_samples.py)."""
 
     def peak(self, slope: float = 1.0, offset: float = 0.0) -> tuple[float, float]:
-        """Largest |slope S_ii + offset|, and its frequency [rad/s]."""
+        """Largest |slope S_ii + offset| over all loops i, S = (I + L)⁻¹ with all loops closed, and its frequency [rad/s]."""
         ...
 
     def delay(self) -> tuple[float, float]:

@@ -33,7 +33,7 @@ class GainMargin(Requirement):
         return found.one_loop_gain_margins
 
     def frequency(self, found: Any) -> float:
-        """Frequency at the nearer end for all loops together [rad/s]; NaN where one loop by itself has less margin."""
+        """Frequency [rad/s] of vibration at the nearer limit of all gains together, up or down; NaN if one loop alone has less margin."""
         least = found.least_gain_margin * (1 + ROUND_OFF)
         if found.gain_margin <= least:
             return found.phase_crossover
@@ -72,7 +72,7 @@ class PhaseMargin(Requirement):
         return super().facts(found) | {"phase_margin_is": self.named(found)}
 
     def shortfall(self, needed: float, value: float) -> float:
-        """Shortfall relative to the required phase; inf where the value is not known."""
+        """Shortfall (needed − value)/needed of a phase margin; negative if it is met, inf if the value is not known."""
         return math.inf if math.isnan(value) else 1 - value / needed
 
     def excluded(self, needed: float) -> ExcludedSet:
@@ -128,7 +128,7 @@ class DelayMargin(Requirement):
 class VaryingDelays(Requirement):
     """Jitter margin δ [s] > 0: the loop is stable for delays of single commands that vary within a range of that width (jitter_margin.py).
 
-    It is measured of the loop, and proved by small gain: delays may vary more, but nobody knows that.
+    It is computed from the loop and proved by small gain: the bound is sufficient, so that a loop may tolerate a wider range.
     """
 
     def measured(self, loop: Any) -> float:
@@ -138,7 +138,7 @@ class VaryingDelays(Requirement):
         return width_about(near, jitter_margin(loop))
 
     def frequency(self, found: MarginRecord) -> float:
-        """Frequency of the peak that bounds it [rad/s], in the loop where it is least; NaN where it is not known."""
+        """Frequency [rad/s] of the peak that bounds the jitter margin, in the loop with the least one; NaN if it is not known."""
         value, loops = self.value(found), found.loops if found.stable else ()
         return next((jitter_margin(loop).frequency for loop in loops if self.measured_once(loop) == value), math.nan)
 
@@ -263,9 +263,10 @@ NOISE_SHARE = 0.02
 
 
 def reported(asked: "Requirements | None", several: bool, *found: MarginRecord) -> list[Requirement]:
-    """Requirements whose margins are reported: of `several` joints those of single ones only where they are `asked` for.
+    """Requirements whose margins are reported.
 
-    Those that are not always reported have to be asked for, or known in one of `found`.
+    For `several` joints, requirements defined for one loop alone are reported only if `asked` for. A requirement that is not reported by
+    default needs to be asked for, or to have a known value in one of `found`.
     """
 
     def is_reported(one: Requirement) -> bool:

@@ -40,7 +40,7 @@ def torque_noise(loop: Loop) -> Floats:
 
 
 def torque_per_count(loop: Loop) -> Floats:
-    """Torque (n,) [N m] that a change of one count of its encoder commands each joint at once: of a PD kp q + kd q/T_s.
+    """Torque (n,) [N m] that the controller of each joint commands at once when its encoder changes by one count; kp q + kd q/T_s for a PD.
 
     Raises GainroomError as `torque_noise`.
     """
@@ -80,7 +80,10 @@ def _closed(loop: Loop) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def _realized(actuated: Factored, time: float) -> StateSpace:
-    """State space of a sampled plant with its whole ticks of delay; kept with it, as a region of gains asks for it at every gain."""
+    """State space in v = (z − 1)/T_s of a sampled plant with its whole ticks of delay; cached, as a region of gains needs it at every gain.
+
+    time   sample time [s]
+    """
     known = vars(actuated)
     if "state_space" not in known:
         known["state_space"] = realize(actuated) @ hold(StateSpace.gain(np.eye(1)), np.array([actuated.delay]), time)
@@ -91,8 +94,8 @@ def _realized(actuated: Factored, time: float) -> StateSpace:
 class NoisePlane:
     """Torque noise of one joint at many gains of a plane, D = kp D_a + kd D_b: closed loops whose matrices are affine in the gains.
 
-    plant        without the controller, in v
-    controller   D_a above D_b, two outputs
+    plant        from torque command to measured position, in v = (z − 1)/T_s
+    controller   from measured position to the outputs of D_a and D_b, in v; two rows
     """
 
     plant: StateSpace

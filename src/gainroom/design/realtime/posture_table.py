@@ -1,13 +1,13 @@
 """Gains by posture and contact, looked up: limits on a grid of posture features, for controllers that compute nothing.
 
 A feature is a set of joints that bend together: each stands at its base angle plus its weight times the feature's value. At every point
-of the grid, in every contact state, the common factor on all gains that the loop still bears is computed, with its certificate. A posture
+of the grid, in every contact state, the gain limit is computed, the common factor on all gains, with its certificate. A posture
 lies in a cell of the grid; its factor is
 
     factor = min(highest, between · least of the cell's corners / gain margin)
 
 Nothing is proved about postures between the points. `between` is what was found there: postures drawn at random, joints beside the
-features up to `aside` included, are looked at, and the lowest ratio of limit to the least of the corners bounds all factors, where it is
+features up to `aside` included, are examined, and the lowest ratio of limit to the least of the corners bounds all factors, where it is
 below 1. With n such postures a further one of the same kind lies below it with a probability of 1/(n + 1).
 
 Outside the grid, and farther beside it, the lowest gains of the contact state come back with a status that says so, times `outside`: the
@@ -47,7 +47,10 @@ an unknown contact state."""
 
 @dataclass(frozen=True)
 class Feature:
-    """Joints that bend together: `joints` gives the weight of each by name; values from `low` to `high` [rad] in `points` steps."""
+    """Feature of a posture: joints that bend together, each by its weight in `joints` times the feature's value.
+
+    The grid has `points` values from `low` to `high` [rad].
+    """
 
     name: str
     joints: Mapping[str, float]
@@ -129,7 +132,7 @@ class PostureTable:
 
         gains    by contact state, or one PD for all; None: the robot's own. The gain margin is the robot's, 1 where it asks for none
         aside    how far joints may stand beside what the features say [rad]
-        samples  random postures that are looked at in each contact state, besides the grid
+        samples  random postures examined in each contact state, besides the grid
 
         Raises GainroomError for features that name unknown joints or share one, and where gains are not stable down to 0 in some posture.
         """
@@ -143,13 +146,13 @@ class PostureTable:
         aside = require_positive("posture table", "aside", aside, "rad", zero=True)
         highest = require_positive("posture table", "highest", highest)
         table = _table(robot, system, gains)
-        names, looks = tuple(table.own), _Looks(robot, system, features, base)
+        names, limits_at = tuple(table.own), _PostureLimits(robot, system, features, base)
         grids = [np.linspace(one.low, one.high, one.points) for one in features]
         shape = tuple(one.points for one in features)
         limits, certified = np.empty((len(names), *shape)), np.empty((len(names), *shape), dtype=bool)
         for row, name in enumerate(names):
             for at in itertools.product(*map(range, shape)):
-                limits[row, *at], certified[row, *at] = looks.limit(
+                limits[row, *at], certified[row, *at] = limits_at.limit(
                     name, table.own[name], [grid[k] for grid, k in zip(grids, at, strict=True)]
                 )
         margin = system.requirements.gain_margin or 1.0
@@ -164,30 +167,33 @@ class PostureTable:
             for _ in range(samples):
                 values = [rng.uniform(one.low, one.high) for one in features]
                 offset = rng.uniform(-aside, aside, len(base))
-                cell = found._cell(_values(features, found.joints, base, looks.posture(values, offset)))
+                cell = found._cell(_values(features, found.joints, base, limits_at.posture(values, offset)))
                 if cell is None:  # the joints beside the features carry it over the edge
                     continue
                 looked_at += 1
-                between = min(between, looks.limit(name, table.own[name], values, offset)[0] / limits[row][cell].min())
-                lowest = min(lowest, looks.limit(name, table.everywhere, values, offset)[0])
-        outside, looked_outside, never = found._looked_outside(looks, samples, rng)
+                between = min(between, limits_at.limit(name, table.own[name], values, offset)[0] / limits[row][cell].min())
+                lowest = min(lowest, limits_at.limit(name, table.everywhere, values, offset)[0])
+        outside, looked_outside, never = found._looked_outside(limits_at, samples, rng)
         outside = min(between, outside)
         factor = float(min(highest, outside * lowest / margin))
         about = {"outside": float(outside), "looked_outside": looked_outside, "never": never}
         return replace(found, between=float(between), looked_at=looked_at, everywhere_factor=factor, **about)
 
-    def _looked_outside(self, looks: "_Looks", samples: int, rng: np.random.Generator) -> tuple[float, int, int]:
-        """The lowest ratio outside the grid, of how many postures, and in how many further ones no factor makes the gains safe."""
+    def _looked_outside(self, limits_at: "_PostureLimits", samples: int, rng: np.random.Generator) -> tuple[float, int, int]:
+        """Lowest ratio of limit to the table's least among random postures outside the grid; their number; and the number left out.
+
+        Left out are postures in which no factor makes the gains safe.
+        """
         lowest, count, never = math.inf, 0, 0
         for row, name in enumerate(self.contacts):
             for _ in range(samples):
                 values = [rng.uniform(2 * one.low - one.high, 2 * one.high - one.low) for one in self.features]
                 offset = rng.uniform(-1, 1, len(self.base)) * max(ASIDE, self.aside)
-                angles = looks.posture(values, offset)
+                angles = limits_at.posture(values, offset)
                 if self._cell(_values(self.features, self.joints, self.base, angles), angles) is not None:
                     continue
                 try:
-                    lowest = min(lowest, looks.limit(name, self.own[row], values, offset)[0] / self.limits[row].min())
+                    lowest = min(lowest, limits_at.limit(name, self.own[row], values, offset)[0] / self.limits[row].min())
                     count += 1
                 except GainroomError:
                     never += 1
@@ -253,7 +259,10 @@ class PostureTable:
         return _scaled(factor, self.own[row], certified, status)
 
     def _cell(self, values: Sequence[float], joints: Floats | None = None) -> tuple[slice, ...] | None:
-        """Both neighbours along each feature; None outside the grid, or beside it."""
+        """Cell of the grid around feature `values` [rad], a slice of two points per feature; None outside the grid.
+
+        None also if `joints` (n,) [rad] are given and stand farther than `aside` from where the features put them.
+        """
         cell = []
         for one, value in zip(self.features, values, strict=True):
             if not one.low <= value <= one.high:
@@ -280,7 +289,7 @@ def _weights(features: Sequence[Feature], joints: Sequence[str]) -> Floats:
 
 
 def _values(features: Sequence[Feature], names: Sequence[str], base: Floats, joints: Floats) -> list[float]:
-    """The features of a posture: weighted means, in the header's order of operations."""
+    """Feature values [rad] of joint angles `joints` (n,) [rad]: weighted means, with the C header's order of operations."""
     found = []
     for row in _weights(features, names):
         above, below = 0.0, 0.0
@@ -291,8 +300,8 @@ def _values(features: Sequence[Feature], names: Sequence[str], base: Floats, joi
     return found
 
 
-class _Looks:
-    """Limits in postures of a robot."""
+class _PostureLimits:
+    """Gain limits of a robot's joint PD in postures given by feature values [rad] and offsets of joints [rad]."""
 
     def __init__(self, robot: "Robot", system: "System", features: Sequence[Feature], base: Floats):
         self._robot, self._system, self._base = robot, system, base

@@ -13,7 +13,7 @@ sec. 3.5): it takes what a change of gains would change the torque by, and decay
 
     τ = kp e + kd ė + feed-forward + o,    o(k) = o(k−1) e^{−dt/fade} + (kp(k−1) − kp(k)) e(k) + (kd(k−1) − kd(k)) ė(k)
 
-To a constant error the gains kp + o/e then look as kp seen through a first-order lag: they stay between the gains before and after. To an
+To a constant error the effective gain kp + o/e is kp behind a first-order lag: it stays between the gains before and after. To an
 error at ω the offset is no more than r/ω of the gains, with r the rate of rise in 1/s: 60 dB/s is 6.9/s, 3 % at 40 Hz.
 """
 
@@ -170,7 +170,7 @@ class GainScheduler:
 
     @property
     def offset(self) -> Floats:
-        """(n,) the part of the torque that gains of before have left [N m]."""
+        """Offset o (n,) [N m]: the torque that remains of earlier changes of gains, and decays."""
         return self._offset.copy()
 
     def update(self, q: ArrayLike, contact: str | None, dt: float) -> ScheduledGains:
@@ -230,7 +230,7 @@ class GainScheduler:
 
 
 def _pair(owner: str, gains: GainPair) -> Floats:
-    """(2, n)."""
+    """Gains kp and kd as one array (2, n). Raises GainroomError where lengths differ or a gain is not finite and >= 0."""
     try:
         stiffness, damping = gains
     except (TypeError, ValueError) as error:

@@ -24,8 +24,8 @@ from ...system.linear.arrays import Floats
 from ...system.requirements import Requirements
 from ...system.system import Control, System
 from .c_header import provenance
-from .carried import joint_gains, joint_table, require_carried, require_leads
 from .cpp_header import Tracked, tracked_header
+from .trackable import joint_gains, joint_table, require_leads, require_trackable
 
 if TYPE_CHECKING:
     from ...robot.robot import Robot
@@ -86,7 +86,7 @@ class TrackedMotion(NamedTuple):
 
 
 class GainTracker:
-    """Follows the gain limit of a robot's PD control from tick to tick, in joint or in task space, continuous or sampled.
+    """Tracker of the gain limit of a robot's PD control from tick to tick, in joint or in task space, continuous or sampled.
 
     robot      as load_robot gives it, N velocities and n joints; the links are those of its first posture
     control    a Control or a PD; None: the robot's own. In task space (`Control.space`) the robot's tasks with their own gains, of which
@@ -100,8 +100,8 @@ class GainTracker:
     the limit's in frequency are stable at gains up to 10 % below it.
 
     It is not a proof. The steps of the count are chosen so that phase and slope of the closed loop's determinant agree; each frequency is
-    looked at in the posture of its own tick; and gains below the limit are not looked at one by one, so that an interval of instability
-    that opens farther below it, or at another frequency, without passing through it is not seen. At construction the first limits are
+    evaluated in the posture of its own tick; and gains below the limit are not examined one by one, so that an interval of instability
+    that opens farther below it, or at another frequency, without passing through it is not detected. At construction the first limits are
     compared with gain_limit.
 
     In task space joint gains are matrices that prove nothing about energy, and tasks that act on each other may be unstable slowly, at
@@ -110,9 +110,9 @@ class GainTracker:
     the lowest frequency, where it is seen first near singular postures. Counts also look at three factors below the gain. Where it is
     found that something does cross, and where a contact state was never certified, safe_gain is 0.
 
-    Raises GainroomError for what is not carried: gravity stiffness, springs under contacts, encoders on the link's side, controllers other
-    than PD with one gain per joint, or tasks' PD, filters, elastic joints without damping, rigid among elastic joints where control is
-    sampled, loops without delay, loops that are not stable from small gains up to the limit, contacts in which joints can move no task.
+    Raises GainroomError for what cannot be tracked: gravity stiffness, springs under contacts, encoders on the link's side, controllers
+    other than PD with one gain per joint, or tasks' PD, filters, elastic joints without damping, rigid among elastic joints where control
+    is sampled, loops without delay, loops that are not stable from small gains up to the limit, contacts in which joints can move no task.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class GainTracker:
         names = _contact_names(robot, contacts)
         body, rotors = robot.body, system.control.rotors
         body.require_tree("gain tracker")
-        require_carried(robot, system, names)
+        require_trackable(robot, system, names)
         self.space = system.control.space
         """"joint" or "task"."""
         tasks = robot.tasks(robot.linearize(next(iter(robot.postures)), names[0]), rotors) if self.space == "task" else None
@@ -257,7 +257,7 @@ class GainTracker:
         write_text(Path(path), tracked_header(name, provenance(model, date), tracked, 1.0 / self._share, limits, posture))
 
     def warmup(self) -> None:
-        """Nothing is left to do after construction."""
+        """Does nothing: the tracker is ready once constructed. Present so that trackers have one interface."""
 
     def _settle(self, robot: "Robot", system: System) -> dict[str, float]:
         """Gain limit in the first posture of every contact state that is tracked, by gain_limit, once the core has found it too."""
@@ -298,7 +298,7 @@ class GainTracker:
         return TrackedLimit(gain, frequency, certified, age, safe, safe * self._share, FLAGS[flag])
 
     def _falls(self, rows: int) -> bool:
-        """True if a floating base is held in too few directions to stand."""
+        """True if contacts hold a floating base in fewer than 6 of `rows` directions, so that it falls."""
         return self._floating and 0 < rows < HOLDING
 
     def _state(self, contact: str) -> int | None:
@@ -306,7 +306,7 @@ class GainTracker:
         return self._states.get(contact) if isinstance(contact, str) else None
 
     def _without(self, contact: str) -> TrackedLimit:
-        """The answer for a contact state that is not tracked."""
+        """Answer for a contact state that is not tracked: no `gain`, a flag, and `safe_gain` as TrackedLimit explains it."""
         limit = self._loose.get(contact) if isinstance(contact, str) else None
         return self._lost(2) if limit is None else self._lost(3, limit=limit)
 

@@ -68,7 +68,7 @@ class ExportForm:
 
 
 def number_text(value: float) -> str:
-    """Number with a decimal point, so that no reader takes it for an integer (parameters of ROS have types)."""
+    """Number with a decimal point, so that no reader takes it for an integer (parameters of ROS have types); ".inf" for infinity."""
     if math.isinf(value):
         return ".inf"  # in YAML, of a rigid gearbox
     text = repr(float(value))

@@ -250,7 +250,7 @@ def _pieces(word: str) -> tuple[str, ...]:
 
 
 class _Parse:
-    """One reading of a name after its unit is removed; bracketed: the unit is certain."""
+    """Name of a column without its unit `unit`, to be understood; bracketed: the unit is certain."""
 
     def __init__(self, text: str, unit: str, bracketed: bool, naming: Naming, whole: bool) -> None:
         self._parts = re.split(r"[/.]", text.strip("_ ./-"))
@@ -259,7 +259,10 @@ class _Parse:
         self._used: set[int] = set()
 
     def guess(self, commanded: bool) -> Guess | None:
-        """Guess of this reading; None if it names no channel."""
+        """Guess of channel and joint; None if the name is that of no channel.
+
+        commanded   True: the column stands among commands, so that its values are targets
+        """
         for place in range(len(self._parts) - 1, -1, -1):
             self._words, self._used = _words(self._parts[place]), set()
             found = self._quantity()

@@ -19,7 +19,7 @@ MOST_TOPICS = 10_000
 
 
 class Bag(LogFormat):
-    """A folder, or a file in SQLite."""
+    """Reader of a ROS 2 bag: a folder of SQLite or MCAP files, or a single .db3 file; single MCAP files have mcap_file.py."""
 
     name = "ROS 2 bag"
     title = "a ROS 2 bag"
@@ -45,7 +45,7 @@ class Bag(LogFormat):
 
 
 def _files(folder: Path) -> list[Path]:
-    """The files of a bag, in their order. Raises GainroomError where they are not in the folder itself."""
+    """Files of a bag, in the order of its metadata.yaml, otherwise by name. Raises GainroomError if one is outside the folder."""
     if not (folder / METADATA).exists():
         files = sorted(file for file in folder.iterdir() if file.suffix in (".db3", ".mcap"))
         if not files:

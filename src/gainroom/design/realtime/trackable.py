@@ -1,4 +1,4 @@
-"""The robots that the tracker supports: their data in the core's numbers, and refusals before the first tick."""
+"""Robots that the gain tracker can follow: their data as the core's arrays, and refusals of all others before the first tick."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -36,7 +36,7 @@ def joint_table(robot: "Robot", system: System) -> Floats:
 
 
 def joint_gains(system: System) -> tuple[Floats, Floats]:
-    """Gains kp and kd, each (n,)."""
+    """Gains kp (n,) [N m/rad] and kd (n,) [N m s/rad] of a PD. Raises GainroomError for gain matrices."""
     pd, size = system.control.controller, len(system.drives)
     for name, gains in (("kp", pd.kp), ("kd", pd.kd)):
         if np.shape(gains) not in ((), (1,), (size,)):
@@ -44,8 +44,8 @@ def joint_gains(system: System) -> tuple[Floats, Floats]:
     return np.broadcast_to(pd.kp, size).astype(float), np.broadcast_to(pd.kd, size).astype(float)
 
 
-def require_carried(robot: "Robot", system: System, contacts: Sequence[str]) -> None:
-    """Raise GainroomError, one line, for what the tracker does not carry."""
+def require_trackable(robot: "Robot", system: System, contacts: Sequence[str]) -> None:
+    """Raises GainroomError that names the first property of robot or control that the tracker cannot follow."""
     control, actuators = system.control, robot.actuators
     pd, tasks = control.controller, control.space == "task"
     elastic = np.isfinite(actuators.stiffness)
@@ -72,7 +72,10 @@ def require_carried(robot: "Robot", system: System, contacts: Sequence[str]) -> 
 
 
 def require_lead(owner: str, kp: float, kd: float, lag: float) -> None:
-    """Raise GainroomError where control does not take energy out at low frequency: kd/kp [s] is less than the sum of all lags [s]."""
+    """Raises GainroomError where kd/kp [s] is at most the loop's `lag` [s]: at low frequency the control then puts energy into the joint.
+
+    Also raises it for negative gains, for kp = kd = 0, and without any lag, where there is no limit to follow.
+    """
     if kp < 0 or kd < 0 or kp == kd == 0:
         raise GainroomError(f"gain tracker: {owner}: kp {kp:g} and kd {kd:g} must be >= 0, and not both 0")
     if not lag:
@@ -82,7 +85,7 @@ def require_lead(owner: str, kp: float, kd: float, lag: float) -> None:
 
 
 def require_leads(robot: "Robot", system: System, tasks: Tasks | None) -> None:
-    """require_lead of every joint, or of every direction of tasks through the slowest drive."""
+    """Raises GainroomError as require_lead does, for every joint, or for every direction of `tasks` with the lag of the slowest drive."""
     step = system.control.sample_time or 0.0
     lags = [drive.delay + (0.0 if drive.is_ideal else 2 * drive.damping_ratio / drive.bandwidth) + step for drive in system.drives]
     if tasks is None:
