@@ -82,7 +82,7 @@ class BoxLoop:
         )
 
     def _rest(self) -> float:
-        """At most what the terms of the sum that are not added up come to, over ω: beyond, |P C|/ω falls at least as 1/ω³."""
+        """Upper bound, divided by ω, of the terms that the sum over aliases leaves out: there |P C|/ω falls at least as 1/ω³."""
         if not self.aliases:
             return 0.0
         count, rate = self.aliases + 0.5, TURN / (self.sample_time or 1.0)

@@ -60,7 +60,7 @@ class Characteristic:
     delays: Floats
 
     def matrix(self, s: complex) -> tuple[Complexes, Complexes]:
-        """M(s) and dM/ds; det M = 0 at the roots."""
+        """Characteristic matrix M(s) and its derivative dM/ds; det M = 0 at the closed-loop roots."""
         lag = np.exp(-s * self.delays)
         inner = np.linalg.inv(np.eye(len(lag)) + self.d * lag)  # columns of d scaled: d E
         passed = lag[:, None] * inner

@@ -90,7 +90,7 @@ def disk_margin(loop: Loop) -> MultiLoopDisk:
 
 
 def _drowned(matrix: Complexes) -> bool:
-    """True if hardly a digit of the inverse of `matrix` is known, by Bauer's condition number, which no unit of rows or columns changes."""
+    """True if round-off leaves hardly a digit of the inverse of `matrix`, by Bauer's condition number, invariant to units of rows."""
     spread = np.abs(np.linalg.eigvals(np.abs(np.linalg.inv(matrix)) @ np.abs(matrix))).max()
     return bool(spread > DROWNED)
 

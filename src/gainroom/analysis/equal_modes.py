@@ -65,5 +65,5 @@ def null_vectors(matrix: Complexes) -> Complexes:
 
 
 def _largest(sizes: Floats) -> int:
-    """Index of the largest of `sizes`, of equal ones the first."""
+    """Index of the largest of `sizes`; the first of those equal within round-off."""
     return int(np.argmax(sizes >= sizes.max() * (1 - SAME)))

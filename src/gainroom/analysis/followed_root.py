@@ -59,7 +59,7 @@ def _corrected(loop: Loop, s: complex, gain: float, close: float = CLOSE, rounds
 
 
 def _inverse(loop: Loop, s: complex, gain: float) -> tuple[complex, complex]:
-    """1/λ of L(s), the one that is nearest to −`gain`, and its slope by s."""
+    """Inverse 1/λ of the eigenvalue of L(s) for which it is nearest to −`gain`, and its derivative by s."""
     here, beside = loop.core(np.array([s, s * (1 + ASIDE)]))
     values, vectors = np.linalg.eig(here)
     nearest = int(np.argmin(np.abs(1 / values + gain)))

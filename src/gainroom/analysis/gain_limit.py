@@ -142,7 +142,7 @@ def _stable_below(loop: Loop, factors: list[float], slopes: list[float], upper: 
 
 
 def _between(low: float, high: float) -> float:
-    """A factor inside (low, high)."""
+    """Factor inside (low, high): their geometric mean, or half of `high` if `low` is 0."""
     return math.sqrt(low * high) if low > 0 else high / 2
 
 

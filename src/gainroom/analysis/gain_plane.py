@@ -26,7 +26,7 @@ SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neig
 
 @dataclass(frozen=True)
 class GainPlane:
-    """L = kp A + kd B over a grid of ω that resolves it.
+    """Plane of two gains, L = kp A + kd B: the responses A and B on a grid of ω that resolves them.
 
     omega   (k,) rising [rad/s]
     last    the Nyquist frequency, or None in continuous time
@@ -133,7 +133,7 @@ def _apart(a: Factored, b: Factored) -> tuple[Factored, Factored, Factored]:
 
 
 def _common(first: Complexes, second: Complexes) -> tuple[Complexes, Complexes, Complexes]:
-    """Roots that `a` and `b` share, and those left over in each."""
+    """Roots common to `first` and `second`, then the remaining ones of each."""
     left, both, right = [], [], second.tolist()
     for root in first.tolist():
         if root in right:
@@ -163,7 +163,7 @@ def _together(parts: Iterable[LineCrossings]) -> LineCrossings:
 
 
 def _pinches(a: Factored, b: Factored, omega: Floats) -> Floats:
-    """ω at which B/A is real, between the samples; B/A is of the controller alone, and smooth."""
+    """Frequencies (p,) [rad/s] at which B/A is real, see GainPlane.pinches, by bisection between samples at `omega`."""
 
     def turned(omega: Floats) -> Booleans:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -180,12 +180,12 @@ def _pinches(a: Factored, b: Factored, omega: Floats) -> Floats:
 
 
 def _frequency(root: complex, sample_time: float | None) -> float:
-    """The ω of the boundary point nearest to a root in v."""
+    """Frequency [rad/s] of the point of the stability boundary nearest to a root in v."""
     return root.imag if sample_time is None else float(np.angle(1 + sample_time * root)) / sample_time
 
 
 def _damping(root: complex, sample_time: float | None) -> float:
-    """Distance [1/s] of a root in v from the stability boundary; > 0: on the unstable side."""
+    """Signed distance [1/s] of a root in v from the stability boundary; > 0: on the unstable side."""
     size = 1.0 if sample_time is None else abs(1 + sample_time * root)
     return root.real if sample_time is None else math.log(max(size, 1e-300)) / sample_time
 
@@ -205,7 +205,7 @@ def _solve2(a: Complexes, b: Complexes, right: Complexes) -> tuple[Floats, Float
 
 @dataclass(frozen=True)
 class BoundaryCurve:
-    """One boundary curve, cut where it runs through infinity. All arrays (k,)."""
+    """Boundary curve (kp, kd)(ω) of one target, in samples (k,) with its slopes by ω; it may run through infinity between samples."""
 
     plane: GainPlane
     target: complex
@@ -265,7 +265,7 @@ class BoundaryCurve:
         return _together(parts)
 
     def _other(self, axis: str, values: Floats, omega: Floats) -> Floats:
-        """The other gain where one is `values` and the curve is met at ω: by projection, as two lines may be nearly parallel there."""
+        """Gain other than `axis` at which the curve is met at `omega` if the gain `axis` is `values`."""
         a, b = self.plane.a.response(omega), self.plane.b.response(omega)
         given, free = (a, b) if axis == "kp" else (b, a)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -273,7 +273,7 @@ class BoundaryCurve:
         return np.where(np.isfinite(a), other, 0.0)  # on a pole no gains are needed to reach the target
 
     def _pinched(self, omega: Floats) -> Booleans:
-        """True for intervals within which the curve is taken as straight."""
+        """Mask (k − 1,) of the intervals between neighbours in `omega` that contain a pinch: there the curve is taken as straight."""
         middle, pinches = 0.5 * (omega[1:] + omega[:-1]), self.plane.pinches
         return np.any(np.abs(middle[:, None] - pinches) < PINCH * pinches, axis=1)
 
@@ -322,7 +322,7 @@ class BoundaryCurve:
         return _together(found)
 
     def along(self, axis: str) -> tuple[Floats, Floats]:
-        """(ω, kp or kd) at the samples and at every extremum between them."""
+        """Frequencies [rad/s] and the gain `axis`, "kp" or "kd", at the samples and at every extremum of that gain between them."""
         return (self._monotone_kp if axis == "kp" else self._monotone_kd)[:2]
 
     @cached_property

@@ -69,7 +69,7 @@ def pd_region(
 
 @dataclass(frozen=True)
 class PDRegion:
-    """See pd_region. `actuated` is the loop without its controller, `template` gives the controller at each (kp, kd).
+    """Region of one joint's PD gains, see pd_region. `actuated`: loop without its controller; `template`: gives the controller at (kp, kd).
 
     unsampled   `actuated` in continuous time; None where it is not known
     parts       components of the loop, by which its link is known; None where they are not
@@ -82,7 +82,7 @@ class PDRegion:
     parts: Parts | None = None
 
     def scalar(self, kp: float, kd: float) -> Factored:
-        """L at one pair of gains."""
+        """Return ratio L at one pair of gains."""
         return self.actuated * self.template.in_plane(kp, kd, self.actuated.sample_time)
 
     def columns(self, kps: ArrayLike) -> list[Floats]:
@@ -163,12 +163,12 @@ class PDRegion:
 
     @cached_property
     def _measures(self) -> dict[str, Callable[[float, Floats], Floats] | None]:
-        """Functions of gains that tell what requirements measure, by name."""
+        """Functions (kp, kds) → values of requirements that are computed from the loop itself, by name; None: computed loop by loop."""
         return {}
 
     @cached_property
     def _signals(self) -> StateSpace:
-        """What the controller gets from a torque command; worked out once for all gains."""
+        """State space from torque command to the signals that the controller gets; computed once for all gains."""
         assert self.parts is not None
         return measured_signals(self.parts)
 
@@ -261,7 +261,7 @@ class PDRegion:
 
     @cached_property
     def _row(self) -> "_Row":
-        """Unstable roots along a line kd = const: counted once on either side of the static line, carried across each crossing."""
+        """Numbers of unstable roots along a line kd = const: counted once on either side of the static line, changed at each crossing."""
         # Few turns of the delay: far out along the curve lie gains with thousands of unstable roots, which rounding and the grid blur.
         near = np.isfinite(self._curve.kd) & (self._curve.omega * self.actuated.delay < FEW_TURNS)
         finite = np.sort(np.abs(self._curve.kd[near]))  # np.median would load masked arrays, a tenth of a short command's time
@@ -280,7 +280,7 @@ class PDRegion:
         return _Row(kd, events, total, static, counted, (self._count(counted[0], kd), self._count(counted[1], kd)))
 
     def _count(self, kp: float, kd: float) -> int:
-        """Unstable roots by the Nyquist count of the certified scan."""
+        """Number of unstable roots at (kp, kd), by the Nyquist count of the certified scan."""
         system = self.scalar(kp, kd)
         return round(system.unstable_poles - scan(system, with_peaks=False).half_turns)
 
@@ -305,7 +305,7 @@ class PDRegion:
         return np.concatenate([-self._rungs(-1.0)[::-1], upward])
 
     def _rungs(self, sign: float) -> Floats:
-        """|kp| of one sign from far below to where the boundary ends; just beyond it, if it turns back there."""
+        """Sizes |kp|, rising, of one `sign`, from far below the stability boundary to just beyond its end."""
         omega, kp = self._curve.along("kp")
         sizes = np.where(omega >= self._plane.resolved, sign * kp, 0.0)
         if not np.any(sizes > 0):
@@ -350,7 +350,7 @@ class PDRegion:
 
 @dataclass(frozen=True)
 class _Row:
-    """Unstable roots along kd = const: crossings `events` in kp, the running `total` of changes, counts at two kp around `static`."""
+    """Numbers of unstable roots along kd = const: crossings `events` in kp, `total` of changes up to each, counts beside `static`."""
 
     kd: float
     events: Floats
@@ -360,7 +360,7 @@ class _Row:
     base: tuple[int, int]
 
     def counts(self, kps: Floats) -> Integers:
-        """Unstable roots at each kp."""
+        """Numbers of unstable roots at each kp."""
         level = self.total[np.searchsorted(self.events, kps)]
         start = self.total[np.searchsorted(self.events, self.counted)]
         right = self.base[1] + level - start[1]

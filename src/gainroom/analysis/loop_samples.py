@@ -127,7 +127,7 @@ class SamplesApart:
         return self._by_joint(lambda one: one.sensitivities())
 
     def _by_joint(self, of: "Callable[[_core.Look], Floats]") -> Floats:
-        """Rows (c, 3) that `of` returns for each group, stacked; the first column, an index within the group, becomes one within all joints."""
+        """Rows (c, 3) that `of` returns for each group, stacked; in column 0 a joint index within the group becomes that of the robot."""
         return np.vstack(
             [np.column_stack([joints[rows[:, 0].astype(int)], rows[:, 1:]]) for joints, one in self._groups for rows in [of(one)]]
         )

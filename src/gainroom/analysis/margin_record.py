@@ -20,7 +20,7 @@ NUDGE = 1e-6
 
 @dataclass(frozen=True)
 class Certificate:
-    """Unstable closed-loop roots just inside and just outside a limit; `holds` when none inside and some outside.
+    """Certificate of a limit: numbers of unstable closed-loop roots just inside and just outside it; −1: not counted.
 
     Both numbers are counted; of a proved limit (proved_limit.py) none inside is proved, and `outside` is the roots of the crossings found,
     at least.
@@ -50,14 +50,14 @@ class End:
 
 
 class PhaseCrossing(NamedTuple):
-    """L is real and negative at `omega` [rad/s]; multiplying the gains by `gain` = −1/Re L puts a root there."""
+    """Crossing of the negative real axis by L at `omega` [rad/s]; multiplying the gains by `gain` = −1/Re L puts a root at jω."""
 
     omega: float
     gain: float
 
 
 class GainCrossing(NamedTuple):
-    """|L| = 1 at `omega` [rad/s]; phase_margin [rad] in (−π, π]; delay_margin [s]: extra delay that puts a root there."""
+    """Crossing |L| = 1 at `omega` [rad/s]: its phase_margin [rad] in (−π, π], and delay_margin [s], extra delay that puts a root at jω."""
 
     omega: float
     phase_margin: float
@@ -103,7 +103,7 @@ class GainLimit:
 
 
 def interval(loop: Loop, upper: End | None, lower: End | None, stable: bool = True) -> GainLimit:
-    """Gain limit of `loop` with these ends."""
+    """Gain limit of `loop` from the upper and lower end of its stable interval; an end None: there is none."""
     mode = np.ones(loop.size, dtype=complex) if upper is None else upper.mode
     gain, omega, certificate = (math.inf, math.nan, None) if upper is None else (upper.at, upper.omega, upper.certificate)
     if lower is None:
@@ -134,7 +134,7 @@ class OneLoop:
 
     @classmethod
     def unknown(cls, size: int) -> "OneLoop":
-        """NaN for each of `size` joints."""
+        """Record of an unstable loop: NaN for each of `size` joints."""
         nothing = np.full(size, math.nan)
         return cls(nothing, nothing, nothing, np.zeros(size, dtype=bool), nothing, nothing)
 
@@ -156,7 +156,7 @@ class PathMargins:
 
     @property
     def headroom(self) -> float:
-        """The smallest factor, up or down, on either path's gains that is lost."""
+        """Smallest factor, up or down, on either path's gains that makes the loop unstable, as a number > 1."""
         return min(self.others, self.kd, *(1 / low for low in (self.lower_others, self.lower_kd) if low > 0))
 
 
@@ -209,7 +209,7 @@ class Margins:
 
     @classmethod
     def unknown(cls, limit: GainLimit) -> "Margins":
-        """Nothing but the verdict and, perhaps, the limit."""
+        """Margins of which nothing is known but the stability and gain limit in `limit`; all others are NaN."""
         return cls(limit, OneLoop.unknown(len(limit.mode)), unstable_roots=0 if limit.stable else -1)
 
     def __repr__(self) -> str:
@@ -246,12 +246,12 @@ class Margins:
 
     @property
     def dynamic_stiffness(self) -> float:
-        """The least of all joints that a load moves [N m/rad]."""
+        """Least dynamic stiffness of all joints that a load moves [N m/rad]; NaN if it is not known."""
         return self.links.least
 
     @property
     def dynamic_stiffness_frequency(self) -> float:
-        """Its frequency [rad/s]; 0 where it is that at rest."""
+        """Frequency [rad/s] of `dynamic_stiffness`; 0 if that is the static stiffness."""
         return self.links.least_frequency
 
     @cached_property
@@ -265,22 +265,22 @@ class Margins:
 
     @property
     def least_damping_ratio(self) -> float:
-        """Of the vibrations of motors and links, all loops closed."""
+        """Least damping ratio of the vibrations of motors and links, all loops closed; 1 if nothing vibrates, NaN if it is not known."""
         return self._least_damped[0]
 
     @property
     def least_damping_frequency(self) -> float:
-        """The frequency of the least damped vibration [rad/s]."""
+        """Frequency |s| [rad/s] of the least damped vibration; NaN where there is none."""
         return self._least_damped[1]
 
     @property
     def stable(self) -> bool:
-        """At the gains as they are."""
+        """True if the loop is stable at its present gains."""
         return self.limit.stable
 
     @property
     def gain_margin(self) -> float:
-        """The factor > 1 on all gains at which the loop is lost; inf where there is none, of several joints none up to 1000."""
+        """Factor > 1 on all gains at which the loop becomes unstable; inf if there is none, for several joints none up to 1000."""
         return self.limit.gain if self.stable else math.nan
 
     @property
@@ -290,7 +290,7 @@ class Margins:
 
     @property
     def lower_gain_margin(self) -> float:
-        """The factor < 1 at which a conditionally stable loop is lost; 0 where there is none."""
+        """Factor < 1 on all gains at which a conditionally stable loop becomes unstable; 0 if there is none."""
         return self.limit.lower_gain if self.stable else math.nan
 
     @property
@@ -300,34 +300,34 @@ class Margins:
 
     @property
     def gain_headroom(self) -> float:
-        """The smallest factor, up or down, on all gains that is lost."""
+        """Smallest factor, up or down, on all gains that makes the loop unstable, as a number > 1."""
         return min(self.gain_margin, 1 / self.lower_gain_margin if self.lower_gain_margin > 0 else math.inf)
 
     @property
     def least_gain_margin(self) -> float:
-        """The smallest factor, up or down, on all gains or on those of one loop or path, that is lost: what requirements bound."""
+        """Smallest factor > 1, up or down, on all gains or on those of one loop or path, that makes it unstable: the bounded value."""
         whole = [self.gain_headroom, math.inf if self.paths is None else self.paths.headroom]
         return float(np.min(np.append(self.one_loop_gain_margins, whole)))
 
     @property
     def one_loop_gain_margins(self) -> Floats:
-        """(n,) the smallest factor, up or down, on the gains of each loop that is lost."""
+        """Smallest factor (n,), up or down, on the gains of each loop alone that makes it unstable, as numbers > 1."""
         with np.errstate(divide="ignore"):
             return np.minimum(self.one_loop.gain_margin, 1 / self.one_loop.lower_gain_margin)
 
     @property
     def common_phase_margin(self) -> float:
-        """[rad] the smallest phase in all loops, of either sign."""
+        """Size [rad] of the smallest phase, lag or lead, in all loops at once that makes the loop unstable."""
         return abs(self.phase_margin)
 
     @property
     def one_loop_phase_margin(self) -> float:
-        """[rad] the smallest phase in one loop."""
+        """Size [rad] of the smallest phase, lag or lead, in one loop alone that makes it unstable."""
         return float(self.one_loop.phase_margin.min())
 
     @property
     def least_phase_margin(self) -> float:
-        """[rad] the smallest phase, of either sign, in all loops or in one, that is lost: what requirements bound."""
+        """Size [rad] of the smallest phase, lag or lead, in all loops or in one, that makes it unstable: what requirements bound."""
         return min(self.common_phase_margin, self.one_loop_phase_margin)
 
 

@@ -228,7 +228,7 @@ class ModalLoop:
         return np.ascontiguousarray(right) if self.folds == 1 else _in_pairs(left, right)
 
     def _rigid_bases(self, grid: Floats) -> Complexes:
-        """(k, n, n) likewise of Y M₀ X and diag(|d|) in the middle of each interval, where F is not symmetric, else (0, n, n).
+        """Bases (k, n, n) as `_bases`, of Y M₀ X and diag(|d|) in the middle of each interval, if F is not symmetric; else (0, n, n).
 
         Mostly real, and what L is as long as nothing resonates.
         """
@@ -243,7 +243,7 @@ class ModalLoop:
         return _in_pairs(left, right)
 
     def _grid(self, low: float, high: float, factor: float) -> Floats:
-        """From `low` to `high` in steps no longer than `factor`, with every corner."""
+        """Frequencies [rad/s] from `low` to `high`, each at most `factor` times the one before, with every corner frequency."""
         grid = 10.0 ** np.linspace(np.log10(low), np.log10(high), 2 + int(math.log(high / low) / math.log(factor)))
         grid[0], grid[-1] = low, high
         grid = distinct(np.concatenate([grid, self.corners[(self.corners > low) & (self.corners < high)]]))
@@ -296,7 +296,7 @@ def _in_pairs(left: Complexes, right: Complexes) -> Complexes:
 
 @dataclass(frozen=True)
 class Laws:
-    """The laws of n joints: all zeros and all poles in a row, counts (n, 2) of them, gains (n,)."""
+    """Controllers of n joints as zeros, poles and gains: all zeros and poles joined, their counts (n, 2) by joint, gains (n,)."""
 
     zeros: Complexes
     poles: Complexes
@@ -349,7 +349,7 @@ class Laws:
         return self._sum(turns(self.zeros), turns(self.poles), -1)
 
     def _sum(self, zeros: Floats, poles: Floats, sign: int) -> Floats:
-        """(n,) Σ over each law's zeros + `sign` Σ over its poles."""
+        """Sums (n,) over each law's zeros plus `sign` times the sum over its poles."""
         parts = np.concatenate([zeros, sign * poles])
         total = np.zeros(len(self.gains), dtype=np.result_type(parts, float))
         np.add.at(total, self._owners, parts)

@@ -121,7 +121,7 @@ class Multirate:
         return interval(self.loop, *map(self._end, (upper, lower)), stable=stable)
 
     def _end(self, lost: "Lost | None") -> End | None:
-        """The end of a stable interval of a factor on all gains."""
+        """End, with its mode, of the stable interval of a factor on all gains; None if `lost` is None."""
         if lost is None:
             return None
         omega, mode = self.lifted.vibration(lost.at, lost.at)
@@ -187,14 +187,14 @@ class Multirate:
         return None if found is None else replace(found, at=found.at * period), farthest == 1.0
 
     def delay_of_others(self) -> float:
-        """Delay [s] of the other gains' path at which the loop is lost, as the function delay_of_others below."""
+        """Delay [s] of the path of kp and ki at which the loop becomes unstable, as the function delay_of_others below."""
         assert self.loop.parts is not None
         own = max(drive.delay for drive in self.loop.parts.drives)
         found, searched = self._more_delay(0.0)
         return own + found.at if found is not None else math.inf if searched else math.nan
 
     def paths(self) -> PathMargins:
-        """Factors on the gains of one path alone."""
+        """Factors on the gains of one path alone at which the loop becomes unstable."""
         ways: tuple[Spectrum, Spectrum] = self.values, lambda t: self.values(1.0, t)
         ends = [first_lost(way, 0.0, math.log(bound), exp=True) for way in ways for bound in (HIGHEST, LOWEST)]
         others, lower_others, kd, lower_kd = (
@@ -312,7 +312,7 @@ class Peaks:
 
 
 def _affine(system: StateSpace, slope: float, offset: float) -> StateSpace:
-    """slope T + offset I."""
+    """State space of slope T + offset I, T that of `system`."""
     return replace(system, c=slope * system.c, d=slope * system.d + offset * np.eye(len(system.d)))
 
 

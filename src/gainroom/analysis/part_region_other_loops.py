@@ -44,7 +44,7 @@ class Quotient(NamedTuple):
     w_1: Complexes
 
     def at(self, kd: Floats) -> Complexes:
-        """S_jj."""
+        """Sensitivity S_jj (m, k) at gains `kd`."""
         return (self.u_0 + kd * self.u_1) / (self.w_0 + kd * self.w_1)
 
     def sampled(self, *places: Integers) -> "Quotient":

@@ -130,7 +130,7 @@ class _Scaled:
 
     @property
     def size(self) -> int:
-        """Number of blocks n."""
+        """Number n of blocks of signals."""
         return int(self.block.max()) + 1
 
     def scaled(self, matrix: Complexes, x: Floats) -> Complexes:

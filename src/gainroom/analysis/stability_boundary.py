@@ -106,7 +106,7 @@ def first_grid(loop: Loop, last: float | None) -> Floats:
 
 
 def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
-    """(I + L)⁻¹ (k, n, n) for L = `returned`, from what the gains see alone: what no gain closes would drown it in round-off."""
+    """Sensitivity (I + L)⁻¹ (k, n, n) for L = `returned`, computed on the subspace that gains act on: the rest would add round-off."""
     seen = loop.seen
     if seen.shape[1] == loop.size:
         return inverted(np.eye(loop.size) + returned)

@@ -138,7 +138,7 @@ class Bench(Protocol):
         ...
 
     def text(self, view: View) -> str:
-        """Text of the file with the view's values."""
+        """Text of the file, edited to have the view's values."""
         ...
 
     def copied(self, view: View, form: str) -> str:

@@ -357,7 +357,7 @@ def predicted_torque(fit: GainsFit, record: Record) -> tuple[Record, Floats, Flo
 
 
 def _smoothed(values: Floats, band: float, tick: float) -> Floats:
-    """Values smoothed by a fourth-order filter without phase shift; mirrored at the ends."""
+    """Values (m,) smoothed by a fourth-order low-pass of cut-off `band` [rad/s] without phase shift; mirrored at the ends."""
     padded = np.concatenate([values, values[::-1]])
     omega = 2 * np.pi * np.fft.rfftfreq(len(padded), tick)
     return np.fft.irfft(np.fft.rfft(padded) / (1 + (omega / band) ** 4), len(padded))[: len(values)]

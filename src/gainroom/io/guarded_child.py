@@ -53,7 +53,7 @@ Opened = AbstractContextManager[tuple[dict[str, Any], Handler]]
 
 
 class GuardedChild:
-    """The child, seen from the parent, which may do something else until it asks for the first answer."""
+    """Handle of the parent to the child; the parent may do other work until it asks for the first answer."""
 
     def __init__(self, path: Path, title: str, seconds: float, process: "subprocess.Popen[bytes]") -> None:
         assert process.stdin is not None
@@ -148,7 +148,7 @@ def guarded_child(path: Path, title: str, module: str, *arguments: str) -> Itera
 
 
 def _seconds(path: Path) -> float:
-    """Time until an answer about a file, or the files of a folder, must have come [s]."""
+    """Time limit [s] for an answer about a file, or about the files of a folder; it grows with their size."""
     with contextlib.suppress(OSError):
         files = path.iterdir() if path.is_dir() else (path,)
         return LEAST_SECONDS + SECONDS_PER_BYTE * sum(file.stat().st_size for file in files)
@@ -186,7 +186,7 @@ def serve() -> None:
 
 
 def _limit(seconds: float) -> None:
-    """Bound what this process may take, as far as the system can: Linux all of it, macOS no memory and no network, Windows nothing."""
+    """Limits time, memory, files and network of this process: all on Linux, not memory and network on macOS, none on Windows."""
     try:
         import ctypes
         import resource

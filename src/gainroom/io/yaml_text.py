@@ -70,7 +70,7 @@ def shown(value: object) -> str:
 
 
 def _short(value: object, left: list[int]) -> str:
-    """Representation of as many values as are `left`: a list that contains itself twice, and so on, would be endless."""
+    """Representation of at most `left` values (a count that it reduces): a list that contains itself twice would be endless."""
     left[0] -= 1
     if left[0] < 0:
         return "…"

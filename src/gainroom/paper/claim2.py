@@ -64,7 +64,7 @@ def pictures() -> Iterator[Picture]:
 
 @cache
 def limits(delay: float) -> tuple[Floats, Floats]:
-    """Factors on Fig. 9's gains at the edge of stability over RATIOS, and the frequency of the vibration there [rad/s]."""
+    """Gain limits over RATIOS, as factors on Fig. 9's gains, and the frequency of the vibration there [rad/s]."""
     found = [limit_with_load(ratio * MOTOR_INERTIA, delay=delay) for ratio in RATIOS.tolist()]
     return np.array([limit.gain for limit in found]), np.array([limit.frequency for limit in found])
 

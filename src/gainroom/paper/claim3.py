@@ -37,7 +37,7 @@ SWAY = {  # joints that move when the body sways over the standing feet and all 
 
 @dataclass(frozen=True)
 class Edge:
-    """A joint at the edge of stability.
+    """Joint at its gain limit.
 
     load   [kg·m²]
     kd     largest, with Fig. 9's kp per kd [N·m·s/rad]
@@ -116,7 +116,7 @@ def motor_alone() -> float:
 
 
 def edge_at(load: float) -> Edge:
-    """A joint with this load [kg·m²] at the edge of stability."""
+    """Edge of a joint with this load [kg·m²]."""
     return Edge(load, limit_with_load(load).gain * GAINS.kd)
 
 

@@ -35,7 +35,7 @@ CLEARLY = 1.5
 
 @dataclass(frozen=True)
 class Limits:
-    """Factors on the gains at the edge of stability.
+    """Gain limits of operational-space gains, as factors on them.
 
     full       with the full matrices
     diagonal   with their diagonals alone

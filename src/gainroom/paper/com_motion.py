@@ -43,7 +43,7 @@ WHY = {
 
 @dataclass(frozen=True)
 class ComMotion:
-    """One run; time (k,) counts from the start of the motion [s], the rest is of the centre of mass in x, y, z [m]."""
+    """Run of the motion: time (k,) [s] from its start, and reference and positions of the centre of mass (k, 3) [m]."""
 
     run: RobotRun
     time: Floats
@@ -55,7 +55,7 @@ class ComMotion:
 
     @property
     def steady(self) -> Floats:
-        """Error (3,) at the end."""
+        """Tracking error (3,) [m] at the end of the run."""
         return self.run.steady_error(STEADY)[:3]
 
     @property
@@ -142,5 +142,5 @@ def _left(controller: str) -> list[float]:
 
 
 def _links_left(controller: str) -> list[float]:
-    """The same by the true positions of the links."""
+    """Errors at rest in x, y, z [mm], by the true positions of the links."""
     return (1e3 * np.abs(motion(controller).steady_of_links)).tolist()

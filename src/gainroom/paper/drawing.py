@@ -112,7 +112,7 @@ def _names(panel: Panel, axis: str, logarithmic: bool) -> list[style.Annotation]
 
 
 def _ground(panel: Panel, axis: str) -> list[dict[str, Any]]:
-    """The band and the levels, behind all else."""
+    """Shapes of a panel's band and levels, behind everything else."""
     across = {"x0": 0, "x1": 1, "xref": "paper", "yref": axis, "layer": "below"}
     shapes = [across | {"type": "line", "y0": y, "y1": y, "line": {"color": "#777", "width": 1.2}} for y in panel.levels]
     if panel.band is not None:

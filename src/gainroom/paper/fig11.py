@@ -33,13 +33,13 @@ class Trial:
 
     @property
     def vibrates(self) -> bool:
-        """A vibration of more than ten encoder steps that does not decay."""
+        """True if the trial vibrates by more than ten encoder steps without decay."""
         found = self.vibration
         return found is not None and found.amplitude > 10 * MOTOR_RESOLUTION and found.growth_rate > -1.0
 
     @property
     def last(self) -> Run:
-        """The run's last second."""
+        """Part of the run in its last second."""
         return self.response.rows(slice(-round(LAST / SAMPLE_TIME), None))
 
     @property

@@ -24,7 +24,7 @@ CARDS = {  # the paper's main numbers
 
 
 def reproduction_page(result: Reproduction, command: str) -> str:
-    """A self-contained HTML page. `command` is the command that makes it."""
+    """HTML page of the reproduction, self-contained. `command` is the command that makes it."""
     first, *others = sorted(result.figures, key=lambda figure: not figure.title.startswith(FIRST))
     apart = [row for row in result.rows if not row.agrees]
     return page(

@@ -9,7 +9,7 @@ from ..report.number_format import digits
 
 @dataclass(frozen=True)
 class Row:
-    """A comparison.
+    """Comparison of one number of the paper with the same number computed here.
 
     id         figure, case and quantity, joined by dots; the quantity names its unit
     paper      the paper's number, the middle of its range, or what is expected where it prints nothing (the note says why)
@@ -58,7 +58,7 @@ def at_least(key: str, least: float, computed: float, unit: str, note: str) -> R
 
 
 def same(key: str, paper: bool, computed: bool, note: str) -> Row:
-    """A row of verdicts."""
+    """Row that compares two verdicts."""
     return Row(key, paper, computed, "", paper is computed, note, 0.0, "yes" if paper else "no")
 
 
@@ -81,7 +81,7 @@ def summary(rows: Iterable[Row]) -> str:
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """A row under COLUMNS."""
+    """Table cells of a row, under the headings COLUMNS."""
     return row.id, _paper(row), value_text(row.computed), row.unit, "yes" if row.agrees else "no"
 
 
@@ -97,14 +97,14 @@ def interval(row: Row) -> str:
 
 
 def value_text(value: float | bool) -> str:
-    """A number or a verdict; what is round-off is 0."""
+    """Text of a number, 0 if it is round-off, or of a verdict."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return "0" if abs(value) < 1e-9 else digits(value)
 
 
 def _paper(row: Row) -> str:
-    """The paper's number or range with the tolerance; in brackets what is expected where the paper prints nothing."""
+    """Text of the paper's number or range with its tolerance; in brackets an expected value that the paper does not print."""
     text = row.printed if row.is_range else f"≥ {value_text(row.paper)}" if row.is_least else value_text(row.paper)
     if row.tolerance and not row.is_range:
         text += f" ± {digits(float(f'{row.tolerance:.2g}'))}"

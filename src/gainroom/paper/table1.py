@@ -28,7 +28,7 @@ STEPS = 9  # samples of the motion; the largest gains stand at an end of it or c
 
 @dataclass(frozen=True)
 class Account:
-    """One set of assumptions.
+    """Set of assumptions under which Table I is computed.
 
     key           its name in row ids
     label         in pictures
@@ -118,7 +118,7 @@ def gains(account: Account) -> dict[str, Floats]:
 
 
 def ratios(account: Account) -> dict[str, Floats]:
-    """gains() over the printed ones, (12,) each."""
+    """Ratios (12,) of computed gains to the printed ones, as "kp" and "kv"."""
     return {gain: values / np.array(PRINTED[gain], dtype=float) for gain, values in gains(account).items()}
 
 
@@ -152,7 +152,7 @@ def unsettled(account: Account) -> float:
 
 
 def why_a_quarter() -> str:
-    """The reason for the tolerance."""
+    """Text with the reason for the tolerance of Table I's rows."""
     return (
         f"tolerance a quarter, as a start {1e3 * LOWER.lower:g} mm lower moves a row by up to {100 * unsettled(LOWER):.0f} %, and the "
         f"rotors by up to {100 * unsettled(NO_ROTORS):.0f} %"

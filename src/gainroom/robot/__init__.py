@@ -21,7 +21,7 @@ __all__ = ["RigidBody", "load_model"]
 
 
 def __getattr__(name: str) -> object:
-    """The two names load on first use: the guarded child that compiles an MJCF needs neither."""
+    """Loads the two public names on first use: the guarded child that compiles an MJCF needs neither."""
     if name == "RigidBody":
         from .body import RigidBody
 

@@ -100,7 +100,7 @@ class RigidBody:
 
     @property
     def size(self) -> int:
-        """n, the number of actuated joints."""
+        """Number n of actuated joints."""
         return len(self.joint_names)
 
     def require_tree(self, owner: str) -> None:

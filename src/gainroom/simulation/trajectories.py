@@ -269,7 +269,7 @@ class Late(_Moving):
 
 
 def _column(time: ArrayLike) -> Floats:
-    """`time` as (k, 1)."""
+    """Column (k, 1) of `time` (k,)."""
     return np.atleast_1d(np.asarray(time, dtype=float))[:, None]
 
 

@@ -143,7 +143,7 @@ class Plant:
 
     @property
     def size(self) -> int:
-        """n, the number of joints."""
+        """Number n of joints."""
         return len(self.motor_inertia)
 
     @property

@@ -32,7 +32,7 @@ MOST_WHOLE = 1 << 30
 
 @dataclass(frozen=True)
 class Column:
-    """A column of numbers in a file.
+    """Column of numbers in a file.
 
     name    unique, as a user types it
     label   what it is called without its joint, where the file tells them apart; else as `name`
@@ -71,7 +71,7 @@ class Table:
         self.taken_off: dict[str, float] = {}
 
     def blocks(self, names: Sequence[str], held: Sequence[str] = ()) -> Iterator[list[Floats]]:
-        """The columns asked for, (k,) each, block by block; NaN where a number is missing. From the start at every call.
+        """Columns `names`, (k,) each, block by block; NaN where a number is missing. Every call begins at the first row.
 
         held   those that keep their value from one time stamp to the next, where a file has columns with time stamps of their own
         """
@@ -86,20 +86,20 @@ FULL_SECONDS = 1 << 30
 
 
 class Sink(Protocol):
-    """A file that is being written."""
+    """Writer of a log file."""
 
     def begin(self, joints: Sequence[str], signals: Sequence[str]) -> None:
-        """Say what the rows will hold."""
+        """Begins the file: the rows will hold these signals of these joints."""
 
     def rows(self, time: Floats, signals: Sequence[Floats]) -> None:
-        """Add rows: time (k,), and per signal (k, n)."""
+        """Adds rows: time (k,) [s], and each signal (k, n)."""
 
     def close(self) -> None:
-        """Finish the file, however much of it there is."""
+        """Finishes the file with the rows that it has."""
 
 
 class LogFormat:
-    """A kind of file. A new one is a file in formats/ with a subclass, and its line in FORMATS.
+    """Format of log files. A new one is a file in formats/ with a subclass, and its line in FORMATS.
 
     name      as help texts list it
     title     as messages call it

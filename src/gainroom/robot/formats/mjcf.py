@@ -54,7 +54,7 @@ class Mjcf(ModelFormat):
         )
 
     def keyframes(self, root: Element, path: Path) -> Mapping[str, Mapping[str, float]]:
-        """Of the joints with one degree of freedom."""
+        """Keyframes by name: positions by joint name [rad; m if prismatic], of joints with one degree of freedom."""
         compiled = compile_mjcf(root, path)
         require_at_most(str(path), sum(map(len, root.findall("keyframe"))), "of <keyframe>", MOST_KEYFRAMES)
         refuse_all(compiled.unkeyed)
@@ -64,7 +64,7 @@ class Mjcf(ModelFormat):
         return {frame: {joint: float(qpos[place]) for joint, place in places.items()} for frame, qpos in frames.items()}
 
     def position_gains(self, root: Element, path: Path) -> ActuatorGains:
-        """Of <position>, <velocity>, <intvelocity>, <pid> and affine <general>, as MuJoCo compiles them, times gear²."""
+        """Gains of <position>, <velocity>, <intvelocity>, <pid> and affine <general> actuators, as MuJoCo compiles them, times gear²."""
         compiled = compile_mjcf(root, path)
         model, gains, late = compiled.model, {}, []
         for index in range(len(model.actuator_trnid)):
@@ -85,7 +85,7 @@ class Mjcf(ModelFormat):
         return ActuatorGains(gains, tuple(notes))
 
     def stepping(self, root: Element, path: Path) -> Stepping:
-        """What <option> says, in the file or what it includes."""
+        """Stepping by <option>, in the file or in those that it includes."""
         option = compile_mjcf(root, path).model.opt
         named = {name for each in root.iter("option") for name in each.attrib}
         name = next((name for name in INTEGRATORS if name.upper() == option.integrator), option.integrator)
@@ -100,7 +100,7 @@ _TO_XYZW = (1, 2, 3, 0)  # MuJoCo's quaternions begin with w
 
 @dataclass
 class _Tree:
-    """A Pinocchio model that grows body by body.
+    """Pinocchio model under construction, body by body.
 
     places     for each body, its joint, its placement in that joint, its frame
     floating   the body that floats
@@ -137,7 +137,7 @@ class _Tree:
         self._add_sites()
 
     def _roots(self, base: Base | None) -> tuple[int | None, set[int]]:
-        """The body that floats, and the free bodies that are left out as they have no joints to actuate."""
+        """Index of the floating body, None for a fixed base; and the free bodies left out, which have no joints to actuate."""
         model = self.mujoco_model
         free = [model.jnt_bodyid[joint] for joint in range(model.njnt) if model.jnt_type[joint] == _FREE]
         moved = {model.body_rootid[model.jnt_bodyid[joint]] for joint in range(model.njnt) if model.jnt_type[joint] != _FREE}
@@ -183,7 +183,7 @@ class _Tree:
         )
 
     def _add_joint(self, index: int, parent: int, place: Any, frame: int) -> tuple[int, Any, int]:
-        """One joint of a body; its index, where the body now stands in it, its frame."""
+        """Adds one joint of a body; returns its index, the body's placement in it, and the index of its frame."""
         pin, model = self.pin, self.mujoco_model
         axis, anchor = np.array(model.jnt_axis[index]), np.array(model.jnt_pos[index])
         start = float(model.qpos0[model.jnt_qposadr[index]])
@@ -213,7 +213,7 @@ class _Tree:
         self._put("upperPositionLimit", slice(at, at + 1), high)
 
     def _set_armature_and_damping(self, index: int, joint: int) -> None:
-        """Armature and damping, the same for each velocity of the joint: of a free one they are in no axes of their own."""
+        """Sets armature and damping of a joint, equal for each of its velocities."""
         model, record = self.mujoco_model, self.result.joints[joint]
         velocities = slice(record.idx_v, record.idx_v + record.nv)
         self._put("armature", velocities, joint_and_actuators(model, "armature", index))
@@ -239,7 +239,7 @@ class _Tree:
             self.result.addFrame(pin.Frame(name, joint, frame, place, pin.FrameType.OP_FRAME))
 
     def constrain(self, constraints: Constraints) -> None:
-        """Closed loops as pairs of frames, and joints that are held or follow others."""
+        """Adds closed loops as pairs of frames, and the joints that are held or follow others."""
         model = self.mujoco_model
         start = {_joint_name(model, joint): float(model.qpos0[model.jnt_qposadr[joint]]) for joint in range(model.njnt)}
         for tie in constraints.ties:
@@ -257,12 +257,12 @@ class _Tree:
             self.linkages.append(JoinedFrames(name, first, second, join.welded, ties_base))
 
     def _ties_base(self, join: Join) -> bool:
-        """Whether one end moves with the floating base and the other does not."""
+        """True if one end of a closed loop moves with the floating base and the other does not."""
         first, second = (int(self.mujoco_model.body_rootid[end.body]) for end in (join.first, join.second))
         return (first == self.floating) != (second == self.floating)
 
     def _anchor(self, name: str, end: Placed) -> str:
-        """A frame that users do not see; its name."""
+        """Adds a frame that users cannot name, at one end of a closed loop, and returns its name."""
         joint, place, frame = self.places[end.body]
         place = place * self._placement(end.position, end.quaternion)
         name = _unused(name, {each.name for each in self.result.frames})
@@ -270,7 +270,7 @@ class _Tree:
         return name
 
     def actuated(self, compiled: Compiled) -> frozenset[str] | None:
-        """Joints with an actuator; None where the file has none."""
+        """Names of the joints with an actuator; None if the file has no actuators."""
         return frozenset(each.joint for each in compiled.elements if each.joint) or None
 
     def _placement(self, position: Any, quaternion: Any) -> Any:
@@ -279,12 +279,12 @@ class _Tree:
 
 
 def _disabled(model: Any, flag: str) -> bool:
-    """Whether the file switches a part of the physics off, by the name of MuJoCo's flag."""
+    """True if the file disables a part of the physics, by the name of MuJoCo's flag."""
     return flag in model.opt.disabled
 
 
 def _not_counted(model: Any) -> tuple[str, ...]:
-    """What bears on the links and is left out."""
+    """Notes on what the file has that acts on the links and is left out."""
     notes = []
     lifted = [_body_name(model, body) for body in range(model.nbody) if model.body_gravcomp[body]]
     if lifted:
@@ -300,7 +300,7 @@ def _not_counted(model: Any) -> tuple[str, ...]:
 
 
 def _effort_limit(model: Any, joint: int) -> float | None:
-    """The limit of the torque that all actuators of a joint make together [N m; N]; None: it has none."""
+    """Torque limit of all actuators of a joint together [N m; N if prismatic]; None if there is none."""
     own = [index for index in range(len(model.actuator_trnid)) if model.actuator_trnid[index, 0] == joint]
     limited = model.actuator_forcelimited[own]
     largest = np.max(np.abs(model.actuator_forcerange[own]), axis=1) * np.abs(model.actuator_gear[own, 0])

@@ -78,7 +78,7 @@ FINITE = {
 
 @dataclass(frozen=True)
 class ActuatorElement:
-    """An actuator of a file with its defaults: its joint ("" for another target), its gear, and on its own side of that what it does.
+    """Actuator of a file with its defaults: its joint ("" for another target), its gear, and its values on the actuator's side of the gear.
 
     stiffness, offset   of an affine bias: −b1 and b0; gain: the factor on its input
     control_range       as an attribute's text, "" where the input is not limited
@@ -95,7 +95,7 @@ class ActuatorElement:
 
 
 def inside(path: Path, name: str, near: tuple[Path, ...], what: str) -> Path | None:
-    """The file `name`, looked for in the folders `near`; None where it is missing.
+    """Path of the file `name`, searched in the folders `near` in turn; None if it is missing.
 
     Raises GainroomError where it lies outside the folder of the model `path`, through .. or a symbolic link too.
     """
@@ -113,7 +113,7 @@ def inside(path: Path, name: str, near: tuple[Path, ...], what: str) -> Path | N
 
 
 def loaded() -> Any:
-    """MuJoCo, in the child. Raises GainroomError where it does not load."""
+    """Module mujoco, in the child. Raises GainroomError if it does not load."""
     os.environ["MUJOCO_GL"] = "disable"  # else its import loads glfw, which takes a quarter of it
     try:
         import mujoco
@@ -185,7 +185,7 @@ def _compile(mujoco: Any, text: str, path: Path) -> tuple[Any, dict[str, Any]]:
 
 
 def _require_finite(model: Any, source: str) -> None:
-    """Raise GainroomError where a number of the file, or what the compiler made of some, is not finite."""
+    """Raises GainroomError if a number of the file, or one that the compiler computed from it, is not finite."""
     for what, columns in FINITE.items():
         for column in columns:
             values = np.asarray(getattr(model, column), dtype=float)
@@ -196,7 +196,7 @@ def _require_finite(model: Any, source: str) -> None:
 
 
 def _drop_shapes(spec: Any, path: Path) -> list[str]:
-    """Delete the geoms that no inertia comes from, and the meshes that then have no use; the files of the others."""
+    """Deletes the geoms that no inertia comes from, and the meshes then unused; returns the files of the meshes that are left."""
     used: dict[str, str] = {}
     for body in spec.bodies:
         for geom in list(body.geoms):
@@ -211,7 +211,7 @@ def _drop_shapes(spec: Any, path: Path) -> list[str]:
 
 
 def _gives_inertia(spec: Any, body: Any, geom: Any) -> bool:
-    """True if MuJoCo would take part of the body's inertia from this geom, where it looks at geoms at all."""
+    """True if MuJoCo would take part of the body's inertia from this geom, provided that it uses geoms at all."""
     low, high = spec.compiler.inertiagrouprange
     weightless = geom.mass == 0 or (geom.mass != geom.mass and geom.density == 0)  # a NaN says: by density
     return low <= geom.group <= high and not weightless and not (_is_static(spec, body) and spec.compiler.settotalmass <= 0)
@@ -231,7 +231,7 @@ def _mesh_name(mesh: Any) -> str:
 
 
 def _mesh_file(spec: Any, body: str, name: str, path: Path) -> str:
-    """The file of a mesh; "" where it has none. Raises GainroomError where it is not there, as the body's inertia comes from it."""
+    """File of a mesh; "" if it has none. Raises GainroomError if that is missing, as the body's inertia comes from it."""
     mesh = next((mesh for mesh in spec.meshes if _mesh_name(mesh) == name), None)
     if mesh is None or not mesh.file:
         return ""  # an unknown name MuJoCo reports itself; vertices may stand in the file
@@ -265,7 +265,7 @@ def _on_joint(mujoco: Any, actuator: Any) -> bool:
 
 
 def _drop_actuators(mujoco: Any, spec: Any) -> tuple[str, ...]:
-    """Leave out the actuators that are no torque on a joint, possibly with position and velocity feedback; their names.
+    """Removes actuators other than torques on a joint, with or without position and velocity feedback; returns their names.
 
     What is on a joint stays as a motor, whose rotor moves with the joint.
     """
@@ -284,7 +284,7 @@ def _drop_actuators(mujoco: Any, spec: Any) -> tuple[str, ...]:
 
 
 def _rotors_elsewhere(mujoco: Any, spec: Any) -> list[str]:
-    """A note of actuators with armature that are on no joint."""
+    """Note on actuators with armature that are on no joint; [] if there are none."""
     names = [actuator.name or f"actuator#{index}" for index, actuator in enumerate(spec.actuators)]
     rotors = [
         name

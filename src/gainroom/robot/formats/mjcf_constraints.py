@@ -10,7 +10,7 @@ from ...system.linear.arrays import Floats
 
 
 class Placed(NamedTuple):
-    """A frame on a body: the body's number, place (3,) [m] and quaternion (4,), w first, in it."""
+    """Frame on a body: index of the body, and in its axes the frame's origin (3,) [m] and quaternion (4,), w first."""
 
     body: int
     position: Floats
@@ -19,7 +19,7 @@ class Placed(NamedTuple):
 
 @dataclass(frozen=True)
 class Join:
-    """<connect> and <weld>: two frames that coincide, in their origins or altogether."""
+    """Constraint <connect> or <weld>: the origins of two frames coincide, or the whole frames."""
 
     name: str
     welded: bool
@@ -29,7 +29,7 @@ class Join:
 
 @dataclass(frozen=True)
 class Tie:
-    """<joint>: `follower` is moved from its reference position by Σ c_k x^k where `leader` is moved by x; "": it is held."""
+    """Constraint <joint>: `follower` is Σ c_k x^k from its reference position, `leader` x from its own; leader "": the follower is held."""
 
     follower: str
     leader: str
@@ -38,14 +38,14 @@ class Tie:
 
 @dataclass(frozen=True)
 class Constraints:
-    """Those that are active; `ignored` of other kinds."""
+    """Active equality constraints of a file; `ignored`: those of other kinds."""
 
     joins: tuple[Join, ...] = ()
     ties: tuple[Tie, ...] = ()
     ignored: int = 0
 
     def as_json(self) -> list[Any]:
-        """For `from_json`, of lists, numbers and texts."""
+        """Constraints as lists, numbers and texts, for `from_json`."""
         ends = lambda join: [[end.body, end.position.tolist(), end.quaternion.tolist()] for end in (join.first, join.second)]  # noqa: E731
         joins = [[join.name, join.welded, *ends(join)] for join in self.joins]
         return [joins, [[tie.follower, tie.leader, tie.coefficients] for tie in self.ties], self.ignored]
@@ -63,7 +63,7 @@ class Constraints:
 
 
 def take_constraints(mujoco: Any, spec: Any) -> Constraints:
-    """Read all constraints of `spec`, and delete them. Raises what MuJoCo's compiler does."""
+    """Reads all equality constraints of `spec`, and deletes them there. Raises what MuJoCo's compiler raises."""
     kinds = mujoco.mjtEq
     active = [each for each in spec.equalities if each.active]
     ties = [Tie(each.name1, each.name2, tuple(map(float, each.data[:5]))) for each in active if each.type == kinds.mjEQ_JOINT]

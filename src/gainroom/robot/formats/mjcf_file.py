@@ -43,7 +43,7 @@ MOST_KEPT = 8
 
 @dataclass(frozen=True)
 class Compiled:
-    """MuJoCo's model of a file, without its constraints.
+    """MuJoCo's compiled model of a file, without its constraints.
 
     model      numbers by MuJoCo's own names (mjcf_compiler.ARRAYS, key_qpos), nbody, njnt, nsite, nkey, and opt; names, by kind of part
     elements   actuators in the file's order
@@ -68,7 +68,7 @@ _keeping = threading.Lock()
 
 
 def compile_mjcf(root: Element, path: Path, meanwhile: Callable[[], object] | None = None) -> Compiled:
-    """The MJCF with root element `root`, read from `path`. Raises GainroomError, one line.
+    """Compiled model of the MJCF with root element `root`, read from `path`. Raises GainroomError, one line.
 
     meanwhile   what else takes time, done here while the child starts
     """
@@ -136,7 +136,7 @@ def _model(answer: dict[str, Any], numbers: Array) -> SimpleNamespace:
 
 
 class _Includes:
-    """Puts the content of included files in place, as MuJoCo does: each file once, names relative to the model, then to the includer."""
+    """Expander of <include>, as in MuJoCo: each file once, names relative to the model, then to the including file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -178,7 +178,7 @@ class _Includes:
 
 
 def _trim(root: Element, source: str) -> None:
-    """Leave only what bears on bodies, joints and actuators, and hold that within bounds."""
+    """Removes all but bodies, joints, actuators and what they need. Raises GainroomError for unknown sections, and if too much is left."""
     for section in root:
         if section.tag not in (*SECTIONS, *IDLE, *MULTIPLIERS):
             meant = typo_of(section.tag, (*SECTIONS, *IDLE))
@@ -201,7 +201,7 @@ def _trim(root: Element, source: str) -> None:
 
 
 def _keyed(root: Element, frames: Sequence[Element]) -> str:
-    """The text with the postures of its keyframes; "" where there are none, or too many."""
+    """Text of the MJCF with its keyframes; "" if there are none, or too many."""
     for key in (key for frame in frames for key in frame):  # the rest counts actuators and bodies that are left out
         key.attrib = {name: value for name, value in key.attrib.items() if name in ("name", "qpos")}
     root.extend(frames)
@@ -209,7 +209,7 @@ def _keyed(root: Element, frames: Sequence[Element]) -> str:
 
 
 def _trim_shapes(root: Element) -> None:
-    """Leave out geoms where explicit inertia makes them idle (XML reference: compiler/inertiafromgeom)."""
+    """Removes geoms that have no effect because inertia is explicit (XML reference: compiler/inertiafromgeom)."""
     rules = [rule for compiler in root.findall("compiler") if (rule := compiler.get("inertiafromgeom"))]
     rule = rules[-1] if rules else "auto"
     for body in root.iter():

@@ -28,7 +28,7 @@ def load_model(
     driven: Sequence[str] = (),
     for_names: bool = False,
 ) -> RigidBody:
-    """The links of a robot.
+    """Links of a robot, read from its model file.
 
     file       a URDF or MJCF, recognised by its root element; {"package": …, "file": …} or "package:file" for one in an installed Python
                package, as in example-robot-data, or gainroom's own; or the name of a module of robot_descriptions, where that is installed
@@ -56,7 +56,7 @@ def load_model(
 
 
 def has_base(path: Path) -> bool:
-    """Whether the file itself says if its base is fixed or floating. Raises GainroomError as load_model."""
+    """True if the file itself tells whether its base is fixed or floating. Raises GainroomError as load_model."""
     return _format(read_xml(path), path).has_base
 
 
@@ -73,7 +73,7 @@ def keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
 
 
 def includes(path: Path, other: Path) -> bool:
-    """Whether an MJCF names the file `other`, in its own folder, in an <include>. Raises GainroomError as load_model."""
+    """True if an MJCF names the file `other` in an <include> of its own. Raises GainroomError as load_model."""
     named = [each.get("file", "") for each in read_xml(path).iter("include")]
     return any((path.parent / name).resolve() == other.resolve() for name in named if name)
 

@@ -15,7 +15,7 @@ INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast", "discrete")
 
 @dataclass(frozen=True)
 class Stepping:
-    """How a simulator steps the model in a file.
+    """Settings with which a simulator steps the model in a file.
 
     timestep    [s]
     integrator  MuJoCo's name of it
@@ -33,7 +33,7 @@ class Stepping:
 
 @dataclass(frozen=True)
 class ActuatorGain:
-    """What the actuators on a joint feed back [N m/rad, N m s/rad, N m/(rad s)], and the limit of their torque [N m]; None: without."""
+    """Feedback gains of a joint's actuators [N m/rad, N m s/rad, N m/(rad s)], and the limit of their torque [N m]; None: no limit."""
 
     kp: float = 0.0
     kd: float = 0.0
@@ -43,14 +43,14 @@ class ActuatorGain:
 
 @dataclass(frozen=True)
 class ActuatorGains:
-    """By joint name; notes: actuators that were left out, and what does not count of others."""
+    """Actuator gains by joint name; notes: actuators that were left out, and properties of others that do not count."""
 
     joints: Mapping[str, ActuatorGain] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
 
 class ModelFormat:
-    """A format of XML files, known by its root element. Methods get that element, and the path for messages and files named inside.
+    """Format of XML model files, recognised by its root element. Methods get that element, and the path for messages and files named in it.
 
     title       as messages call it
     has_base    whether a file itself says if its base is fixed or floating
@@ -60,21 +60,21 @@ class ModelFormat:
     has_base: ClassVar[bool] = False
 
     def describe(self, root: Element, path: Path, base: Base | None) -> Description:
-        """The robot in the file; base None: as the file has it. Raises GainroomError, one line that names the file."""
+        """Description of the robot in the file; base None: as the file has it. Raises GainroomError, one line that names the file."""
         raise NotImplementedError
 
     def joint_order(self, root: Element) -> tuple[str, ...]:
-        """The joints' names in the order of the file; () where the model's own order is that one."""
+        """Joint names in the order of the file; () if the model has them in that order."""
         return ()
 
     def keyframes(self, root: Element, path: Path) -> Mapping[str, Mapping[str, float]]:
-        """By name, the postures in the file: joint positions by name [rad; m if prismatic]. Raises GainroomError."""
+        """Postures in the file by name: joint positions by joint name [rad; m if prismatic]. Raises GainroomError."""
         return {}
 
     def position_gains(self, root: Element, path: Path) -> ActuatorGains:
-        """The gains of the actuators in the file that feed position or velocity back. Raises GainroomError."""
+        """Gains of the actuators in the file that feed position or velocity back. Raises GainroomError."""
         return ActuatorGains()
 
     def stepping(self, root: Element, path: Path) -> Stepping:
-        """How MuJoCo steps the model. Raises GainroomError."""
+        """Settings with which MuJoCo steps the model. Raises GainroomError."""
         return Stepping()

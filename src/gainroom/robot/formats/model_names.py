@@ -23,7 +23,7 @@ PROJECT = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,60}[A-Za-z0-9])")
 
 
 def locate(file: str | Path | Mapping[str, str]) -> Path:
-    """Where the file of a model is, see load_model. A path is returned as it is. Raises GainroomError for unknown packages and names."""
+    """Path of a model file named as in load_model; a path is returned unchanged. Raises GainroomError for unknown packages and names."""
     if isinstance(file, Mapping):
         if set(file) != {"package", "file"} or not all(isinstance(value, str) for value in file.values()):
             raise GainroomError(f"model {dict(file)!r} must be {{package: …, file: …}}")
@@ -37,12 +37,12 @@ def locate(file: str | Path | Mapping[str, str]) -> Path:
 
 
 def is_name(file: str) -> bool:
-    """Whether `file` is no file's path but PACKAGE:FILE, or the name of a robot in robot_descriptions."""
+    """True if `file` is no path but PACKAGE:FILE, or the name of a robot in robot_descriptions."""
     return not os.path.exists(file) and (file.isidentifier() or re.fullmatch(r"[\w.-]{2,}:[^:/][^:]*\.(urdf|xml)", file) is not None)
 
 
 def _shipped(file: str) -> Path:
-    """A model that comes with gainroom."""
+    """Path of a model that is shipped with gainroom."""
     folder = Path(str(importlib.resources.files("gainroom") / "robot" / "models"))
     names = tuple(sorted(path.name for path in folder.iterdir() if path.suffix in ENDINGS))
     if file not in names:
@@ -68,7 +68,7 @@ def _in_package(package: str, file: str) -> Path:
 
 
 def _nearest_file(file: str, names: Sequence[str]) -> str:
-    """What may have been meant by a file's name: compared as it is, from the end of each path."""
+    """End of a message with the known file whose path ends most like `file`; "" if none is similar."""
     parts = file.count("/") + 1
     ends = sorted({"/".join(name.split("/")[-parts:]) for name in names})
     close = difflib.get_close_matches(file, ends, 3, cutoff=0.4)
@@ -76,7 +76,7 @@ def _nearest_file(file: str, names: Sequence[str]) -> str:
 
 
 def _in_catalogue(name: str) -> Path:
-    """The file of a robot in robot_descriptions, which downloads it on first use."""
+    """Path of the model of a robot in robot_descriptions, which downloads it on first use."""
     spec = importlib.util.find_spec(CATALOGUE)
     if spec is None:
         raise GainroomError(f"model {name!r}: no such file; for names of robots, pip install {CATALOGUE}")

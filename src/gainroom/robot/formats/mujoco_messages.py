@@ -16,7 +16,7 @@ _before: Callable[[str], object] | None = None
 
 @contextlib.contextmanager
 def mujoco_warnings(mujoco: Any) -> Iterator[list[str]]:
-    """Collect the warnings of this thread's work with the module `mujoco`; what other threads do goes where it went before."""
+    """Context with a list that collects this thread's warnings of the module `mujoco`; those of other threads go where they went before."""
     global _collecting, _before
     with _lock:
         if not _collecting:

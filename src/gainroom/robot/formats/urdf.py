@@ -58,7 +58,7 @@ NEGLIGIBLE = 1e-6
 
 
 class Urdf(ModelFormat):
-    """ROS's format; its base is fixed, unless the file itself has a floating joint."""
+    """URDF, the format of ROS; its base is fixed, unless the file itself has a floating joint."""
 
     title = "URDF"
 
@@ -82,7 +82,7 @@ class Urdf(ModelFormat):
 
 
 def _put_rotors(model: Any, rotors: Mapping[str, float]) -> None:
-    """Reflected inertias [kg m²] by joint, which transmissions of the file have."""
+    """Sets the reflected rotor inertias [kg m²] by joint name, from the file's transmissions, in the model."""
     armature = np.array(model.armature)
     for name, inertia in rotors.items():
         joint = model.joints[model.getJointId(name)]
@@ -100,7 +100,7 @@ def _parse(pin: Any, text: str, source: str, *root_joint: Any) -> Any:
 
 @dataclass
 class _Reader:
-    """What was found: a URDF of links and joints alone, their names, joints that follow others, their friction, strange inertias."""
+    """Reader of a URDF that copies links and joints alone, and collects names, following joints, friction and implausible inertias."""
 
     source: str
     bare: Element = field(default_factory=lambda: Element("robot", name="robot"))
@@ -115,7 +115,7 @@ class _Reader:
     solids: list[Solid] = field(default_factory=list)
 
     def read(self, root: Element) -> None:
-        """Everything in the file."""
+        """Reads all elements of the file."""
         source = self.source
         xacro = next((element.tag for element in root.iter() if element.tag.startswith("xacro:")), None)
         if xacro:
@@ -138,7 +138,7 @@ class _Reader:
             self._require_tree(tree, [joint.find("child").get("link", "") for joint in joints])  # type: ignore[union-attr]
 
     def notes(self) -> tuple[str, ...]:
-        """What a user should look at."""
+        """Notes for the user on questionable values in the file."""
         notes = {
             "the inertia of these links is negative about some axis, taken as given": list(self.negative),
             "gear ratios of transmissions have no effect without the rotors' inertia: give rotor_inertia and gear_ratio": self.geared,
@@ -186,7 +186,7 @@ class _Reader:
         return mass
 
     def _moments(self, element: Element | None, owner: str) -> tuple[list[float], Floats]:
-        """The moments of inertia, and (3,) the principal ones, ascending. Raises GainroomError where the diagonal is < 0, or absurd."""
+        """Moments of inertia [kg m²] in the order of MOMENTS, and the principal ones (3,), rising. Raises GainroomError out of bounds."""
 
         def moment(key: str) -> float:
             found = self._numbers(element, "inertia", key, 1, owner)[0]
@@ -209,7 +209,7 @@ class _Reader:
                 )
 
     def _add_joint(self, joint: Element) -> tuple[str, str]:
-        """The joint's child and parent."""
+        """Adds a joint; returns the names of its child and parent link."""
         name, kind = joint.get("name", ""), joint.get("type", "")
         owner = f"{self.source}: joint {name!r}"
         self._require_known(joint, owner)
@@ -231,7 +231,7 @@ class _Reader:
             return child(), parent()
 
     def _add_end(self, result: Element, element: Element | None, side: str, owner: str) -> str:
-        """The link on this side of a joint."""
+        """Adds the <parent> or <child> (`side`) of a joint; returns the link's name."""
         link = "" if element is None else element.get("link", "")
         if link not in self.links:
             raise GainroomError(f"{owner}: {side} link {link!r} is not in the file{nearest(link, self.links, 'link')}")
@@ -246,7 +246,7 @@ class _Reader:
             self.ties.append(FollowingJoint(f"joint {name!r}", name, leader, (offset, slope)))
 
     def _add_transmission(self, transmission: Element) -> None:
-        """The rotor of a joint: Drake's rotor_inertia and gear_ratio; ROS names the reduction alone."""
+        """Adds the reflected rotor inertia of a transmission (Drake's rotor_inertia and gear_ratio); ROS states the reduction alone."""
         joint, found = transmission.find("joint"), {}
         name = "" if joint is None else joint.get("name", "")
         if name not in self.joints:
@@ -276,7 +276,7 @@ class _Reader:
         return numbers
 
     def _add_origin(self, result: Element, origin: Element | None, owner: str) -> None:
-        """Without one, or without a part of it, zeros."""
+        """Adds an <origin>; parts that are missing are zeros."""
         if origin is None:
             return
         values = {key: self._numbers(origin, "origin", key, 3, owner, absent=0.0) for key in ATTRIBUTES["origin"]}
@@ -300,7 +300,7 @@ class _Reader:
             self.friction[result.get("name", "")] = values["friction"]
 
     def _require_tree(self, parents: dict[str, str], children: Sequence[str]) -> None:
-        """Raise GainroomError unless every link but one hangs on another."""
+        """Raises GainroomError unless every link but one is the child of exactly one joint, without a cycle."""
         source = self.source
         for link, count in Counter(children).items():
             if count > 1:
@@ -321,7 +321,7 @@ class _Reader:
             hanging.update(way)
 
     def _only(self, element: Element, tag: str, owner: str) -> Element | None:
-        """The child with this tag, None where there is none. Raises GainroomError where it stands there twice, or holds what is unknown."""
+        """Child element with this tag; None if there is none. Raises GainroomError if there are several, and as `_require_known`."""
         found = element.findall(tag)
         if len(found) > 1:
             raise GainroomError(f"{owner}: holds <{tag}> {len(found)} times and must hold it once")
@@ -331,7 +331,7 @@ class _Reader:
         return found[0]
 
     def _require_known(self, element: Element, owner: str) -> None:
-        """Raise GainroomError for children and attributes that look as if they were meant to count, and do not."""
+        """Raises GainroomError for an unknown child or attribute that is nearly a known name, belongs elsewhere, or is in one of CLOSED."""
         given = (
             ("<{}>", CHILDREN.get(element.tag, ()), {child.tag for child in element}),
             ("attribute {}", ATTRIBUTES.get(element.tag, ()), set(element.attrib)),
@@ -345,7 +345,7 @@ class _Reader:
                     raise GainroomError(f"{owner}: <{element.tag}> holds {form.format(name[:40])}, which does not count there{hint}")
 
     def _numbers(self, element: Element | None, tag: str, key: str, count: int, owner: str, absent: float | None = None) -> list[float]:
-        """The numbers of an attribute; `absent` for each where there is none, which otherwise raises GainroomError."""
+        """Finite numbers (`count`) of attribute `key`; each `absent` if it is missing, which raises GainroomError if `absent` is None."""
         text = None if element is None else element.get(key)
         if text is None and absent is not None:
             return [absent] * count

@@ -45,7 +45,7 @@ def parse_xml(text: str, source: str) -> Element:
 
 
 class _Reader:
-    """Builds the elements as expat finds them, within bounds."""
+    """Builder of the element tree from expat's events, within bounds on depth and number of elements."""
 
     def __init__(self, source: str) -> None:
         self.source = source

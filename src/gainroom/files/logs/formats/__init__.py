@@ -19,7 +19,7 @@ FORMATS: tuple[LogFormat, ...] = (CsvText(), Parquet(), Mcap(), Bag(), Ros1Bag()
 
 
 def format_of(path: Path, written: bool = False) -> LogFormat:
-    """By the ending of a file's name; a folder is a ROS 2 bag. Raises GainroomError for others.
+    """Format of a log, by the ending of the file's name; a folder is a ROS 2 bag. Raises GainroomError for other endings.
 
     written   only those that can be written, by their first ending
     """

@@ -32,16 +32,16 @@ class NamedArray:
 
     @classmethod
     def of(cls, values: Floats, unit: str = "") -> "NamedArray":
-        """Of one that is in memory."""
+        """NamedArray of an array that is in memory, with its `unit` if the file states one."""
         return cls(values.shape, lambda first, last, axis: values[first:last] if axis == 0 else values[:, first:last].T, unit)
 
     def along(self, first: int, last: int) -> Floats:
-        """A part of it along its longest axis, flat."""
+        """Values from index `first` to `last` of its longest axis, as a flat array."""
         return np.ravel(self.rows(first, last, int(np.argmax(self.shape))))
 
 
 def _group(name: str) -> str:
-    """What an array is in: `knee` of `knee/position` and `knee.position`."""
+    """Name of the group that an array is in: `knee` for `knee/position` and `knee.position`."""
     return name[: max(name.rfind("/"), name.rfind("."), 0)]
 
 
@@ -89,7 +89,7 @@ class ArrayTable(Table):
             self.notes.append(f"left out, as they have time stamps of their own: {first_of_many(names)} (to read them: {flag})")
 
     def _stamps(self, time: str | None) -> str | None:
-        """The array of time stamps; None where none is."""
+        """Name of the array of time stamps, `time` if given by the user; None if there is none."""
         if not self._arrays:
             raise GainroomError(f"{self._path}: holds no array of numbers")
         if time is not None:
@@ -100,12 +100,12 @@ class ArrayTable(Table):
         return max(self._clocks(), key=lambda name: (not _group(name), len(self._groups[_group(name)])), default=None)
 
     def _clocks(self) -> list[str]:
-        """Arrays of time stamps."""
+        """Names of the arrays that hold time stamps."""
         long = [name for name, array in self._arrays.items() if max(array.shape) == np.prod(array.shape)]
         return [name for name in long if (guess := channel_of(name)) is not None and guess.channel == TIME]
 
     def _asynchronous(self, stamps: str | None) -> tuple[dict[str, list[str]], set[str]]:
-        """By their time stamps the groups of arrays that have others than `stamps`; and what is no column: those, and time stamps alike."""
+        """Groups of arrays with time stamps other than `stamps`, by the name of those; and the names of all arrays that are no column."""
         if stamps is None or not _group(stamps):
             return {}, set()
         others = [name for name in self._clocks() if _group(name) != _group(stamps)]
@@ -114,7 +114,7 @@ class ArrayTable(Table):
         return groups, {*others, *(name for names in groups.values() for name in names)}
 
     def _same(self, one: str, other: str) -> bool:
-        """Whether two arrays begin and end with the same numbers."""
+        """True if two arrays begin and end with the same numbers."""
         first, second = self._arrays[one], self._arrays[other]
         count = max(first.shape)
         if max(second.shape) != count:
@@ -123,7 +123,7 @@ class ArrayTable(Table):
         return all(np.array_equal(first.along(*end), second.along(*end)) for end in ends)
 
     def _rows(self, stamps: str | None) -> int:
-        """How many rows the log has."""
+        """Number of rows of the log: the length of its time stamps, else the commonest length of its arrays."""
         if stamps is not None:
             return max(self._arrays[stamps].shape)
         lengths = [max(array.shape) for array in self._arrays.values()]

@@ -17,7 +17,7 @@ MOST_TEXT = 1 << 28
 
 
 class Bam(LogFormat):
-    """Samples in JSON."""
+    """Reader of logs in JSON: a list of samples, or an object of lists."""
 
     name = "JSON (BAM)"
     title = "a log in JSON"
@@ -40,7 +40,7 @@ class Bam(LogFormat):
 
 
 def _columns(path: Path, entries: list[object]) -> dict[str, NamedArray]:
-    """A column per key that holds numbers in any entry; NaN in the others."""
+    """Columns by key, one for each key with a number in any entry; NaN for entries without one."""
     names: dict[str, None] = {}
     for entry in entries:
         if not isinstance(entry, dict):
@@ -61,12 +61,12 @@ def _lists(data: dict[str, object]) -> dict[str, NamedArray]:
 
 
 def _may_be(value: object) -> bool:
-    """Whether it is a number, or a time in text."""
+    """True if a value is a number, or a text that is a time."""
     return isinstance(value, bool | int | float) or (isinstance(value, str) and is_time(value))
 
 
 def _named(columns: dict[str, list[object]]) -> dict[str, NamedArray]:
-    """Columns of numbers, and of times in text."""
+    """Arrays by column name: seconds for texts that are times, otherwise numbers; NaN for any other value."""
     found = {}
     for name, values in columns.items():
         times = times_in(values)
@@ -76,7 +76,7 @@ def _named(columns: dict[str, list[object]]) -> dict[str, NamedArray]:
 
 
 def _number(value: object) -> float:
-    """NaN for what is no number, or none that a float can hold."""
+    """Value as a float; NaN if it is no number, or one that a float cannot hold."""
     try:
         return float(value) if isinstance(value, bool | int | float) else np.nan
     except OverflowError:

@@ -42,7 +42,7 @@ NOTHING = frozenset(("", "nan", "null", "none", "na", "n/a", "-", "--"))
 
 
 class CsvSink:
-    """Text, one line per row, numbers with all their digits; every block is flushed."""
+    """Writer of a log as CSV: one line per row, numbers with all their digits; every block is flushed."""
 
     def __init__(self, path: Path) -> None:
         self._file = open(path, "w", encoding="utf-8", newline="")  # noqa: SIM115 - closed in close()
@@ -61,7 +61,7 @@ class CsvSink:
 
 @dataclass(frozen=True)
 class _Layout:
-    """How the lines are built: header fields, line number of the first row (from 1), delimiter, decimal comma, encoding.
+    """Layout of a text file: header fields, line number of the first row (from 1), delimiter, decimal comma, encoding.
 
     named   False where no line names the columns
     """
@@ -76,27 +76,27 @@ class _Layout:
 
 
 class _Damage:
-    """The rows that are no row of numbers: how many of how many, and of the first ones what is wrong."""
+    """Count of rows that are no rows of numbers, among all read so far, with the problems of the first ones."""
 
     def __init__(self, path: Path) -> None:
         self._path, self.rows, self._damaged = path, 0, 0
         self._first: list[str] = []
 
     def add(self, problem: str) -> None:
-        """What is wrong with one more row."""
+        """Counts one more damaged row with its problem."""
         self._damaged += 1
         if self._damaged <= MOST_PROBLEMS:
             self._first.append(problem)
 
     def note(self) -> list[str]:
-        """What is to be said of them where they are few."""
+        """Note on the damaged rows, which are left out; [] if there are none."""
         if not self._damaged:
             return []
         which = "; ".join(self._first[:MOST_SHOWN]) + (f"; and {more} more" if (more := self._damaged - MOST_SHOWN) > 0 else "")
         return [f"{self._damaged} damaged row{'s' * (self._damaged > 1)} left out: {which}"]
 
     def require_few(self) -> None:
-        """Raises GainroomError, with a line of each of the first ones."""
+        """Raises GainroomError, with a line for each of the first damaged rows, if these are too many to be left out."""
         if self._damaged > MOST_DAMAGED * self.rows:
             told = f"{self._damaged} of the first {self.rows} rows are damaged; up to {MOST_DAMAGED:.0%} are left out, more are refused"
             room = MOST_PROBLEMS - 1
@@ -106,7 +106,7 @@ class _Damage:
 
 
 class CsvTable(Table):
-    """A text file; `columns` are those that hold numbers, or nothing, in the first rows."""
+    """Table of a text file; its `columns` are those with numbers, or nothing, in the first rows."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -153,7 +153,7 @@ class CsvTable(Table):
                 yield self._block(lines, places, clocks)
 
     def _block(self, lines: list[str], places: list[int], clocks: dict[int, TextClock]) -> list[Floats]:
-        """The columns, times in text among them. Raises GainroomError where too many rows are damaged so far."""
+        """Columns (rows,) at `places` of a block of lines, times in seconds. Raises GainroomError if too many rows are damaged by then."""
         others = [place for place in places if place not in clocks]
         found = dict(zip(others, self._numbers(lines, others), strict=True)) if others else {}
         self._damage.rows += len(lines)
@@ -177,7 +177,7 @@ class CsvTable(Table):
         return list(np.array([self._row(line, places, self._damage.rows + k) for k, line in enumerate(lines)], dtype=float).T)
 
     def _row(self, line: str, places: list[int], row: int) -> list[float]:
-        """One line at a time, slowly: with missing numbers, quotes or decimal commas; NaN where it is damaged, which is noted."""
+        """Numbers of one line, which may have quotes, missing fields or decimal commas; NaN where it is damaged, which is counted."""
         fields, header = _fields(line, self._layout.delimiter), self._layout.header
         if len(fields) != len(header):
             self._damage.add(f"row {row + 1} has {len(fields)} fields, not the {len(header)} of the first line")
@@ -190,7 +190,7 @@ class CsvTable(Table):
 
 
 class CsvText(LogFormat):
-    """CSV and its relatives."""
+    """Reader of logs in text files with one row per line."""
 
     name = "CSV"
     title = "CSV"
@@ -204,7 +204,7 @@ class CsvText(LogFormat):
 
 @contextlib.contextmanager
 def _lines(path: Path, encoding: str, first: int = 1) -> Iterator[Iterator[str]]:
-    """The lines from line number `first` on, each with its end. Latin-1 reads any byte; only names hold other letters, and are decoded."""
+    """Context with the lines of a file from number `first` on, line ends included. As Latin-1, which reads any byte, unless UTF-16."""
     with open(path, encoding=encoding, newline="") as file:
         source = _bounded_lines(path, file)
         for _ in range(first - 1):
@@ -213,7 +213,7 @@ def _lines(path: Path, encoding: str, first: int = 1) -> Iterator[Iterator[str]]
 
 
 def _encoding(path: Path) -> str:
-    """Of UTF-16 by its mark, or by every other byte of the first letters being 0; else Latin-1."""
+    """Encoding of a text file: UTF-16 if it has its mark, or if every other byte at its beginning is 0; else Latin-1."""
     with open(path, "rb") as file:
         head = file.read(64)
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -225,7 +225,7 @@ def _encoding(path: Path) -> str:
 
 
 def _bounded_lines(path: Path, file: IO[str]) -> Iterator[str]:
-    """Raises GainroomError for what no text has."""
+    """Lines of a text file. Raises GainroomError for a line that is too long, or holds bytes that no text has."""
     number = 0
     while line := file.readline(MOST_LINE):
         number += 1
@@ -237,7 +237,7 @@ def _bounded_lines(path: Path, file: IO[str]) -> Iterator[str]:
 
 
 def _layout(path: Path) -> _Layout:
-    """Raises GainroomError where there is neither a header nor a number."""
+    """Layout of a text file, from its first lines. Raises GainroomError if there is neither a header nor a number."""
     checked_file(path)
     encoding = _encoding(path)
     with guarded(path, "CSV"), _lines(path, encoding) as lines:
@@ -303,7 +303,7 @@ def _joints_of(header: Sequence[str], columns: Sequence[Sequence[str]], numeric:
 
 
 def _header(path: Path, line: str, delimiter: str | None) -> tuple[str, ...]:
-    """The names of the columns. Raises GainroomError where they are none."""
+    """Column names in the header line. Raises GainroomError if the line holds none."""
     names = [name.strip() for name in _fields(line, delimiter)]
     bounded(path, "number of columns", len(names), MOST_COLUMNS)
     if not any(names) or not "".join(names).isprintable():
@@ -319,7 +319,7 @@ def _all_numbers(fields: Sequence[str], comma: bool) -> bool:
 
 
 def _decoded(lines: Sequence[str]) -> list[str]:
-    """Lines that were read as Latin-1, with the letters that were meant."""
+    """Lines read as Latin-1, decoded as UTF-8 where they are that."""
     try:
         return [line.encode("latin-1").decode("utf-8-sig" if k == 0 else "utf-8") for k, line in enumerate(lines)]
     except UnicodeDecodeError:
@@ -327,7 +327,7 @@ def _decoded(lines: Sequence[str]) -> list[str]:
 
 
 def _delimiter(lines: Sequence[str]) -> tuple[str | None, bool]:
-    """What stands between the fields of these lines of numbers, and whether their decimal sign is a comma."""
+    """Delimiter of the fields in these lines of numbers, None for spaces, and True if their decimal sign is a comma."""
     decimal = re.compile(r"[-+]?[0-9]+,[0-9]+")
     for delimiter in (";", "\t", "|", None):
         rows = [_fields(line, delimiter) for line in lines]
@@ -351,7 +351,7 @@ def _fields(line: str, delimiter: str | None) -> list[str]:
 
 
 def _number(field: str, comma: bool) -> float | None:
-    """A field's number; NaN where it holds none, None where it holds something else."""
+    """Number in a field; NaN if it is empty or states a missing value, None if it holds anything else."""
     plain = field.strip()
     if plain.lower() in NOTHING:
         return np.nan

@@ -36,14 +36,14 @@ Rows = tuple[Part, Floats, Floats]
 
 
 class Decoder:
-    """Of one topic."""
+    """Decoder of the messages of one topic into rows of numbers."""
 
     def decode(self, batch: Sequence[bytes]) -> list[Rows]:
-        """Raises GainroomError, or whatever damaged bytes lead to."""
+        """Rows of numbers in a batch of messages. Raises GainroomError, or whatever error damaged bytes lead to."""
         raise NotImplementedError
 
     def seconds(self, part: Part, numbers: Floats, zero: float) -> Floats | None:
-        """Time stamps in the messages themselves, less `zero` [s]; None where they have none."""
+        """Time stamps (k,) in the messages themselves, less `zero` [s]; None if they have none."""
         raise NotImplementedError
 
 
@@ -72,7 +72,7 @@ def labelled(paths: Sequence[str], names: Mapping[str, tuple[str, ...]]) -> dict
 
 
 class RosDecoder(Decoder):
-    """ROS 2, or dense: ROS 1. Messages with the same layout are read together, as columns of bytes."""
+    """Decoder of messages of ROS 2, or of ROS 1 if dense. Messages with the same layout are read together, as columns of bytes."""
 
     def __init__(self, name: str, types: Types, dense: bool) -> None:
         self._name, self._types, self._dense = name, types, dense
@@ -107,7 +107,7 @@ class RosDecoder(Decoder):
 
 
 class JsonDecoder(Decoder):
-    """Objects with numbers; objects and lists within are followed."""
+    """Decoder of JSON messages: objects with numbers, also in objects and lists inside them."""
 
     def decode(self, batch: Sequence[bytes]) -> list[Rows]:
         parts: dict[tuple[str, ...], tuple[list[list[float]], list[int], dict[str, tuple[str, ...]]]] = {}

@@ -29,7 +29,7 @@ def opened_table(form: LogFormat, path: Path, time: str | None) -> Iterator[Tabl
 
 
 class _GuardedTable(Table):
-    """The table that the child has open."""
+    """Table whose blocks are read from the table that a guarded child has open."""
 
     def __init__(self, child: GuardedChild) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ class _GuardedTable(Table):
 
 @contextlib.contextmanager
 def opened(path: Path, time: str | None = None) -> Iterator[tuple[dict[str, Any], Handler]]:
-    """Table of a log, opened in the child."""
+    """Description of a log's table, opened in the child, and the handler of requests for its blocks."""
     form = format_of(path)
     with guarded(path, form.title), form.table(path, time) as table:
         blocks: Iterator[Floats] = iter(())

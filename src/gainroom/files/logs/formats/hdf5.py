@@ -30,7 +30,7 @@ LABELS = ("joint_names", "joints", "names", "joint_name", "dof_names")
 
 
 class Hdf5(LogFormat):
-    """HDF5, as h5py, PyTables and MATLAB (`save -v7.3`) write it."""
+    """Reader of logs in HDF5, as h5py, PyTables and MATLAB (`save -v7.3`) write it."""
 
     name = "HDF5"
     title = "an HDF5 file"
@@ -52,7 +52,7 @@ class Hdf5(LogFormat):
 
 
 class _Contents:
-    """The data sets of numbers in a file, by path, and the names of joints."""
+    """Data sets of numbers in a file, by path, and joint names that it holds."""
 
     def __init__(self, h5py: Any, path: Path, size: int) -> None:
         self._h5py, self._path, self._size = h5py, path, size
@@ -66,7 +66,7 @@ class _Contents:
         return [f"data sets left out: {first_of_many(self._left)}"] if self._left else []
 
     def visit(self, group: Any, prefix: str, depth: int) -> None:
-        """A group's members. Only hard links: others lead elsewhere, or round in circles."""
+        """Collects the members of a group by hard links only: soft and external links lead elsewhere, or in circles."""
         for name in group:
             self._seen += 1
             bounded(self._path, "number of objects", self._seen, MOST_OBJECTS)
@@ -100,7 +100,7 @@ class _Contents:
         self.arrays[path] = NamedArray(data.shape, _Rows(self._path, path, data), text)
 
     def _why_not(self, data: Any) -> str | None:
-        """What keeps a data set from being read."""
+        """Reason why a data set is not read; None if it is."""
         plist = data.id.get_create_plist()
         if data.is_virtual or plist.get_external_count():
             return "its numbers are in another file"
@@ -117,7 +117,7 @@ class _Contents:
 
 
 class _Rows:
-    """Parts of a data set along one axis; its chunks are checked at the first."""
+    """Rows of a data set along one axis; the sizes of its chunks are checked at the first access."""
 
     def __init__(self, path: Path, name: str, data: Any) -> None:
         self._path, self._name, self._data, self._checked = path, name, data, False
@@ -133,7 +133,7 @@ class _Rows:
 
 
 def _check_chunks(path: Path, name: str, data: Any) -> None:
-    """Refuse chunks that are large, or that unpack to more than a chunk holds."""
+    """Raises GainroomError if a chunk of a data set is too large, or unpacks to more than a chunk holds."""
     if data.chunks is None:
         return
     whole = int(np.prod(data.chunks, dtype=float)) * data.dtype.itemsize

@@ -30,7 +30,7 @@ DEEPEST = 8
 
 
 class Matlab(LogFormat):
-    """MATLAB, version 5 and later."""
+    """Reader of logs in MATLAB files, version 5 and later."""
 
     name = "MATLAB"
     title = "a MATLAB file"
@@ -50,14 +50,14 @@ class Matlab(LogFormat):
 
 
 def _is_hdf5(path: Path) -> bool:
-    """MATLAB puts 512 bytes of its own before."""
+    """True if a MATLAB file is HDF5 (version 7.3), which begins behind 512 bytes of MATLAB's own."""
     with open(path, "rb") as file:
         head = file.read(520)
     return HEADER in (head[:8], head[512:])
 
 
 class _Reader:
-    """Version 5: a header of 128 bytes, then elements, each a tag (type and size) and data."""
+    """Reader of version 5: a header of 128 bytes, then elements, each a tag (type and size) and data."""
 
     def __init__(self, path: Path, content: bytes) -> None:
         if len(content) < 136 or content[126:128] not in (b"IM", b"MI"):
@@ -68,7 +68,7 @@ class _Reader:
         self._total = 0
 
     def arrays(self) -> dict[str, NamedArray]:
-        """By name. Raises GainroomError, ValueError and struct.error."""
+        """Arrays of numbers in the file, by name. Raises GainroomError, and for damaged files ValueError and struct.error."""
         for kind, data in self._elements(memoryview(self._content)[128:]):
             if kind == COMPRESSED:
                 kind, data = self._unpacked(data)
@@ -77,7 +77,7 @@ class _Reader:
         return self._found
 
     def _unpacked(self, data: memoryview) -> tuple[int, memoryview]:
-        """The element within a packed one: as much as it announces, and no more."""
+        """Type and data of the element inside a compressed one, no longer than announced. Raises GainroomError if that is too large."""
         unpacker = zlib.decompressobj()
         kind, size = struct.unpack(f"{self._order}II", unpacker.decompress(data, 8))
         bounded(self._path, "unpacked variable:", size, len(data) * MOST_RATIO, " bytes in a file of this size")

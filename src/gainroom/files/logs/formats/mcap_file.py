@@ -29,7 +29,7 @@ CHUNK = 6
 
 
 class McapSink:
-    """One topic per joint with JSON messages, stamped with the run's own time; every block is flushed as a chunk."""
+    """Writer of a log as MCAP: one topic per joint with JSON messages, stamped with the run's own time; every block is one chunk."""
 
     def __init__(self, path: Path) -> None:
         mcap = library("mcap", "mcap.writer")
@@ -67,7 +67,7 @@ class McapSink:
 
 
 class Mcap(LogFormat):
-    """MCAP."""
+    """Reader of logs in a single MCAP file."""
 
     name = "MCAP"
     title = "an MCAP file"
@@ -86,7 +86,7 @@ class Mcap(LogFormat):
 
 
 def message_table(path: Path, messages: Messages, files: Sequence[MessageFile]) -> MessageTable:
-    """The table of `messages`, which come from these files among others. Raises GainroomError."""
+    """Table of `messages`, a function that begins them anew; `files`: MCAP files among their sources. Raises GainroomError."""
     try:
         table = MessageTable(path, messages)
     except GainroomError as error:
@@ -100,7 +100,7 @@ def message_table(path: Path, messages: Messages, files: Sequence[MessageFile]) 
 
 
 class McapMessages:
-    """The messages of a file, in its order. `complete`: False once its end has turned out to be missing."""
+    """Messages of an MCAP file, in its order. `complete`: False once its end has turned out to be missing."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -148,7 +148,7 @@ class McapMessages:
         self._topics[number] = Topic(topic.strip("/"), encoding, *self._schemas.get(schema, ()))
 
     def _unpacked(self, chunk: Any, cut: bool = False) -> bytes:
-        """The records of a chunk, of one that is cut its first bytes. Raises GainroomError where it is not what it announces."""
+        """Unpacked records of a chunk; if it is `cut`, as far as they go. Raises GainroomError if size or checksum are not as announced."""
         bounded(self._path, "unpacked chunk:", chunk.uncompressed_size, MOST_PIECE, " bytes")
         size = chunk.uncompressed_size
         if chunk.compression == "lz4":
@@ -169,7 +169,7 @@ class McapMessages:
         return data
 
     def _in_chunk(self, data: bytes, cut: bool = False) -> Iterator[tuple[Topic, int, bytes]]:
-        """Messages; one at a time through the library would take five times as long. `cut`: the last one may not be whole."""
+        """Messages in the records of a chunk: topic, time [ns] and content. `cut`: the last record may be incomplete."""
         place = 0
         while place + 9 <= len(data):
             opcode, length = struct.unpack_from("<BQ", data, place)

@@ -43,7 +43,7 @@ class Stream:
         return self.topic, self.part.key
 
     def column(self, path: str) -> str:
-        """What a field is called in the table."""
+        """Name of a message's field as a column of the table."""
         return f"{self.topic}/{path}"[:LONGEST_NAME]
 
     def begin(self) -> None:
@@ -57,13 +57,13 @@ class Stream:
             self.last = max(self.last, float(np.max(time, initial=-np.inf, where=np.isfinite(time))))
 
     def joined(self, rising: bool) -> tuple[Floats, Floats]:
-        """What waits, as two arrays; rising: without rows that are not later than all before."""
+        """Waiting rows as times (k,) and values (k, c); rising: only rows later than all before."""
         time = np.concatenate(self.times) if self.times else np.zeros(0)
         values = np.concatenate(self.values) if self.values else np.zeros((0, len(self.part.labels)))
         return _rising(time, values) if rising else (time, values)
 
     def keep(self, time: Floats, values: Floats) -> None:
-        """Only these rows wait on."""
+        """Replaces the waiting rows by these."""
         self.times, self.values, self.waiting = ([time], [values], values.nbytes) if len(time) else ([], [], 0)
 
 
@@ -84,7 +84,7 @@ class Alignment:
             stream.begin()
 
     def rows(self, final: bool = False) -> Iterator[list[Floats]]:
-        """Those rows of the base that no stream can add anything to any more; final: all that are left."""
+        """Rows of the base stream, with the other streams' values, up to the time that all streams have reached; final: all rows left."""
         base, streams = self._base, self.streams
         until = min(stream.last for stream in streams.values())
         if final or sum(stream.waiting for stream in streams.values()) > MOST_WAITING:
@@ -113,14 +113,14 @@ class Alignment:
 
 
 def _rising(stamps: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Without rows that are not later than all before."""
+    """Time stamps and values of the rows that are later than all rows before them."""
     good = np.isfinite(stamps)
     good[1:] &= stamps[1:] > np.maximum.accumulate(np.where(good, stamps, -np.inf))[:-1]
     return (stamps, values) if good.all() else (stamps[good], values[good])
 
 
 def _at(time: Floats, stamps: Floats, values: Floats, held: bool) -> Floats:
-    """A column at other times; NaN before its first row, and behind its last where it is not held."""
+    """Values resampled at `time`: the last before if `held`, else interpolated. NaN before the first row; after the last unless held."""
     if not len(stamps):
         return np.full(len(time), np.nan)
     found = aligned(time, stamps, values, held)
@@ -145,7 +145,7 @@ WRAPPED = re.compile(r"(?:data|value|values|msg)((?:\[[0-9]+\])?)")
 
 @dataclass(frozen=True)
 class Topic:
-    """As a file describes it: its name without slashes at the ends, and what its messages are."""
+    """Topic as a file describes it: name without slashes at the ends, and type and encoding of its messages."""
 
     name: str
     encoding: str
@@ -159,14 +159,14 @@ Messages = Callable[[], Iterator[tuple[Topic, int, bytes]]]
 
 
 class MessageFile(Protocol):
-    """A file of messages that may turn out to be cut off; it then tells its table."""
+    """Interface of a file of messages, which may turn out to be cut off; the table then notes it."""
 
     complete: bool
     table: Table | None
 
 
 class MessageTable(Table):
-    """Columns `topic/field`, or `topic/field[joint]`; `time` is the stamp within the messages, or else the time of recording."""
+    """Table of messages: columns `topic/field` or `topic/field[joint]`, time stamps those in the messages, else the times of recording."""
 
     def __init__(self, path: Path, messages: Messages) -> None:
         super().__init__()
@@ -201,7 +201,7 @@ class MessageTable(Table):
         return self._decoders[topic.name]
 
     def _decoded(self, topic: Topic, stamps: Sequence[int], batch: Sequence[bytes]) -> Iterator[tuple[Stream, Floats, Floats]]:
-        """Streams with times [s] and numbers of their messages."""
+        """Streams of a topic with the times [s] and numbers of a batch of its messages."""
         decoder = self._decoder(topic)
         if decoder is None:
             return
@@ -241,12 +241,12 @@ class MessageTable(Table):
             self.notes.append(self._left_out())
 
     def _left_out(self, before: str = "") -> str:
-        """Topics that are not read, and why; nothing where there is none."""
+        """Text on topics that are not read, with the reasons, behind `before`; "" if all are."""
         topics = [f"{name} ({why})" for name, why in self._left.items()]
         return f"{before}topics left out: {first_of_many(topics)}" if topics else ""
 
     def _columns(self) -> Iterator[Column]:
-        """With the joint that a topic names where several topics have the same field, and no names of joints in them."""
+        """Columns of the table; the joint comes from the topic's name if several topics have the same field and name no joints."""
         streams = [*self._streams.values()]
         fields: dict[str, set[str]] = {}
         for stream in streams:
@@ -285,7 +285,7 @@ class MessageTable(Table):
         yield from alignment.rows(final=True)
 
     def _place(self, name: str) -> tuple[Stream, int] | None:
-        """Where a column is; None for time."""
+        """Stream of a column and the index in it; None for the time stamps."""
         if name == TIME:
             return None
         return next(
@@ -300,7 +300,7 @@ class MessageTable(Table):
 
 
 class _Waiting:
-    """Messages that wait to be decoded, by topic."""
+    """Messages not yet decoded, by topic."""
 
     def __init__(self) -> None:
         self._topics: dict[str, tuple[Topic, list[int], list[bytes]]] = {}
@@ -321,19 +321,19 @@ class _Waiting:
         return self._count >= BATCH or self.large
 
     def taken(self) -> list[tuple[Topic, list[int], list[bytes]]]:
-        """All of them, which then wait no more."""
+        """Removes and returns all waiting messages: topic, times [ns] and contents."""
         topics, self._topics, self._size, self._count = [*self._topics.values()], {}, 0, 0
         return topics
 
 
 def _field_of(topic: str) -> str:
-    """What a topic says that its only field is: all of it, or a word, as of `forward_effort_controller/commands`."""
+    """Text of a topic that names its only field: the whole topic, or one word, as "effort" in `forward_effort_controller/commands`."""
     if channel_of(topic) is not None or not is_commanding(topic):
         return topic
     return next((word[0] for word in WORD.finditer(topic) if channel_of(word[0]) is not None), topic)
 
 
 def _joint_of(topic: str, others: set[str]) -> str:
-    """The joint that a topic names beside `others`: the last part that does, or all of it where that does not tell joints apart."""
+    """Joint that a topic names, see joint_in; the whole topic if two of `others`, the topics with that field, would name the same joint."""
     paths = {"/".join(filter(None, map(joint_in, name.split("/")))) for name in others}
     return joint_in(topic) if len({joint_in(path) for path in paths}) == len(paths) else topic

@@ -27,7 +27,7 @@ LABELS = ("joint_names", "dof_names", "names", "joints", "joint_name")
 
 
 class Npz(LogFormat):
-    """Arrays that numpy.savez has written."""
+    """Reader of logs in .npz files of numpy.savez."""
 
     name = ".npz"
     title = "an .npz file"
@@ -69,7 +69,7 @@ def _is_number(values: Any) -> bool:
 
 
 def _array(path: Path, name: str, data: bytes) -> Any:
-    """An entry's array; None of one that is no plain array. Raises GainroomError where it is not what it announces."""
+    """Array of an entry; None if its type is not plain. Raises GainroomError if the entry does not hold all numbers that it announces."""
     if data[: len(MAGIC)] != MAGIC:
         return None
     wide = data[6] > 1
@@ -91,7 +91,7 @@ def _array(path: Path, name: str, data: bytes) -> Any:
 
 
 def _type(described: object) -> "np.dtype[Any] | None":
-    """Of numbers, texts, dates, and records of numbers; None of anything else, above all of objects, which are pickles."""
+    """Type of numbers, texts, dates or records of numbers; None for any other, above all for objects, which are pickles."""
     if isinstance(described, list):
         fields = [each for each in described if isinstance(each, tuple) and len(each) == 2 and isinstance(each[1], str)]
         if len(fields) < len(described) or any(np.dtype(kind).kind not in "fiubUS" for _, kind in fields):

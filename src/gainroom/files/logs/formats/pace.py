@@ -45,7 +45,7 @@ DEEPEST = 4
 
 
 class Torch(LogFormat):
-    """Arrays that torch.save has written."""
+    """Reader of logs in .pt files of torch.save."""
 
     name = ".pt (PACE)"
     title = "a .pt file with arrays"
@@ -63,7 +63,7 @@ class Torch(LogFormat):
 
 @dataclass(frozen=True)
 class _Global:
-    """A name that the pickle would import; nothing is."""
+    """Name that the pickle would import; nothing is imported."""
 
     name: str
 
@@ -109,7 +109,7 @@ def _arrays(path: Path, archive: ZipEntries) -> tuple[dict[str, NamedArray], tup
 
 
 def _strided(path: Path, name: str, tensor: _Tensor, data: Any) -> Any:
-    """A tensor's numbers as an array. Raises GainroomError where they are not all there."""
+    """Numbers of a tensor as an array. Raises GainroomError if the file does not hold all of them."""
     shape, strides = tensor.shape, tensor.strides
     if len(shape) != len(strides) or any(each < 0 for each in (tensor.offset, *shape, *strides)):
         raise GainroomError(f"{path}: {one_line(name, 60)}: shape {shape} with strides {strides} is none")
@@ -122,7 +122,7 @@ def _strided(path: Path, name: str, tensor: _Tensor, data: Any) -> Any:
 
 
 def _built(path: Path, data: bytes) -> object:
-    """What a pickle describes, of dictionaries, lists, tuples, texts, numbers and tensors. Raises GainroomError for anything else."""
+    """Object that a pickle describes: dictionaries, lists, tuples, texts, numbers, tensors. Raises GainroomError for anything else."""
     machine = _Machine(path)
     for code, argument, _ in pickletools.genops(data):
         if code.name == "STOP":
@@ -132,7 +132,7 @@ def _built(path: Path, data: bytes) -> object:
 
 
 class _Machine:
-    """A stack and a memory, and the instructions that torch's files are made of."""
+    """Interpreter of the pickle instructions in torch's files: a stack and a memory."""
 
     MARK = object()
     VALUES = frozenset(
@@ -215,7 +215,7 @@ class _Machine:
             raise GainroomError(f"{self._path}: its pickle holds the instruction {name}, which arrays of numbers do not need")
 
     def _pairs(self, items: list[Any]) -> dict[str | int, Any]:
-        """Keys may be texts and numbers; a tuple of tuples of tuples could take for ever to be hashed."""
+        """Dictionary of alternating keys and values; keys must be texts or numbers, as nested tuples could take for ever to be hashed."""
         if not all(type(key) in (str, int) for key in items[::2]):
             raise GainroomError(f"{self._path}: its pickle has a key that is neither a text nor a whole number")
         return dict(zip(items[::2], items[1::2], strict=True))

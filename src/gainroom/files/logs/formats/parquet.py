@@ -36,7 +36,7 @@ PROBED = 100
 
 
 class ParquetSink:
-    """One row group per block; its index comes last, so that nothing can be read before it is closed."""
+    """Writer of a log as Parquet, one row group per block; the index comes last, so that nothing can be read before it is closed."""
 
     def __init__(self, path: Path) -> None:
         self._arrow: Any = library("pyarrow", "pyarrow.parquet")
@@ -92,7 +92,7 @@ class ParquetTable(Table):
         return self._arrow.types.is_string(kind) or self._arrow.types.is_large_string(kind)
 
     def _holds_times(self, field: Any) -> bool:
-        """Whether a column of texts is one of times: by its first rows."""
+        """True if a column of texts holds times, by its first rows."""
         if not self._is_text(field.type):
             return False
         self._check_pages([field.name])
@@ -104,7 +104,7 @@ class ParquetTable(Table):
         return types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
 
     def _unit(self, field: Any, kind: Any) -> str | None:
-        """What the file says of a column of numbers, or of lists of numbers; None for one of something else."""
+        """Unit ("" for none) of a column of numbers, or of lists of numbers; None for any other column."""
         types = self._arrow.types
         if self._is_list(kind):
             kind = kind.value_type
@@ -119,7 +119,7 @@ class ParquetTable(Table):
         return text
 
     def _parts(self, field: Any) -> list[tuple[str, int | None]]:
-        """The columns that a field is, with the place in its lists."""
+        """Names of the columns that a field makes, each with its index in the field's lists; None for a plain field."""
         if not self._is_list(field.type):
             return [(field.name, None)]
         self._check_pages([field.name])
@@ -156,7 +156,7 @@ class ParquetTable(Table):
             yield [found[name] for name in names]
 
     def _values(self, field: str, column: Any, wanted: dict[str, int | None]) -> dict[str, Floats]:
-        """By name of the column, of one field."""
+        """Values of the `wanted` columns of one field, by column name."""
         if self._is_list(column.type):
             return _entries(self._floats(column.flatten()), self._lengths(column), wanted)
         if self._arrow.types.is_temporal(column.type):
@@ -166,7 +166,7 @@ class ParquetTable(Table):
         return {field: self._floats(column)}
 
     def _lengths(self, column: Any) -> Any:
-        """(k,) of the lists; 0 where one is missing."""
+        """Lengths (k,) of the lists in a column; 0 where a list is missing."""
         lengths = self._arrow.compute.list_value_length(column)
         return np.asarray(self._arrow.compute.fill_null(lengths, 0).to_numpy(zero_copy_only=False), dtype=np.int64)
 
@@ -175,7 +175,7 @@ class ParquetTable(Table):
 
 
 def _entries(flat: Floats, lengths: Any, wanted: dict[str, int | None]) -> dict[str, Floats]:
-    """Entry k of lists that stand one behind the other; NaN where a list is shorter."""
+    """Columns by name: entry wanted[name] of each list, NaN where a list is shorter; `flat` holds the lists one after the other."""
     starts = np.cumsum(lengths) - lengths
     found = {}
     for name, place in wanted.items():
@@ -186,7 +186,7 @@ def _entries(flat: Floats, lengths: Any, wanted: dict[str, int | None]) -> dict[
 
 
 class Parquet(LogFormat):
-    """Apache Parquet."""
+    """Reader of logs in Apache Parquet files."""
 
     name = "Parquet"
     title = "a Parquet file"

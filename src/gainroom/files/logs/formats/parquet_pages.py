@@ -36,7 +36,7 @@ def page_sizes(path: Path, chunk: Any) -> Iterator[int]:
 
 
 class _Compact:
-    """Thrift's compact protocol, read far enough to skip it."""
+    """Reader of Thrift's compact protocol, as far as needed to skip over it."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._data, self.count = file.read(MOST_HEADER), 0
@@ -62,7 +62,7 @@ class _Compact:
         return (value >> 1) ^ -(value & 1)
 
     def struct(self, depth: int = 0) -> dict[int, int]:
-        """The whole numbers of a struct, by field; what else is in it is passed over."""
+        """Integers of a struct, by field number; all other fields are skipped."""
         if depth > DEEPEST:
             raise ValueError("a page's header is nested too deep")
         numbers: dict[int, int] = {}

@@ -74,7 +74,7 @@ Types = Mapping[str, Any]
 
 @cache
 def _usual() -> Types:
-    """Definitions that are known without the file."""
+    """Message definitions that are known without the file."""
     typesys = library("rosbags", "rosbags.typesys").typesys
     known = dict(typesys.get_typestore(typesys.Stores.LATEST).fielddefs)
     for name, text in CONTROL_MSGS.items():
@@ -97,7 +97,7 @@ def types_of(name: str, encoding: str, text: str) -> Types:
 
 @dataclass
 class Layout:
-    """Where the numbers of one message are; the same for every message with the same bytes in `fixed`.
+    """Positions of the numbers in one message; the same for every message with the same bytes in `fixed`.
 
     numbers   path → offset and type
     names     path of a list of texts → the texts
@@ -111,7 +111,7 @@ class Layout:
 
 
 def layout_of(data: bytes, name: str, types: Types, dense: bool = False) -> Layout:
-    """`dense`: of ROS 1. Raises GainroomError, ValueError, KeyError and struct.error where `data` is no such message."""
+    """Layout of a message of type `name`; `dense`: of ROS 1. Raises GainroomError, ValueError, KeyError or struct.error for other data."""
     if not dense and (len(data) < 4 or data[0] != 0 or data[1] not in (0, 1)):
         raise GainroomError(f"a message of type {name} is not in plain CDR")
     walk = _Walk(data, types, dense)
@@ -120,7 +120,7 @@ def layout_of(data: bytes, name: str, types: Types, dense: bool = False) -> Layo
 
 
 class _Walk:
-    """Along a message; `place` counts from behind the four bytes that say which byte comes first; of ROS 1 there are none, nor gaps."""
+    """Position in a message while it is read; `place` counts from behind its header of four bytes (ROS 1: no header, no gaps)."""
 
     def __init__(self, data: bytes, types: Types, dense: bool) -> None:
         self._data, self._types, self._place, self._fields = data, types, 0, 0
@@ -128,7 +128,7 @@ class _Walk:
         self.layout = Layout("<" if dense or data[1] else ">", fixed=[(0, self._start)])
 
     def _next(self, letter: str, count: int = 1) -> int:
-        """Offset of the next values of a type; the walk is then behind them."""
+        """Offset of the next `count` values of a type; the position is then behind them."""
         size = struct.calcsize("=" + letter)
         place = -(-self._place // size) * size if count and not self._dense else self._place
         self._place = place + size * count

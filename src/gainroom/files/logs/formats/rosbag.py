@@ -65,7 +65,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _inside(folder: Path, name: object, where: Path) -> Path:
-    """A file of the bag; never one outside its folder, not by `..`, not by a root, not by a link.
+    """Path of a file of the bag. Refused is one outside its folder, by `..`, by an absolute path or by a link.
 
     Before version 4 the names in the file begin with the folder's own, as it was called when it was recorded.
     """
@@ -80,7 +80,7 @@ def _inside(folder: Path, name: object, where: Path) -> Path:
 
 
 class SqliteMessages:
-    """The messages of a .db3 file, in the order they were written."""
+    """Messages of a .db3 file, in the order in which they were written."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -97,7 +97,7 @@ class SqliteMessages:
                     yield topics[number], stamp, data
 
     def _check(self, database: sqlite3.Connection) -> None:
-        """Plain tables only: what a view or a computed column makes is not in the file."""
+        """Raises GainroomError unless topics and messages are plain tables: the content of a computed column is not in the file."""
         found = dict(database.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"))
         if set(found) != {"topics", "messages"}:
             raise GainroomError(f"{self._path}: has no tables topics and messages, as a ROS 2 bag has")

@@ -27,7 +27,7 @@ Fields = dict[bytes, bytes]
 
 
 class Ros1Bag(LogFormat):
-    """A file of rosbag record; `.active` where it was stopped."""
+    """Reader of ROS 1 bags, also of unfinished ones (`.active`)."""
 
     name = "ROS 1 bag"
     title = "a ROS 1 bag"
@@ -45,7 +45,7 @@ class Ros1Bag(LogFormat):
 
 
 class Ros1Messages:
-    """The messages of a file, in its order. `complete`: False once its end has turned out to be missing."""
+    """Messages of a ROS 1 bag, in its order. `complete`: False once its end has turned out to be missing."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -66,7 +66,7 @@ class Ros1Messages:
                     self.table.complete = False
 
     def _record(self, file: BinaryIO, head: bytes) -> Iterator[tuple[Topic, int, bytes]]:
-        """Messages in the next record, whose header's length has been read."""
+        """Messages in the next record; `head`: the bytes with the length of its header, which have been read."""
         fields = self._fields(_whole(file, self._length(head, MOST_HEADER, "header")))
         size = self._length(file.read(4), MOST_PIECE, "record")
         kind = fields.get(b"op", b"\0")[0]
@@ -88,7 +88,7 @@ class Ros1Messages:
         return length
 
     def _fields(self, data: bytes) -> Fields:
-        """A header: `name=value` behind its length, one after the other."""
+        """Fields of a record's header by name: each is its length, then `name=value`."""
         fields, place = {}, 0
         while place < len(data):
             (length,) = struct.unpack_from("<I", data, place)
@@ -100,7 +100,7 @@ class Ros1Messages:
         return fields
 
     def _in_chunk(self, fields: Fields, packed: bytes, cut: bool) -> Iterator[tuple[Topic, int, bytes]]:
-        """Messages; `cut`: the last one may not be whole."""
+        """Messages in a chunk; `cut`: the last one may be incomplete."""
         data, place = self._unpacked(fields, packed, cut), 0
         while place + 8 <= len(data):
             (length,) = struct.unpack_from("<I", data, place)
@@ -116,7 +116,7 @@ class Ros1Messages:
             place += 4 + size
 
     def _unpacked(self, fields: Fields, packed: bytes, cut: bool) -> bytes:
-        """What a chunk holds: as much as it announces, and no more. Raises GainroomError where that is something else."""
+        """Unpacked content of a chunk; if it is `cut`, as far as it goes. Raises GainroomError if its size is not as announced."""
         kind = fields.get(b"compression", b"none")
         (size,) = struct.unpack("<I", fields.get(b"size", b""))
         bounded(self._path, "unpacked chunk:", size, MOST_PIECE, " bytes")
@@ -133,7 +133,7 @@ class Ros1Messages:
         return data
 
     def _one(self, kind: int, fields: Fields, data: bytes) -> Iterator[tuple[Topic, int, bytes]]:
-        """A message, or what a connection is."""
+        """Message of one record; none for a record that describes a connection, which is noted."""
         if kind == MESSAGE:
             seconds, nanoseconds = struct.unpack("<II", fields.get(b"time", b""))
             topic = self._topics.get(_number(fields))

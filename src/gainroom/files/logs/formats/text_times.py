@@ -23,7 +23,7 @@ NONE = -(1 << 62)
 
 
 def times_in(texts: Sequence[object]) -> Floats | None:
-    """(k,) [s] of a column of such texts, from 1970 or from a midnight; None where fewer than half of the first ones are times."""
+    """Times (k,) [s] of texts, since 1970, or since midnight if they have no date; None if fewer than half of the first are times."""
     some = [text for text in texts[:PROBED] if isinstance(text, str) and text]
     if not some or 2 * sum(map(is_time, some)) < len(some):
         return None
@@ -32,13 +32,13 @@ def times_in(texts: Sequence[object]) -> Floats | None:
 
 
 def is_time(text: str) -> bool:
-    """Whether a text is a time of day, with or without a date."""
+    """True if a text is a time of day, with or without a date."""
     text = text.strip().strip('"')
     return len(text) <= MOST_LETTERS and TIME.fullmatch(text) is not None
 
 
 class TextClock:
-    """Texts of one column, in order. A time without a year goes on behind midnight, one without hours behind the full hour.
+    """Converter of a column of texts, in order, to seconds. Times without a date go on after midnight, those without hours after the hour.
 
     base   [s] what was taken off: whole seconds of the first one
     """
@@ -48,7 +48,7 @@ class TextClock:
         self._last, self._turns = 0, 0
 
     def seconds(self, texts: Sequence[str]) -> Floats:
-        """(k,) less `base`; NaN for what is no time."""
+        """Times (k,) [s] less `base`; NaN for texts that are no time."""
         found = np.array([self._nanoseconds(text) for text in texts], dtype=np.int64)
         good = found != NONE
         if self.base is None:
@@ -57,7 +57,7 @@ class TextClock:
         return np.where(good, (np.where(good, found, base * 10**9) - base * 10**9) / 1e9, math.nan)
 
     def _nanoseconds(self, text: str) -> int:
-        """Since 1970, or since a midnight where no year is said."""
+        """Time of a text [ns], since 1970, or since midnight if it has no year."""
         text = text.strip().strip('"')
         match = TIME.fullmatch(text) if len(text) <= MOST_LETTERS else None
         if match is None:
@@ -82,7 +82,7 @@ class TextClock:
 
 
 def _day(text: str | None) -> int | None:
-    """Days since 1970 of a date that begins with its year; None of others, in which day and month may be exchanged."""
+    """Days since 1970 of a date that begins with its year; None for others, in which day and month may be exchanged."""
     parts = [] if text is None else re.split(r"[-/.]", text) if len(text) != 8 or not text.isdigit() else [text[:4], text[4:6], text[6:]]
     if not parts or len(parts[0]) != 4:
         return None
@@ -93,7 +93,7 @@ def _day(text: str | None) -> int | None:
 
 
 def _offset(zone: str | None) -> int:
-    """[s] of a time zone east of Greenwich."""
+    """Offset [s] of a time zone, positive east of Greenwich."""
     if not zone or zone[0] not in "+-":
         return 0
     digits = zone[1:].replace(":", "")

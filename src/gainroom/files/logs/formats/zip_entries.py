@@ -10,7 +10,7 @@ MOST_ENTRIES = 10_000
 
 
 class ZipEntries:
-    """Each is unpacked once."""
+    """Entries of a zip archive; each is unpacked once at most."""
 
     def __init__(self, path: Path, archive: zipfile.ZipFile, size: int) -> None:
         self._path, self._archive, self._size = path, archive, size
@@ -20,11 +20,11 @@ class ZipEntries:
 
     @property
     def names(self) -> list[str]:
-        """Of all entries, in the archive's order."""
+        """Names of all entries, in the archive's order."""
         return [*self._entries]
 
     def entry(self, name: str, most: int = MOST_WHOLE) -> bytes:
-        """Nothing where there is none. What it unpacks to is checked before, and while it is unpacked."""
+        """Content of an entry, of at most `most` bytes; b"" if there is none. The size is checked before and while it is unpacked."""
         if name not in self._entries:
             return b""
         if name not in self._unpacked:
