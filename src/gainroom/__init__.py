@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .system.drive import Drive as Drive
     from .system.elastic_joint import ElasticJoint as ElasticJoint
     from .system.filters import LowPass as LowPass, Notch as Notch
+    from .system.gain_bounds import GainBounds as GainBounds
     from .system.gain_path import GainPath as GainPath
     from .system.jitter_margin import JitterMargin as JitterMargin, jitter_margin as jitter_margin
     from .system.loop import Loop as Loop, build_loop as build_loop, loop_from as loop_from
@@ -62,6 +63,7 @@ _HOME = {
     "analysis.margin_record": ("Margins", "GainLimit"),
     "design.joint_gains": ("recommend_pd", "Recommendation"),
     "system.requirements": ("Requirements",),
+    "system.gain_bounds": ("GainBounds",),
     "system.uncertainty": ("Uncertainty",),
     "system.system": ("System", "Control", "JointSpec"),
     "studies.analysis": ("analyze", "Analysis", "State"),

@@ -8,6 +8,7 @@ finds to break a requirement becomes active, as does one in which the link is so
 no end, the certificate says so.
 """
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +28,7 @@ from ..system.controller import PD
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
 from ..system.excluded_sets import ROUND_OFF
+from ..system.gain_bounds import BOUNDS, GainBounds
 from ..system.linear.arrays import Floats
 from ..system.loop import Loop, build_loop
 from ..system.requirements import REQUIREMENTS, Requirements, title_of
@@ -43,6 +45,7 @@ SOFTER = 3e-3  # share by which a link must be softer in a case, with the gains 
 BINDING = 0.01  # shortfall above which a requirement counts as reached: where none is, the link limits the gains
 QUICK_BOXES, MOST_BOXES = 200_000, 500_000  # most boxes of a proof with the first and second reserve: about 1 s and 3 s
 SAME = 3e-3  # share of the dynamic stiffness that gains in few digits may lose
+NEARLY = 0.01  # share of a bound within which gains found are put on it: gains that its user typed are as short as any
 ALIKE = 1e-3  # share of a requirement by which shortfalls may differ and count as equal: the first case stands for all
 MOST_ACTIVE = 6  # active cases at a time: what an older one excludes is found again, if it still matters
 MOST_ROUNDS = 20  # most cases that break a requirement, one after the other
@@ -71,6 +74,7 @@ class Recommendation:
     certificate   what has been checked, as text
     proved        the requirements hold for every joint within the uncertainty; False: for those that were examined
     reserve       share of each requirement that the search kept to spare, without which a proof over the uncertainty does not end
+    bounds        within which the gains were searched
     """
 
     objective: Objective
@@ -87,6 +91,7 @@ class Recommendation:
     certificate: str
     proved: bool
     reserve: float
+    bounds: GainBounds = GainBounds()
 
     @property
     def value(self) -> float:
@@ -95,15 +100,15 @@ class Recommendation:
 
     @cached_property
     def costs(self) -> dict[str, float]:
-        """Largest `value` if one requirement were dropped, by its name [N m/rad]; what the uncertainty costs: uncertainty_cost.py."""
+        """Largest `value` without one requirement or bound, by its name [N m/rad]; what the uncertainty costs: uncertainty_cost.py."""
         return self.dropped()
 
     @property
     def binding(self) -> str:
-        """The requirement without which `value` could go highest; "link" where none is reached; else the tightest."""
+        """The requirement or bound without which `value` could go highest; "link" where none is reached; else the tightest."""
         if not self.felt and self.objective == "dynamic_stiffness" and max(self.shortfalls.values()) < -BINDING:
             return LINK
-        return max(self.costs, key=lambda name: (self.felt.get(name, self.value), self.shortfalls[name]))
+        return max(self.costs, key=lambda name: (self.felt.get(name, self.value), self.shortfalls.get(name, -math.inf)))
 
     @property
     def felt(self) -> dict[str, float]:
@@ -111,8 +116,8 @@ class Recommendation:
         return {name: value for name, value in self.costs.items() if value >= (1 + COST_ACCURACY) * self.value}
 
     def held_back_by(self) -> str:
-        """The requirement that binds, by its title, the link, or all requirements where dropping any one alone gains nothing."""
-        asked = [title_of(name) for name in self.costs]
+        """The requirement or bound that binds, by its title, the link, or all of them where dropping any one alone gains nothing."""
+        asked = [title_of(name) for name in self.costs if name not in BOUNDS or name in self.bounds.reached(self.kp, self.kd)]
         if self.binding == LINK:
             return "link itself: stiffer gains damp it less"
         if self.binding in self.felt or len(asked) == 1:
@@ -129,6 +134,7 @@ def recommend_pd(
     sample_time: float | None = None,
     controller: Any = None,
     objective: Objective = "dynamic_stiffness",
+    bounds: GainBounds | None = None,
 ) -> Recommendation | None:
     """The best PD gains that keep `requirements` in every case.
 
@@ -136,14 +142,17 @@ def recommend_pd(
     controller    a PD, PID or PPI whose filters, notches and integral ratio are kept; None: plain PD
     objective     "dynamic_stiffness": the largest of the link (dynamic_stiffness.py) in the case in which it is least, and of equal ones
                   the least kd. "largest_kp": the largest kp, and the kd with the lowest peak sensitivity
+    bounds        of kp and kd, on the controller's kp–kd plane; None: none
 
     Returns None where no gains keep them, and where nothing limits kp. Raises GainroomError where nothing is required.
     """
     requirements = Requirements.usual() if requirements is None else requirements
     if not requirements.asked:
         raise GainroomError(f"recommend: at least one of {', '.join(REQUIREMENTS)} must be required")
-    template = controller or PD(1.0, 1.0)
-    return _JointSearch(joint, drive, requirements, uncertainty or Uncertainty(), feedback, sample_time, template, objective).run()
+    template, bounds = controller or PD(1.0, 1.0), bounds or GainBounds()
+    if any(np.ndim(getattr(bounds, name)) for name in BOUNDS):
+        raise GainroomError("recommend: bounds of one joint must be numbers")
+    return _JointSearch(joint, drive, requirements, uncertainty or Uncertainty(), feedback, sample_time, template, objective, bounds).run()
 
 
 class _JointSearch:
@@ -159,8 +168,10 @@ class _JointSearch:
         sample_time: float | None,
         template: Any,
         objective: Objective,
+        bounds: GainBounds,
     ) -> None:
         self.objective: Objective = objective
+        self.bounds = bounds
         self.joint, self.drive, self.requirements, self.uncertainty = joint, drive, requirements, uncertainty
         self.feedback: Feedback = feedback
         self.sample_time, self.template = sample_time, template
@@ -236,12 +247,13 @@ class _JointSearch:
             certificate=self.certificate(),
             proved=self.proof is None or self.proof.holds,
             reserve=self.reserve,
+            bounds=self.bounds,
         )
 
     def best(self, high: float) -> tuple[float, float] | None:
         """The best gains by the objective over the active cases, in few digits; kp up to `high` where it is to be largest."""
         if self.objective == "largest_kp":
-            return self.stiffest(float(self.ladder[0]), high)
+            return self.stiffest(max(float(self.ladder[0]), float(self.bounds.kp_min)), min(high, float(self.bounds.kp_max)))
         found = self.stiffest_link(self.requirements.asked)
         return None if found is None else self.short(found)
 
@@ -258,7 +270,7 @@ class _JointSearch:
     def stiffest_link(self, names: Sequence[str]) -> Stiffest | None:
         """Gains with the largest dynamic stiffness over the active cases, under some of the requirements."""
         cases = [self.link(place) for place in self.soft]
-        return stiffest_link(cases, lambda kps: self.allowed(self.active, kps, names, polish=True), self.ladder, self.inertia)
+        return stiffest_link(cases, lambda kps: self.allowed(self.active, kps, names, polish=True), self.ladder, self.inertia, self.bounds)
 
     def link(self, place: Place) -> LinkCase:
         """Link of the joint at one place in the uncertainty; worked out once."""
@@ -287,30 +299,35 @@ class _JointSearch:
 
     def short(self, found: Stiffest) -> tuple[float, float] | None:
         """The gains found in as few digits as leave them allowed and their link as stiff: 1 % of a flat top is no loss."""
-        for digits in range(2, 9):
-            kp = float(f"{found.kp:.{digits}g}")
+        kp_ends, kd_ends = ([float(getattr(self.bounds, f"{gain}_{end}")) for end in ("min", "max")] for gain in ("kp", "kd"))
+        for kp in _shorter(found.kp, kp_ends):
             (allowed,) = self.allowed(self.active, np.array([kp]), self.requirements.asked, polish=True)
             for low, high in allowed.tolist():
                 room = min(0.002 * (high - low), 1e-3 * found.kd)
-                for kd in (float(f"{found.kd:.{few}g}") for few in range(2, 9)):
-                    stiff = min(self.softness(place, kp, kd) for place in self.soft)
-                    if low + room < kd < high - room and stiff >= (1 - SAME) * found.stiffness:
+                for kd in _shorter(found.kd, kd_ends):
+                    inside = (low + room < kd or low == kd == kd_ends[0]) and (kd < high - room or high == kd == kd_ends[1])
+                    if inside and min(self.softness(place, kp, kd) for place in self.soft) >= (1 - SAME) * found.stiffness:
                         return kp, kd
         return found.kp, found.kd
 
     def costs(self, kp: float) -> dict[str, float]:
-        """Largest value of the objective without each requirement in turn, see `Recommendation.costs`."""
+        """Largest value of the objective without each requirement and bound in turn, see `Recommendation.costs`."""
         asked = self.requirements.asked
-        without = {name: [other for other in asked if other != name] for name in asked}
+        without = {name: (self, [other for other in asked if other != name]) for name in asked}
+        for name in self.bounds.names:
+            freer = copy.copy(self)  # with the same cases and regions
+            freer.bounds = self.bounds.without([name])
+            without[name] = freer, list(asked)
         if self.objective == "largest_kp":
-            return {name: self.cost(kp, others, self.active) for name, others in without.items()}
-        found = {name: self.stiffest_link(others) for name, others in without.items()}
+            return {name: search.cost(kp, others, self.active) for name, (search, others) in without.items()}
+        found = {name: search.stiffest_link(others) for name, (search, others) in without.items()}
         return {name: math.inf if one is None else one.stiffness for name, one in found.items()}
 
     def cost(self, kp: float, names: Sequence[str], regions: list[PDRegion]) -> float:
         """The largest kp, from the recommended one up, with these requirements and cases alone."""
-        found = self.largest(names, regions, kp, 1e3 * kp, accuracy=COST_ACCURACY)
-        return self.largest(names, regions, kp, float(regions[0].ladder[-1]), accuracy=COST_ACCURACY) if math.isinf(found) else found
+        found, top = self.largest(names, regions, kp, 1e3 * kp, accuracy=COST_ACCURACY), float(regions[0].ladder[-1])
+        found = self.largest(names, regions, kp, top, accuracy=COST_ACCURACY) if math.isinf(found) and top > kp else found
+        return min(found, float(self.bounds.kp_max))
 
     def certificate(self) -> str:
         if not self.uncertainty.names:
@@ -391,7 +408,11 @@ class _JointSearch:
 
     def stiffest(self, low: float, high: float) -> tuple[float, float] | None:
         """The largest kp, rounded down to three digits, and its best kd, over the active cases."""
+        if low > high:
+            return None
         largest = self.largest(self.requirements.asked, self.active, low, high, accuracy=0.001)
+        if math.isinf(largest) and high == self.bounds.kp_max and (found := self.first_allowed(np.array([high]))) is not None:
+            return found  # as the bound is written, in however many digits
         if math.isinf(largest) and high >= self.active[0].ladder[-1]:
             return None  # nothing in the model limits kp
         kp = rounded_down(min(high, largest))
@@ -399,16 +420,21 @@ class _JointSearch:
             return None
         for _ in range(4):  # the first search is as good as its grid; this one is exact
             trials = _and_below(kp)
-            found = self.first_allowed(trials)
+            found = self.first_allowed(self.bounded(trials))
             if found is not None:
                 return found
             kp = 0.9995 * float(trials[-1])
         kp = self.largest(self.requirements.asked, self.active, low, kp, accuracy=0.001, polish=True)  # the grid was far off
-        return None if math.isnan(kp) else self.first_allowed(_and_below(min(kp, high)))
+        return None if math.isnan(kp) else self.first_allowed(self.bounded(_and_below(min(kp, high))))
+
+    def bounded(self, kps: Floats) -> Floats:
+        """Descending `kps` down to the least that is allowed, which is then the last."""
+        least = float(self.bounds.kp_min)
+        return kps if kps[-1] >= least else np.append(kps[kps > least], least)
 
     def first_allowed(self, kps: Floats) -> tuple[float, float] | None:
         """The first of `kps` (k,) that the active cases allow, and its best kd."""
-        for some in np.split(kps, [1]):  # mostly the first will do; seven more at once cost little more than one
+        for some in np.split(kps, [1] if len(kps) > 1 else []):  # mostly the first will do; seven more at once cost little more than one
             for kp, allowed in zip(some, self.allowed(self.active, some, self.requirements.asked, polish=True), strict=True):
                 if len(allowed):
                     return float(kp), self.best_kd(float(kp), *allowed[-1])
@@ -430,7 +456,8 @@ class _JointSearch:
         for region in regions:
             free = region.excluding(region.required.only(*names), kps, region.stable_columns(kps, polish), polish)
             result = [_common(first, second) for first, second in zip(result, free, strict=True)]
-        return result
+        low, high = float(self.bounds.kd_min), float(self.bounds.kd_max)
+        return result if (low, high) == (0.0, math.inf) else [_bounded(intervals, low, high) for intervals in result]
 
     def largest(
         self, names: Sequence[str], regions: list[PDRegion], low: float, high: float, accuracy: float, polish: bool = False
@@ -461,6 +488,19 @@ def _common(first: Floats, second: Floats) -> Floats:
     high = np.minimum(first[:, None, 1], second[None, :, 1])
     keep = high > low
     return np.stack([low[keep], high[keep]], axis=1)
+
+
+def _bounded(intervals: Floats, low: float, high: float) -> Floats:
+    """Parts of open `intervals` from `low` to `high`, whose ends may be taken; they may be the same."""
+    parts = np.clip(intervals, low, high)
+    return parts[(parts[:, 1] > parts[:, 0]) | ((low == high) & (intervals[:, 0] < low) & (high < intervals[:, 1]))]
+
+
+def _shorter(value: float, bounds: Sequence[float]) -> list[float]:
+    """Values near `value`, within its bounds, the shortest to write first: a bound itself, then 2 to 8 digits."""
+    low, high = bounds
+    ends = [end for end in bounds if 0 < end < math.inf and abs(value - end) <= NEARLY * end]
+    return [*ends, *(short for digits in range(2, 9) if low <= (short := float(f"{value:.{digits}g}")) <= high)]
 
 
 def _and_below(kp: float) -> Floats:

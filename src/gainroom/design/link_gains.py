@@ -14,6 +14,7 @@ import numpy as np
 from ..analysis.dynamic_stiffness import FASTEST, stiffness_of
 from ..analysis.link_compliance import LinkCompliance
 from ..system.controller import Controller
+from ..system.gain_bounds import GainBounds
 from ..system.linear.arrays import Floats, distinct
 from ..system.loop import Loop
 
@@ -105,25 +106,36 @@ def _parabola(x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Floats, F
 
 
 Allowed = Callable[[Floats], list[Floats]]
-"""kp (m,) → intervals of kd (p, 2) per kp."""
+"""kp (m,) → intervals of kd (p, 2) per kp, within the bounds."""
 
 
-def stiffest_link(cases: Sequence[LinkCase], allowed: Allowed, kps: Floats, inertia: float) -> Stiffest | None:
+def stiffest_link(
+    cases: Sequence[LinkCase], allowed: Allowed, kps: Floats, inertia: float, bounds: GainBounds | None = None
+) -> Stiffest | None:
     """Gains with the largest dynamic stiffness in the worst of `cases`; None where none are allowed, or nothing limits kp.
 
     kps       ladder of kp (m,), ascending: all orders of magnitude that matter
     inertia   of motor and link [kg m²], from which the largest kd is taken where nothing limits it
+    bounds    of one joint's gains; None: none
     """
-    search = _Search(cases, allowed, kps, inertia)
+    bounds = bounds or GainBounds()
+    search = _Search(cases, allowed, _between(kps, bounds), inertia, bounds)
     found = search.run()
     for _ in range(AGAIN):
-        if found is None or found.kp > BOUND * kps[-1]:
+        if found is None or (math.isinf(bounds.kp_max) and found.kp > BOUND * kps[-1]):
             return None
         missed = [case for case in cases if case.misses_a_peak(found)]
         if not missed:
             break
         found = search.run()
     return found
+
+
+def _between(kps: Floats, bounds: GainBounds) -> Floats:
+    """Ladder of kp between its bounds, which are its ends where they are given."""
+    low, high = float(bounds.kp_min), float(bounds.kp_max)
+    ends = [end for end in (low, high) if 0 < end < math.inf]
+    return distinct(np.concatenate([kps[(kps > low) & (kps < high)], ends]))
 
 
 @dataclass(frozen=True)
@@ -134,6 +146,7 @@ class _Search:
     allowed: Allowed
     kps: Floats
     inertia: float
+    bounds: GainBounds
 
     def run(self) -> Stiffest | None:
         """Gains with the largest stiffness on the frequencies that the cases have now; None where none are allowed."""
@@ -146,6 +159,8 @@ class _Search:
         tried: list[_Tried] = []
         for top in tops[np.argsort(-values[tops])][:STARTS].tolist():
             low, high = float(self.kps[max(top - 1, 0)]), float(self.kps[min(top + 1, len(self.kps) - 1)])
+            if high <= low * (1 + NARROW):  # bounds leave kp no room
+                tried.append(ladder[top])
             while high > low * (1 + NARROW):
                 trials = np.geomspace(low, high, LINES)
                 lines = self.on_lines(trials)
@@ -180,12 +195,13 @@ class _Search:
             for m, intervals in enumerate(self.allowed(kps))
             for low, high in intervals.tolist()
         ]
-        rows = [row for row in rows if row[2] > row[1]]
+        rows = [row for row in rows if row[2] > row[1] or row[2] == row[1] == self.bounds.kd_max]
         if not rows:
             return [_Tried(*(np.zeros(0),) * 3) for _ in kps]
         at, low, high = np.array([row[0] for row in rows]), *(np.array([row[k] for row in rows]) for k in (1, 2))
         width = high - low
         first, last = low + EDGE * np.minimum(width, np.maximum(low, 1e-3 * width)), high - EDGE * width
+        first, last = np.where((low == self.bounds.kd_min) & (low > 0), low, first), np.where(high == self.bounds.kd_max, high, last)
         every, tried, shares = np.arange(len(rows)), [], ACROSS
         for _ in range(ROUNDS):
             kd = np.clip(low[:, None] + (high - low)[:, None] * shares, first[:, None], last[:, None])

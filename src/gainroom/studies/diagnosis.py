@@ -112,6 +112,7 @@ class Diagnosis:
             self.predicted.loop.sample_time,
             control.controller,
             self.system.objective,
+            self.system.bounds,
         )
 
 

@@ -211,7 +211,7 @@ class JointStudy(Analysis):
         if not system.requirements.asked:
             return None
         return recommend_pd(
-            system.source, system.drives[0], system.requirements, uncertainty, **self._loop_options, objective=system.objective
+            system.source, system.drives[0], system.requirements, uncertainty, **self._loop_options, objective=system.objective, bounds=system.bounds
         )
 
     @cached_property

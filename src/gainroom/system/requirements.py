@@ -11,6 +11,7 @@ from typing import Any
 
 from ..errors import GainroomError
 from .excluded_sets import ROUND_OFF, Arc, Disk, ExcludedSet, Segment
+from .gain_bounds import BOUNDS
 from .jitter_margin import height_at, jitter_margin, width_about
 from .linear.arrays import Floats
 from .loop_protocols import LoopCurves, MarginRecord, SampledLoops
@@ -278,8 +279,8 @@ def reported(asked: "Requirements | None", several: bool, *found: MarginRecord) 
 
 
 def title_of(name: str) -> str:
-    """Title of the requirement `name`; `name` itself where there is none ("stability")."""
-    return REQUIREMENTS[name].title if name in REQUIREMENTS else name
+    """Title of the requirement or of the bound of gains `name`; `name` itself where there is none ("stability")."""
+    return REQUIREMENTS[name].title if name in REQUIREMENTS else f"bound {name}" if name in BOUNDS else name
 
 
 @dataclass(frozen=True, init=False, repr=False)

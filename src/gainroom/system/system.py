@@ -14,6 +14,7 @@ from .controller import PD
 from .drive import Drive
 from .elastic_joint import ElasticJoint
 from .filters import LowPass, Notch
+from .gain_bounds import GainBounds
 from .gain_path import GainPath
 from .linear.arrays import Booleans, Floats
 from .loop import Loop, build_loop
@@ -115,6 +116,8 @@ class System(Generic[Source]):
     drives        one per joint
     balance       which controller damps sway of a floating base: "joints", the joint gains; "controller", one above them; "": not stated
     objective     what recommended gains make largest
+    bounds        of recommended gains, per joint
+    groups        joints with equal recommended gains, by index; None: those that are images of each other by name
     asks          True: the file has no gains, and asks which may be used; those of `control` are placeholders
     scenario      motion that `gainroom simulate` runs; None where the file has none, or it was not asked for
     entered       values given in place of a source's quantities, by key: rotor_inertia, gear_ratio
@@ -129,6 +132,8 @@ class System(Generic[Source]):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     balance: Balance = ""
     objective: Objective = "dynamic_stiffness"
+    bounds: GainBounds = GainBounds()
+    groups: tuple[tuple[int, ...], ...] | None = None
     asks: bool = False
     scenario: Any = None
     entered: Mapping[str, float] = field(default_factory=dict)
