@@ -46,7 +46,7 @@ def on_grid(joint, delay, step, kp, kd):
 
 def best_on_grid(parts, box, largest_kp):
     """The largest dynamic stiffness, or kp, of gains in the box that meet the usual requirements, each judged by its own loop."""
-    joint, delay, step = parts
+    step = parts[2]
     low, high = ((box.get("kp_min", 5.0), box.get("kd_min", 0.5)), (box.get("kp_max", 5000.0), box.get("kd_max", 120.0)))
     kp, kd = (part.ravel() for part in np.meshgrid(*(np.geomspace(low[k], high[k], 121) for k in range(2))))
     stiffness, distance = on_grid(*parts, kp, kd)

@@ -20,6 +20,7 @@ import numpy as np
 from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..native import _core
+from ..system.gain_bounds import GainBounds
 from ..system.linear.arrays import Booleans, Floats
 from ..system.system import Objective
 from .margin_slopes import NEAR, GainCase, Gains, Slopes, moved, stiffness
@@ -93,6 +94,7 @@ def raised_gains(
     progress: Callable[[], None] = lambda: None,
     objective: Objective = "largest_kp",
     weight: Floats | None = None,
+    bounds: GainBounds | None = None,
 ) -> Raised:
     """The best gains that a search reaches from `start`, which is stable in every case.
 
@@ -100,8 +102,9 @@ def raised_gains(
     groups   the directions that may be changed; those of one group (the legs of a biped) by the same factors
     most     largest stiffness in units of `unit`, above which nothing limits it
     weight   (m,) of each direction's dynamic stiffness; None: 1
+    bounds   of the directions' gains, which `start` keeps; None: none
 
-    Raises GainroomError without cases or requirements, and where `start` is not stable.
+    Raises GainroomError without cases or requirements, and where `start` is not stable or out of bounds.
     """
     if not cases or not any(case.required.asked for case in cases):
         raise GainroomError("raised_gains needs at least one case and one requirement")
@@ -109,21 +112,30 @@ def raised_gains(
         raise GainroomError("raised_gains needs gains to begin with that are stable in every case")
     if not np.any(stiffness(start, cases[0].cascade) > 0):
         raise GainroomError("raised_gains needs a direction that has stiffness")
+    bounds = (bounds or GainBounds()).shared(groups, len(unit))
+    if not np.array_equal(bounds.within(start), start):
+        raise GainroomError("raised_gains needs gains to begin with that are within the bounds")
     goal = goal_of(objective, cases, unit, np.ones(len(unit)) if weight is None else weight, groups)
-    return _GainSearch(cases, unit, goal, most, progress).raised(start)
+    return _GainSearch(cases, unit, goal, most, progress, bounds).raised(start)
 
 
 class _GainSearch:
     def __init__(
-        self, cases: Sequence[GainCase], unit: Floats, goal: LinkSoftness | StaticSoftness, most: float, progress: Callable[[], None]
+        self,
+        cases: Sequence[GainCase],
+        unit: Floats,
+        goal: LinkSoftness | StaticSoftness,
+        most: float,
+        progress: Callable[[], None],
+        bounds: GainBounds,
     ) -> None:
         self._cases, self._unit, self._goal, self._most, self._progress = cases, unit, goal, most, progress
-        self._member, self._cascade = goal.member, goal.cascade
+        self._member, self._cascade, self._bounds = goal.member, goal.cascade, bounds
 
     def raised(self, start: Gains, careful: bool = False) -> Raised:
         """Result of the search from gains that are stable in every case; repeated with `careful` samples where quick ones miss some."""
         reached, active = self.descended(start)
-        for gains in (rounded(reached), reached, start):
+        for gains in (self._bounds.within(rounded(reached)), reached, start):
             if not all(case.required.met_by(case.margins(gains)) for case in self._cases):
                 continue
             self._anchor(gains, self._cases)
@@ -209,7 +221,7 @@ class _GainSearch:
             if missed <= 0:
                 kept.append((model.value, gains))
             step, promised = self._step(gains, model, slopes, missed + reserve, radius, price, reserve)
-            tried = moved(gains, step.reshape(2, -1) @ self._member, self._cascade)
+            tried = self._bounds.within(moved(gains, step.reshape(2, -1) @ self._member, self._cascade))
             slow = len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < little
             ending = slow or promised < LEAST_PROMISE or radius < LEAST_RADIUS or _hopeless(way)
             close = self._goal.predicts and not careful and followed < FOLLOWED and all(case.follows(tried) for case in cases)
@@ -277,9 +289,19 @@ class _GainSearch:
         return math.inf if missed == math.inf else self._goal.at(gains)[0].value + price * max(missed, 0.0)
 
     def _step(
-        self, gains: Gains, model: Cost, slopes: Slopes, missed: float, radius: float, price: float, reserve: float
+        self,
+        gains: Gains,
+        model: Cost,
+        slopes: Slopes,
+        missed: float,
+        radius: float,
+        price: float,
+        reserve: float,
+        bounds: GainBounds | None = None,
     ) -> tuple[Floats, float]:
         """Best step (2g,) of the groups within `radius` according to the tangents, and the decrease of the cost that it promises.
+
+        bounds   that it keeps; None: those of the search
 
         Each term of the cost is a variable t of its own, above all its tangents; no price of a shortfall is so low that one would be
         above t instead.
@@ -300,19 +322,53 @@ class _GainSearch:
         low, high = np.full(2 * size + terms, -farthest), np.full(2 * size + terms, farthest)
         low[: 2 * size], high[: 2 * size] = -radius, radius
         high[:size] = np.clip(room, -radius, radius)
+        least, most = self._room(gains, bounds or self._bounds)
+        low[: 2 * size], high[: 2 * size] = np.maximum(low[: 2 * size], least), np.minimum(high[: 2 * size], most)
         (found,), over = _core.quadratic_programme(bend, np.concatenate([model.pull, model.share]), rows, values, price, low, high)
         step = found[: 2 * size]
         return step, price * (max(missed, 0.0) - over) - model.least(step)
 
+    def _room(self, gains: Gains, bounds: GainBounds) -> tuple[Floats, Floats]:
+        """Room to the bounds (2g,), down and up, in ln of each group's stiffness and damping; directions without gains have all."""
+        held = (self._member > 0) & (gains[:2, None] > 0)  # (2, g, m)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            down, up = (np.log(ends / gains[:2])[:, None] for ends in bounds.box(len(self._unit)))
+        down, up = np.where(held, down, -math.inf).max(axis=2), np.where(held, up, math.inf).min(axis=2)
+        return np.minimum(down, 0.0).ravel(), np.maximum(up, 0.0).ravel()
+
+    def _bound_of(self, gains: Gains) -> dict[int, str]:
+        """Bound that limits each group, by its first direction: the one on which its gains are whose loss would lower the cost most.
+
+        By the tangents, within RAISE, as requirements and the other groups would then allow; groups that none limits are left out.
+        """
+        reached = {name: self._bounds.on(name, gains) for name in self._bounds.names}
+        if not any(map(np.any, reached.values())) or (slopes := self._tangents(gains, self._cases)) is None:
+            return {}
+        (model, _), (price, reserve), radius = self._goal.at(gains), PRICES[0], math.log(RAISE)
+
+        def promise(bounds: GainBounds) -> float:
+            return self._step(gains, model, slopes, _most(slopes) + reserve, radius, price, reserve, bounds)[1]
+
+        held, found = promise(self._bounds), {}
+        for group in self._moving(gains):
+            lost = {name: promise(self._bounds.freed(name, group)) - held for name, on in reached.items() if on[group].any()}
+            if lost and max(lost.values()) > LEAST_PROMISE:
+                found[group[0]] = max(lost, key=lost.__getitem__)
+        return found
+
     def limited(self, gains: Gains) -> Raised:
-        """`gains` with what limits each direction: a requirement that breaks if its group is raised by RAISE, or its own link."""
+        """`gains` with what limits each direction: a bound, a requirement that breaks if its group is raised by RAISE, or its own link."""
         cases, order = self._cases, list(range(len(self._cases)))
         assert isinstance(self._goal, LinkSoftness)
         self._anchor(gains, cases)
         blind = [k for k, case in enumerate(cases) if case.breaks(gains)]
         names, places = [""] * gains.shape[1], [-1] * gains.shape[1]
-        softest = self._goal.softest(gains)
+        softest, bounds = self._goal.softest(gains), self._bound_of(gains)
         for group in self._moving(gains):
+            if group[0] in bounds:
+                for j in group:
+                    names[j] = bounds[group[0]]
+                continue
             broken = self._quickly_broken(stiffer(gains, group, RAISE, 0.0, self._cascade), order, blind)
             for j in group:
                 names[j], places[j] = broken or ((LINK, int(softest[j])) if softest[j] >= 0 else ("", -1))
@@ -357,6 +413,9 @@ class _GainSearch:
             if share[j] * RAISE > self._most:
                 why[j] = "", -1
                 continue
+            if self._bounds.on("kp_max", gains)[j]:
+                why[j] = "kp_max", -1
+                continue
             raised, broken = self._raised(gains, groups[j], order, blind, to_look == 0)
             if raised is None:
                 why[j] = broken
@@ -379,9 +438,9 @@ class _GainSearch:
         """
         first: tuple[str, int] | None = None
         for power in (0.0, 1.0):
-            exact = stiffer(gains, which, RAISE, power, self._cascade)
+            exact = self._bounds.within(stiffer(gains, which, RAISE, power, self._cascade))
             broken = self._quickly_broken(exact, order, blind)
-            for found in (rounded(exact), exact) if broken is None else ():
+            for found in (self._bounds.within(rounded(exact)), exact) if broken is None else ():
                 broken = self._quickly_broken(found, order, blind) if follow else self._broken(found, order)
                 if broken is None:
                     return found, ("", -1)
@@ -390,6 +449,10 @@ class _GainSearch:
             order.remove(broken[1])
             order.insert(0, broken[1])
         assert first is not None
+        if self._bounds.on("kd_max", exact)[which].any():
+            more = self._bounds.without(["kd_max"]).within(stiffer(gains, which, RAISE, 1.0, self._cascade))
+            if self._broken(more, order) is None:
+                return None, ("kd_max", -1)
         return None, first
 
     def _quickly_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:

@@ -39,10 +39,11 @@ class GainSet:
     ki        (m,) where a task is P/PI [1/s²]; None otherwise
     margins   every margin in the case in which it is smallest
     links     dynamic stiffness of the links in each state of the set
-    binding   posture, contact state and place in the uncertainty that keep the softest joint or direction from more, as text
+    binding   posture, contact state and place in the uncertainty that keep the softest joint or direction from more, as text; "" where a
+              bound does, in all of them
     cases     number of cases in which the requirements were checked
     margin    (m,) what limits that joint or direction: the requirement that breaks if it is raised by 5 %, "stability", "link" where its
-              link would then be softer, or "" where nothing does
+              link would then be softer, the bound that its gains are on ("kp_max"), or "" where nothing does
     case      (m,) and where, as text
     softest   index of the joint or direction that `binding` is about
     without_weight  True where the weight of a robot that stands was left out, as no gains were found that meet the requirements with it

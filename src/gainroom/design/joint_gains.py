@@ -11,7 +11,7 @@ no end, the certificate says so.
 import copy
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -91,7 +91,7 @@ class Recommendation:
     certificate: str
     proved: bool
     reserve: float
-    bounds: GainBounds = GainBounds()
+    bounds: GainBounds = field(default_factory=GainBounds)
 
     @property
     def value(self) -> float:
@@ -117,7 +117,8 @@ class Recommendation:
 
     def held_back_by(self) -> str:
         """The requirement or bound that binds, by its title, the link, or all of them where dropping any one alone gains nothing."""
-        asked = [title_of(name) for name in self.costs if name not in BOUNDS or name in self.bounds.reached(self.kp, self.kd)]
+        own = np.array([[self.kp], [self.kd], [0.0]])
+        asked = [title_of(name) for name in self.costs if name not in BOUNDS or self.bounds.on(name, own)[0]]
         if self.binding == LINK:
             return "link itself: stiffer gains damp it less"
         if self.binding in self.felt or len(asked) == 1:

@@ -17,6 +17,7 @@ from ..system.system import StateCase
 from .gain_cases import SearchedState
 from .gain_sets import GainSet, StateStiffness
 from .margin_slopes import GainCase
+from .set_search import ON_BOUNDS
 from .starting_gains import Beginning
 
 EXACT = 1e-9
@@ -26,14 +27,20 @@ COUPLED = 1e-6
 PARTS = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
 
 
-def mirrored(contacts: Sequence[str], states: Mapping[str, Sequence[SearchedState]], beginning: Beginning) -> list[list[str]]:
-    """Groups of contact states that mirror each other: joints, directions and units of their gains are alike."""
+def mirrored(
+    contacts: Sequence[str], states: Mapping[str, Sequence[SearchedState]], beginning: Beginning, images: Sequence[Sequence[int]]
+) -> list[list[str]]:
+    """Groups of contact states that mirror each other: joints, directions, units and bounds of their gains, and equal ones, are alike."""
+    together = {frozenset(image) for image in images}
     groups: list[list[str]] = []
     for contact in contacts:
         for group in groups:
             order = _order_of_directions(states[group[0]], states[contact])
-            if order is not None and all(
-                np.allclose(each[..., order], each, rtol=EXACT, atol=0.0) for each in (beginning.gains, beginning.unit)
+            if order is None or {frozenset(order[list(image)].tolist()) for image in images} != together:
+                continue
+            if all(
+                np.allclose(each[..., order], each, rtol=EXACT, atol=0.0)
+                for each in (beginning.gains, beginning.unit, *beginning.bounds.box(len(order)))
             ):
                 group.append(contact)
                 break
@@ -89,8 +96,8 @@ def _turned_links(one: StateStiffness, order: Integers, contact: str) -> StateSt
 
 
 def _of_mirrored(nearest: str, titles: Mapping[str, str]) -> str:
-    """Text `nearest` (set_search.py) with the titles of states replaced by those of their mirror images."""
-    shortage, between, title = nearest.rpartition(" in ")
+    """Text `nearest` (set_search.py) with titles of states replaced by those of their mirror images, without bounds: of other joints."""
+    shortage, between, title = nearest.partition(ON_BOUNDS)[0].rpartition(" in ")
     return shortage + between + titles.get(title, title)
 
 

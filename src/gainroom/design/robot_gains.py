@@ -65,10 +65,10 @@ def recommend_robot(
         beginning = tasks_alike(tasks, beginning)
     own = {contact: [one for one in every if one.contact == contact] for contact in system.source.contacts}
     known = {} if start is None else {EVERYWHERE: start.everywhere, **start.per_contact}
-    images = _images(system) if space == "joint" else ()
+    images = equal_joints(system) if space == "joint" else ()
     searches = _Searches({**own, EVERYWHERE: every}, searched, required, system.objective, beginning, images, known)
     some = [contact for contact in own if by_contact and len(own[contact]) < len(states)]
-    sets, missed = searches.sets(mirrored(some, own, beginning), progress)
+    sets, missed = searches.sets(mirrored(some, own, beginning, images), progress)
     everywhere = sets.pop(EVERYWHERE)
     for contact in [contact for contact in own if by_contact and contact not in some]:  # all states have it
         sets[contact] = everywhere and replace(everywhere, contact=contact)
@@ -151,8 +151,11 @@ class _Searches:
         return job
 
 
-def _images(system: System) -> tuple[tuple[int, ...], ...]:
-    """Groups of joints that are images of each other by name."""
+def equal_joints(system: System) -> tuple[tuple[int, ...], ...]:
+    """Groups of joints with equal gains, every joint in one: those of the file, or joints that are images of each other by name."""
+    if system.groups is not None:
+        grouped = {k for group in system.groups for k in group}
+        return (*system.groups, *((k,) for k in range(len(system.source.joint_names)) if k not in grouped))
     from ..robot.mirror_names import image_groups  # loads what a single joint does not need
 
     of = image_groups(system.source.joint_names)

@@ -18,6 +18,8 @@ import numpy as np
 
 from ..analysis.dynamic_stiffness import damping_by_kind
 from ..analysis.margin_record import GainLimit, Margins, worst_of
+from ..errors import first_of_many, listed
+from ..system.gain_bounds import GainBounds
 from ..system.linear.arrays import Floats, Integers
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import Objective
@@ -40,6 +42,10 @@ ALIKE = 0.01
 """Relative difference of data and loads below which joints are raised together."""
 DIGITS = (4, 5, 6, 7)
 """Digits of rounded gains: the first number of them with which the requirements are met."""
+
+
+ON_BOUNDS = ", on the bounds "
+"""What stands in the text of a nearest result before the bounds that its gains are on."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +111,7 @@ class SetSearch:
             if all(kept):
                 return replace(found, margins=worst_of([found.margins, *margins]), cases=found.cases + len(between))
             if count == SEARCHES:
-                self.nearest[self.contact] = _nearest(cases, Raised(gains, tuple(margins), False))
+                self.nearest[self.contact] = self._near(cases, Raised(gains, tuple(margins), False))
                 break
             searched += itertools.compress(between, [not one for one in kept])
             between = list(itertools.compress(between, kept))
@@ -134,7 +140,7 @@ class SetSearch:
             cases = heavy
             found = self._from_beginnings(acting, cases, weighed, free)
         without = weighed and not found.holds
-        near = "" if found.holds else _nearest(cases, found)
+        near = "" if found.holds else self._near(cases, found)
         if without and any(state.state.system.source.gravity for state in acting):  # the file excludes gains without the weight
             self.nearest[self.contact] = near
             return None
@@ -145,7 +151,7 @@ class SetSearch:
             self.nearest[self.contact] = near
             return None
         immobile = np.setdiff1d(np.arange(size), free)
-        gains, margins = _rounded(found, cases, self.required)
+        gains, margins = _rounded(found, cases, self.required, self._bounds(acting, free))
         gains[:, immobile[given[immobile]]] = math.nan
         links = _links(acting, np.nan_to_num(gains), without)
         where = tuple("" if k < 0 else cases[k].title for k in found.case)
@@ -181,13 +187,15 @@ class SetSearch:
         failures no further beginning is tried.
         """
         groups, best = _groups(states, self.beginning, free, self.images), None
-        beginning = replace(self.beginning, gains=_equal(self.beginning.gains, groups))
+        bounds = self._bounds(states, free)
+        beginning = replace(self.beginning, gains=_equal(self.beginning.gains, groups), bounds=bounds)
         goal = goal_of(self.objective, cases, beginning.unit, beginning.weight, groups)
         reached: list[_Failed] = []
         known = None if self.known is not None and self.known.without_weight and weighed else self.known
 
         def search(start: Gains) -> Raised:
-            return raised_gains(cases, start, beginning.unit, groups, beginning.most, self.progress, self.objective, beginning.weight)
+            rest = beginning.most, self.progress, self.objective, beginning.weight, bounds
+            return raised_gains(cases, start, beginning.unit, groups, *rest)
 
         before = [one for one in self._failed if one.weighed == weighed and one.cases <= set(cases)]
         if len(before) >= TRIED or (known is None and any(one.far for one in before)):
@@ -208,13 +216,23 @@ class SetSearch:
         if best is not None and best.holds:
             if self.objective == "largest_kp" or self.contact or not cases[0].joints:
                 return best
-            third = moved(best.gains, np.full((2, best.gains.shape[1]), -math.log(SOFTER)), beginning.cascade)
+            third = bounds.within(moved(best.gains, np.full((2, best.gains.shape[1]), -math.log(SOFTER)), beginning.cascade))
             if all(case.known(third) for case in cases) and _better(cases, found := search(third), best, goal.softer):
                 return found
             return best
         self._failed.extend(reached)
         first = beginning.first(weighed)
         return best or Raised(first, tuple(case.all_margins(first) for case in cases), False)
+
+    def _bounds(self, states: Sequence[SearchedState], free: Integers) -> GainBounds:
+        """Bounds of each direction, those of its group among them."""
+        return self.beginning.bounds.shared(_groups(states, self.beginning, free, self.images), len(self.beginning.unit))
+
+    def _near(self, cases: Sequence[GainCase], found: Raised) -> str:
+        """Shortfall of the nearest result, as text, and which bounds its gains are on."""
+        reached = {name: np.flatnonzero(self.beginning.bounds.on(name, found.gains)) for name in self.beginning.bounds.names}
+        bounds = [f"{name} of {first_of_many([self.beginning.names[k] for k in on.tolist()])}" for name, on in reached.items() if len(on)]
+        return _nearest(cases, found) + (f"{ON_BOUNDS}{listed(bounds)}" if bounds else "")
 
 
 def gains_of(found: GainSet, where_none: float = 0.0) -> Gains:
@@ -223,10 +241,10 @@ def gains_of(found: GainSet, where_none: float = 0.0) -> Gains:
     return np.where(np.isnan(whole), where_none, whole)
 
 
-def _rounded(found: Raised, cases: Sequence[GainCase], required: Requirements) -> tuple[Gains, Sequence[Margins]]:
-    """The gains in as few digits as keep what is required, and their margins in every case."""
+def _rounded(found: Raised, cases: Sequence[GainCase], required: Requirements, bounds: GainBounds) -> tuple[Gains, Sequence[Margins]]:
+    """The gains in as few digits as keep what is required and the bounds, and their margins in every case."""
     for digits in DIGITS:
-        gains = np.array([[float(f"{gain:.{digits}g}") for gain in row] for row in found.gains.tolist()])
+        gains = bounds.within(np.array([[float(f"{gain:.{digits}g}") for gain in row] for row in found.gains.tolist()]))
         margins = [case.all_margins(gains) for case in cases]
         if all(required.met_by(one) for one in margins):
             return gains, margins

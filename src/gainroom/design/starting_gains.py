@@ -4,7 +4,7 @@ import itertools
 import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from ..system.controller import PD
 from ..system.elastic_joint import ElasticJoint
+from ..system.gain_bounds import GainBounds
 from ..system.linear.arrays import Booleans, Floats
 from ..system.plant import Plant
 from ..system.system import System
@@ -44,6 +45,8 @@ class Beginning:
     unit     (m,) unit of stiffness of each direction
     data     arrays (m,) of values that are equal for directions that are alike
     weight   (m,) of each direction, that its user gives it
+    bounds   within which gains begin and stay
+    names    of the directions, where there are bounds
     """
 
     gains: Gains
@@ -51,6 +54,8 @@ class Beginning:
     data: list[Floats]
     cascade: Booleans
     weight: Floats
+    bounds: GainBounds = field(default_factory=GainBounds)
+    names: Sequence[str] = ()
 
     @property
     def most(self) -> float:
@@ -60,7 +65,8 @@ class Beginning:
     def at(self, share: float, softness: float) -> Gains:
         """Gains (3, m) with a share of the damping, and that share times `softness` of the stiffness."""
         kp, kd, ki = self.gains
-        return np.array([np.where(self.cascade, softness, share * softness) * kp, share * kd, share * softness * ki])
+        gains = np.array([np.where(self.cascade, softness, share * softness) * kp, share * kd, share * softness * ki])
+        return self.bounds.within(gains)
 
     def first(self, weighed: bool) -> Gains:
         """Gains (3, m) with which a search begins, if they are stable."""
@@ -118,7 +124,8 @@ def joints_alone(system: System, model: "RobotModel", lightest: Floats, known: J
     data = [*(np.asarray(getattr(model, name), dtype=float) for name in _JOINT), np.array(latest)]
     data += [np.array([getattr(drive, name) for drive in system.drives]) for name in ("bandwidth", "damping_ratio")]
     weight = np.ones(size) if system.control.weight is None else system.control.weight
-    return Beginning(gains, unit * weight, [*data, weight], np.zeros(size, dtype=bool), weight)
+    alike = [*data, weight] if system.groups is None else [np.zeros(size)]  # else the file says which joints are
+    return Beginning(gains, unit * weight, alike, np.zeros(size, dtype=bool), weight, system.bounds, model.joint_names)
 
 
 def tasks_alike(tasks: "Tasks", joints: Beginning) -> Beginning:
@@ -141,7 +148,7 @@ def stable_starts(
     known   (3, m), NaN where there are none
     only    True: none but those that are known
     """
-    order = list(cases)
+    order, tried = list(cases), set[bytes]()  # bounds make different shares alike
 
     def stable(gains: Gains) -> bool:
         progress()
@@ -157,6 +164,9 @@ def stable_starts(
         stiffest = math.inf
         for soft in WEIGHED if weighed else SOFT:
             gains = beginning.at(share, soft)
+            if (key := gains.tobytes()) in tried:
+                continue
+            tried.add(key)
             if soft < stiffest and stable(gains):
                 yield gains
             elif soft < stiffest and order[0].vibrates(gains):
@@ -166,7 +176,7 @@ def stable_starts(
     if known is not None:
         if not only:
             yield from itertools.islice(likely, 1)
-        yield from filter(stable, [np.where(np.isnan(known), beginning.first(weighed), known)])
+        yield from filter(stable, [beginning.bounds.within(np.where(np.isnan(known), beginning.first(weighed), known))])
     if not only:
         yield from likely
         yield from itertools.chain.from_iterable(map(parts, SHARES[1:]))

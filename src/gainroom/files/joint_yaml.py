@@ -17,11 +17,13 @@ from ..io.yaml_text import read_text
 from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import CONTROLLERS, GainKey
 from ..system.elastic_joint import ElasticJoint
+from ..system.gain_bounds import GainBounds
 from ..system.requirements import NOISE_SHARE, Requirements
 from ..system.system import System
 from .file_types import parse_as
 from .system_sections import (
     ControlSection,
+    GainBoundsSection,
     GearboxSection,
     PositiveInterval,
     Stiffness,
@@ -159,6 +161,7 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
     joint: JointSection = Field(
         description="the section of inertias and gearbox, such as {motor_inertia: 1, link_inertia: 16, stiffness: 1.0e4, damping: 1}"
     )
+    gain_bounds: GainBoundsSection | None = None
     scenario: Annotated[Any, made_when_read(_scenario_section, optional=False)] = None
     identified: Annotated[Any, made_when_read(_identified_section)] = None
 
@@ -190,6 +193,7 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
                 requirements=self._requirements(),
                 uncertainty=uncertainty(),
                 objective=self.objective,
+                bounds=GainBounds() if self.gain_bounds is None else GainBounds(**self.gain_bounds.given),
                 asks=self.control.asks,
                 entered=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
             )

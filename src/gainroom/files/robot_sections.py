@@ -23,6 +23,7 @@ from .system_sections import (
     ControlSection,
     DampingRatio,
     DelayMs,
+    GainBoundsSection,
     GearboxSection,
     Stiffness,
     SystemFile,
@@ -108,6 +109,14 @@ class JointsSection(Section):
     def prepared(cls, data: dict[str, Any]) -> dict[str, Any]:
         lists = {key: value for key, value in data.items() if key in LISTS}
         return {"entries": {key: value for key, value in data.items() if key not in LISTS}, **lists}
+
+
+class JointBoundsSection(GainBoundsSection):
+    """Section of `gain_bounds` for the joints of one pattern."""
+
+    @classmethod
+    def allowed(cls) -> str:
+        return f"{super().allowed()}: every key of gain_bounds is default or a joint's name or pattern"
 
 
 class ContactSection(Section):
@@ -213,6 +222,8 @@ class RobotFile(SystemFile[RobotControl, UncertaintySection]):
     joints: JointsSection = JointsSection()
     postures: Postures | None = Field(None, min_length=1, max_length=MOST_NAMES)
     contacts: ContactStates | None = Field(None, min_length=1, max_length=MOST_NAMES)
+    gain_bounds: dict[str, JointBoundsSection] | None = None
+    groups: list[Annotated[list[Name], Field(min_length=1)]] | None = None
     balance: Literal["joints", "controller"] | None = Field(None, description="who damps the sway of a floating base on its contacts")
     tasks: list[TaskSection] = Field([], max_length=MOST_NAMES)
     scenario: RobotScenarioSection = RobotScenarioSection()
@@ -232,6 +243,12 @@ class RobotFile(SystemFile[RobotControl, UncertaintySection]):
     @relation
     def _move_of_its_space(self) -> Refusals:
         yield from self.scenario.refuse_other_space(self.control.space)
+
+    @relation
+    def _gains_of_joints(self) -> Refusals:
+        for key in ("gain_bounds", "groups"):
+            if self.control.space == "task" and self.is_given(key):
+                yield refusal("is for space joint: gains of tasks are those of their directions, not of joints", key=key)
 
     @relation
     def _rotors_of_tasks(self) -> Refusals:

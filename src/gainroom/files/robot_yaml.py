@@ -3,6 +3,7 @@
 SI and radians except where a key's name carries another unit. Keys that name joints are patterns: see name_patterns.py.
 """
 
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence, Sized
@@ -22,10 +23,12 @@ from ..robot.contact import Contact
 from ..robot.formats.model_files import has_base, load_model
 from ..robot.formats.model_names import is_name, locate
 from ..robot.gearbox_types import ranges_of, sources
-from ..robot.name_patterns import DEFAULT, assign, strongest
+from ..robot.mirror_names import image_groups
+from ..robot.name_patterns import DEFAULT, assign, select_all, strongest
 from ..robot.robot import Posture, Robot, moved_inertia
 from ..robot.tasks import Task
 from ..system.actuator_entry import ActuatorEntry
+from ..system.gain_bounds import GainBounds
 from ..system.linear.arrays import Floats
 from ..system.plausibility import DEGREES, TURN
 from ..system.requirements import Requirements
@@ -108,6 +111,8 @@ def robot_spec(
         step(lambda: _refuse_many(file.postures or {}, file.contacts or {}))
         tasks = step(lambda: _tasks(file, body()))
         control = step(lambda: _control(file, body(), sample_time))
+        groups = step(lambda: _groups(file, body()))
+        bounds = step(lambda: _bounds(file, body(), groups()))
         scenario = step(lambda: file.scenario.scenario(body().joint_names, contacts))
         step(lambda: nominal.update(delay=[drive.delay for drive in drives()]))
         step(lambda: nominal.update(described()[0].quantities))
@@ -124,6 +129,8 @@ def robot_spec(
             uncertainty=uncertainty,
             balance=file.balance or "",
             objective=file.objective,
+            bounds=bounds(),
+            groups=groups(),
             scenario=scenario(),
             assumptions=(*base()[1], *guessed, *from_files, *sources(dict.fromkeys(filter(None, actuators.gearbox)))),
             warnings=(*body().doubts, *body().notes, *_without_motor(file, body()), *_outside(postures())),
@@ -313,6 +320,47 @@ def _control(file: RobotFile, body: RigidBody, sample_time: Callable[[], float |
             sampling_in_delay=file.drive.delay_includes_sampling,
             continuous=file.drive.clock == "continuous",
         )
+
+
+def _groups(file: RobotFile, body: RigidBody) -> tuple[tuple[int, ...], ...] | None:
+    """Joints with equal recommended gains, by index; None: the file does not say. Raises GainroomError for a joint in two groups."""
+    if file.groups is None:
+        return None
+    with Together() as together:
+        every = [
+            together.step(lambda index=index, patterns=patterns: select_all(patterns, body.every_joint, f"groups[{index}]"))
+            for index, patterns in enumerate(file.groups)
+        ]
+        found = [tuple(sorted({k for one in each() for k in one if k < body.size})) for each in every]
+    for index, group in enumerate(found):
+        for before, other in enumerate(found[:index]):
+            if twice := sorted({*group} & {*other}):
+                name = shown(body.joint_names[twice[0]])
+                raise GainroomError(f"groups[{index}]: joint {name} is in groups[{before}], too; a joint must be in one group at most")
+    return tuple(found)
+
+
+def _bounds(file: RobotFile, body: RigidBody, groups: Sequence[Sequence[int]] | None) -> GainBounds:
+    """Bounds of recommended gains per joint. Raises GainroomError where those of a joint, or of joints with equal gains, contradict."""
+    sections = {key: each for key, each in (file.gain_bounds or {}).items() if each.is_section}
+    per_joint = [
+        {name: value for section in found for name, value in section.given.items()}
+        for found in assign(sections, body.every_joint, "gain_bounds")[: body.size]
+    ]
+    names = {name for given in per_joint for name in given}
+    of = image_groups(body.joint_names)
+    equal = groups if groups is not None else [[k for k, first in enumerate(of) if first == one] for one in dict.fromkeys(of)]
+    for group in [*([k] for k in range(body.size)), *equal]:
+        for gain in ("kp", "kd"):
+            least, most = f"{gain}_min", f"{gain}_max"
+            lows, highs = ([(per_joint[k][key], k) for k in group if key in per_joint[k]] for key in (least, most))
+            if lows and highs and max(lows)[0] > min(highs)[0]:
+                (low, j), (high, k) = max(lows), min(highs)
+                one, other = (shown(body.joint_names[place]) for place in (j, k))
+                whose = "" if j == k else f" of {other}, as the two have equal gains (groups may say otherwise)"
+                raise GainroomError(f"gain_bounds: {least} {low:g} of joint {one} must be <= {most} {high:g}{whose}")
+    free = {"kp_min": 0.0, "kp_max": math.inf, "kd_min": 0.0, "kd_max": math.inf}
+    return GainBounds(**{name: np.array([given.get(name, free[name]) for given in per_joint]) for name in sorted(names)})
 
 
 def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Floats:

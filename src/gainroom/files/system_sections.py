@@ -28,6 +28,7 @@ from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import CONTROLLERS, Controller, GainKey
 from ..system.drive import Drive
 from ..system.filters import LowPass, Notch
+from ..system.gain_bounds import BOUNDS
 from ..system.gain_path import GainPath, samples_in_common
 from ..system.linear.arrays import Floats
 from ..system.requirement import Requirement
@@ -367,6 +368,29 @@ def _limits_section(requirements: tuple[Requirement, ...]) -> type[Section]:
     return create_model("LimitsSection", __base__=Section, **fields)
 
 
+class GainBoundsSection(Section):
+    """Section `gain_bounds` of one joint, or of a robot's joints of one pattern: bounds of recommended gains."""
+
+    kp_min: NotNegative | None = Field(None, description="[N·m/rad]")
+    kp_max: Positive | None = Field(None, description="[N·m/rad]")
+    kd_min: NotNegative | None = Field(None, description="[N·m·s/rad]")
+    kd_max: Positive | None = Field(None, description="[N·m·s/rad]")
+
+    @relation
+    def _least_below_most(self) -> Refusals:
+        for gain in ("kp", "kd"):
+            least, most = (f"{gain}_{end}" for end in ("min", "max"))
+            if self.is_given(least) and self.is_given(most) and self.is_right(least) and self.is_right(most):
+                low, high = getattr(self, least), getattr(self, most)
+                if low > high:
+                    yield refusal(f"{low:g} must be <= {most} {high:g}", key=least)
+
+    @property
+    def given(self) -> dict[str, float]:
+        """Bounds by name, those that are given."""
+        return {name: value for name in BOUNDS if (value := getattr(self, name)) is not None}
+
+
 class UncertaintySection(Section):
     """Ranges, each [low, high] or a percentage to either side; the limits then hold for every case inside."""
 
@@ -436,6 +460,16 @@ class SystemFile(Section, Generic[Control, Ranges]):
         "dynamic_stiffness", description="what recommended gains make largest: the link's dynamic stiffness, or kp"
     )
     uncertainty: Ranges = Field(default_factory=dict, validate_default=True)  # type: ignore[assignment] - {} as a section
+
+    @relation
+    def _bounds_of_its_gains(self) -> Refusals:
+        """Of `gain_bounds`, which each kind of file has in its own form."""
+        names, kind = ("kp", "kd"), self.control.type
+        if self.is_given("gain_bounds") and not set(names) <= {*CONTROLLERS[kind].gain_names()}:
+            kinds = [name for name, one in CONTROLLERS.items() if set(names) <= {*one.gain_names()}]
+            yield refusal(
+                f"are of kp [N·m/rad] and kd [N·m·s/rad], which type {kind} has not; {' and '.join(kinds)} have", key="gain_bounds"
+            )
 
     def tick(self) -> float | None:
         """Sample time [s], from the section with the rate. Raises GainroomError if two sections disagree."""

@@ -97,14 +97,16 @@ class NoGains(Presentation):
     nothing: NoGainsError
 
     def facts(self) -> dict[str, Any]:
-        return {"verdict": "unsafe", "findings": [{"code": "no_gains"}], "sentence": self._sentence, "recommended": None}
+        findings = [{"code": "no_gains", "bounds": list(self.nothing.prevented_by)}]
+        return {"verdict": "unsafe", "findings": findings, "sentence": self._sentence, "recommended": None}
 
     def screens(self, verbose: bool) -> Iterator[list[Part]]:
         yield [self._sentence]
 
     @property
     def _sentence(self) -> str:
-        text = nothing_limits() if self.nothing.unlimited else no_gains(self.nothing.system)
+        bounds = self.nothing.prevented_by
+        text = nothing_limits() if self.nothing.unlimited and not bounds else no_gains(self.nothing.system, bounds)
         return f"{text[:1].upper()}{text[1:]}."
 
 

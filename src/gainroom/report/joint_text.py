@@ -1,6 +1,7 @@
 """Results for one joint as sentences, for terminal and page."""
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -203,10 +204,10 @@ def warnings(study: "JointStudy") -> tuple[str, ...]:
         texts.append(CONTINUOUS)
     if control.feedback == "link" and joint.damping == 0 and not math.isinf(joint.stiffness):
         texts.append(undamped_link_feedback(study, "this joint"))
-    if study.recommended is None and math.isinf(study.max_kp):
+    if study.recommended is None and math.isinf(study.max_kp) and not study.prevented_by:
         texts.append(nothing_limits())
     elif study.recommended is None and system.requirements.asked:
-        texts.append(no_gains(system))
+        texts.append(no_gains(system, study.prevented_by))
     return tuple(texts)
 
 
@@ -258,8 +259,8 @@ def nothing_limits() -> str:
     return "nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth"
 
 
-def no_gains(system: System) -> str:
-    """Warning without recommended gains, with remedies."""
+def no_gains(system: System, prevented_by: Sequence[str]) -> str:
+    """Warning without recommended gains, with remedies; `prevented_by`: the bounds that are the reason."""
     controller, uncertain = system.control.controller, bool(system.uncertainty.names)
     kind, remedies = controller.kind if controller.has_plane else "PD", ["relax limits", "shorten the delay"]
     if controller.has_held_gain:
@@ -271,4 +272,16 @@ def no_gains(system: System) -> str:
         ]
         remedies.insert(-1, f"narrow a range of uncertainty ({', '.join(ranges)})")
     met = "were found that meet the requirements in every case" if uncertain else "meet the requirements"
+    if prevented_by:
+        bounds, verb = (
+            listed([f"{name} {_bound(system, name)}" for name in prevented_by]),
+            "prevents" if len(prevented_by) == 1 else "prevent",
+        )
+        met += f", as {bounds} of gain_bounds {verb} it"
+        remedies.insert(0, f"change {listed(prevented_by, 'or')}")
     return f"no {kind if kind.endswith(',') else kind + ' gains'} {met}: {', '.join(remedies[:-1])}, or {remedies[-1]}"
+
+
+def _bound(system: System, name: str) -> str:
+    """Bound of a joint's gains with its unit."""
+    return digits(float(getattr(system.bounds, name)), "N·m/rad" if name.startswith("kp") else "N·m·s/rad")

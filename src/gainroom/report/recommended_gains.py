@@ -80,11 +80,12 @@ def limited_by(found: GainSet, names: Sequence[str]) -> str:
     """Limit of the softest joint or direction: its name, the margin, and the state."""
     margin = _limit_title(found.margin[found.softest]) if found.margin else ""
     weight = ", without the weight" if found.without_weight else ""
-    return f"{names[found.softest]}: {margin}, {found.binding}{weight}" if margin else f"no requirement{weight}"
+    where = f", {found.binding}" if found.binding else ""  # a bound holds in every state
+    return f"{names[found.softest]}: {margin}{where}{weight}" if margin else f"no requirement{weight}"
 
 
 def _limit_title(margin: str) -> str:
-    """What limits a gain, as text: a requirement, or the link, which stiffer gains damp less."""
+    """What limits a gain, as text: a requirement, a bound, or the link, which stiffer gains damp less."""
     return "its own link, which would be softer" if margin == LINK else title_of(margin)
 
 
@@ -112,7 +113,9 @@ def weight_warnings(gains: RobotGains) -> list[str]:
 
 def _limits(found: GainSet, names: Sequence[str]) -> str:
     """Limit of the softest joint or direction, and the number of joints limited by each margin."""
-    reasons = Counter(f"{_limit_title(margin)} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
+    reasons = Counter(
+        f"{_limit_title(margin)}{' in ' * bool(state)}{state}" for margin, state in zip(found.margin, found.case, strict=True) if margin
+    )
     counted = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(4))
     return f"{limited_by(found, names)}; of all, {counted}" if counted else limited_by(found, names)
 
@@ -185,6 +188,12 @@ def _link_facts(one: StateStiffness) -> dict[str, Any]:
     }
 
 
+def _limit(row: GainSetRow) -> str | None:
+    """What limits the softest joint or direction of a set, by name; None where nothing does."""
+    found = row.gain_set
+    return (found.margin[found.softest] if found is not None and found.margin else "") or None
+
+
 SET = [
     Column("set", "contact", lambda row: row.contact or "everywhere", shown=lambda row: row.title),
     Column("", "moves", lambda row: row.gain_set.moves),
@@ -192,8 +201,8 @@ SET = [
     Column("", "kd", lambda row: row.gain_set.kd),
     Column("", "ki", lambda row: row.gain_set.ki),
     Column("", "binding", lambda row: row.gain_set.binding or None),
-    Column("", "binding_joint", lambda row: row.gains.names[row.gain_set.softest] if row.gain_set.binding else None),
-    Column("", "binding_margin", lambda row: row.gain_set.margin[row.gain_set.softest] if row.gain_set.binding else None),
+    Column("", "binding_joint", lambda row: row.gains.names[row.gain_set.softest] if _limit(row) else None),
+    Column("", "binding_margin", _limit),
     Column(
         "",
         "held_back_by",

@@ -4,7 +4,7 @@ Gain regions, largest gains, causes of the limit, and ranges.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,6 +20,7 @@ from ..design.link_gains import LinkCase
 from ..design.uncertainty_cost import UncertaintyCost, cost_of, uncertainty_cost
 from ..errors import GainroomError, case_text
 from ..simulation.step_response import StepResponse, step_response
+from ..system.gain_bounds import GainBounds
 from ..system.loop import Loop
 from ..system.requirements import Requirements
 from ..system.system import System
@@ -38,9 +39,9 @@ RIGID, AT_ONCE = {"stiffness": math.inf, "damping": 0.0}, {"delay": 0.0}
 class NoGainsError(GainroomError):
     """A joint's file asks which gains may be used, and none meet the requirements, or, if `unlimited`, nothing limits them."""
 
-    def __init__(self, system: System, unlimited: bool) -> None:
+    def __init__(self, system: System, unlimited: bool, prevented_by: tuple[str, ...]) -> None:
         super().__init__("no gains are recommended")
-        self.system, self.unlimited = system, unlimited
+        self.system, self.unlimited, self.prevented_by = system, unlimited, prevented_by
 
     @property
     def verdict(self) -> Verdict:
@@ -206,13 +207,26 @@ class JointStudy(Analysis):
         found = [margins(one.loop()) for one in every]
         return next((one for one in found if not one.stable), worst_of(found))
 
-    def _recommend(self, uncertainty: Uncertainty) -> Recommendation | None:
+    @cached_property
+    def prevented_by(self) -> tuple[str, ...]:
+        """Bounds without any one of which there would be recommended gains, or else without all; () where they are not the reason."""
+        bounds = self.system.bounds
+        if self.found is not None or not bounds.names:
+            return ()
+
+        def found(names: Sequence[str]) -> bool:
+            return self._recommend(self.system.uncertainty, bounds.without(names)) is not None
+
+        alone = tuple(name for name in bounds.names if found([name]))
+        return alone or (bounds.names if len(bounds.names) > 1 and found(bounds.names) else ())
+
+    def _recommend(self, uncertainty: Uncertainty, bounds: GainBounds | None = None) -> Recommendation | None:
+        """Gains that hold over `uncertainty`; `bounds` None: those of the system."""
         system = self.system
         if not system.requirements.asked:
             return None
-        return recommend_pd(
-            system.source, system.drives[0], system.requirements, uncertainty, **self._loop_options, objective=system.objective, bounds=system.bounds
-        )
+        options = {**self._loop_options, "objective": system.objective, "bounds": bounds or system.bounds}
+        return recommend_pd(system.source, system.drives[0], system.requirements, uncertainty, **options)
 
     @cached_property
     def exact(self) -> Recommendation | None:
@@ -344,7 +358,7 @@ def study_joint(system: System) -> JointStudy:
     asking = JointStudy(system, ())
     found = asking.found
     if found is None:
-        raise NoGainsError(system, math.isinf(asking.max_kp))
+        raise NoGainsError(system, math.isinf(asking.max_kp), asking.prevented_by)
     system = system.with_controller(found.controller)
     study = JointStudy(system, analyze(system).every)
     vars(study)["found"] = found

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..errors import GainroomError
 from .linear.arrays import Booleans, Floats
@@ -20,7 +19,7 @@ ON = 1e-3
 class GainBounds:
     """Bounds of recommended gains, kp_min ≤ kp ≤ kp_max [N m/rad] and kd_min ≤ kd ≤ kd_max [N m s/rad].
 
-    Each is a number, or (n,) for n joints; 0 and infinity bound nothing. Raises GainroomError unless 0 ≤ min ≤ max, min is finite and max > 0.
+    Each is a number, or (n,) for n joints; 0 and infinity bound nothing. Raises GainroomError unless 0 ≤ min ≤ max, min < ∞ and max > 0.
     """
 
     kp_min: float | Floats = 0.0
@@ -72,13 +71,15 @@ class GainBounds:
             low[:, group], high[:, group] = low[:, group].max(axis=1, keepdims=True), high[:, group].min(axis=1, keepdims=True)
         return GainBounds(low[0], high[0], low[1], high[1])
 
-    def reached(self, kp: ArrayLike, kd: ArrayLike) -> dict[str, Booleans]:
-        """Masks, by bound, of the joints whose gains are on it; bounds that none is on are left out."""
-        found = {}
-        for name in self.names:
-            gain, bound = np.atleast_1d(np.asarray(kp if name.startswith("kp") else kd, dtype=float)), getattr(self, name)
-            bounds = np.isfinite(bound) & (np.asarray(bound) > 0)
-            on = bounds & (np.abs(gain - np.where(bounds, bound, 0.0)) <= ON * np.where(bounds, bound, 0.0))
-            if np.any(on):
-                found[name] = on
-        return found
+    def freed(self, name: str, group: Sequence[int]) -> "GainBounds":
+        """Bounds per joint without the one `name` on the joints of a group."""
+        bound = np.array(getattr(self, name))
+        bound[group] = 0.0 if name.endswith("_min") else math.inf
+        return replace(self, **{name: bound})
+
+    def on(self, name: str, gains: Floats) -> Booleans:
+        """Mask (m,) of gains (3, m) that are on the bound `name`."""
+        gain = gains[0 if name.startswith("kp") else 1]
+        bound = np.broadcast_to(getattr(self, name), gain.shape)
+        with np.errstate(invalid="ignore"):
+            return (bound > 0) & np.isfinite(bound) & (np.abs(gain - bound) <= ON * bound)

@@ -132,7 +132,7 @@ class System(Generic[Source]):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     balance: Balance = ""
     objective: Objective = "dynamic_stiffness"
-    bounds: GainBounds = GainBounds()
+    bounds: GainBounds = field(default_factory=GainBounds)
     groups: tuple[tuple[int, ...], ...] | None = None
     asks: bool = False
     scenario: Any = None
