@@ -132,9 +132,16 @@ def robot_spec(
             bounds=bounds(),
             groups=groups(),
             scenario=scenario(),
-            assumptions=(*base()[1], *guessed, *from_files, *sources(dict.fromkeys(filter(None, actuators.gearbox)))),
+            assumptions=(*base()[1], *_joints_alone(file), *guessed, *from_files, *sources(dict.fromkeys(filter(None, actuators.gearbox)))),
             warnings=(*body().doubts, *body().notes, *_without_motor(file, body()), *_outside(postures())),
         )
+
+
+def _joints_alone(file: RobotFile) -> tuple[str, ...]:
+    """Note that what the file says of the joints' gains does not hold for those of tasks."""
+    given = [key for key in ("gain_bounds", "groups") if getattr(file, key) is not None]
+    text = f"{' and '.join(given)}: of the joints alone, and gains recommended for tasks do not keep them"
+    return (text,) if given and file.tasks else ()
 
 
 def _links(file: RobotFile, path: Path, base: Base | None, known_body: RigidBody | None) -> RigidBody:
@@ -343,10 +350,10 @@ def _groups(file: RobotFile, body: RigidBody) -> tuple[tuple[int, ...], ...] | N
 def _bounds(file: RobotFile, body: RigidBody, groups: Sequence[Sequence[int]] | None) -> GainBounds:
     """Bounds of recommended gains per joint. Raises GainroomError where those of a joint, or of joints with equal gains, contradict."""
     sections = {key: each for key, each in (file.gain_bounds or {}).items() if each.is_section}
-    per_joint = [
-        {name: value for section in found for name, value in section.given.items()}
-        for found in assign(sections, body.every_joint, "gain_bounds")[: body.size]
-    ]
+    assigned = assign(sections, body.every_joint, "gain_bounds")[: body.size]
+    for section in sections.values():
+        section.require_right()
+    per_joint = [{name: value for section in found for name, value in section.given.items()} for found in assigned]
     names = {name for given in per_joint for name in given}
     of = image_groups(body.joint_names)
     equal = groups if groups is not None else [[k for k, first in enumerate(of) if first == one] for one in dict.fromkeys(of)]
