@@ -22,7 +22,7 @@ FINE = 2001  # points of the distribution
 
 @dataclass(frozen=True)
 class Allowed:
-    """Delays (n,) [ticks] with their evidence (see Fit) and the width of the law's first parameter that each represents.
+    """Delays (n,) [ticks], each with its evidence (a cost, see Fit) and the width of the law's first parameter that it stands for.
 
     values (n, 2)   mean of D, mean age of the command that comes to act
     """

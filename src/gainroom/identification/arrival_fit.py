@@ -116,7 +116,7 @@ class ArrivalLikelihood:
         return error, variance
 
     def best(self, near: Response) -> Fit:
-        """Fit at the maximum near a response."""
+        """Fit of largest likelihood in the search that starts at the response `near`."""
         found = maximize(self.predict, self.start(near), self.used.astype(float), self.prior)
         law_point = found.parameters[:2]
         slopes = np.zeros((4, len(found.parameters) - 1))
@@ -139,7 +139,7 @@ class ArrivalLikelihood:
         )
 
     def maximum(self, start: Floats, held: tuple[int, float] | None = None, iterations: int = MOST_ITERATIONS) -> tuple[Floats, float]:
-        """Maximum near `start`, and its cost; `held`: a parameter's index and value."""
+        """Likeliest point near `start`, and its cost (minus twice the log likelihood); `held`: a parameter's index and fixed value."""
         prior, start = self.prior.copy(), start.copy()
         if held is not None:
             place, value = held
@@ -148,7 +148,7 @@ class ArrivalLikelihood:
         return found.parameters, found.cost * float(self.used.sum())
 
     def pinned(self, point: Floats, value: float) -> tuple[Floats, float]:
-        """Maximum near `point` with the first parameter equal to `value`, and its evidence."""
+        """Likeliest point near `point` with the first parameter equal to `value`, and its `Fit.evidence`: larger is less likely."""
         prior, start = self.prior.copy(), point.copy()
         prior[:, 0], start[0] = (value, PINNED), value
         found = maximize(self.predict, start, self.used.astype(float), prior, PINNED_STEPS)
@@ -156,7 +156,7 @@ class ArrivalLikelihood:
         return found.parameters, found.cost * float(self.used.sum()) + beside + self._sharpness(found.information)
 
     def _sharpness(self, information: Floats) -> float:
-        """Contribution of the evidence to the cost; the noise is left out, as it is known equally well everywhere."""
+        """Difference of `Fit.evidence` and the cost: log determinant of the information on all parameters but the first and the noise."""
         known = self.prior[1, self.prior[1] > 0]
         return float(np.linalg.slogdet((information + np.diag(self.prior[1]))[1:-1, 1:-1])[1] - np.log(known).sum())
 

@@ -30,7 +30,7 @@ ROOT = 3**0.5  # half-width of an even law over its deviation
 
 @dataclass(frozen=True)
 class Known:
-    """Known values of every row: the command that acts at its grid point, and changes (m, q) of it by kind of arrival."""
+    """Commands that a law knows: `data.command`, acting at each row's grid point, and its changes (m, q) by kind of arrival."""
 
     data: Data
     changes: Floats
@@ -38,7 +38,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Window:
-    """Moments of arrival of one kind.
+    """Distribution of the arrivals of one kind within their tick, as n weighted moments.
 
     places     (n,) before the grid point [ticks]; readings (n,) before the row's reading, 0 where after it
     weights    (n,) sum 1
@@ -68,15 +68,17 @@ class Law(Protocol):
         ...
 
     def known(self, point: Floats) -> Known:
-        """Known commands of the rows."""
+        """Known command of each row, see Known."""
         ...
 
     def windows(self, point: Floats) -> tuple[float, list[Window]]:
-        """Moment within its tick at which a row is read, 0 to 1, and the arrivals by kind."""
+        """Moment within the tick, 0 to 1, at which a row is read, and the distribution of arrivals of each kind."""
         ...
 
     def edges(self, point: Floats) -> list[tuple[float, float]]:
-        """First parameters near `point` with which commands arrive exactly at a row, and the sign of those that arrive before it.
+        """Pairs (value, side): values of the first parameter near `point` with which commands arrive exactly at a row.
+
+        They arrive before the row for values beyond it on `side`: 1, larger; −1, smaller.
 
         Empty where no parameter says so.
         """
@@ -107,7 +109,7 @@ def _prior(*knowledge: tuple[float, float]) -> Floats:
 
 
 class Unseen:
-    """Law without a demand torque: D uniform about its mean; parameters mean, log deviation."""
+    """Law of arrivals for a log without demand torque: D is uniform about its mean. Parameters: mean and log deviation of D [ticks]."""
 
     def __init__(self, target: Data) -> None:
         self.target = target
@@ -151,7 +153,7 @@ class Unseen:
 
 
 class _Seen:
-    """Arrivals that a demand torque shows to the tick."""
+    """Base of the laws for logs whose demand torque shows in which tick each command arrives."""
 
     def __init__(self, seen: Arrivals, target: Floats, acting: Data) -> None:
         self.seen = seen
@@ -218,7 +220,7 @@ class Spread(_Seen):
         return np.array([0.0, np.log(np.clip(width, *START))])
 
     def _ends(self, point: Floats) -> tuple[float, float]:
-        """Shares of the first and of the last tick that the law covers."""
+        """Fractions, 0 to 1, of the first and of the last tick in which commands may arrive."""
         ends = self.shares[[0, -1]] / (self.shares[0] + self.shares[-1])
         width = float(np.exp(np.clip(point[1], -9, 3)))
         outer = max(width - self.between, 1e-3)
@@ -226,7 +228,7 @@ class Spread(_Seen):
         return float(np.clip(first, 1e-4, 1.0)), float(np.clip(last, 1e-4, 1.0))
 
     def _bounds(self, point: Floats) -> Floats:
-        """Bounds (q, 2) of D in each tick, less the tick before the first."""
+        """Lower and upper bound (q, 2) of D in each tick [ticks], counted from the tick before the first."""
         first, last = self._ends(point)
         count = len(self.shares)
         bounds = np.column_stack([np.arange(count), np.arange(1, count + 1)]).astype(float)
@@ -234,7 +236,7 @@ class Spread(_Seen):
         return bounds
 
     def _arriving(self, point: Floats) -> tuple[Floats, Floats]:
-        """Moments (q, n) at which commands come to act, less the tick before the first, and their weights, by tick.
+        """Moments (q, n) [ticks] at which commands come to act, counted from the tick before the first, and their weights, by tick.
 
         Where a later command comes first it takes an earlier one's place: P(X > x) = Π P(D > x − i).
         """

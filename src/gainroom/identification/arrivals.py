@@ -34,7 +34,7 @@ class Arrivals:
 
     @property
     def first(self) -> int:
-        """Ticks of the first kind of arrival; the kinds are those ticks, the next, and so on, without a gap; rarer ones join them."""
+        """Delay [ticks] of the first kind of arrival; each further kind is one tick later; rare delays count with the nearest kind."""
         return int(self._common[0])
 
     @property
@@ -149,7 +149,7 @@ def _newest(target: Floats, demand: Floats, starts: Booleans, shows: Integers, l
 
 
 def _without_overtaking(ticks: Integers) -> tuple[Integers, Floats]:
-    """Law of D from observed X (e,), without overtaking."""
+    """Values (q,) [ticks] and probabilities of D, from observed `ticks` X (e,), by S_D(x) = S_X(x)/S_X(x − 1) of the module."""
     values = np.arange(ticks.min(), ticks.max() + 1)
     survival = np.array([np.mean(ticks > value) for value in values])
     before = np.concatenate([[1.0], survival[:-1]])

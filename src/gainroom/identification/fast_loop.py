@@ -52,7 +52,7 @@ class FastLoop:
 
 @dataclass(frozen=True)
 class _Place:
-    """Maximum with one parameter fixed, and its cost."""
+    """Point of largest likelihood with one parameter fixed, and its cost (minus twice the log likelihood)."""
 
     point: Floats
     cost: float
@@ -90,7 +90,7 @@ def _tops(free: ArrivalLikelihood, top: Fit, edges: list[tuple[float, float]]) -
 
 
 def _of_any_speed(free: ArrivalLikelihood, starts: list[_Place], limits: list[_Place], highest: float, spread: float) -> FastLoop:
-    """Delays on the way from `starts` that are allowed, and those of `limits`, for a loop of any speed, also without lag."""
+    """Range of the delays whose cost is at most `highest`, from `starts` to both sides; with `limits` also those of a loop without lag."""
     found = {float(place.point[0]): place for start in starts for side in (-1.0, 1.0) for place in _marched(free, start, side, highest)}
     allowed = [found[first] for first in sorted(found)]
     means = np.array([free.law.means(place.point[:2])[:2] for place in allowed])
@@ -106,7 +106,7 @@ def _of_any_speed(free: ArrivalLikelihood, starts: list[_Place], limits: list[_P
 
 
 def _whole_tick(free: ArrivalLikelihood, top: Fit, highest: float) -> FastLoop | None:
-    """Delays of a whole tick, for a law whose place within the ticks only a slow loop tells; None if a loop of any speed is unlikely."""
+    """Delays over a whole tick, for a loop too fast to tell where in it commands arrive; None if such a loop costs more than `highest`."""
     found = _Place(*free.maximum(top.point, (2, math.log(LIMIT)), ITERATIONS))
     if found.cost > highest:
         return None
@@ -115,7 +115,7 @@ def _whole_tick(free: ArrivalLikelihood, top: Fit, highest: float) -> FastLoop |
 
 
 def _limit(free: ArrivalLikelihood, near: _Place, edge: float, side: float, bound: float) -> _Place | None:
-    """Best point of a loop of any speed whose commands arrive just before `edge`, with the share of a change at `near`.
+    """Best point of a loop of nearly infinite speed whose commands arrive just before `edge`, so that as much of them shows as at `near`.
 
     None where that is far from likely.
     """
@@ -157,7 +157,7 @@ def _at(free: ArrivalLikelihood, near: _Place, first: float) -> _Place:
 
 
 def _between(free: ArrivalLikelihood, inside: _Place, outside: _Place, highest: float) -> list[_Place]:
-    """Further allowed points, and the nearest one that is not: the end is rather too far out."""
+    """Allowed points between `inside`, which is allowed, and `outside`, by halving; last the innermost point that is not allowed."""
     found = []
     while abs(outside.point[0] - inside.point[0]) > FLOOR:
         middle = _at(free, inside, float(inside.point[0] + outside.point[0]) / 2)
@@ -170,7 +170,7 @@ def _between(free: ArrivalLikelihood, inside: _Place, outside: _Place, highest: 
 
 
 def _moved(free: ArrivalLikelihood, point: Floats, first: float) -> Floats:
-    """Point with another first parameter of the law, and a loop with an equal share of a change at the row."""
+    """Starting point with another `first` parameter, and a loop speed with which as much of a command shows at the row as before."""
     start = point.copy()
     edge, side = free.law.edges(point)[0]
     before, after = (max(side * (value - edge), FLOOR) for value in (point[0], first))

@@ -86,7 +86,7 @@ def _without_turns(record: Record) -> tuple[Record, tuple[str, ...]]:
 
 
 def _made_of_neighbours(record: Record, found: Mapping[str, Booleans]) -> tuple[Record, Outliers]:
-    """Record without the rows (m,) found by channel."""
+    """Record in which the rows (m,) `found` by channel are interpolated; unchanged if they are too many to be outliers."""
     found = {name: rows for name, rows in found.items() if rows.any()}
     if not found:
         return record, Outliers(np.zeros(len(record.time), dtype=bool))
@@ -172,7 +172,10 @@ def outlying(values: Floats, excused: Booleans | None = None) -> Booleans:
 
 
 def _off(values: Floats, width: int) -> tuple[Floats, Floats]:
-    """Distance of the nearest of `width` rows from the line between the rows beside them, and the difference of these two."""
+    """Least distance of `width` successive rows from the straight line between the two rows around them, and the difference of those two.
+
+    Both are arrays over the place of the first of the two.
+    """
     before, behind = values[: -width - 1], values[width + 1 :]
     off = np.full(len(before), np.inf)
     for k in range(1, width + 1):
@@ -188,7 +191,7 @@ def _usual_change(change: Floats, first: int, last: int) -> float:
 
 
 def _at_start(values: Floats, known: Booleans, least: float) -> Booleans:
-    """Rows (m,) at the start that are far from those that follow, which hardly change."""
+    """Mask (m,) of rows at the start that are far from those that follow, which hardly change."""
     rows = np.zeros(len(values), dtype=bool)
     change = np.abs(np.diff(np.where(known, np.nan, values)[: 2 * NEARBY]))
     for width in range(1, LONGEST + 1):

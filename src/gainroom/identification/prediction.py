@@ -99,7 +99,7 @@ class Signals:
         return self._inputs[key]
 
     def starts(self, key: Hashable, found: "_Filter") -> Floats:
-        """Result of _Filter.starts for the filter with that `key`; the last one is cached."""
+        """Result of _Filter.starts of the filter `found`; that of the last `key` is cached."""
         if key not in self._starts:
             self._starts.clear()
             self._starts[key] = found.starts(self.motion.turning)
@@ -174,7 +174,7 @@ class _Filter:
         return errors
 
     def starts(self, regime: Integers) -> Floats:
-        """Changes (k, r, o) of errors over their deviations by states at the first row, orthonormal; r rows until forgotten."""
+        """Orthonormal basis (k, r, o) of errors, over their deviations, due to initial states; r: rows until these are forgotten."""
         rows, outputs, size = min(len(regime), self.start), len(self.c), len(self.a)
         regime, nothing = regime[:rows], np.zeros((rows, 0))
         at_rest = np.zeros((rows, outputs))

@@ -72,7 +72,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class _Found:
-    """Cost, point of the search, and factors of the columns: the motor's inertia first, then friction, then the spring's."""
+    """Fit: its cost, its point in the search, and factors of the columns: the motor's inertia, then friction, then the spring's."""
 
     cost: float
     point: tuple[float, ...]
@@ -104,7 +104,10 @@ class _Log:
         return np.linalg.lstsq(rows / scale, np.append((weight * wanted).real, (weight * wanted).imag), rcond=1e-9)[0] / scale
 
     def fitted(self, columns: Floats, point: tuple[float, ...], torque: Floats | None = None) -> _Found:
-        """Fit of the log's torque, or of another torque (m,), by the motor's columns and `columns` (c, m): Σ n log(share left) per line."""
+        """Weighted least-squares fit of a torque (m,), by default the log's, by the motor's columns and `columns` (c, m).
+
+        Its cost is the mean over frequency lines of ln of the unexplained share of power, band by band.
+        """
         wanted = self.spectra.seen(self.torque if torque is None else torque)
         matrix = np.vstack([self.fixed, self.spectra.seen(columns)]).T
         factors, powers = np.zeros(matrix.shape[1]), np.ones(len(self.counts))
@@ -122,19 +125,19 @@ class _Log:
         return np.fft.irfft(padded * self.integrated, 2 * len(rest))[: len(rest)]
 
     def sprung(self, moved: Floats, *spring: Floats) -> Floats:
-        """Columns (c, m) of a `spring` and its damping."""
+        """Columns (c, m): those of the `spring`, and the rate of `moved` (m,) for its damping."""
         return np.vstack([*spring, np.gradient(moved, self.spectra.tick)])
 
 
 def _sound(found: _Found, inertia: float) -> _Found:
-    """Fit itself; None if motor or link would have next to no inertia, or the spring pushed."""
+    """Fit `found`; NONE if motor or link would have hardly any inertia, or the stiffness were not positive."""
     motor = found.factors[0]
     fair = LEAST_SHARE * inertia < motor < (1 - LEAST_SHARE) * inertia and found.factors[6] > 0
     return found if fair else NONE
 
 
 def _searched(model: Callable[..., _Found], grid: list[tuple[float, ...]], sizes: tuple[float, ...]) -> _Found:
-    """Minimum of a `model`'s cost from the best point of a `grid`, in steps of `sizes`, of logarithms."""
+    """Fit of least cost: the best of `grid`, improved one parameter at a time by shrinking steps of its logarithm, at first `sizes`."""
     best = min((model(*point) for point in grid), key=lambda found: found.cost)
     steps = np.array(sizes)
     for _ in range(ROUNDS if best.point else 0):

@@ -47,7 +47,10 @@ def sentence(study: "RobotStudy") -> str:
 
 
 def _so_far(study: "RobotStudy", text: str) -> str:
-    """Verdict text restricted to the examined states: "safe" applies to all states only, "not safe" to the first unsafe one."""
+    """Verdict `text` that begins with the examined states, "So far, in …:", and leaves "Safe" out; unchanged if all are examined.
+
+    Unchanged also if a state is unstable: the robot then is not safe, whatever the others are.
+    """
     if not study.examined or not study.stable:
         return text
     text = text.removeprefix(f"{LEVELS['safe']}: ")

@@ -375,7 +375,7 @@ def _absurd(source: str, model: Any, index: int, problem: str) -> GainroomError:
 
 
 def _require_mass(body: RigidBody) -> None:
-    """Raise GainroomError, naming joints, if the mass matrix is singular in every posture."""
+    """Raises GainroomError, naming joints, if the mass matrix is singular in the neutral and in a generic posture: likely in all."""
     # A wrist of massless links is singular in a few postures only, one of which may be the neutral one.
     generic = np.sin(1.0 + np.arange(body.nv)) * (np.arange(body.nv) >= body.nv - body.size)
     for q in (body.neutral(), body.integrate(body.neutral(), generic)):
