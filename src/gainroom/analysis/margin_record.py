@@ -57,7 +57,10 @@ class PhaseCrossing(NamedTuple):
 
 
 class GainCrossing(NamedTuple):
-    """Crossing |L| = 1 at `omega` [rad/s]: its phase_margin [rad] in (−π, π], and delay_margin [s], extra delay that puts a root at jω."""
+    """Crossing |L| = 1 at `omega` [rad/s]: its phase_margin [rad] in (−π, π], and delay_margin [s], extra delay that puts a root at jω.
+
+    delay_margin = φ/ω, φ = π + arg L in [0, 2π): the phase margin, or 2π more where that is negative.
+    """
 
     omega: float
     phase_margin: float

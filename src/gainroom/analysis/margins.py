@@ -1,4 +1,9 @@
-"""Margins of a loop of n >= 1 joints, and those of one joint from its scan. The verdict comes first; an unstable loop has none (NaN)."""
+"""Margins of a loop of n >= 1 joints, and those of one joint from its scan. The verdict comes first; an unstable loop has none (NaN).
+
+Formulas of the margins are in docs/nomenclature.md; the record is margin_record.py. The delay margin is φ/ω at the crossing |L| = 1 where
+that is least (`_gain_crossing`); of sampled loops it is corrected for fractions of a tick (scalar_delay_margin.hpp), of several joints
+it is in boundary.py (`coupled_delay_margin`).
+"""
 
 import math
 from contextlib import suppress

@@ -1,7 +1,8 @@
 """Verdict on a system, safe, unsafe or undecided, in one record: every command and page shows it, the exit status follows.
 
 A finding alone makes a system unsafe, leaves it open, or qualifies a safe verdict. Findings hold numbers and names; report/words.py makes
-sentences of them.
+sentences of them. Findings are made by `verdict_of` in analysis.py from the margins of every state (state.py), compared with Requirements
+(system/requirements.py); audit.py and gain_paths.py add theirs. `judged` below turns them into the verdict, whose `level` is the word.
 
     unsafe      unstable, or a requirement is missed, somewhere within the user's statements
     undecided   missing data decides; the remedy names the option or key that gives it
