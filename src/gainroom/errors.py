@@ -47,7 +47,7 @@ def one_line(message: object, most: int = 240) -> str:
 
 
 def first_of_many(items: Sequence[str], most: int = MOST_SHOWN) -> str:
-    """First `most` of several items, and the number of the others."""
+    """Text with the first `most` of several items, joined by commas; if there are more, "…" and the number of all items."""
     return ", ".join(items[:most]) + (f", … {len(items)} in all" if len(items) > most else "")
 
 

@@ -14,7 +14,7 @@ ROUNDING = 1e-9  # relative; both sides are closed forms, and |1 + L| is nowhere
 
 
 def rows() -> Iterator[Row]:
-    """Largest deviation of each of the three terms over the axis of the Bode plots, relative."""
+    """Rows for reference, noise and disturbance: the largest relative deviation of eq. (4)'s term over the axis of the Bode plots."""
     joint, s = joint_with_load(RATIO), 1j * (omega := np.geomspace(*AXIS, 500))
     found = closed_loop(build_loop(joint, DRIVE, GAINS))
     gearbox = joint.stiffness + joint.damping * s

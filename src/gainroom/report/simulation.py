@@ -629,12 +629,12 @@ def links_over_time(outcome: Outcome) -> Run:
     return outcome.run.rows(slice(0, end, max(1, end // MOST_LINK_TICKS)))
 
 
-def channel(outcome: Outcome, k: int, looks: Run, height: int = 460, most: int = LARGE_POINTS) -> Html:
-    """Figure of one channel: commanded, measured and true position, and its error with the settling band; `looks`: links_over_time."""
+def channel(outcome: Outcome, k: int, links: Run, height: int = 460, most: int = LARGE_POINTS) -> Html:
+    """Figure of channel `k`: commanded, measured and true position, and its error with the settling band; `links`: links_over_time."""
     run, end, floor, found = outcome.run, _shown(outcome), floor_of(outcome), outcome.tracking
     time, scale, unit = run.time[:end], _scale(outcome, k), run.units[k]
     curves = (
-        Curve("links", scale * _change(np.interp(time, looks.time, looks.actual[:, k])), style.VERMILION, width=style.LINK),
+        Curve("links", scale * _change(np.interp(time, links.time, links.actual[:, k])), style.VERMILION, width=style.LINK),
         Curve("encoders", scale * _change(run.measured[:end, k]), style.BLUE, width=style.MOTOR),
         Curve("commanded", scale * _commanded(outcome, k)[:end], style.BLACK, "dot"),
     )

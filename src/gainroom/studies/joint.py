@@ -331,7 +331,7 @@ class JointStudy(Analysis):
 
     @property
     def range_proved(self) -> bool:
-        """True if the statement about the whole range is proved."""
+        """True if the verdict of `in_range` is proved for the whole range, see InRange.proved."""
         return self.in_range.proved
 
     def worst_in(self, state: State) -> Worst:

@@ -100,7 +100,7 @@ def tracked_header(
 
 
 class Code(str):
-    """C++ as it stands, where a text would be a string constant."""
+    """Text that goes into the header as C++ code; any other text becomes a string constant."""
 
 
 CODES = [{"com": "center"}.get(kind, kind) for kind in READINGS]
