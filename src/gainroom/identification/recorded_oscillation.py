@@ -78,7 +78,7 @@ class RecordedOscillation:
 
     @property
     def steps(self) -> float:
-        """Amplitude in encoder steps, for a decaying oscillation the larger one at its beginning; inf if the encoder has no visible steps."""
+        """Amplitude in encoder steps, that at first if the oscillation decays; inf if the encoder has no visible steps."""
         size = max(self.vibration.amplitude, self.first) if self.state == "decaying" else self.vibration.amplitude
         return size / self.step if self.step else math.inf
 
