@@ -127,7 +127,8 @@ def test_the_delay_margin_is_the_delay_that_is_survived(capsys: pytest.CaptureFi
 @pytest.mark.parametrize(("name", "key"), [("phase_margin", "phase_margin_deg"), ("peak_sensitivity", "peak_sensitivity")])
 def test_other_margins_are_judged_as_they_are_asked_for(capsys: pytest.CaptureFixture[str], name: str, key: str):
     _, told = asked(capsys, "--delay-ms", "0.5")
-    assert told["required"] == {"gain_margin_db": 6.0, "phase_margin_deg": 30.0, "peak_sensitivity": 2.0, "delay_margin_ms": None}
+    asked_for = {key: value for key, value in told["required"].items() if value is not None}
+    assert asked_for == {"gain_margin_db": 6.0, "phase_margin_deg": 30.0, "peak_sensitivity": 2.0}
     option, way = f"--{key.replace('_', '-')}", -1 if name == "peak_sensitivity" else 1
     other = HARDLY_PHASE if name == "peak_sensitivity" else HARDLY_PEAK
     for share, met in ((1 - 0.01 * way, True), (1 + 0.01 * way, False)):
